@@ -1,0 +1,4 @@
+//! IMU calibration.
+pub mod error;
+pub mod recording;
+pub mod simulate;
