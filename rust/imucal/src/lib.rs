@@ -1,4 +1,5 @@
 //! IMU calibration.
+pub mod check;
 pub mod error;
 pub mod recording;
 pub mod simulate;
