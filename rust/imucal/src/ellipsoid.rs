@@ -1,0 +1,142 @@
+//! The algebraic ellipsoid fit: start value of the accelerometer (model.md (3) to (5)).
+//!
+//! At rest |T^-1 (a - b)| = g, so the means a of the rests lie on an ellipsoid, linear in ten unknowns:
+//!
+//! ```text
+//! [ax^2, ay^2, az^2, 2 ax ay, 2 ax az, 2 ay az, ax, ay, az, 1] . alpha = 0
+//! alpha = [W11, W22, W33, W12, W13, W23, -2 W b, b^T W b - g^2],   W = (T T^T)^-1
+//! ```
+
+use faer::Mat;
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+
+use crate::error::Error;
+use crate::lsq;
+
+/// A sensitivity (symmetric positive definite) and a bias, in raw units.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Start {
+    pub(crate) sensitivity: Matrix3<f64>,
+    pub(crate) bias: Vector3<f64>,
+}
+
+/// The ellipsoid through `means` (one per rest, any raw unit), or the sphere where no ellipsoid is determined.
+///
+/// Returns `None` when not even a sphere fits, that is, when the means lie in one plane.
+pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
+    // Centred and scaled, so that counts with an offset and m/s^2 give alike columns.
+    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+    for mean in means {
+        low = low.inf(mean);
+        high = high.sup(mean);
+    }
+    let centre = (low + high) / 2.0;
+    let size = (high - low).max() / 2.0;
+    if means.len() < 4 || size <= 0.0 {
+        return Ok(None);
+    }
+    let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
+    let unit = match ellipsoid(&points)? {
+        Some(start) => Some(start),
+        None => sphere(&points)?,
+    };
+    Ok(unit.map(|start| Start {
+        sensitivity: start.sensitivity * (size / gravity_mps2),
+        bias: centre + start.bias * size,
+    }))
+}
+
+/// Ellipsoid of points for |T^-1 (a - b)| = 1; `None` if the quadric is not an ellipsoid.
+fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
+    if points.len() < 9 {
+        return Ok(None);
+    }
+    let design = Mat::from_fn(points.len(), 10, |k, j| {
+        let a = points[k];
+        match j {
+            0..3 => a[j] * a[j],
+            3 => 2.0 * a.x * a.y,
+            4 => 2.0 * a.x * a.z,
+            5 => 2.0 * a.y * a.z,
+            6..9 => a[j - 6],
+            _ => 1.0,
+        }
+    });
+    let (values, vectors) = lsq::singular(&design)?;
+    if values[8] < 1e-9 * values[0] {
+        return Ok(None); // two quadrics pass through the points
+    }
+    let alpha: Vec<f64> = (0..10).map(|i| vectors[(i, 9)]).collect();
+    let sign = (alpha[0] + alpha[1] + alpha[2]).signum();
+    let w = sign
+        * Matrix3::new(
+            alpha[0], alpha[3], alpha[4], alpha[3], alpha[1], alpha[5], alpha[4], alpha[5], alpha[2],
+        );
+    let Some(w_inverse) = w.try_inverse() else { return Ok(None) };
+    let bias = w_inverse * Vector3::new(alpha[6], alpha[7], alpha[8]) * (-0.5 * sign);
+    let scale = (bias.transpose() * w * bias).x - sign * alpha[9];
+    Ok(square_root(&(w_inverse * scale)).map(|sensitivity| Start { sensitivity, bias }))
+}
+
+/// Sphere of points, linear in centre and radius: |a|^2 = 2 a . b + (r^2 - |b|^2).
+fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
+    let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
+    let (values, _) = lsq::singular(&design)?;
+    if values[3] < 1e-3 * values[0] {
+        return Ok(None);
+    }
+    let gain = lsq::gain(&design);
+    let squares = Mat::from_fn(points.len(), 1, |k, _| points[k].norm_squared());
+    let solution = gain * squares;
+    let bias = Vector3::new(solution[(0, 0)], solution[(1, 0)], solution[(2, 0)]);
+    let radius_squared = solution[(3, 0)] + bias.norm_squared();
+    Ok((radius_squared > 0.0)
+        .then(|| Start { sensitivity: Matrix3::from_diagonal_element(radius_squared.sqrt()), bias }))
+}
+
+/// The symmetric positive definite square root, or `None` if `matrix` is not positive definite.
+pub(crate) fn square_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let eigen = SymmetricEigen::try_new(*matrix, f64::EPSILON, 200)?;
+    let largest = eigen.eigenvalues.max();
+    if !(largest.is_finite() && eigen.eigenvalues.min() > 1e-6 * largest) {
+        return None;
+    }
+    let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
+    let symmetric = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
+    Some((symmetric + symmetric.transpose()) / 2.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Directions spread over the sphere by the golden angle.
+    fn directions(n: usize) -> Vec<Vector3<f64>> {
+        (0..n)
+            .map(|k| {
+                let z = 1.0 - (2 * k + 1) as f64 / n as f64;
+                let (sin, cos) = (k as f64 * 2.399_963).sin_cos();
+                Vector3::new((1.0 - z * z).sqrt() * cos, (1.0 - z * z).sqrt() * sin, z)
+            })
+            .collect()
+    }
+
+    #[test]
+    fn recovers_a_unit_in_counts_with_an_offset() {
+        let t = Matrix3::new(414.0, 3.0, -5.0, 3.0, 411.0, 2.0, -5.0, 2.0, 416.0);
+        let b = Vector3::new(33_124.0, 33_275.0, 32_364.0);
+        let means: Vec<_> = directions(24).iter().map(|u| t * u * 9.81 + b).collect();
+        let start = fit(&means, 9.81).unwrap().unwrap();
+        assert!((start.sensitivity - t).abs().max() < 1e-8, "{}", start.sensitivity);
+        assert!((start.bias - b).abs().max() < 1e-7);
+    }
+
+    #[test]
+    fn eight_points_give_a_sphere_and_a_plane_gives_nothing() {
+        let means: Vec<_> = directions(8).iter().map(|u| u * 9.81 + Vector3::new(0.1, 0.0, -0.2)).collect();
+        let start = fit(&means, 9.81).unwrap().unwrap();
+        assert!((start.sensitivity - Matrix3::identity()).abs().max() < 1e-10);
+        let circle: Vec<_> = (0..12).map(|k| Vector3::new((k as f64).cos(), (k as f64).sin(), 0.3)).collect();
+        assert!(fit(&circle, 9.81).unwrap().is_none());
+    }
+}

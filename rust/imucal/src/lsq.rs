@@ -1,0 +1,307 @@
+//! Nonlinear least squares: Levenberg-Marquardt, min |r(p)|^2 with an analytic Jacobian.
+//!
+//! The solver is written for argmin's `Solver` trait over faer matrices; argmin's `Executor` drives it (limits, counts).
+//! The step solves `min |J h + r|^2 + lambda |D h|^2` by QR of `[R; sqrt(lambda) D]`, R from the QR of J, with D the
+//! largest column norms of J so far: the result does not depend on the units of the parameters.
+
+use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
+use faer::Mat;
+use faer::prelude::{Solve, SolveLstsq};
+
+use crate::error::Error;
+
+/// Residuals and their Jacobian as functions of the parameters.
+pub(crate) trait Residuals {
+    /// Fills the residuals (m x 1) and their Jacobian (m x n) at `parameters`.
+    fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>);
+    /// Number of residuals m.
+    fn count(&self) -> usize;
+}
+
+/// Why a fit ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Termination {
+    /// No step changes the parameters by more than rounding.
+    Converged,
+    /// The iteration limit was reached first.
+    IterationLimit,
+    /// A residual was not finite.
+    NotFinite,
+}
+
+/// Where a fit ended.
+#[derive(Clone, Debug)]
+pub(crate) struct Solution {
+    pub(crate) parameters: Vec<f64>,
+    pub(crate) residuals: Mat<f64>,
+    pub(crate) jacobian: Mat<f64>,
+    /// Sum of the squared residuals.
+    pub(crate) chi2: f64,
+    pub(crate) iterations: u64,
+    pub(crate) termination: Termination,
+}
+
+/// Parameters move less than this, relative to D-scaled length: converged.
+const STEP_TOLERANCE: f64 = 1e-13;
+const ITERATION_LIMIT: u64 = 200;
+
+/// Minimises the sum of squares from `start`.
+pub(crate) fn minimize<R: Residuals>(problem: &R, start: &[f64]) -> Result<Solution, Error> {
+    let solver = LevenbergMarquardt::new(problem.count(), start.len());
+    let outcome = Executor::new(problem, solver)
+        .configure(|state| state.param(start.to_vec()).max_iters(ITERATION_LIMIT))
+        .timer(false)
+        .run()
+        .map_err(|error| Error::Fit(error.to_string()))?;
+    let iterations = outcome.state.get_iter();
+    let solver = outcome.solver;
+    Ok(Solution {
+        parameters: outcome.state.param.unwrap_or_default(),
+        chi2: solver.chi2,
+        residuals: solver.residuals,
+        jacobian: solver.jacobian,
+        iterations,
+        termination: solver.termination.unwrap_or(Termination::IterationLimit),
+    })
+}
+
+/// Covariance `(J^T J)^-1` of whitened residuals, by QR of the column-scaled Jacobian.
+///
+/// Callers have made sure beforehand that J has full rank.
+pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
+    let n = jacobian.ncols();
+    let scale = column_norms(jacobian);
+    let scaled = Mat::from_fn(jacobian.nrows(), n, |i, j| jacobian[(i, j)] / scale[j]);
+    let qr = scaled.qr();
+    let r_inverse = {
+        let mut inverse = Mat::<f64>::identity(n, n);
+        qr.thin_R().solve_upper_triangular_in_place(&mut inverse);
+        inverse
+    };
+    let c = &r_inverse * r_inverse.transpose();
+    Mat::from_fn(n, n, |i, j| c[(i, j)] / (scale[i] * scale[j]))
+}
+
+/// The linear map from whitened residuals to parameters, `(J^T J)^-1 J^T`.
+pub(crate) fn gain(jacobian: &Mat<f64>) -> Mat<f64> {
+    covariance(jacobian) * jacobian.transpose()
+}
+
+/// Singular values (descending) and right singular vectors (columns) of `matrix`, more rows than columns or not.
+///
+/// QR first, then the SVD of R; the self-adjoint eigenproblem of R^T R where that SVD does not converge.
+pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error> {
+    let n = matrix.ncols();
+    let r = Mat::from_fn(n.max(matrix.nrows()), n, |i, j| if i < matrix.nrows() { matrix[(i, j)] } else { 0.0 })
+        .qr()
+        .thin_R()
+        .to_owned();
+    if let Ok(svd) = r.thin_svd() {
+        let values = (0..n).map(|i| svd.S()[i]).collect();
+        return Ok((values, svd.V().to_owned()));
+    }
+    let eigen = (r.transpose() * &r)
+        .self_adjoint_eigen(faer::Side::Lower)
+        .map_err(|_| Error::Fit("the singular values of the design did not converge: check the data".into()))?;
+    let values = (0..n).rev().map(|i| eigen.S()[i].max(0.0).sqrt()).collect();
+    Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
+}
+
+fn column_norms(matrix: &Mat<f64>) -> Vec<f64> {
+    (0..matrix.ncols()).map(|j| matrix.col(j).norm_l2()).map(|norm| if norm > 0.0 { norm } else { 1.0 }).collect()
+}
+
+fn sum_of_squares(residuals: &Mat<f64>) -> f64 {
+    residuals.col(0).squared_norm_l2()
+}
+
+type FitState = IterState<Vec<f64>, (), (), (), (), f64>;
+
+struct LevenbergMarquardt {
+    residuals: Mat<f64>,
+    jacobian: Mat<f64>,
+    trial_residuals: Mat<f64>,
+    trial_jacobian: Mat<f64>,
+    scale: Vec<f64>,
+    chi2: f64,
+    lambda: f64,
+    growth: f64,
+    termination: Option<Termination>,
+}
+
+impl LevenbergMarquardt {
+    fn new(m: usize, n: usize) -> Self {
+        Self {
+            residuals: Mat::zeros(m, 1),
+            jacobian: Mat::zeros(m, n),
+            trial_residuals: Mat::zeros(m, 1),
+            trial_jacobian: Mat::zeros(m, n),
+            scale: vec![0.0; n],
+            chi2: f64::INFINITY,
+            lambda: 1e-4,
+            growth: 2.0,
+            termination: None,
+        }
+    }
+
+    /// The damped step and the decrease of chi2 that the linear model promises for it.
+    fn step(&self) -> (Vec<f64>, f64) {
+        let n = self.scale.len();
+        let qr = self.jacobian.qr();
+        let r = qr.thin_R();
+        let rows = r.nrows();
+        let mut projected = self.residuals.clone();
+        projected = qr.compute_thin_Q().transpose() * &projected;
+        let damped = Mat::from_fn(rows + n, n, |i, j| match i.checked_sub(rows) {
+            None if i <= j => r[(i, j)],
+            None => 0.0,
+            Some(k) if k == j => self.lambda.sqrt() * self.scale[j],
+            Some(_) => 0.0,
+        });
+        let rhs = Mat::from_fn(rows + n, 1, |i, _| if i < rows { -projected[(i, 0)] } else { 0.0 });
+        let h = damped.col_piv_qr().solve_lstsq(&rhs);
+        let predicted = &self.jacobian * h.subrows(0, n) + &self.residuals;
+        let step: Vec<f64> = (0..n).map(|i| h[(i, 0)]).collect();
+        (step, self.chi2 - sum_of_squares(&predicted))
+    }
+
+    fn length(&self, vector: &[f64]) -> f64 {
+        vector.iter().zip(&self.scale).map(|(v, s)| (v * s).powi(2)).sum::<f64>().sqrt()
+    }
+
+    fn update_scale(&mut self) {
+        let norms = column_norms(&self.jacobian);
+        for (scale, norm) in self.scale.iter_mut().zip(norms) {
+            *scale = scale.max(norm);
+        }
+    }
+}
+
+impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
+    fn name(&self) -> &str {
+        "Levenberg-Marquardt"
+    }
+
+    fn init(
+        &mut self,
+        problem: &mut Problem<&R>,
+        mut state: FitState,
+    ) -> Result<(FitState, Option<KV>), argmin::core::Error> {
+        let start = state.take_param().unwrap_or_default();
+        let (residuals, jacobian) = (&mut self.residuals, &mut self.jacobian);
+        problem.problem("evaluations", |p| {
+            p.evaluate(&start, residuals, jacobian);
+            Ok(())
+        })?;
+        self.chi2 = sum_of_squares(&self.residuals);
+        self.update_scale();
+        if !self.chi2.is_finite() {
+            self.termination = Some(Termination::NotFinite);
+        }
+        Ok((state.param(start).cost(self.chi2), None))
+    }
+
+    fn next_iter(
+        &mut self,
+        problem: &mut Problem<&R>,
+        mut state: FitState,
+    ) -> Result<(FitState, Option<KV>), argmin::core::Error> {
+        let current = state.take_param().unwrap_or_default();
+        let (step, predicted) = self.step();
+        let negligible = self.length(&step) <= STEP_TOLERANCE * self.length(&current);
+        let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
+        let (residuals, jacobian) = (&mut self.trial_residuals, &mut self.trial_jacobian);
+        problem.problem("evaluations", |p| {
+            p.evaluate(&trial, residuals, jacobian);
+            Ok(())
+        })?;
+        let chi2 = sum_of_squares(&self.trial_residuals);
+        let ratio = (self.chi2 - chi2) / predicted;
+        // NaN compares false: a trial that is not finite is refused like one that is worse.
+        let accepted = chi2 < self.chi2;
+        // Nielsen's update: smooth in the gain ratio, no threshold to tune.
+        if accepted {
+            std::mem::swap(&mut self.residuals, &mut self.trial_residuals);
+            std::mem::swap(&mut self.jacobian, &mut self.trial_jacobian);
+            self.chi2 = chi2;
+            self.update_scale();
+            self.lambda = (self.lambda * (1.0 - (2.0 * ratio - 1.0).powi(3)).max(1.0 / 3.0)).max(1e-20);
+            self.growth = 2.0;
+        } else {
+            self.lambda *= self.growth;
+            self.growth *= 2.0;
+        }
+        if negligible || (!accepted && self.lambda > 1e16) {
+            self.termination = Some(Termination::Converged);
+        }
+        let next = if accepted { trial } else { current };
+        Ok((state.param(next).cost(self.chi2), None))
+    }
+
+    fn terminate(&mut self, _state: &FitState) -> TerminationStatus {
+        match self.termination {
+            Some(_) => TerminationStatus::Terminated(TerminationReason::SolverConverged),
+            None => TerminationStatus::NotTerminated,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Rosenbrock's valley as residuals, (1 - x, 10 (y - x^2)), in badly scaled units.
+    struct Rosenbrock(f64);
+
+    impl Residuals for Rosenbrock {
+        fn evaluate(&self, p: &[f64], r: &mut Mat<f64>, j: &mut Mat<f64>) {
+            let (x, y) = (p[0] / self.0, p[1]);
+            r[(0, 0)] = 1.0 - x;
+            r[(1, 0)] = 10.0 * (y - x * x);
+            j[(0, 0)] = -1.0 / self.0;
+            j[(0, 1)] = 0.0;
+            j[(1, 0)] = -20.0 * x / self.0;
+            j[(1, 1)] = 10.0;
+        }
+        fn count(&self) -> usize {
+            2
+        }
+    }
+
+    #[test]
+    fn finds_the_minimum_in_any_unit() {
+        for unit in [1e-6, 1.0, 1e6] {
+            let solution = minimize(&Rosenbrock(unit), &[-1.2 * unit, 1.0]).unwrap();
+            assert_eq!(solution.termination, Termination::Converged);
+            assert!((solution.parameters[0] / unit - 1.0).abs() < 1e-12);
+            assert!((solution.parameters[1] - 1.0).abs() < 1e-12);
+            assert!(solution.iterations < 60, "{} iterations", solution.iterations);
+        }
+    }
+
+    #[test]
+    fn a_start_that_is_not_finite_is_said() {
+        let solution = minimize(&Rosenbrock(1.0), &[f64::NAN, 1.0]).unwrap();
+        assert_eq!(solution.termination, Termination::NotFinite);
+    }
+
+    #[test]
+    fn covariance_is_the_inverse_of_the_normal_matrix() {
+        let j = Mat::from_fn(7, 3, |i, k| ((i * i + 3 * k) as f64).sin() * 10f64.powi(k as i32 * 3));
+        let product = covariance(&j) * (j.transpose() * &j);
+        for i in 0..3 {
+            for k in 0..3 {
+                let expected = if i == k { 1.0 } else { 0.0 };
+                let tolerance = 1e-9 * 10f64.powi(3 * (k as i32 - i as i32)).max(1e-3);
+                assert!((product[(i, k)] - expected).abs() < tolerance, "{i} {k} {}", product[(i, k)]);
+            }
+        }
+    }
+
+    #[test]
+    fn singular_values_of_a_wide_matrix_end_in_zeros() {
+        let (values, vectors) = singular(&Mat::from_fn(2, 3, |i, j| if i == j { 3.0 - i as f64 } else { 0.0 })).unwrap();
+        assert!((values[0] - 3.0).abs() < 1e-14 && (values[1] - 2.0).abs() < 1e-14 && values[2].abs() < 1e-14);
+        assert!((vectors[(2, 2)].abs() - 1.0).abs() < 1e-14);
+    }
+}
