@@ -1,1 +1,226 @@
-//! sensor
+//! One triad: three nearly orthogonal sensor axes, accelerometer or gyroscope.
+//!
+//! ```text
+//! raw  = sensitivity * true + bias
+//! true = sensitivity^-1 * (raw - bias)
+//! ```
+//!
+//! Row i of the sensitivity is the direction of sensor axis i in the body frame times its scale. In SI raw units it
+//! is near the identity; in counts it is lsb per SI unit, and the bias is in counts as well.
+
+use core::{error::Error, fmt};
+use nalgebra::{Matrix3, RealField, Vector3};
+
+/// Sensitivity and bias of one triad, and the inverse that the correction needs.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Triad<F: RealField + Copy> {
+    sensitivity: Matrix3<F>,
+    bias: Vector3<F>,
+    inverse: Matrix3<F>,
+}
+
+impl<F: RealField + Copy> Triad<F> {
+    /// A triad from its sensitivity and its bias, the latter in raw units.
+    ///
+    /// A left-handed sensitivity is taken: a unit may number its axes so.
+    ///
+    /// # Errors
+    /// [`SensorError::NotFinite`] if an entry is infinite or NaN, [`SensorError::Singular`] if the axes lie in one plane.
+    pub fn try_new(sensitivity: Matrix3<F>, bias: Vector3<F>) -> Result<Self, SensorError> {
+        if !sensitivity.iter().chain(bias.iter()).all(F::is_finite) {
+            return Err(SensorError::NotFinite);
+        }
+        let inverse = invert(&sensitivity)?;
+        Ok(Self {
+            sensitivity,
+            bias,
+            inverse,
+        })
+    }
+
+    /// The perfect triad in SI units: raw and true are the same.
+    pub fn identity() -> Self {
+        Self {
+            sensitivity: Matrix3::identity(),
+            bias: Vector3::zeros(),
+            inverse: Matrix3::identity(),
+        }
+    }
+
+    /// What the triad reads for a true value, without noise.
+    #[inline]
+    pub fn measure(&self, true_value: Vector3<F>) -> Vector3<F> {
+        self.sensitivity * true_value + self.bias
+    }
+
+    /// The true value, in SI units, for what the triad reads.
+    #[inline]
+    pub fn correct(&self, raw: Vector3<F>) -> Vector3<F> {
+        self.inverse * (raw - self.bias)
+    }
+
+    /// The matrix in `raw = sensitivity * true + bias`.
+    #[inline]
+    pub fn sensitivity(&self) -> &Matrix3<F> {
+        &self.sensitivity
+    }
+
+    /// What the triad reads when the true value is zero, in raw units.
+    #[inline]
+    pub fn bias(&self) -> &Vector3<F> {
+        &self.bias
+    }
+
+    /// The inverse of the sensitivity, as [`correct`](Self::correct) applies it.
+    #[inline]
+    pub fn inverse(&self) -> &Matrix3<F> {
+        &self.inverse
+    }
+}
+
+/// Why numbers are not a [`Triad`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
+pub enum SensorError {
+    /// An entry of the sensitivity or the bias is infinite or NaN.
+    NotFinite,
+    /// The three sensor axes lie in one plane, so that one direction is not measured.
+    Singular {
+        /// Volume that the axes span when each has length one: 1 for a perfect triad, 0 for a plane.
+        volume: f64,
+    },
+}
+
+impl fmt::Display for SensorError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotFinite => f.write_str("an entry of the sensitivity or the bias is not a finite number"),
+            Self::Singular { volume } => write!(
+                f,
+                "the sensitivity has no inverse: its axes span a volume of {volume:e}, a perfect triad's span 1; \
+                 give three axes that do not lie in one plane, none of them zero"
+            ),
+        }
+    }
+}
+
+impl Error for SensorError {}
+
+/// The inverse as adjugate over determinant: its columns are the cross products of the rows.
+fn invert<F: RealField + Copy>(sensitivity: &Matrix3<F>) -> Result<Matrix3<F>, SensorError> {
+    let [x, y, z] = [0, 1, 2].map(|i| sensitivity.row(i).transpose());
+    let adjugate = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
+    let determinant = x.dot(&y.cross(&z));
+    let inverse = adjugate / determinant;
+
+    // Against the product of the lengths the determinant says how flat the axes lie, whatever the raw unit is.
+    let lengths = x.norm() * y.norm() * z.norm();
+    let rounding: F = nalgebra::convert::<f64, F>(64.0) * F::default_epsilon();
+    if determinant.abs() > rounding * lengths && inverse.iter().all(F::is_finite) {
+        Ok(inverse)
+    } else {
+        let volume = if lengths > F::zero() {
+            (determinant / lengths).abs()
+        } else {
+            F::zero()
+        };
+        Err(SensorError::Singular {
+            volume: volume.to_subset().unwrap_or(0.0),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The accelerometer of the method's source, in units of g.
+    fn paper_accelerometer() -> (Matrix3<f64>, Vector3<f64>) {
+        (
+            Matrix3::new(0.9804, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921),
+            Vector3::new(-0.0427, 0.0241, 0.0402),
+        )
+    }
+
+    #[test]
+    fn a_perfect_triad_changes_nothing() {
+        let v = Vector3::new(0.1, -9.8, 3.0);
+        assert_eq!(Triad::identity().measure(v), v);
+        assert_eq!(
+            Triad::<f64>::try_new(Matrix3::identity(), Vector3::zeros()),
+            Ok(Triad::identity())
+        );
+        assert_eq!(Triad::identity().correct(v), v);
+    }
+
+    #[test]
+    fn a_bias_and_a_scale_move_the_reading_as_written() {
+        let triad = Triad::try_new(
+            Matrix3::from_diagonal(&Vector3::new(2.0, 1.0, 1.0)),
+            Vector3::new(0.5, 0.0, 0.0),
+        );
+        assert_eq!(
+            triad.map(|t| t.measure(Vector3::new(3.0, 4.0, 5.0))),
+            Ok(Vector3::new(6.5, 4.0, 5.0))
+        );
+    }
+
+    #[test]
+    fn correct_undoes_measure() -> Result<(), SensorError> {
+        let (sensitivity, bias) = paper_accelerometer();
+        let triad = Triad::try_new(sensitivity, bias)?;
+        let f = Vector3::new(0.6, -0.48, 0.64);
+        assert!((triad.correct(triad.measure(f)) - f).norm() < 3e-16);
+        Ok(())
+    }
+
+    #[test]
+    fn correct_undoes_measure_in_counts_and_f32() -> Result<(), SensorError> {
+        // A 24-bit gyroscope: 240000 lsb per rad/s about an offset, axes misaligned by a degree, y reversed.
+        let sensitivity = Matrix3::new(2.4e5f32, 4e3, 0.0, 0.0, -2.4e5, 4e3, 4e3, 0.0, 2.4e5);
+        let triad = Triad::try_new(sensitivity, Vector3::new(32768.0, 32768.0, 32768.0))?;
+        let w = Vector3::new(0.3, -0.02, 2.0);
+        assert!((triad.correct(triad.measure(w)) - w).norm() < 5e-7);
+        Ok(())
+    }
+
+    #[test]
+    fn the_inverse_is_good_to_rounding() -> Result<(), SensorError> {
+        let (sensitivity, bias) = paper_accelerometer();
+        for unit in [1e-6, 1.0, 16384.0, 1e9] {
+            let triad = Triad::try_new(sensitivity * unit, bias)?;
+            assert!((triad.inverse() * triad.sensitivity() - Matrix3::identity()).norm() < 5e-16);
+        }
+        Ok(())
+    }
+
+    #[test]
+    fn axes_in_one_plane_are_refused() {
+        let flat = Matrix3::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0);
+        for unit in [1e-9, 1.0, 1e9] {
+            let refused = Triad::try_new(flat * unit, Vector3::zeros());
+            assert!(
+                matches!(refused, Err(SensorError::Singular { volume }) if volume < 1e-14),
+                "{refused:?}"
+            );
+        }
+        assert_eq!(
+            Triad::<f64>::try_new(Matrix3::zeros(), Vector3::zeros()),
+            Err(SensorError::Singular { volume: 0.0 })
+        );
+    }
+
+    #[test]
+    fn what_is_not_finite_is_refused() {
+        for bad in [f64::NAN, f64::INFINITY] {
+            let mut sensitivity = Matrix3::identity();
+            sensitivity[(1, 2)] = bad;
+            assert_eq!(
+                Triad::try_new(sensitivity, Vector3::zeros()),
+                Err(SensorError::NotFinite)
+            );
+            let bias = Vector3::new(0.0, bad, 0.0);
+            assert_eq!(Triad::try_new(Matrix3::identity(), bias), Err(SensorError::NotFinite));
+        }
+    }
+}

@@ -1,1 +1,277 @@
-//! so3
+//! Rotations, and the only place where their conventions are made.
+//!
+//! 1. A rotation acts on vectors (active): `r_wb` maps a vector from body to world, `v_w = r_wb * v_b`, so that
+//!    neighbouring letters cancel: `r_wb = r_ws * r_sb`.
+//! 2. A quaternion is Hamilton's (`i j = k`), and is written `[w, x, y, z]` in every array. nalgebra *stores* x, y, z, w:
+//!    [`to_wxyz`] and [`from_wxyz`] are the only crossings. `q` and `-q` are the same rotation.
+//! 3. `exp` maps a rotation vector (axis times angle, rad) to a rotation, `log` maps it back to the vector of length at
+//!    most pi.
+//! 4. A perturbation stands on the body side: `R exp(delta)`. Its Jacobian is the right one:
+//!
+//! ```text
+//! exp(phi + d) = exp(phi) exp(J_r(phi) d) + O(d^2)
+//! J_r(phi) = I - (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2,   t = |phi|
+//! ```
+//!
+//! Every function is good to rounding at zero, at tiny angles and near pi, in f32 and f64.
+
+use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};
+
+/// Rotation of the rotation vector `phi`, rad: a turn by `|phi|` about `phi`.
+///
+/// Up to half a radian, which is any step between two samples, there is no trigonometry in it.
+#[inline]
+pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
+    let (cosine, sinc) = cos_and_sinc(phi.norm_squared() * convert(0.25));
+    UnitQuaternion::new_unchecked(Quaternion::from_parts(cosine, phi * (sinc * convert(0.5))))
+}
+
+/// Rotation vector of a rotation, rad, of length at most pi.
+///
+/// At exactly pi both signs are right; one of them is given.
+#[inline]
+pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
+    // The arc tangent of both parts, unlike the arc cosine of w, keeps its digits at both ends of the range.
+    let sign = if rotation.w < F::zero() { -F::one() } else { F::one() };
+    let (real, imaginary) = (rotation.w * sign, rotation.imag() * sign);
+    let length = imaginary.norm();
+    let two: F = convert(2.0);
+    let angle_per_length = if length > F::zero() {
+        two * length.atan2(real) / length
+    } else {
+        two / real
+    };
+    imaginary * angle_per_length
+}
+
+/// The matrix of the cross product: `hat(a) * b = a x b`.
+#[inline]
+pub fn hat<F: RealField + Copy>(a: &Vector3<F>) -> Matrix3<F> {
+    let o = F::zero();
+    Matrix3::new(o, -a.z, a.y, a.z, o, -a.x, -a.y, a.x, o)
+}
+
+/// Right Jacobian of [`exp`]: `exp(phi + d) = exp(phi) exp(right_jacobian(phi) d)` to first order in `d`.
+pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
+    let t2 = phi.norm_squared();
+    let (_, sinc) = cos_and_sinc(t2 * convert(0.25));
+    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2, without the difference of nearly equal numbers.
+    let first = sinc * sinc * convert(0.5);
+    let second = if t2 < F::one() {
+        polynomial(t2, T_MINUS_SIN)
+    } else {
+        let t = t2.sqrt();
+        (t - t.sin()) / (t2 * t)
+    };
+    let cross = hat(phi);
+    Matrix3::identity() - cross * first + cross * cross * second
+}
+
+/// A rotation as the array `[w, x, y, z]`.
+#[inline]
+pub fn to_wxyz<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> [F; 4] {
+    [rotation.w, rotation.i, rotation.j, rotation.k]
+}
+
+/// The rotation of the array `[w, x, y, z]`, scaled to length one; `None` if its length is zero or not finite.
+pub fn from_wxyz<F: RealField + Copy>([w, x, y, z]: [F; 4]) -> Option<UnitQuaternion<F>> {
+    let quaternion = Quaternion::new(w, x, y, z);
+    let length = quaternion.norm();
+    (length > F::zero() && length.is_finite()).then(|| UnitQuaternion::new_unchecked(quaternion / length))
+}
+
+/// `(cos h, sin(h) / h)` for a given `h^2`.
+#[inline]
+fn cos_and_sinc<F: RealField + Copy>(h2: F) -> (F, F) {
+    if h2 < convert(0.0625) {
+        (polynomial(h2, COS), polynomial(h2, SINC))
+    } else {
+        let h = h2.sqrt();
+        let (sine, cosine) = h.sin_cos();
+        (cosine, sine / h)
+    }
+}
+
+/// Taylor coefficients in h^2 of cos h; the first one left out is below 2^-52 for h^2 < 1/16.
+const COS: [f64; 6] = [
+    1.0,
+    -1.0 / 2.0,
+    1.0 / 24.0,
+    -1.0 / 720.0,
+    1.0 / 40_320.0,
+    -1.0 / 3_628_800.0,
+];
+
+/// Taylor coefficients in h^2 of sin(h)/h, good in the same range.
+const SINC: [f64; 6] = [
+    1.0,
+    -1.0 / 6.0,
+    1.0 / 120.0,
+    -1.0 / 5_040.0,
+    1.0 / 362_880.0,
+    -1.0 / 39_916_800.0,
+];
+
+/// Taylor coefficients in t^2 of (t - sin t)/t^3; the first one left out is below 2^-52 of the sum for t^2 < 1.
+const T_MINUS_SIN: [f64; 8] = [
+    1.0 / 6.0,
+    -1.0 / 120.0,
+    1.0 / 5_040.0,
+    -1.0 / 362_880.0,
+    1.0 / 39_916_800.0,
+    -1.0 / 6_227_020_800.0,
+    1.0 / 1_307_674_368_000.0,
+    -1.0 / 355_687_428_096_000.0,
+];
+
+/// `c0 + c1 x + c2 x^2 + ...` by Horner's rule.
+#[inline]
+fn polynomial<F: RealField + Copy, const N: usize>(x: F, coefficients: [f64; N]) -> F {
+    coefficients
+        .iter()
+        .rev()
+        .fold(F::zero(), |sum, &c| sum * x + convert(c))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use core::f64::consts::PI;
+
+    /// Rotation vectors of every size, the branch points (0.5 and 1 rad) and both sides of pi among them.
+    const ANGLES: [f64; 16] = [
+        0.0,
+        1e-200,
+        1e-160,
+        1e-12,
+        1e-8,
+        1e-4,
+        0.01,
+        0.499_999,
+        0.500_001,
+        0.999_999,
+        1.000_001,
+        2.0,
+        3.0,
+        3.141,
+        PI - 1e-9,
+        PI - 1e-15,
+    ];
+
+    fn axes() -> [Vector3<f64>; 4] {
+        [
+            Vector3::x(),
+            Vector3::new(0.0, -1.0, 0.0),
+            Vector3::new(1.0, 2.0, -2.0) / 3.0,
+            Vector3::new(-2.0, 3.0, 6.0) / 7.0,
+        ]
+    }
+
+    #[test]
+    fn exp_is_the_half_angle_formula() {
+        for axis in axes() {
+            for angle in ANGLES {
+                let q = exp(&(axis * angle));
+                let (sine, cosine) = (angle / 2.0).sin_cos();
+                assert!((q.w - cosine).abs() < 4e-16, "angle {angle}");
+                assert!(
+                    (q.imag() - axis * sine).norm() <= 6e-16 * sine + 1e-210,
+                    "angle {angle}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_quarter_turn_about_z_takes_x_to_y() {
+        let r = exp(&Vector3::new(0.0, 0.0, PI / 2.0));
+        assert!((r * Vector3::x() - Vector3::y()).norm() < 1e-15);
+    }
+
+    #[test]
+    fn log_undoes_exp() {
+        for axis in axes() {
+            for angle in ANGLES {
+                let phi = axis * angle;
+                let back = log(&exp(&phi));
+                assert!(
+                    (back - phi).norm() <= 1e-15 * angle,
+                    "angle {angle}: off by {}",
+                    (back - phi).norm()
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn log_undoes_exp_in_f32() {
+        for angle in ANGLES.iter().map(|&a| a as f32).filter(|&a| a == 0.0 || a > 1e-15) {
+            let phi = Vector3::new(1.0f32, 2.0, -2.0) / 3.0 * angle;
+            let back = log(&exp(&phi));
+            // Beyond pi, where rounding to f32 puts the last angles, the same rotation has the opposite vector.
+            let off = (back - phi).norm().min((back + phi).norm());
+            assert!(off <= 6e-7 * angle, "angle {angle}: off by {off}");
+        }
+    }
+
+    #[test]
+    fn log_takes_either_sign_of_the_quaternion() {
+        let q = exp(&Vector3::new(0.3, -0.2, 0.9));
+        assert!((log(&UnitQuaternion::new_unchecked(-q.into_inner())) - log(&q)).norm() < 1e-15);
+    }
+
+    #[test]
+    fn right_jacobian_meets_a_central_difference() {
+        let h = 1e-5;
+        for axis in axes() {
+            for angle in ANGLES {
+                let phi = axis * angle;
+                let jacobian = right_jacobian(&phi);
+                for column in 0..3 {
+                    let step = Vector3::ith(column, h);
+                    let forward = log(&(exp(&phi).inverse() * exp(&(phi + step))));
+                    let backward = log(&(exp(&phi).inverse() * exp(&(phi - step))));
+                    let difference = (forward - backward) / (2.0 * h);
+                    assert!((jacobian.column(column) - difference).norm() < 1e-10, "angle {angle}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn right_jacobian_is_good_to_rounding() {
+        // J_r(phi) phi = phi, and J_r(phi)^T = exp(phi) J_r(phi): two identities that no term of it escapes.
+        for axis in axes() {
+            for angle in ANGLES {
+                let phi = axis * angle;
+                let jacobian = right_jacobian(&phi);
+                assert!((jacobian * phi - phi).norm() <= 1e-15 * angle);
+                let rotation = exp(&phi).to_rotation_matrix();
+                assert!(
+                    (jacobian.transpose() - rotation.matrix() * jacobian).norm() < 2e-15,
+                    "angle {angle}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn hat_is_the_cross_product() {
+        let (a, b) = (Vector3::new(1.0, -2.0, 0.5), Vector3::new(0.3, 4.0, -1.0));
+        assert_eq!(hat(&a) * b, a.cross(&b));
+    }
+
+    #[test]
+    fn arrays_are_wxyz() {
+        let q = exp(&Vector3::new(0.0, 0.0, PI / 2.0));
+        let [w, x, y, z] = to_wxyz(&q);
+        let half = 0.5_f64.sqrt();
+        assert!((w - half).abs() < 1e-15 && x == 0.0 && y == 0.0 && (z - half).abs() < 1e-15);
+        assert_eq!(
+            from_wxyz([2.0 * w, x, y, 2.0 * z]).map(|back| back.angle_to(&q) < 1e-15),
+            Some(true)
+        );
+        assert_eq!(from_wxyz([0.0, 0.0, 0.0, 0.0]), None);
+        assert_eq!(from_wxyz([f64::NAN, 0.0, 0.0, 1.0]), None);
+    }
+}
