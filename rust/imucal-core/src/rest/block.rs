@@ -1,0 +1,188 @@
+//! Sums over a block of samples: what rest detection is made of, on the device and on the desk alike.
+
+use nalgebra::{RealField, Vector3, Vector6, convert};
+
+/// Count, mean and variance of a stretch of samples, per channel: rate x, y, z, then force x, y, z.
+///
+/// The sums are about one of the stretch's own samples, so that neither a large offset (unsigned counts around 32768,
+/// in f32) nor gravity eats the digits of the variance. Two stretches merge into one:
+///
+/// ```
+/// use imucal_core::rest::BlockSums;
+/// use nalgebra::Vector3;
+///
+/// let mut first = BlockSums::new();
+/// first.push(Vector3::new(32768.0_f32, 0.0, 0.0), Vector3::zeros());
+/// first.push(Vector3::new(32770.0, 0.0, 0.0), Vector3::zeros());
+/// let mut second = BlockSums::new();
+/// second.push(Vector3::new(32772.0, 0.0, 0.0), Vector3::zeros());
+/// first.merge(&second);
+/// assert_eq!((first.count(), first.mean()[0], first.variance()[0]), (3, 32770.0, 4.0));
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BlockSums<F: RealField + Copy> {
+    count: usize,
+    origin: Vector6<F>,
+    sum: Vector6<F>,
+    squares: Vector6<F>,
+}
+
+impl<F: RealField + Copy> BlockSums<F> {
+    /// No samples yet.
+    pub fn new() -> Self {
+        Self {
+            count: 0,
+            origin: Vector6::zeros(),
+            sum: Vector6::zeros(),
+            squares: Vector6::zeros(),
+        }
+    }
+
+    /// Adds one sample, in any unit that stays the same.
+    #[inline]
+    pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) {
+        let sample = Vector6::new(rate.x, rate.y, rate.z, force.x, force.y, force.z);
+        if self.count == 0 {
+            self.origin = sample;
+        }
+        let offset = sample - self.origin;
+        self.count += 1;
+        self.sum += offset;
+        self.squares += offset.component_mul(&offset);
+    }
+
+    /// Adds all samples of another stretch.
+    #[inline]
+    pub fn merge(&mut self, other: &Self) {
+        if self.count == 0 {
+            *self = *other;
+            return;
+        }
+        let shift = other.origin - self.origin;
+        let shifted_sum = shift * number::<F>(other.count);
+        self.squares += other.squares + shift.component_mul(&(other.sum + other.sum + shifted_sum));
+        self.sum += other.sum + shifted_sum;
+        self.count += other.count;
+    }
+
+    /// Number of samples.
+    #[inline]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+
+    /// Mean of each channel; NaN without samples.
+    #[inline]
+    pub fn mean(&self) -> Vector6<F> {
+        self.origin + self.sum / number::<F>(self.count)
+    }
+
+    /// Unbiased variance of each channel about its mean; NaN with fewer than two samples.
+    #[inline]
+    pub fn variance(&self) -> Vector6<F> {
+        let about_mean = self.squares - self.sum.component_mul(&self.sum) / number::<F>(self.count);
+        // Rounding may leave a constant channel a hair below zero; a NaN must stay one.
+        about_mean.map(|s| if s < F::zero() { F::zero() } else { s }) / (number::<F>(self.count) - F::one())
+    }
+}
+
+impl<F: RealField + Copy> Default for BlockSums<F> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+/// Mean over the six channels of variance over noise floor: near 1 at rest, large in a move.
+///
+/// ```text
+/// statistic = 1/6 sum_c variance_c / noise_variance_c
+/// ```
+///
+/// `noise_variance` is per channel, in the order and (squared) unit of the samples. NaN if a sample was NaN.
+#[inline]
+pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance: &Vector6<F>) -> F {
+    window.variance().component_div(noise_variance).mean()
+}
+
+#[inline]
+fn number<F: RealField + Copy>(count: usize) -> F {
+    convert(count as f64)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn samples(offset: f64) -> [Vector3<f64>; 7] {
+        [0.3, -1.0, 2.0, 0.0, 1.5, -0.7, 0.9].map(|x: f64| Vector3::new(offset + x, x * x, -x))
+    }
+
+    /// Sums of the samples, with the force the tenth of the rate.
+    fn sums_of(samples: &[Vector3<f64>]) -> BlockSums<f64> {
+        let mut sums = BlockSums::new();
+        samples.iter().for_each(|&s| sums.push(s, s * 0.1));
+        sums
+    }
+
+    #[test]
+    fn mean_and_variance_are_those_of_two_passes() {
+        let data = samples(40.0);
+        let mean = data.iter().sum::<Vector3<f64>>() / 7.0;
+        let variance = data
+            .iter()
+            .map(|s| (s - mean).component_mul(&(s - mean)))
+            .sum::<Vector3<f64>>()
+            / 6.0;
+        let sums = sums_of(&data);
+        for i in 0..3 {
+            assert!((sums.mean()[i] - mean[i]).abs() < 1e-14 * mean[i].abs().max(1.0));
+            assert!((sums.variance()[i] - variance[i]).abs() < 1e-14 * variance[i]);
+            assert!((sums.variance()[i + 3] - 0.01 * variance[i]).abs() < 1e-15 * variance[i]);
+        }
+    }
+
+    #[test]
+    fn merged_parts_are_the_whole() {
+        let data = samples(3.0);
+        let whole = sums_of(&data);
+        for cut in 0..=data.len() {
+            let mut merged = sums_of(&data[..cut]);
+            merged.merge(&sums_of(&data[cut..]));
+            assert_eq!(merged.count(), whole.count());
+            assert!((merged.mean() - whole.mean()).norm() < 1e-15);
+            assert!((merged.variance() - whole.variance()).norm() < 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_large_offset_costs_no_digits_in_f32() {
+        let (mut near, mut far) = (BlockSums::<f32>::new(), BlockSums::<f32>::new());
+        for k in 0..10_000 {
+            // Every value is a multiple of 1/4: exact with and without the offset.
+            let x = ((k * 7919) % 41) as f32 * 0.25;
+            near.push(Vector3::repeat(x), Vector3::zeros());
+            far.push(Vector3::repeat(x + 32768.0), Vector3::zeros());
+        }
+        assert_eq!(near.variance(), far.variance());
+        assert!((near.variance()[0] / 8.75 - 1.0).abs() < 1e-3);
+    }
+
+    #[test]
+    fn a_constant_channel_has_no_variance_and_a_nan_is_seen() {
+        let mut sums = BlockSums::new();
+        (0..100).for_each(|_| sums.push(Vector3::repeat(0.1), Vector3::repeat(9.8)));
+        assert_eq!(sums.variance(), Vector6::zeros());
+        assert_eq!(rest_statistic(&sums, &Vector6::repeat(1.0)), 0.0);
+        sums.push(Vector3::repeat(f64::NAN), Vector3::zeros());
+        assert!(rest_statistic(&sums, &Vector6::repeat(1.0)).is_nan());
+    }
+
+    #[test]
+    fn the_statistic_is_the_mean_of_six_ratios() {
+        let sums = sums_of(&samples(0.0));
+        let floors = sums
+            .variance()
+            .component_div(&Vector6::new(1.0, 2.0, 3.0, 4.0, 5.0, 9.0));
+        assert!((rest_statistic(&sums, &floors) - 4.0).abs() < 1e-14);
+    }
+}
