@@ -87,6 +87,13 @@ pub(crate) fn gain(jacobian: &Mat<f64>) -> Mat<f64> {
     covariance(jacobian) * jacobian.transpose()
 }
 
+/// Diagonal of the projection `J (J^T J)^-1 J^T`: how far each residual determines its own fit.
+pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
+    let scale = column_norms(jacobian);
+    let q = Mat::from_fn(jacobian.nrows(), jacobian.ncols(), |i, j| jacobian[(i, j)] / scale[j]).qr().compute_thin_Q();
+    (0..q.nrows()).map(|i| q.row(i).squared_norm_l2()).collect()
+}
+
 /// Singular values (descending) and right singular vectors (columns) of `matrix`, more rows than columns or not.
 ///
 /// QR first, then the SVD of R; the self-adjoint eigenproblem of R^T R where that SVD does not converge.

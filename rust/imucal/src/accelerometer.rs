@@ -1,0 +1,200 @@
+//! Maximum-likelihood fit of the accelerometer to the means of the rests (model.md (5)).
+//!
+//! ```text
+//! r_k = (|T^-1 (a_k - b)| - g) / sigma_k
+//! with f = T^-1 (a - b), u = f / |f|, v = T^-T u:   d|f|/db = -v,   d|f|/dT = -v f^T
+//! ```
+//!
+//! The fit is made in the symmetric frame: nine parameters, `[b_x, b_y, b_z, T_xx, T_yy, T_zz, T_xy, T_xz, T_yz]`.
+
+use faer::Mat;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, SVector, Vector3};
+
+use crate::ellipsoid::{self, Start};
+use crate::error::Error;
+use crate::lsq::{self, Residuals, Solution, Termination};
+use crate::observability;
+use crate::robust;
+use crate::segment::Rest;
+
+/// Index pairs of the six entries of a symmetric matrix, in the order of the parameters.
+pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+
+/// The fitted accelerometer and what the fit leaves.
+#[derive(Clone, Debug)]
+pub(crate) struct AccelerometerFit {
+    pub(crate) triad: Triad<f64>,
+    /// Which rests the fit uses; the others were found bad.
+    pub(crate) used: Vec<bool>,
+    /// Standard deviation of |f| at each rest that the sensor's noise explains, m/s^2.
+    pub(crate) sigma_norm: Vec<f64>,
+    /// Parameters per error of |f| at each rest in m/s^2, 9 x rests; zero columns for unused rests.
+    pub(crate) gain: Mat<f64>,
+    pub(crate) chi2: f64,
+    pub(crate) degrees_of_freedom: usize,
+    pub(crate) iterations: u64,
+    pub(crate) termination: Termination,
+}
+
+impl AccelerometerFit {
+    /// By how much the scatter of |f| exceeds what noise explains; 1 at least.
+    pub(crate) fn inflation(&self) -> f64 {
+        (self.chi2 / self.degrees_of_freedom.max(1) as f64).sqrt().max(1.0)
+    }
+}
+
+/// Fits the nine parameters; rests that contradict all others are left out one by one.
+pub(crate) fn fit(
+    rests: &[&Rest],
+    gravity_mps2: f64,
+    nominal: Option<Start>,
+    raw_is_si: bool,
+) -> Result<AccelerometerFit, Error> {
+    let means: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.specific_force.mean).collect();
+    let start = match ellipsoid::fit(&means, gravity_mps2)? {
+        Some(start) => start,
+        None => nominal
+            .or_else(|| raw_is_si.then(|| Start { sensitivity: Matrix3::identity(), bias: Vector3::zeros() }))
+            .ok_or_else(|| Error::NotEnoughMotion(observability::too_few_poses(means.len())))?,
+    };
+    observability::check_accelerometer(&means, &start, gravity_mps2)?;
+
+    let mut used = vec![true; rests.len()];
+    let mut parameters = parameters_of(&start);
+    loop {
+        let problem = Norms::new(rests, &used, gravity_mps2, &parameters)?;
+        let solution = lsq::minimize(&problem, &parameters)?;
+        if solution.termination == Termination::NotFinite {
+            return Err(Error::Fit("the accelerometer fit left the range of numbers: check units and gravity".into()));
+        }
+        parameters = solution.parameters.clone();
+        let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 1);
+        match robust::worst_outlier(&scores, 1) {
+            Some(row) if robust::may_exclude(&used, 9 + 3) => used[problem.rest_of_row[row]] = false,
+            _ => return finish(rests, used, &problem, &solution),
+        }
+    }
+}
+
+fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution) -> Result<AccelerometerFit, Error> {
+    let triad = triad_of(&solution.parameters)?;
+    let row_gain = lsq::gain(&solution.jacobian);
+    let mut gain = Mat::zeros(9, rests.len());
+    for (row, &k) in problem.rest_of_row.iter().enumerate() {
+        for i in 0..9 {
+            gain[(i, k)] = row_gain[(i, row)] / problem.sigma[row];
+        }
+    }
+    Ok(AccelerometerFit {
+        sigma_norm: rests.iter().map(|rest| sigma_norm(rest, &triad)).collect(),
+        triad,
+        used,
+        gain,
+        chi2: solution.chi2,
+        degrees_of_freedom: problem.rest_of_row.len().saturating_sub(9),
+        iterations: solution.iterations,
+        termination: solution.termination,
+    })
+}
+
+/// Standard deviation of |f| over one rest, from the scatter of its samples, m/s^2.
+pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
+    let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
+    v.component_mul(&v).dot(&rest.specific_force.variance_of_mean).sqrt()
+}
+
+pub(crate) fn parameters_of(start: &Start) -> Vec<f64> {
+    let entries = SYMMETRIC.map(|(i, j)| start.sensitivity[(i, j)]);
+    start.bias.iter().copied().chain(entries).collect()
+}
+
+pub(crate) fn triad_of(parameters: &[f64]) -> Result<Triad<f64>, Error> {
+    let mut sensitivity = Matrix3::zeros();
+    for (&(i, j), &entry) in SYMMETRIC.iter().zip(&parameters[3..9]) {
+        sensitivity[(i, j)] = entry;
+        sensitivity[(j, i)] = entry;
+    }
+    let bias = Vector3::from_column_slice(&parameters[..3]);
+    Triad::try_new(sensitivity, bias).map_err(|error| Error::Fit(format!("accelerometer: {error}")))
+}
+
+/// Row of d|f|/d(parameters) for one mean, and |f|.
+pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64, SVector<f64, 9>) {
+    let f = triad.correct(*mean);
+    let norm = f.norm();
+    let v = triad.inverse().tr_mul(&f) / norm;
+    let mut gradient = SVector::<f64, 9>::zeros();
+    for i in 0..3 {
+        gradient[i] = -v[i];
+    }
+    for (row, (i, j)) in SYMMETRIC.into_iter().enumerate() {
+        gradient[3 + row] = if i == j { -v[i] * f[i] } else { -v[i] * f[j] - v[j] * f[i] };
+    }
+    (norm, gradient)
+}
+
+/// The residuals of the used rests, with weights fixed at the start value.
+struct Norms {
+    means: Vec<Vector3<f64>>,
+    sigma: Vec<f64>,
+    rest_of_row: Vec<usize>,
+    gravity_mps2: f64,
+}
+
+impl Norms {
+    fn new(rests: &[&Rest], used: &[bool], gravity_mps2: f64, parameters: &[f64]) -> Result<Self, Error> {
+        let triad = triad_of(parameters)?;
+        let rest_of_row: Vec<usize> = (0..rests.len()).filter(|&k| used[k]).collect();
+        let sigma: Vec<f64> = rest_of_row.iter().map(|&k| sigma_norm(rests[k], &triad)).collect();
+        // A noise-free simulation has no scatter: equal weights then, of a size that leaves numbers in range.
+        let floor = 1e-9 * gravity_mps2;
+        Ok(Self {
+            means: rest_of_row.iter().map(|&k| rests[k].specific_force.mean).collect(),
+            sigma: sigma.into_iter().map(|sigma| sigma.max(floor)).collect(),
+            rest_of_row,
+            gravity_mps2,
+        })
+    }
+}
+
+impl Residuals for Norms {
+    fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
+        let Ok(triad) = triad_of(parameters) else {
+            residuals.fill(f64::NAN); // the solver takes a shorter step
+            return;
+        };
+        for (k, (mean, sigma)) in self.means.iter().zip(&self.sigma).enumerate() {
+            let (norm, gradient) = norm_and_gradient(&triad, mean);
+            residuals[(k, 0)] = (norm - self.gravity_mps2) / sigma;
+            for j in 0..9 {
+                jacobian[(k, j)] = gradient[j] / sigma;
+            }
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.means.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_gradient_meets_a_finite_difference() {
+        let parameters = [0.3, -0.2, 0.1, 1.02, 0.97, 1.01, 0.004, -0.006, 0.003];
+        let mean = Vector3::new(3.0, -7.0, 6.0);
+        let (_, gradient) = norm_and_gradient(&triad_of(&parameters).unwrap(), &mean);
+        for j in 0..9 {
+            let shifted = |h: f64| {
+                let mut p = parameters;
+                p[j] += h;
+                norm_and_gradient(&triad_of(&p).unwrap(), &mean).0
+            };
+            let difference = (shifted(1e-5) - shifted(-1e-5)) / 2e-5;
+            assert!((gradient[j] - difference).abs() < 1e-8, "{j}: {} {difference}", gradient[j]);
+        }
+    }
+}

@@ -1,0 +1,262 @@
+//! Judging a calibration on recordings: the control figures.
+
+use imucal_core::calibration::Calibration;
+use imucal_core::sensor::Triad;
+use nalgebra::Vector3;
+
+use crate::carry::{Carried, carry};
+use crate::check::{Finding, Severity, check_columns, saturated_samples};
+use crate::error::Error;
+use crate::gyroscope::{Ends, Move};
+use crate::moves::{UnitRest, between, direction_error_rad, ends_of, norm_error_mps2, rests_of};
+use crate::recording::Recording;
+use crate::segment::{NoiseDensity, Segments};
+use crate::stats::rms;
+
+/// How well a calibration explains recordings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figures {
+    /// Mean square of all residuals in units of what noise explains; 1 if noise is all there is.
+    pub chi2_per_dof: f64,
+    /// Rms of |f| - g over the rests, m/s^2.
+    pub gravity_norm_rms_mps2: f64,
+    /// Rms over the moves of the angle between carried and measured gravity, deg.
+    pub gravity_direction_rms_deg: f64,
+    /// Number of rests and of moves that the figures are over.
+    pub rests: usize,
+    /// Number of moves.
+    pub moves: usize,
+}
+
+/// One rest, judged.
+#[derive(Clone, Debug)]
+pub struct RestReport {
+    /// Index of the recording.
+    pub recording: usize,
+    /// First sample and the one after the last.
+    pub first: usize,
+    /// Index after the last sample.
+    pub end: usize,
+    /// Time of the first sample, s.
+    pub start_s: f64,
+    /// Time of the last sample, s.
+    pub end_s: f64,
+    /// Mean of the accelerometer, raw units.
+    pub mean_specific_force: Vector3<f64>,
+    /// Mean of the gyroscope, raw units.
+    pub mean_angular_rate: Vector3<f64>,
+    /// |f| - g after correction, m/s^2.
+    pub norm_error_mps2: f64,
+    /// Standard deviation of |f| that noise explains, m/s^2.
+    pub norm_sigma_mps2: f64,
+    /// Why the rest takes no part; `None` if it does.
+    pub excluded: Option<&'static str>,
+}
+
+/// One move, judged.
+#[derive(Clone, Debug)]
+pub struct MoveReport {
+    /// Index of the recording.
+    pub recording: usize,
+    /// Index of the rest before.
+    pub from_rest: usize,
+    /// Index of the rest after.
+    pub to_rest: usize,
+    /// First sample: the last of the rest before.
+    pub first: usize,
+    /// Last sample: the first of the rest after.
+    pub last: usize,
+    /// Duration, s.
+    pub duration_s: f64,
+    /// Angle between carried and measured gravity, deg; NaN where the move cannot be integrated.
+    pub direction_error_deg: f64,
+    /// Standard deviation of each component of it that noise explains, deg.
+    pub direction_sigma_deg: f64,
+    /// Why the move takes no part; `None` if it does.
+    pub excluded: Option<&'static str>,
+}
+
+/// Gravity at the rests of a recording, measured and carried there from its first rest (the method's figures 2 to 4).
+#[derive(Clone, Debug)]
+pub struct CarriedGravity {
+    /// Middle of each rest, s.
+    pub time_s: Vec<f64>,
+    /// Measured at the rest, corrected, m/s^2.
+    pub measured: Vec<Vector3<f64>>,
+    /// Carried from the first rest by the gyroscope as it is, without calibration.
+    pub uncalibrated: Vec<Vector3<f64>>,
+    /// Carried from the first rest by the calibrated gyroscope.
+    pub calibrated: Vec<Vector3<f64>>,
+}
+
+/// A calibration judged on recordings.
+#[derive(Clone, Debug)]
+pub struct Evaluation {
+    /// The figures.
+    pub figures: Figures,
+    /// Every rest.
+    pub rests: Vec<RestReport>,
+    /// Every stretch between neighbouring rests.
+    pub moves: Vec<MoveReport>,
+    /// Gravity carried through each recording.
+    pub carried: Vec<CarriedGravity>,
+    /// What is wrong with the recordings.
+    pub findings: Vec<Finding>,
+}
+
+/// Judges `calibration` on recordings that it was not made from. `uncalibrated` is the gyroscope as a user would
+/// take it without a calibration (the identity for SI units); it only serves the comparison in `carried`.
+///
+/// # Errors
+/// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest.
+pub fn evaluate(
+    calibration: &Calibration<f64>,
+    uncalibrated: &Triad<f64>,
+    recordings: &[Recording<'_>],
+    gravity_mps2: f64,
+    min_rest_s: f64,
+) -> Result<Evaluation, Error> {
+    let mut findings: Vec<Finding> = recordings.iter().flat_map(check_columns).collect();
+    // A control record judges what is there: saturated moves are left out of the figures and said, not refused.
+    let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.code.ends_with("_saturation");
+    if findings.iter().any(fatal) {
+        findings.retain(fatal);
+        return Err(Error::Data(findings));
+    }
+    let segments: Vec<Segments> =
+        recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
+    let saturated: Vec<_> = recordings.iter().map(saturated_samples).collect();
+    let rests = rests_of(&segments);
+    let usable: Vec<bool> = rests
+        .iter()
+        .map(|r| !saturated[r.recording].iter().any(|s| s.start < r.rest.end && s.end > r.rest.first))
+        .collect();
+    let (moves, unusable) = between(recordings, &rests, &usable, &saturated);
+    let noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
+    let gyroscope = &calibration.gyroscope;
+    let (ends, _) = ends_of(&moves, &rests, &calibration.accelerometer, gyroscope.inverse(), &noise);
+    let carried: Vec<Carried> =
+        moves.iter().map(|m| carry(&recordings[m.recording], m.first, m.last, gyroscope)).collect();
+    let rest_reports: Vec<RestReport> = rests
+        .iter()
+        .zip(&usable)
+        .map(|(rest, usable)| {
+            rest_report(rest, &calibration.accelerometer, gravity_mps2, (!usable).then_some("saturation"))
+        })
+        .collect();
+    let mut move_reports: Vec<MoveReport> =
+        moves.iter().zip(&ends).zip(&carried).map(|((m, e), c)| move_report(m, e, c, None)).collect();
+    move_reports.extend(unusable.iter().map(|u| unusable_report(&u.span, u.reason)));
+    move_reports.sort_by_key(|report| (report.recording, report.first));
+    let residuals: Vec<f64> = ends
+        .iter()
+        .zip(&carried)
+        .flat_map(|(end, carried)| {
+            let z = end.residual(&carried.rotation) / end.sigma_rad;
+            [z.x, z.y]
+        })
+        .collect();
+    Ok(Evaluation {
+        figures: figures(&rest_reports, &move_reports, &residuals, 0),
+        carried: (0..recordings.len())
+            .map(|index| carried_gravity(index, recordings, &rests, calibration, uncalibrated))
+            .collect(),
+        rests: rest_reports,
+        moves: move_reports,
+        findings,
+    })
+}
+
+/// The figures over all rests and moves that take part; `parameters` were fitted to them.
+pub(crate) fn figures(
+    rests: &[RestReport],
+    moves: &[MoveReport],
+    move_residuals: &[f64],
+    parameters: usize,
+) -> Figures {
+    let rests: Vec<&RestReport> = rests.iter().filter(|rest| rest.excluded.is_none()).collect();
+    let moves: Vec<&MoveReport> = moves.iter().filter(|m| m.excluded.is_none()).collect();
+    let norms = rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2.max(1e-9));
+    let chi2: f64 = norms.chain(move_residuals.iter().copied()).map(|z| z * z).sum();
+    let count = rests.len() + move_residuals.len();
+    Figures {
+        chi2_per_dof: chi2 / count.saturating_sub(parameters).max(1) as f64,
+        gravity_norm_rms_mps2: rms(rests.iter().map(|rest| rest.norm_error_mps2)),
+        gravity_direction_rms_deg: rms(moves.iter().map(|m| m.direction_error_deg)),
+        rests: rests.len(),
+        moves: moves.len(),
+    }
+}
+
+pub(crate) fn rest_report(
+    rest: &UnitRest,
+    accelerometer: &Triad<f64>,
+    gravity_mps2: f64,
+    excluded: Option<&'static str>,
+) -> RestReport {
+    let (norm_error_mps2, norm_sigma_mps2) = norm_error_mps2(&rest.rest, accelerometer, gravity_mps2);
+    RestReport {
+        recording: rest.recording,
+        first: rest.rest.first,
+        end: rest.rest.end,
+        start_s: rest.rest.start_s,
+        end_s: rest.rest.end_s,
+        mean_specific_force: rest.rest.specific_force.mean,
+        mean_angular_rate: rest.rest.angular_rate.mean,
+        norm_error_mps2,
+        norm_sigma_mps2,
+        excluded,
+    }
+}
+
+pub(crate) fn move_report(m: &Move, ends: &Ends, carried: &Carried, excluded: Option<&'static str>) -> MoveReport {
+    MoveReport {
+        direction_error_deg: direction_error_rad(ends, &carried.rotation).to_degrees(),
+        direction_sigma_deg: ends.sigma_rad.to_degrees(),
+        excluded,
+        ..unusable_report(m, "")
+    }
+}
+
+pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
+    MoveReport {
+        recording: m.recording,
+        from_rest: m.from,
+        to_rest: m.to,
+        first: m.first,
+        last: m.last,
+        duration_s: m.duration_s,
+        direction_error_deg: f64::NAN,
+        direction_sigma_deg: f64::NAN,
+        excluded: Some(reason),
+    }
+}
+
+/// Gravity carried from the first rest through the whole recording: errors add up, as they do for a user.
+fn carried_gravity(
+    index: usize,
+    recordings: &[Recording<'_>],
+    rests: &[UnitRest],
+    calibration: &Calibration<f64>,
+    uncalibrated: &Triad<f64>,
+) -> CarriedGravity {
+    let rests: Vec<_> = rests.iter().filter(|rest| rest.recording == index).map(|rest| rest.rest).collect();
+    let measured: Vec<Vector3<f64>> =
+        rests.iter().map(|rest| calibration.accelerometer.correct(rest.specific_force.mean)).collect();
+    let through = |gyroscope: &Triad<f64>| {
+        let mut up = measured[0];
+        let mut carried_up = vec![up];
+        for pair in rests.windows(2) {
+            let middle = |k: usize| (pair[k].first + pair[k].end) / 2;
+            up = carry(&recordings[index], middle(0), middle(1), gyroscope).rotation.tr_mul(&up);
+            carried_up.push(up);
+        }
+        carried_up
+    };
+    CarriedGravity {
+        time_s: rests.iter().map(|rest| (rest.start_s + rest.end_s) / 2.0).collect(),
+        uncalibrated: through(uncalibrated),
+        calibrated: through(&calibration.gyroscope),
+        measured,
+    }
+}

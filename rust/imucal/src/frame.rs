@@ -1,0 +1,177 @@
+//! Body frames and the exact change from one to the other (model.md (2)).
+//!
+//! Both are orthogonal frames on the accelerometer and differ by one rotation: `T_to = T_from Q^T` for both triads.
+//! |f| is the same in both, and so is every residual.
+
+use faer::Mat;
+use nalgebra::{Matrix3, SymmetricEigen};
+
+use crate::accelerometer::SYMMETRIC;
+use crate::ellipsoid::square_root;
+use crate::error::Error;
+
+/// Index pairs of the entries of a lower triangular matrix, in the order of the parameters.
+const TRIANGULAR: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1)];
+
+/// Which orthogonal frame the body frame is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame {
+    /// The frame closest to the three sensor axes: the accelerometer's sensitivity is symmetric positive definite.
+    Symmetric,
+    /// x along the accelerometer's x axis, y in its x-y plane: the sensitivity is lower triangular.
+    Triangular,
+}
+
+impl Frame {
+    /// Rows and columns of the accelerometer's six free entries, in the order of the parameters.
+    pub fn free_entries(self) -> [(usize, usize); 6] {
+        match self {
+            Self::Symmetric => SYMMETRIC,
+            Self::Triangular => TRIANGULAR,
+        }
+    }
+}
+
+/// Sensitivities of both triads, in one frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensitivities {
+    /// Accelerometer.
+    pub accelerometer: Matrix3<f64>,
+    /// Gyroscope.
+    pub gyroscope: Matrix3<f64>,
+}
+
+/// The same unit described in `frame`.
+///
+/// # Errors
+/// [`Error::Input`] if the accelerometer's sensitivity is singular.
+pub fn convert(from: &Sensitivities, frame: Frame) -> Result<Sensitivities, Error> {
+    let accelerometer = root(&from.accelerometer, frame)?;
+    let rotation = rotation(&from.accelerometer, &accelerometer)?;
+    Ok(Sensitivities { accelerometer, gyroscope: from.gyroscope * rotation.transpose() })
+}
+
+/// Derivative of [`convert`] for a change of the sensitivities.
+pub(crate) fn convert_change(
+    from: &Sensitivities,
+    to: &Sensitivities,
+    frame: Frame,
+    change: &Sensitivities,
+) -> Result<Sensitivities, Error> {
+    let t = &from.accelerometer;
+    let product = change.accelerometer * t.transpose() + t * change.accelerometer.transpose();
+    let accelerometer = match frame {
+        Frame::Triangular => {
+            let inverse = inverse(&to.accelerometer)?;
+            let inner = inverse * product * inverse.transpose();
+            let half = Matrix3::from_fn(|i, j| match i.cmp(&j) {
+                std::cmp::Ordering::Less => 0.0,
+                std::cmp::Ordering::Equal => inner[(i, j)] / 2.0,
+                std::cmp::Ordering::Greater => inner[(i, j)],
+            });
+            to.accelerometer * half
+        }
+        Frame::Symmetric => {
+            // dT T + T dT = dS is diagonal in the eigenvectors of T.
+            let eigen = SymmetricEigen::new(to.accelerometer);
+            let inner = eigen.eigenvectors.transpose() * product * eigen.eigenvectors;
+            let solved =
+                Matrix3::from_fn(|i, j| inner[(i, j)] / (eigen.eigenvalues[i] + eigen.eigenvalues[j]));
+            eigen.eigenvectors * solved * eigen.eigenvectors.transpose()
+        }
+    };
+    let rotation = rotation(t, &to.accelerometer)?;
+    let turn = inverse(&to.accelerometer)? * (change.accelerometer - accelerometer * rotation);
+    Ok(Sensitivities {
+        accelerometer,
+        gyroscope: change.gyroscope * rotation.transpose() + from.gyroscope * turn.transpose(),
+    })
+}
+
+/// Jacobian (21 x 21) of the parameters in `frame` with respect to those in the symmetric frame.
+pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame: Frame) -> Result<Mat<f64>, Error> {
+    let mut jacobian = Mat::identity(21, 21);
+    for column in (3..9).chain(12..21) {
+        let mut change = Sensitivities { accelerometer: Matrix3::zeros(), gyroscope: Matrix3::zeros() };
+        if column < 9 {
+            let (i, j) = SYMMETRIC[column - 3];
+            change.accelerometer[(i, j)] = 1.0;
+            change.accelerometer[(j, i)] = 1.0;
+        } else {
+            change.gyroscope[((column - 12) / 3, (column - 12) % 3)] = 1.0;
+        }
+        let changed = convert_change(from, to, frame, &change)?;
+        for (k, (i, j)) in frame.free_entries().into_iter().enumerate() {
+            jacobian[(3 + k, column)] = changed.accelerometer[(i, j)];
+        }
+        for k in 0..9 {
+            jacobian[(12 + k, column)] = changed.gyroscope[(k / 3, k % 3)];
+        }
+    }
+    Ok(jacobian)
+}
+
+/// The square root of `T T^T` that belongs to the frame.
+fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
+    let product = t * t.transpose();
+    match frame {
+        Frame::Symmetric => square_root(&product),
+        Frame::Triangular => product.cholesky().map(|factor| factor.l()),
+    }
+    .ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular: its axes lie in one plane".into()))
+}
+
+/// Q in `T_from = T_to Q`.
+fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
+    Ok(inverse(to)? * from)
+}
+
+fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
+    matrix.try_inverse().ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular".into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn unit() -> Sensitivities {
+        Sensitivities {
+            accelerometer: Matrix3::new(0.98, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921),
+            gyroscope: Matrix3::new(0.9771, 0.0097, -0.006, -0.0084, 1.0309, -0.0031, 0.0087, 0.0036, 1.003),
+        }
+    }
+
+    #[test]
+    fn there_and_back_is_exact_to_rounding() {
+        let lower = convert(&unit(), Frame::Triangular).unwrap();
+        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+            assert_eq!(lower.accelerometer[(i, j)], 0.0);
+        }
+        let back = convert(&lower, Frame::Symmetric).unwrap();
+        assert!((back.accelerometer - unit().accelerometer).abs().max() < 4e-16);
+        assert!((back.gyroscope - unit().gyroscope).abs().max() < 4e-16);
+    }
+
+    #[test]
+    fn the_derivative_meets_a_finite_difference_both_ways() {
+        let change = Sensitivities {
+            accelerometer: Matrix3::new(0.3, -0.2, 0.5, 0.1, 0.7, -0.4, 0.2, 0.6, -0.1),
+            gyroscope: Matrix3::new(0.1, 0.2, -0.3, 0.4, -0.5, 0.6, 0.7, 0.8, -0.9),
+        };
+        for frame in [Frame::Triangular, Frame::Symmetric] {
+            let shifted = |h: f64| {
+                let moved = Sensitivities {
+                    accelerometer: unit().accelerometer + change.accelerometer * h,
+                    gyroscope: unit().gyroscope + change.gyroscope * h,
+                };
+                convert(&moved, frame).unwrap()
+            };
+            let (plus, minus) = (shifted(1e-5), shifted(-1e-5));
+            let analytic = convert_change(&unit(), &shifted(0.0), frame, &change).unwrap();
+            let numeric = (plus.accelerometer - minus.accelerometer) / 2e-5;
+            assert!((analytic.accelerometer - numeric).abs().max() < 1e-9);
+            let numeric = (plus.gyroscope - minus.gyroscope) / 2e-5;
+            assert!((analytic.gyroscope - numeric).abs().max() < 1e-9);
+        }
+    }
+}

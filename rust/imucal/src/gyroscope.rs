@@ -1,0 +1,258 @@
+//! The gyroscope: bias from the rests, sensitivity by carrying gravity from rest to rest (model.md (7), (8)).
+//!
+//! ```text
+//! r_k = E_k (R_k^T u_k - u_(k+1)) / sigma_k
+//! ```
+//!
+//! u are the directions of gravity at the two rests of a move, R_k the rotation between them from the integrated gyroscope, and
+//! the two rows of E_k span the plane across u_(k+1): a rotation about gravity is invisible. The nine entries are
+//! ordered row by row, `T_xx, T_xy, ... T_zz`.
+
+use faer::Mat;
+use imucal_core::sensor::Triad;
+use imucal_core::so3::hat;
+use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+
+use crate::carry::{Carried, carry};
+use crate::error::Error;
+use crate::lsq::{self, Residuals, Solution, Termination};
+use crate::observability::{self, MOVE_ERROR_RAD};
+use crate::recording::Recording;
+use crate::robust;
+use crate::segment::Rest;
+use crate::stats::median;
+
+/// The way from one rest to the next, from the last sample of the one to the first sample of the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Move {
+    /// Index of the recording.
+    pub(crate) recording: usize,
+    /// Index of the rest before and after, among all rests of all recordings.
+    pub(crate) from: usize,
+    pub(crate) to: usize,
+    /// First and last sample, both included.
+    pub(crate) first: usize,
+    pub(crate) last: usize,
+    /// Duration, s.
+    pub(crate) duration_s: f64,
+}
+
+/// What the residual of a move depends on beside the gyroscope.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ends {
+    /// Direction of gravity in the body at the rest before and after the move.
+    pub(crate) before: Vector3<f64>,
+    pub(crate) after: Vector3<f64>,
+    /// Standard deviation of each component of the residual, rad.
+    pub(crate) sigma_rad: f64,
+}
+
+impl Ends {
+    /// Two rows across the direction of gravity after the move.
+    pub(crate) fn across(&self) -> Matrix2x3<f64> {
+        let u = self.after;
+        let smallest = u.iamin();
+        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest))).cross(&u).normalize();
+        Matrix2x3::from_rows(&[first.transpose(), u.cross(&first).transpose()])
+    }
+
+    /// The residual in rad: components of the carried minus the measured direction.
+    pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
+        self.across() * (rotation.tr_mul(&self.before) - self.after)
+    }
+}
+
+/// Mean over rests with its variance, one axis each.
+#[derive(Clone, Debug)]
+pub(crate) struct GyroscopeBias {
+    /// The bias, raw units.
+    pub(crate) bias: Vector3<f64>,
+    /// Weight of each rest (rows) per axis; they sum to one. Zero for a rest that was left out.
+    pub(crate) weights: Vec<Vector3<f64>>,
+    /// Variance from one rest to the next beyond each rest's own noise, raw units squared.
+    pub(crate) between: Vector3<f64>,
+}
+
+/// The bias as the mean over all rests, each weighted by its own noise and the scatter between rests.
+pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
+    let mut result =
+        GyroscopeBias { bias: Vector3::zeros(), weights: vec![Vector3::zeros(); rests.len()], between: Vector3::zeros() };
+    for axis in 0..3 {
+        let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
+        // A noise-free simulation has no scatter at all.
+        let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30)).collect();
+        let centre = median(&mut means.clone());
+        let scores: Vec<f64> = means.iter().zip(&variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
+        let scale = (median(&mut scores.clone()) / 0.674_489_75).max(1.0);
+        let keep: Vec<f64> = scores.iter().map(|score| f64::from(u8::from(*score <= 6.0 * scale))).collect();
+
+        // Random-effects mean (DerSimonian and Laird): equal weights where rests differ more than their noise.
+        let inverse: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / v).collect();
+        let total: f64 = inverse.iter().sum();
+        let mean = inverse.iter().zip(&means).map(|(w, m)| w * m).sum::<f64>() / total;
+        let q: f64 = inverse.iter().zip(&means).map(|(w, m)| w * (m - mean).powi(2)).sum();
+        let free = keep.iter().sum::<f64>() - 1.0;
+        let spread = total - inverse.iter().map(|w| w * w).sum::<f64>() / total;
+        let between = if spread > 0.0 { ((q - free) / spread).max(0.0) } else { 0.0 };
+        let weights: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / (v + between)).collect();
+        let total: f64 = weights.iter().sum();
+        result.bias[axis] = weights.iter().zip(&means).map(|(w, m)| w * m).sum::<f64>() / total;
+        result.between[axis] = between;
+        for (target, weight) in result.weights.iter_mut().zip(weights) {
+            target[axis] = weight / total;
+        }
+    }
+    result
+}
+
+/// The fitted gyroscope.
+#[derive(Clone, Debug)]
+pub(crate) struct GyroscopeFit {
+    pub(crate) triad: Triad<f64>,
+    /// Which of the moves the fit uses.
+    pub(crate) used: Vec<bool>,
+    /// Rotation and sums of every move at the solution.
+    pub(crate) carried: Vec<Carried>,
+    /// Entries per error of each used residual in rad, 9 x 2 moves; zero columns for unused moves.
+    pub(crate) gain: Mat<f64>,
+    pub(crate) chi2: f64,
+    pub(crate) degrees_of_freedom: usize,
+    pub(crate) iterations: u64,
+    pub(crate) termination: Termination,
+}
+
+impl GyroscopeFit {
+    /// By how much the residuals exceed what noise explains; 1 at least.
+    pub(crate) fn inflation(&self) -> f64 {
+        (self.chi2 / self.degrees_of_freedom.max(1) as f64).sqrt().max(1.0)
+    }
+}
+
+/// Fits the nine entries from each start value and keeps the best; moves that contradict all others are left out.
+pub(crate) fn fit(
+    recordings: &[Recording<'_>],
+    moves: &[Move],
+    ends: &[Ends],
+    bias: Vector3<f64>,
+    starts: &[Matrix3<f64>],
+) -> Result<GyroscopeFit, Error> {
+    let mut used = vec![true; moves.len()];
+    let mut problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
+    let mut best: Option<Solution> = None;
+    for start in starts {
+        let solution = lsq::minimize(&problem, start.transpose().as_slice())?;
+        if best.as_ref().is_none_or(|best| solution.chi2 < best.chi2) {
+            best = Some(solution);
+        }
+    }
+    let mut solution = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
+    loop {
+        let triad = triad_of(&solution.parameters, bias)?;
+        problem.check(&triad, &solution)?;
+        let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 2);
+        match robust::worst_outlier(&scores, 2) {
+            Some(item) if robust::may_exclude(&used, 9) => {
+                used[problem.rows[item]] = false;
+                problem.rows.remove(item);
+                solution = lsq::minimize(&problem, &solution.parameters)?;
+            }
+            _ => return finish(&problem, used, triad, solution),
+        }
+    }
+}
+
+fn finish(
+    problem: &Carrying<'_>,
+    used: Vec<bool>,
+    triad: Triad<f64>,
+    solution: Solution,
+) -> Result<GyroscopeFit, Error> {
+    let row_gain = lsq::gain(&solution.jacobian);
+    let mut gain = Mat::zeros(9, 2 * problem.moves.len());
+    for (row, &k) in problem.rows.iter().enumerate() {
+        for c in 0..2 {
+            for i in 0..9 {
+                gain[(i, 2 * k + c)] = row_gain[(i, 2 * row + c)] / problem.ends[k].sigma_rad;
+            }
+        }
+    }
+    let carried = problem.moves.iter().map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
+    Ok(GyroscopeFit {
+        carried: carried.collect(),
+        triad,
+        used,
+        gain,
+        chi2: solution.chi2,
+        degrees_of_freedom: (2 * problem.rows.len()).saturating_sub(9),
+        iterations: solution.iterations,
+        termination: solution.termination,
+    })
+}
+
+pub(crate) fn triad_of(entries: &[f64], bias: Vector3<f64>) -> Result<Triad<f64>, Error> {
+    Triad::try_new(Matrix3::from_row_slice(entries), bias).map_err(|error| Error::Fit(format!("gyroscope: {error}")))
+}
+
+/// Derivative of a move's residual in rad with respect to the nine entries and the three biases, 2 x 12.
+pub(crate) fn residual_gradient(ends: &Ends, carried: &Carried, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
+    let carried_up = carried.rotation.tr_mul(&ends.before);
+    // A turn delta of the end attitude moves the carried direction by [R^T u]x delta.
+    let by_turn = -(ends.across() * hat(&carried_up) * carried.rotation.transpose());
+    std::array::from_fn(|p| match p {
+        0..9 => by_turn * (carried.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),
+        _ => by_turn * (carried.bias_sum * triad.inverse().column(p - 9)),
+    })
+}
+
+struct Carrying<'a> {
+    recordings: &'a [Recording<'a>],
+    moves: &'a [Move],
+    ends: &'a [Ends],
+    bias: Vector3<f64>,
+    /// The moves that take part.
+    rows: Vec<usize>,
+}
+
+impl Carrying<'_> {
+    /// Refuses moves that do not determine all nine entries.
+    fn check(&self, triad: &Triad<f64>, solution: &Solution) -> Result<(), Error> {
+        if solution.termination == Termination::NotFinite {
+            return Err(Error::Fit("the gyroscope fit left the range of numbers: check the units of the rates".into()));
+        }
+        let scale = triad.sensitivity().norm() / 3f64.sqrt();
+        let typical = 0.01 * scale / MOVE_ERROR_RAD;
+        let design = Mat::from_fn(solution.jacobian.nrows(), 9, |row, j| {
+            solution.jacobian[(row, j)] * self.ends[self.rows[row / 2]].sigma_rad * typical
+        });
+        let turned = self.rows.iter().map(|&k| {
+            let m = &self.moves[k];
+            carry(&self.recordings[m.recording], m.first, m.last, triad).turned_rad
+        });
+        observability::check_gyroscope(&design, turned.sum(), self.rows.len())
+    }
+}
+
+impl Residuals for Carrying<'_> {
+    fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
+        let Ok(triad) = triad_of(parameters, self.bias) else {
+            residuals.fill(f64::NAN); // the solver takes a shorter step
+            return;
+        };
+        for (row, &k) in self.rows.iter().enumerate() {
+            let (m, ends) = (&self.moves[k], &self.ends[k]);
+            let carried = carry(&self.recordings[m.recording], m.first, m.last, &triad);
+            let residual = ends.residual(&carried.rotation) / ends.sigma_rad;
+            let gradient = residual_gradient(ends, &carried, &triad);
+            for c in 0..2 {
+                residuals[(2 * row + c, 0)] = residual[c];
+                for j in 0..9 {
+                    jacobian[(2 * row + c, j)] = gradient[j][c] / ends.sigma_rad;
+                }
+            }
+        }
+    }
+
+    fn count(&self) -> usize {
+        2 * self.rows.len()
+    }
+}

@@ -1,0 +1,118 @@
+//! A linear start value for the gyroscope, from how gravity turns inside the moves (model.md (10)).
+//!
+//! In the body, gravity turns by `du/dt = u x w`. With `w = P (m - b)` and u from the accelerometer, averaged over short
+//! blocks, each pair of neighbouring blocks gives three equations that are linear in the nine entries of P:
+//!
+//! ```text
+//! u_(j+1) - u_j = [ubar]x P s,   s = integral of (m - b) between the centres of the blocks
+//! ```
+//!
+//! The accelerometer also feels the motion itself, so this is good to some per cent only: enough to start from in any
+//! raw unit, with any sign and order of axes, and to see units and axes that are wrong.
+
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
+
+use crate::gyroscope::Move;
+use crate::recording::Recording;
+use crate::segment::sample_interval_s;
+
+/// Length of a block, s.
+const BLOCK_S: f64 = 0.1;
+
+/// P in `true rate = P (raw - bias)`, or `None` where the motion does not determine it.
+pub(crate) fn rate_from_gravity(
+    recordings: &[Recording<'_>],
+    moves: &[Move],
+    accelerometer: &Triad<f64>,
+    gyroscope_bias: Vector3<f64>,
+) -> Option<Matrix3<f64>> {
+    let mut equations = Vec::new();
+    for m in moves {
+        pairs(&recordings[m.recording], m, accelerometer, gyroscope_bias, &mut equations);
+    }
+    let size = (equations.iter().map(|e| e.turn.norm_squared()).sum::<f64>() / equations.len().max(1) as f64).sqrt();
+    let mut weights = vec![1.0; equations.len()];
+    let mut p = None;
+    // Reweighted twice, so that the jolts of a hand count for little.
+    for _ in 0..3 {
+        let entries = solve(&equations, &weights, size)?;
+        for (weight, equation) in weights.iter_mut().zip(&equations) {
+            let misfit = (equation.change - equation.up.cross(&(entries * equation.turn))).norm();
+            *weight = 1.0 / (0.05 + misfit);
+        }
+        p = Some(entries);
+    }
+    p.filter(|p| p.iter().all(|entry| entry.is_finite()))
+}
+
+/// One pair of neighbouring blocks.
+struct Pair {
+    up: Vector3<f64>,
+    change: Vector3<f64>,
+    turn: Vector3<f64>,
+}
+
+fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
+    let dt_s = sample_interval_s(&recording.time_s[m.first..=m.last]);
+    // An even number of samples: the centre of a block lies between two of them.
+    let block = (((BLOCK_S / dt_s / 2.0).round() as usize).max(1)) * 2;
+    let up = |start: usize| {
+        let sum: Vector3<f64> = recording.specific_force[start..start + block].iter().map(|f| Vector3::from(*f)).sum();
+        accelerometer.correct(sum / block as f64).normalize()
+    };
+    let mut start = m.first;
+    while start + 2 * block <= m.last + 1 {
+        let (first, second) = (up(start), up(start + block));
+        let turn: Vector3<f64> = recording.angular_rate[start + block / 2..start + block + block / 2]
+            .iter()
+            .map(|w| Vector3::from(*w) - bias)
+            .sum();
+        pairs.push(Pair { up: (first + second) / 2.0, change: second - first, turn: turn * dt_s });
+        start += block;
+    }
+}
+
+/// Weighted normal equations for the entries of P, row by row.
+fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
+    let mut normal = SMatrix::<f64, 9, 9>::zeros();
+    let mut right = SVector::<f64, 9>::zeros();
+    for (pair, weight) in pairs.iter().zip(weights) {
+        let cross = imucal_core::so3::hat(&pair.up);
+        for row in 0..3 {
+            let gradient = SVector::<f64, 9>::from_fn(|p, _| cross[(row, p / 3)] * pair.turn[p % 3] / size);
+            normal.ger(*weight, &gradient, &gradient, 1.0);
+            right.axpy(weight * pair.change[row], &gradient, 1.0);
+        }
+    }
+    // A trace of damping: an axis that never turned keeps a zero column, which the caller sees as singular.
+    let damping = 1e-9 * normal.trace();
+    let factor = (normal + SMatrix::identity() * damping).cholesky()?;
+    Some(Matrix3::from_row_slice(factor.solve(&right).as_slice()) / size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_scale_sign_and_order_of_the_axes_in_any_unit() {
+        // A slow tumble with a gyroscope in counts whose axes are turned: x reads -y, y reads x.
+        let sensitivity = Matrix3::new(0.0, -4000.0, 50.0, 4200.0, 0.0, 0.0, 0.0, 80.0, 4100.0);
+        let gyroscope = Triad::try_new(sensitivity, Vector3::new(32000.0, 33000.0, 32500.0)).unwrap();
+        let (mut time, mut force, mut rate) = (vec![], vec![], vec![]);
+        let mut integrator = imucal_core::integrate::Integrator::new();
+        for k in 0..2000 {
+            let t = f64::from(k) * 0.005;
+            let w = Vector3::new((1.3 * t).sin(), (0.9 * t).cos(), (2.1 * t + 1.0).sin()) * 1.5;
+            integrator.push(0.005, w);
+            time.push(t);
+            force.push((integrator.rotation().inverse() * Vector3::z() * 9.81).into());
+            rate.push(gyroscope.measure(w).into());
+        }
+        let recording = Recording::try_new("tumble", &time, &force, &rate).unwrap();
+        let whole = Move { recording: 0, from: 0, to: 1, first: 0, last: 1999, duration_s: 10.0 };
+        let p = rate_from_gravity(&[recording], &[whole], &Triad::identity(), *gyroscope.bias()).unwrap();
+        assert!((p * sensitivity - Matrix3::identity()).norm() < 0.05, "{}", p * sensitivity);
+    }
+}

@@ -1,0 +1,64 @@
+//! Finding the few rests or moves that contradict all others.
+
+use faer::Mat;
+
+use crate::lsq;
+use crate::stats::median;
+
+/// Scores above this many robust standard deviations are outliers. With `d` residuals per item and normal errors
+/// a clean item exceeds it about once in 10^6.
+const LIMIT: f64 = 5.2;
+
+/// Score of each item (`size` neighbouring rows): the length of its residual as seen by a fit without it,
+/// in units of the residuals' own standard deviation.
+pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
+    let hat_rows = lsq::leverages(jacobian);
+    (0..residuals.nrows() / size)
+        .map(|item| {
+            let rows = item * size..(item + 1) * size;
+            // A leverage of one means that the fit follows the item whatever it says: no judgement is possible.
+            rows.map(|row| {
+                let free = (1.0 - hat_rows[row]).max(0.0);
+                if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }
+            })
+            .sum::<f64>()
+            .sqrt()
+        })
+        .collect()
+}
+
+/// The item with the largest score if it is an outlier; the scale is the median of the scores, at least one.
+pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
+    // Median of |z| for one and of sqrt(chi2) for two degrees of freedom.
+    let median_of_clean = if size == 1 { 0.674_489_75 } else { 1.177_410_02 };
+    let scale = (median(&mut scores.to_vec()) / median_of_clean).max(1.0);
+    let worst = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
+    (scores[worst] > LIMIT * scale).then_some(worst)
+}
+
+/// Whether one more item may be left out: at most a fifth of all, and `least` must stay.
+pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
+    let kept = used.iter().filter(|&&kept| kept).count();
+    kept > least && used.len() - kept < used.len() / 5
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_wild_value_is_found_and_a_wide_but_even_scatter_is_not() {
+        let mut scores: Vec<f64> = (1..40).map(|k| f64::from(k % 7) * 3.0).collect();
+        assert_eq!(worst_outlier(&scores, 1), None);
+        scores[11] = 200.0;
+        assert_eq!(worst_outlier(&scores, 1), Some(11));
+    }
+
+    #[test]
+    fn an_item_that_the_fit_follows_blindly_is_not_judged() {
+        // The last row alone determines the second parameter: its residual is zero by construction.
+        let jacobian = Mat::from_fn(5, 2, |i, j| f64::from(u8::from((i < 4) == (j == 0))));
+        let residuals = Mat::from_fn(5, 1, |i, _| if i == 4 { 1e-9 } else { 1.0 });
+        assert_eq!(leave_one_out(&residuals, &jacobian, 1)[4], 0.0);
+    }
+}
