@@ -15,6 +15,9 @@ const SIBLING_STEPS: f64 = 2.0;
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
 const SHARE_OF_REACH: f64 = 0.8;
 
+/// Relative difference between the rails of one range.
+const ONE_RANGE: f64 = 1e-4;
+
 /// The values at which one axis is cut off, if it is: [lowest, highest].
 type Rails = [Option<f64>; 2];
 
@@ -85,8 +88,13 @@ fn finding(
                 columns.push(axes[axis]);
             }
             parts.push(format!(
-                "{} holds its extreme value {rail} {unit} for {} samples in {} runs, first {}",
+                "{} holds its extreme value {} {unit} for {} samples in {} run(s), first {}",
                 axes[axis],
+                if unit == "lsb" {
+                    rail.to_string()
+                } else {
+                    format!("{rail:.5}")
+                },
                 held.samples,
                 held.runs,
                 held.first_place(recording)
@@ -116,9 +124,9 @@ fn finding(
 /// The ends of range that each axis of a triad reaches.
 ///
 /// Two kinds of evidence: a count that is exactly an end of 16 bits, once is enough; or plateaus at a channel's extreme
-/// value, where the channel comes and goes in more than single steps while another axis moves, and which are rare at
-/// other values of the channel. Other powers of two are no evidence by themselves: 2048 or 16384 counts are 1 g of
-/// common accelerometers.
+/// value, where the channel comes and goes in more than single steps while another axis moves, and which are rare or
+/// short at other values of the channel. Other powers of two are no evidence by themselves: 2048 or 16384 counts are
+/// 1 g of common accelerometers.
 fn triad_rails(rows: &[[f64; 3]], unit: RawUnit) -> [Rails; 3] {
     let ends: [[f64; 2]; 3] = [0, 1, 2].map(|axis| extremes(rows, axis));
     let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
@@ -139,36 +147,69 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit) -> [Rails; 3] {
                 high > 32768.0 && (v == 0.0 || v == 65535.0)
             }
     };
-    [0, 1, 2].map(|axis| {
+    let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
+    let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
         let [low, high] = ends[axis];
         // A constant channel is stuck, not saturated.
         if low >= high {
             return [None; 2];
         }
-        let plateaus = plateaus(rows, axis, [low, high]);
+        let plateaus = plateaus(rows, axis, &ends, &steps);
         [0, 1].map(|side| {
             let end = ends[axis][side];
             let cut_off = (end - zero).abs() >= SHARE_OF_REACH * reach
-                && plateaus.at_end[side] > 2 * plateaus.elsewhere
-                && piles_up(rows, axis, end);
+                && plateaus.at_end[side].stand_out_from(&plateaus.elsewhere)
+                && piles_up(rows, axis, end, steps[axis]);
             (is_16_bit_end(end) || cut_off).then_some(end)
         })
-    })
+    });
+    // Once a rail of the triad is known, a channel that just touches it is cut off as well: +32767 and -32768 are one.
+    if let Some(rail) = rails
+        .iter()
+        .flatten()
+        .flatten()
+        .map(|v| (v - zero).abs())
+        .reduce(f64::max)
+    {
+        for axis in 0..3 {
+            for side in 0..2 {
+                let end = ends[axis][side];
+                if ((end - zero).abs() / rail - 1.0).abs() < ONE_RANGE {
+                    rails[axis][side] = Some(end);
+                }
+            }
+        }
+    }
+    rails
 }
 
-/// Samples in plateaus: at the lowest and the highest value, and at any other.
+/// Plateaus of one kind: samples in all of them, and in the longest.
+#[derive(Clone, Copy, Default)]
+struct Kind {
+    samples: usize,
+    longest: usize,
+}
+
+impl Kind {
+    fn add(&mut self, len: usize) {
+        self.samples += len;
+        self.longest = self.longest.max(len);
+    }
+
+    fn stand_out_from(&self, usual: &Self) -> bool {
+        self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
+    }
+}
+
+/// Plateaus at the lowest and the highest value, and at any other.
+#[derive(Default)]
 struct Plateaus {
-    at_end: [usize; 2],
-    elsewhere: usize,
+    at_end: [Kind; 2],
+    elsewhere: Kind,
 }
 
-fn plateaus(rows: &[[f64; 3]], axis: usize, ends: [f64; 2]) -> Plateaus {
-    let steps = [0, 1, 2].map(|k| converter_step(rows, k));
-    let ranges = [0, 1, 2].map(|k| range(rows, k));
-    let mut found = Plateaus {
-        at_end: [0; 2],
-        elsewhere: 0,
-    };
+fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
+    let mut found = Plateaus::default();
     let mut start = 0;
     for i in 1..=rows.len() {
         let value = rows[start][axis];
@@ -180,20 +221,19 @@ fn plateaus(rows: &[[f64; 3]], axis: usize, ends: [f64; 2]) -> Plateaus {
         if run.len() < PLATEAU || !value.is_finite() {
             continue;
         }
-        let drops = |neighbour: Option<&[f64; 3]>| {
-            neighbour.is_none_or(|row| !((row[axis] - value).abs() < EDGE_STEPS * steps[axis]))
-        };
+        // The recording's end and a missing value are no evidence against a plateau.
+        let drops = |row: &[f64; 3]| row[axis].is_nan() || (row[axis] - value).abs() >= EDGE_STEPS * steps[axis];
         let before = run.start.checked_sub(1).and_then(|k| rows.get(k));
         let sibling_changes = || {
             (1..3).map(|k| (axis + k) % 3).any(|k| {
                 let change = range(&rows[run.clone()], k);
-                change >= SIBLING_STEPS * steps[k] && change > 1e-6 * ranges[k]
+                change >= SIBLING_STEPS * steps[k] && change > 1e-6 * (ends[k][1] - ends[k][0])
             })
         };
-        if drops(before) && drops(rows.get(i)) && sibling_changes() {
-            match ends.iter().position(|end| *end == value) {
-                Some(side) => found.at_end[side] += run.len(),
-                None => found.elsewhere += run.len(),
+        if before.is_none_or(drops) && rows.get(i).is_none_or(drops) && sibling_changes() {
+            match ends[axis].iter().position(|end| *end == value) {
+                Some(side) => found.at_end[side].add(run.len()),
+                None => found.elsewhere.add(run.len()),
             }
         }
     }
@@ -201,8 +241,7 @@ fn plateaus(rows: &[[f64; 3]], axis: usize, ends: [f64; 2]) -> Plateaus {
 }
 
 /// Whether the extreme value is taken at least twice as often as the values one step inside; the tail of a noise is not.
-fn piles_up(rows: &[[f64; 3]], axis: usize, end: f64) -> bool {
-    let step = converter_step(rows, axis);
+fn piles_up(rows: &[[f64; 3]], axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
     for row in rows {
         if row[axis] == end {
@@ -290,7 +329,7 @@ mod tests {
         };
         assert!(lsb(&columns).is_empty());
         columns.rate[1234][1] = 32767.0;
-        assert_eq!(lsb(&columns), [1234..1235]);
+        assert_eq!(lsb(&columns).as_slice(), std::slice::from_ref(&(1234..1235)));
         columns.rate[1234][1] = 0.0;
         // Unsigned, at rest, with 32768 as the largest value of one axis.
         for row in &mut columns.rate {

@@ -23,12 +23,13 @@ const NEARLY_UPRIGHT: f64 = 0.94;
 /// Units that are wrong by so much that no rest is needed to see it.
 pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     let mut findings = Vec::new();
-    let everything = [0..recording.len()];
-    if let Some(norm) = median_norm(recording.specific_force, &everything)
+    let whole = 0..recording.len();
+    let everything = std::slice::from_ref(&whole);
+    if let Some(norm) = median_norm(recording.specific_force, everything)
         && recording.accel_unit == RawUnit::Si
         && !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES)
     {
-        findings.push(wrong_accel_unit(recording, &everything, norm, STANDARD_GRAVITY_MPS2));
+        findings.push(wrong_accel_unit(recording, everything, norm, STANDARD_GRAVITY_MPS2));
     }
     findings.extend(too_fast(recording));
     findings
@@ -53,8 +54,9 @@ pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: 
         .cloned()
         .collect();
     let mut findings = Vec::new();
-    let everything = [0..recording.len()];
-    let seen_without_rests = median_norm(recording.specific_force, &everything)
+    let whole = 0..recording.len();
+    let everything = std::slice::from_ref(&whole);
+    let seen_without_rests = median_norm(recording.specific_force, everything)
         .is_some_and(|norm| !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES));
     if let Some(norm) = median_norm(recording.specific_force, &rests)
         && recording.accel_unit == RawUnit::Si
