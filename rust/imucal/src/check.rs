@@ -1,6 +1,25 @@
-//! Checks before any fit.
+//! Checks before any fit: each fault with a stable reason code, its place, its number and the way out.
+//!
+//! Three steps, as the calibration learns more: [`check_columns`] needs the columns alone, [`check_rests`] the rests,
+//! [`check_kinematics`] a first linear fit of the gyroscope. Several faults of one kind make one finding, which counts
+//! them and points at the first. Samples that are not finite are reported once and passed over everywhere else.
+
+mod clock;
+#[cfg(test)]
+mod example;
+mod kinematics;
+mod rails;
+mod repeats;
+mod units;
+mod values;
 
 use std::fmt;
+
+use crate::recording::Recording;
+
+pub use kinematics::check_kinematics;
+pub use rails::saturated_samples;
+pub use units::check_rests;
 
 /// How bad a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -56,5 +75,180 @@ impl fmt::Display for Finding {
             "{}: {} [{}]: {}",
             self.recording, self.message, self.code, self.way_out
         )
+    }
+}
+
+/// All that can be said before rests are known; no finding means that nothing was found wrong.
+///
+/// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `time_not_increasing`, `samples_duplicated`,
+/// `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `accel_saturation`, `gyro_saturation`,
+/// `accel_units`, `gyro_units`, `temperature_jump`.
+pub fn check_columns(recording: &Recording) -> Vec<Finding> {
+    if let Err(error) = recording.check_lengths() {
+        return vec![Finding {
+            count: recording.len(),
+            value: recording.len() as f64,
+            unit: "samples",
+            message: error.to_string(),
+            way_out: "give columns of one length".into(),
+            ..Finding::error("lengths_differ", recording)
+        }];
+    }
+    if recording.is_empty() {
+        return vec![Finding {
+            unit: "samples",
+            message: "there is no sample".into(),
+            way_out: "record rests in many poses with moves between them; check that the file was written to its end"
+                .into(),
+            ..Finding::error("empty", recording)
+        }];
+    }
+    let mut findings = values::check_finite(recording);
+    findings.extend(clock::check(recording));
+    findings.extend(values::check_stuck(recording));
+    findings.extend(repeats::check(recording));
+    findings.extend(rails::check(recording));
+    findings.extend(units::check(recording));
+    findings.extend(values::check_temperature(recording));
+    findings
+}
+
+const ACCEL: [&str; 3] = ["accel_x", "accel_y", "accel_z"];
+const GYRO: [&str; 3] = ["gyro_x", "gyro_y", "gyro_z"];
+
+impl Finding {
+    /// A finding that refuses the calibration, to be filled in.
+    fn error(code: &'static str, recording: &Recording) -> Self {
+        Self {
+            code,
+            severity: Severity::Error,
+            recording: recording.name.into(),
+            columns: Vec::new(),
+            place: None,
+            count: 0,
+            value: 0.0,
+            unit: "",
+            message: String::new(),
+            way_out: String::new(),
+        }
+    }
+
+    /// A finding that is only worth knowing, to be filled in.
+    fn warning(code: &'static str, recording: &Recording) -> Self {
+        Self {
+            severity: Severity::Warning,
+            ..Self::error(code, recording)
+        }
+    }
+}
+
+impl Place {
+    fn new(recording: &Recording, first_sample: usize, last_sample: usize) -> Self {
+        Self {
+            first_sample,
+            last_sample,
+            start_s: recording.time_s[first_sample],
+            end_s: recording.time_s[last_sample],
+        }
+    }
+}
+
+impl fmt::Display for Place {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.first_sample == self.last_sample {
+            write!(f, "at {:.2} s", self.start_s)
+        } else {
+            write!(f, "from {:.2} s to {:.2} s", self.start_s, self.end_s)
+        }
+    }
+}
+
+/// Counts the samples concerned and keeps the first unbroken stretch of them. Add them in order.
+#[derive(Clone, Copy, Default)]
+struct Tally {
+    samples: usize,
+    runs: usize,
+    first: Option<(usize, usize)>,
+    last: Option<usize>,
+}
+
+impl Tally {
+    fn add(&mut self, sample: usize) {
+        self.samples += 1;
+        if self.last.is_none_or(|last| last + 1 != sample) {
+            self.runs += 1;
+        }
+        self.last = Some(sample);
+        self.first = match self.first {
+            None => Some((sample, sample)),
+            Some((start, end)) if self.runs == 1 && end + 1 == sample => Some((start, sample)),
+            first => first,
+        };
+    }
+
+    fn place(&self, recording: &Recording) -> Option<Place> {
+        self.first.map(|(start, end)| Place::new(recording, start, end))
+    }
+
+    /// "at 3.20 s" or "from 3.20 s to 3.40 s" of the first stretch.
+    fn first_place(&self, recording: &Recording) -> String {
+        self.place(recording)
+            .map_or_else(String::new, |place| place.to_string())
+    }
+}
+
+/// The value below which a share `q` (0 to 1) of the values lies; reorders them. NaN without values.
+fn quantile(values: &mut [f64], q: f64) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let at = (q * (values.len() - 1) as f64).round() as usize;
+    *values.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+fn names<S: ToString>(columns: impl IntoIterator<Item = S>) -> Vec<String> {
+    columns.into_iter().map(|name| name.to_string()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_sample_is_empty_and_columns_must_be_of_one_length() {
+        let empty = Recording::try_new("e.csv", &[], &[], &[]).unwrap();
+        let findings = check_columns(&empty);
+        assert_eq!(findings[0].code, "empty");
+        assert!(check_rests(&empty, &[], 9.80665).is_empty());
+        assert!(saturated_samples(&empty).is_empty());
+
+        let torn = Recording {
+            time_s: &[0.0, 0.01],
+            ..empty
+        };
+        assert_eq!(check_columns(&torn)[0].code, "lengths_differ");
+        assert!(saturated_samples(&torn).is_empty());
+    }
+
+    #[test]
+    fn one_and_two_samples_are_too_short_and_nothing_worse() {
+        for n in [1, 2] {
+            let time = [0.0, 0.01];
+            let force = [[0.1, 0.2, 9.8], [0.1, 0.3, 9.7]];
+            let rate = [[0.01, 0.02, 0.03], [0.02, 0.01, 0.02]];
+            let recording = Recording::try_new("s", &time[..n], &force[..n], &rate[..n]).unwrap();
+            let findings = check_columns(&recording);
+            assert_eq!(findings.len(), 1, "{findings:?}");
+            assert_eq!(findings[0].code, "too_short");
+        }
+    }
+
+    #[test]
+    fn tally_keeps_the_first_stretch() {
+        let mut tally = Tally::default();
+        for sample in [4, 5, 6, 9, 10, 7] {
+            tally.add(sample);
+        }
+        assert_eq!((tally.samples, tally.runs, tally.first), (6, 3, Some((4, 6))));
     }
 }

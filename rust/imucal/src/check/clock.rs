@@ -1,0 +1,325 @@
+//! The time column: enough of it, in order, without gaps, regular, and in the right unit.
+
+use super::{Finding, Place, Tally, names, quantile};
+use crate::recording::Recording;
+
+/// Fewer samples than this hold no rest, no move and no noise level.
+const MIN_SAMPLES: usize = 200;
+/// A shorter recording cannot hold two rests and a move, s.
+const MIN_DURATION_S: f64 = 5.0;
+/// Rates of inertial sensors, Hz; beyond them the time unit is wrong.
+const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
+/// Spread of the time steps relative to their median: worth knowing, and too much.
+const SPREAD: [f64; 2] = [0.2, 0.5];
+/// Share of equal time stamps above which the clock is not believed.
+const MAX_EQUAL_SHARE: f64 = 0.01;
+
+/// Steps between finite neighbours.
+struct Steps {
+    /// The positive ones, s, in any order.
+    positive_s: Vec<f64>,
+    backward: Tally,
+    worst_backward_s: f64,
+    equal: Tally,
+}
+
+pub(super) fn check(recording: &Recording) -> Vec<Finding> {
+    let mut steps = Steps::of(recording.time_s);
+    let mut findings = Vec::new();
+    findings.extend(too_short(recording));
+    findings.extend(steps.not_increasing(recording));
+    findings.extend(steps.equal_stamps(recording));
+    let steps_s = &mut steps.positive_s;
+    if steps_s.len() < 2 {
+        return findings;
+    }
+    let median_s = quantile(steps_s, 0.5);
+    let (low_s, high_s) = (quantile(steps_s, 0.1), quantile(steps_s, 0.9));
+    findings.extend(rate(recording, median_s));
+
+    // 80 % of a normal distribution lie within +-1.2816 sigma. Wider quantiles than a median deviation: stamps that come
+    // in bursts have most steps equal.
+    let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
+    if spread > SPREAD[0] {
+        findings.push(irregular(recording, spread, [low_s, median_s, high_s]));
+    }
+    // With a clock that bad, long steps say nothing about lost samples.
+    if spread <= SPREAD[1] {
+        // Stamps of coarse resolution (2 and 3 ms in turn) are not gaps: half a step beyond the usual long step.
+        let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
+        findings.extend(missing(recording, median_s, longest_usual_s * (1.0 + 1e-6)));
+    }
+    findings
+}
+
+impl Steps {
+    fn of(time_s: &[f64]) -> Self {
+        let mut steps = Self {
+            positive_s: Vec::with_capacity(time_s.len()),
+            backward: Tally::default(),
+            worst_backward_s: 0.0,
+            equal: Tally::default(),
+        };
+        for (i, pair) in time_s.windows(2).enumerate() {
+            let step_s = pair[1] - pair[0];
+            if step_s > 0.0 && step_s.is_finite() {
+                steps.positive_s.push(step_s);
+            } else if step_s == 0.0 {
+                steps.equal.add(i + 1);
+            } else if step_s < 0.0 && step_s.is_finite() {
+                steps.backward.add(i + 1);
+                steps.worst_backward_s = steps.worst_backward_s.min(step_s);
+            }
+        }
+        steps
+    }
+
+    fn not_increasing(&self, recording: &Recording) -> Option<Finding> {
+        let (first, _) = self.backward.first?;
+        Some(Finding {
+            columns: names(["time_s"]),
+            place: Some(Place::new(recording, first - 1, first)),
+            count: self.backward.samples,
+            value: self.worst_backward_s,
+            unit: "s",
+            message: format!(
+                "time goes back {} times, first from {:.4} s to {:.4} s (sample {first}), at most by {:.4} s",
+                self.backward.samples,
+                recording.time_s[first - 1],
+                recording.time_s[first],
+                -self.worst_backward_s
+            ),
+            way_out:
+                "cut the recording there, sort its rows if they were shuffled, or unwrap the counter if it overflowed"
+                    .into(),
+            ..Finding::error("time_not_increasing", recording)
+        })
+    }
+
+    fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
+        let (first, _) = self.equal.first?;
+        let share = self.equal.samples as f64 / recording.len() as f64;
+        let kind = if share > MAX_EQUAL_SHARE {
+            Finding::error
+        } else {
+            Finding::warning
+        };
+        Some(Finding {
+            columns: names(["time_s"]),
+            place: Some(Place::new(recording, first - 1, first)),
+            count: self.equal.samples,
+            value: 100.0 * share,
+            unit: "%",
+            message: format!(
+                "{} samples ({:.2} %) have the time stamp of the one before, the first at {:.4} s (sample {first})",
+                self.equal.samples,
+                100.0 * share,
+                recording.time_s[first]
+            ),
+            way_out: "drop the rows that were written twice, or write time stamps of finer resolution".into(),
+            ..kind("samples_duplicated", recording)
+        })
+    }
+}
+
+fn too_short(recording: &Recording) -> Option<Finding> {
+    let time_s = recording.time_s;
+    let duration_s = match (time_s.first(), time_s.last()) {
+        (Some(first), Some(last)) => last - first,
+        _ => return None,
+    };
+    // A time column that is not usable is another finding's matter: then only the samples count.
+    if recording.len() >= MIN_SAMPLES && (duration_s >= MIN_DURATION_S || duration_s.is_nan() || duration_s <= 0.0) {
+        return None;
+    }
+    Some(Finding {
+        place: Some(Place::new(recording, 0, recording.len() - 1)),
+        count: recording.len(),
+        value: duration_s,
+        unit: "s",
+        message: format!(
+            "{} samples in {duration_s:.2} s, {MIN_SAMPLES} samples and {MIN_DURATION_S:.0} s are the least",
+            recording.len()
+        ),
+        way_out: "record at least nine rests of a second or more in different poses, with moves between them".into(),
+        ..Finding::error("too_short", recording)
+    })
+}
+
+fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
+    let plausible = |step_s: f64| (RATES_HZ[0]..=RATES_HZ[1]).contains(&(1.0 / step_s));
+    if plausible(median_s) {
+        return None;
+    }
+    let guess = [("time_ms", 1e-3), ("time_us", 1e-6), ("time_ns", 1e-9)]
+        .into_iter()
+        .find(|(_, unit_s)| plausible(median_s * unit_s));
+    let way_out = match guess {
+        Some((name, _)) => format!("the step fits another unit: name the column {name}"),
+        None if plausible(median_s * 1e3) => {
+            "the step is 1000 times too short: if the column is in seconds, name it time_s".into()
+        }
+        None => "give time in the unit that the column's name says: time_s, time_ms, time_us or time_ns".into(),
+    };
+    Some(Finding {
+        columns: names(["time_s"]),
+        count: recording.len(),
+        value: 1.0 / median_s,
+        unit: "Hz",
+        message: format!(
+            "the median time step is {median_s:.3e} s, a rate of {:.3e} Hz, where {:.0} Hz to {:.0} Hz can be",
+            1.0 / median_s,
+            RATES_HZ[0],
+            RATES_HZ[1]
+        ),
+        way_out,
+        ..Finding::error("clock_rate", recording)
+    })
+}
+
+fn irregular(recording: &Recording, spread: f64, [low_s, median_s, high_s]: [f64; 3]) -> Finding {
+    let kind = if spread > SPREAD[1] {
+        Finding::error
+    } else {
+        Finding::warning
+    };
+    Finding {
+        columns: names(["time_s"]),
+        count: recording.len(),
+        value: 100.0 * spread,
+        unit: "%",
+        message: format!(
+            "the time steps spread by {:.0} % (1 sigma) of their median {:.3} ms: one in ten is below {:.3} ms, one in ten above {:.3} ms",
+            100.0 * spread,
+            1e3 * median_s,
+            1e3 * low_s,
+            1e3 * high_s
+        ),
+        way_out: "take the time stamp from the sensor's own clock, not on arrival; or, if it samples regularly, replace time by sample number / rate"
+            .into(),
+        ..kind("clock_irregular", recording)
+    }
+}
+
+fn missing(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Option<Finding> {
+    let (mut gaps, mut lost, mut longest_s) = (Tally::default(), 0.0, 0.0f64);
+    for (i, pair) in recording.time_s.windows(2).enumerate() {
+        let step_s = pair[1] - pair[0];
+        if step_s > longest_usual_s && step_s.is_finite() {
+            gaps.add(i + 1);
+            lost += (step_s / median_s).round() - 1.0;
+            longest_s = longest_s.max(step_s);
+        }
+    }
+    let (first, _) = gaps.first?;
+    let share = lost / (lost + recording.len() as f64);
+    let place = Place::new(recording, first - 1, first);
+    Some(Finding {
+        columns: names(["time_s"]),
+        place: Some(place),
+        count: lost as usize,
+        value: 100.0 * share,
+        unit: "%",
+        message: format!(
+            "about {lost:.0} samples ({:.2} %) are missing in {} gaps, the first {place}, the longest {longest_s:.3} s",
+            100.0 * share,
+            gaps.samples
+        ),
+        way_out: "nothing to do for a few; else look for lost packets or a full buffer, and record again".into(),
+        ..Finding::warning("samples_missing", recording)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Severity, example::Columns};
+    use super::*;
+
+    fn codes(time_s: &[f64]) -> Vec<(&'static str, Severity)> {
+        let rows = vec![[0.0; 3]; time_s.len()];
+        let recording = Recording::try_new("t", time_s, &rows, &rows).unwrap();
+        check(&recording).iter().map(|f| (f.code, f.severity)).collect()
+    }
+
+    #[test]
+    fn jitter_of_a_good_clock_is_not_flagged() {
+        // 9.0 to 10.4 ms, as a real unit at 100 Hz gives.
+        let mut now = 100.0;
+        let time: Vec<f64> = (0..2000)
+            .map(|i| {
+                now += 0.0097 + 0.0007 * (i as f64 * 1.7).sin();
+                now
+            })
+            .collect();
+        assert!(codes(&time).is_empty(), "{:?}", codes(&time));
+    }
+
+    #[test]
+    fn whole_milliseconds_at_400_hz_are_no_gaps() {
+        let time: Vec<f64> = (0..4000).map(|i| (2.5 * i as f64).floor() * 1e-3).collect();
+        assert!(codes(&time).is_empty(), "{:?}", codes(&time));
+    }
+
+    #[test]
+    fn time_that_goes_back_is_an_error_with_its_place() {
+        let mut columns = Columns::tumbling();
+        columns.time_s[1000] = 9.0;
+        columns.time_s[1001] = 9.0;
+        let findings = check(&columns.recording());
+        let back = findings.iter().find(|f| f.code == "time_not_increasing").unwrap();
+        assert_eq!(back.severity, Severity::Error);
+        assert_eq!(back.place.unwrap().last_sample, 1000);
+        assert!((back.value + 0.99).abs() < 1e-9);
+        let equal = findings.iter().find(|f| f.code == "samples_duplicated").unwrap();
+        assert_eq!((equal.count, equal.severity), (1, Severity::Warning));
+    }
+
+    #[test]
+    fn many_equal_stamps_are_an_error() {
+        let time: Vec<f64> = (0..2000).map(|i| (i / 2) as f64 * 0.01).collect();
+        assert!(codes(&time).contains(&("samples_duplicated", Severity::Error)));
+    }
+
+    #[test]
+    fn gaps_count_the_samples_lost() {
+        let time: Vec<f64> = (0..2000)
+            .filter(|i| !(500..530).contains(i) && *i != 900)
+            .map(|i| i as f64 * 0.01)
+            .collect();
+        let rows = vec![[0.0; 3]; time.len()];
+        let findings = check(&Recording::try_new("t", &time, &rows, &rows).unwrap());
+        assert_eq!(findings.len(), 1);
+        assert_eq!((findings[0].code, findings[0].count), ("samples_missing", 31));
+        assert_eq!(findings[0].place.unwrap().first_sample, 499);
+    }
+
+    #[test]
+    fn stamps_on_arrival_are_irregular() {
+        let bursts: Vec<f64> = (0..2000)
+            .map(|i| (i / 4) as f64 * 0.04 + (i % 4) as f64 * 1e-4)
+            .collect();
+        assert_eq!(codes(&bursts), [("clock_irregular", Severity::Error)]);
+        let jitter: Vec<f64> = (0..2000)
+            .map(|i| 0.01 * (i as f64 + 0.3 * (i as f64 * 2.3).sin()))
+            .collect();
+        assert_eq!(codes(&jitter), [("clock_irregular", Severity::Warning)]);
+    }
+
+    #[test]
+    fn milliseconds_called_seconds_are_named() {
+        let time: Vec<f64> = (0..2000).map(|i| 10.0 * i as f64).collect();
+        let rows = vec![[0.0; 3]; time.len()];
+        let findings = check(&Recording::try_new("t", &time, &rows, &rows).unwrap());
+        assert_eq!(findings[0].code, "clock_rate");
+        assert!(findings[0].way_out.contains("time_ms"));
+        let slow: Vec<f64> = (0..2000).map(|i| 0.04 * i as f64).collect();
+        assert!(codes(&slow).is_empty());
+    }
+
+    #[test]
+    fn five_seconds_are_enough() {
+        let time = |n: usize| -> Vec<f64> { (0..n).map(|i| i as f64 * 0.01).collect() };
+        assert_eq!(codes(&time(400)), [("too_short", Severity::Error)]);
+        assert!(codes(&time(502)).is_empty());
+    }
+}

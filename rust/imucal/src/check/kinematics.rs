@@ -1,0 +1,335 @@
+//! What the moves say about the gyroscope's unit, handedness and order of axes.
+//!
+//! In every move gravity u turns in the body as u' = u x w. A linear fit of that gives P with w = P (raw - bias).
+//! Gyroscope axes G and accelerometer axes A (signed permutations of the true ones) make P = det(A) A G^-1, so that
+//! det P has the sign of det G alone: it shows the gyroscope's handedness. A left-handed accelerometer is seen as
+//! P = -A, a proper rotation: one axis reversed looks like a half turn of the gyroscope about that axis.
+
+use nalgebra::Matrix3;
+
+use super::{ACCEL, Finding, GYRO, names};
+use crate::recording::{RawUnit, Recording};
+
+/// P of a sensor in the right unit, over 1: its errors are far smaller.
+const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
+/// Relative width around a known factor.
+const KNOWN: f64 = 0.25;
+/// Smallest over largest singular value below which P says nothing.
+const WELL_DETERMINED: f64 = 0.1;
+/// Correlation of P with a signed permutation above which it is that one (1 = equal; 18 deg apart = 0.97).
+const CLEAR: f64 = 0.85;
+
+/// Judges `rate_from_raw`, the P of true_rate = P (raw - bias), fitted linearly to the gravity kinematics of all moves.
+///
+/// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. A P that is not finite or nearly singular (too
+/// little motion) says nothing, and counts are judged by handedness and order of axes alone.
+///
+/// # Example
+/// The raw x axis runs backwards: P is near diag(-1, 1, 1), det P < 0: `left_handed_axes` names `gyro_x`.
+pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>) -> Vec<Finding> {
+    let p = rate_from_raw;
+    if !p.iter().all(|v| v.is_finite()) || !is_well_determined(p) {
+        return Vec::new();
+    }
+    let scale = p.determinant().abs().cbrt();
+    let mut findings = Vec::new();
+    if recording.gyro_unit == RawUnit::Si {
+        findings.extend(unit(recording, scale));
+    }
+    let axes = SignedPermutation::closest(&(p / scale));
+    if p.determinant() < 0.0 {
+        findings.push(left_handed_gyroscope(recording, &axes));
+    } else if axes.correlation >= CLEAR && !axes.is_identity() {
+        findings.push(match axes.half_turn() {
+            Some(axis) => left_handed_accelerometer(recording, axis, &axes),
+            None => turned(recording, &axes),
+        });
+    }
+    findings
+}
+
+fn is_well_determined(p: &Matrix3<f64>) -> bool {
+    let squares = (p.transpose() * p).symmetric_eigenvalues();
+    squares.min() > WELL_DETERMINED.powi(2) * squares.max()
+}
+
+fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
+    if (RIGHT_UNIT[0]..=RIGHT_UNIT[1]).contains(&scale) {
+        return None;
+    }
+    let known = [
+        (
+            57.29578,
+            "looks like deg/s: name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps",
+        ),
+        (
+            57295.78,
+            "looks like mdeg/s: name the columns gyro_x_mdps, gyro_y_mdps, gyro_z_mdps",
+        ),
+        (1000.0, "looks like mrad/s: divide by 1000"),
+        (
+            1.0 / 57.29578,
+            "looks like rad/s converted from deg/s a second time: multiply by 57.29578",
+        ),
+        (1e-3, "looks 1000 times too small: multiply by 1000"),
+    ];
+    let too_large = 1.0 / scale;
+    let way_out = known
+        .iter()
+        .find(|(factor, _)| (too_large / factor - 1.0).abs() < KNOWN)
+        .map_or(
+            "give the columns in the unit that their names say, or as raw counts: gyro_x_lsb",
+            |(_, hint)| hint,
+        );
+    Some(Finding {
+        columns: names(GYRO),
+        count: recording.len(),
+        value: too_large,
+        unit: "",
+        message: format!("the rates are {too_large:.4} times those at which gravity turns in the body"),
+        way_out: way_out.into(),
+        ..Finding::error("gyro_units", recording)
+    })
+}
+
+fn left_handed_gyroscope(recording: &Recording, axes: &SignedPermutation) -> Finding {
+    let reversed: Vec<&str> = (0..3)
+        .filter(|&k| axes.column_of[k] == k && axes.sign_of[k] < 0.0)
+        .map(|k| GYRO[k])
+        .collect();
+    let (columns, way_out) = if axes.in_order() && reversed.len() == 1 {
+        (reversed.clone(), format!("negate {}", reversed[0]))
+    } else if axes.in_order() {
+        (GYRO.to_vec(), "negate all three gyro columns".to_string())
+    } else {
+        (
+            GYRO.to_vec(),
+            format!(
+                "reorder the gyro columns ({}) or correct the sign of one",
+                axes.mapping()
+            ),
+        )
+    };
+    Finding {
+        columns: names(columns),
+        count: recording.len(),
+        value: axes.correlation,
+        unit: "correlation",
+        message: format!(
+            "the gyroscope's axes are left-handed: {} (correlation {:.2})",
+            axes.mapping(),
+            axes.correlation
+        ),
+        way_out,
+        ..Finding::error("left_handed_axes", recording)
+    }
+}
+
+fn left_handed_accelerometer(recording: &Recording, axis: usize, axes: &SignedPermutation) -> Finding {
+    let others = [GYRO[(axis + 1) % 3], GYRO[(axis + 2) % 3]];
+    Finding {
+        columns: names([ACCEL[axis]]),
+        count: recording.len(),
+        value: axes.correlation,
+        unit: "correlation",
+        message: format!(
+            "{} runs backwards, which makes the accelerometer left-handed: {} (correlation {:.2})",
+            ACCEL[axis],
+            axes.mapping(),
+            axes.correlation
+        ),
+        way_out: format!(
+            "negate {}; or, if the gyroscope is mounted half a turn about that axis, negate {} and {}",
+            ACCEL[axis], others[0], others[1]
+        ),
+        ..Finding::error("left_handed_axes", recording)
+    }
+}
+
+fn turned(recording: &Recording, axes: &SignedPermutation) -> Finding {
+    Finding {
+        columns: names(GYRO),
+        count: recording.len(),
+        value: axes.correlation,
+        unit: "correlation",
+        message: format!(
+            "the gyroscope's axes are turned against the accelerometer's: {} (correlation {:.2})",
+            axes.mapping(),
+            axes.correlation
+        ),
+        way_out: "nothing to do if the gyroscope is mounted so; else correct the order and the signs of the accel or gyro columns"
+            .into(),
+        ..Finding::warning("axes_turned", recording)
+    }
+}
+
+/// Which gyroscope column is which axis of the accelerometer's frame: true rate k = sign_of\[k\] * raw column_of\[k\].
+struct SignedPermutation {
+    column_of: [usize; 3],
+    sign_of: [f64; 3],
+    /// Correlation with P: sum of the three entries over the norm, 1 if P is this permutation.
+    correlation: f64,
+}
+
+impl SignedPermutation {
+    /// The one of the handedness of P that correlates best with it.
+    fn closest(p: &Matrix3<f64>) -> Self {
+        const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
+        let handedness = p.determinant().signum();
+        let norm = 3.0f64.sqrt() * p.norm();
+        let mut best = Self {
+            column_of: ORDERS[0],
+            sign_of: [1.0; 3],
+            correlation: f64::NEG_INFINITY,
+        };
+        for (n, order) in ORDERS.iter().enumerate() {
+            let parity = if n < 3 { 1.0 } else { -1.0 };
+            for signs in 0..8 {
+                let sign_of = [0, 1, 2].map(|k| if (signs >> k) & 1 == 1 { -1.0 } else { 1.0 });
+                if parity * sign_of.iter().product::<f64>() != handedness {
+                    continue;
+                }
+                let correlation = (0..3).map(|k| sign_of[k] * p[(k, order[k])]).sum::<f64>() / norm;
+                if correlation > best.correlation {
+                    best = Self {
+                        column_of: *order,
+                        sign_of,
+                        correlation,
+                    };
+                }
+            }
+        }
+        best
+    }
+
+    fn in_order(&self) -> bool {
+        self.column_of == [0, 1, 2]
+    }
+
+    fn is_identity(&self) -> bool {
+        self.in_order() && self.sign_of == [1.0; 3]
+    }
+
+    /// The axis about which it is a half turn, if it is one.
+    fn half_turn(&self) -> Option<usize> {
+        let kept = (0..3).find(|&k| self.sign_of[k] > 0.0)?;
+        let turned = self.sign_of.iter().filter(|sign| **sign < 0.0).count() == 2;
+        (self.in_order() && turned).then_some(kept)
+    }
+
+    /// "gyro x follows accelerometer -y" for each axis that does not follow its own.
+    fn mapping(&self) -> String {
+        const AXES: [&str; 3] = ["x", "y", "z"];
+        let parts: Vec<String> = (0..3)
+            .filter(|&k| self.column_of[k] != k || self.sign_of[k] < 0.0)
+            .map(|k| {
+                let sign = if self.sign_of[k] < 0.0 { "-" } else { "" };
+                format!(
+                    "gyro {} follows accelerometer {sign}{}",
+                    AXES[self.column_of[k]], AXES[k]
+                )
+            })
+            .collect();
+        parts.join(", ")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Severity, example::Columns};
+    use super::*;
+
+    /// A sensor's small errors.
+    fn near(p: Matrix3<f64>) -> Matrix3<f64> {
+        p * Matrix3::new(0.98, 0.05, -0.06, -0.04, 1.03, 0.02, 0.03, -0.05, 1.0)
+    }
+
+    fn judge(p: Matrix3<f64>) -> Vec<Finding> {
+        check_kinematics(&Columns::tumbling().recording(), &p)
+    }
+
+    fn diagonal(x: f64, y: f64, z: f64) -> Matrix3<f64> {
+        Matrix3::new(x, 0.0, 0.0, 0.0, y, 0.0, 0.0, 0.0, z)
+    }
+
+    #[test]
+    fn a_sensor_with_ordinary_errors_and_no_motion_are_clean() {
+        assert!(judge(near(Matrix3::identity())).is_empty());
+        assert!(judge(near(diagonal(0.8, 1.3, 0.9))).is_empty());
+        assert!(judge(Matrix3::zeros()).is_empty());
+        assert!(judge(diagonal(1.0, 1.0, -0.01)).is_empty());
+        assert!(judge(diagonal(1.0, f64::NAN, 1.0)).is_empty());
+    }
+
+    #[test]
+    fn units_are_named_by_their_factor() {
+        for (factor, hint) in [
+            (57.29578, "gyro_x_dps"),
+            (57295.78, "gyro_x_mdps"),
+            (1000.0, "mrad/s"),
+            (1.0 / 57.29578, "second time"),
+            (16.4, "gyro_x_lsb"),
+        ] {
+            let findings = judge(near(Matrix3::identity() / factor));
+            assert_eq!((findings.len(), findings[0].code), (1, "gyro_units"));
+            assert!(findings[0].way_out.contains(hint), "{}", findings[0]);
+        }
+    }
+
+    #[test]
+    fn counts_have_no_unit_but_a_handedness() {
+        let columns = Columns::tumbling();
+        let lsb = Recording {
+            gyro_unit: RawUnit::Lsb,
+            ..columns.recording()
+        };
+        assert!(check_kinematics(&lsb, &near(Matrix3::identity() / 4770.0)).is_empty());
+        let findings = check_kinematics(&lsb, &near(diagonal(1.0, -1.0, 1.0) / 4770.0));
+        assert_eq!(findings[0].code, "left_handed_axes");
+    }
+
+    #[test]
+    fn one_gyro_axis_reversed_is_named() {
+        for axis in 0..3 {
+            let mut p = Matrix3::identity();
+            p[(axis, axis)] = -1.0;
+            let findings = judge(near(p));
+            assert_eq!(findings.len(), 1);
+            assert_eq!(
+                (findings[0].code, findings[0].severity),
+                ("left_handed_axes", Severity::Error)
+            );
+            assert_eq!(findings[0].columns, [GYRO[axis]]);
+        }
+        assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("all three"));
+    }
+
+    /// The accelerometer's y axis negated: u' = A u, w = P raw with P = -A, from u' = u x w itself.
+    #[test]
+    fn one_accelerometer_axis_reversed_is_named() {
+        let findings = judge(near(diagonal(-1.0, 1.0, -1.0)));
+        assert_eq!(findings[0].code, "left_handed_axes");
+        assert_eq!(findings[0].columns, ["accel_y"]);
+    }
+
+    #[test]
+    fn a_quarter_turn_is_a_warning_with_its_mapping() {
+        // true x = -raw y, true y = raw x.
+        let p = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let findings = judge(near(p));
+        assert_eq!(
+            (findings[0].code, findings[0].severity),
+            ("axes_turned", Severity::Warning)
+        );
+        assert!(findings[0].message.contains("gyro y follows accelerometer -x"));
+        assert!(findings[0].message.contains("gyro x follows accelerometer y"));
+    }
+
+    #[test]
+    fn swapped_gyro_columns_are_left_handed() {
+        let swapped = Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
+        let findings = judge(near(swapped));
+        assert_eq!(findings[0].code, "left_handed_axes");
+        assert!(findings[0].message.contains("gyro y follows accelerometer x"));
+    }
+}

@@ -1,0 +1,361 @@
+//! Saturation: a channel that stays at the end of its range while the unit moves on.
+
+use std::ops::Range;
+
+use super::values::{converter_step, extremes, range};
+use super::{ACCEL, Finding, GYRO, Tally, names};
+use crate::recording::{RawUnit, Recording};
+
+/// Equal samples in a row that make a plateau.
+const PLATEAU: usize = 3;
+/// A plateau must drop on both sides by this many steps of the converter: a rounded peak drops by one or two.
+const EDGE_STEPS: f64 = 3.0;
+/// Meanwhile another axis of the triad changes by this many of its steps: a rest without noise does not.
+const SIBLING_STEPS: f64 = 2.0;
+/// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
+const SHARE_OF_REACH: f64 = 0.8;
+
+/// Relative difference between the rails of one range.
+const ONE_RANGE: f64 = 1e-4;
+
+/// The values at which one axis is cut off, if it is: [lowest, highest].
+type Rails = [Option<f64>; 2];
+
+/// `accel_saturation` and `gyro_saturation`.
+pub(super) fn check(recording: &Recording) -> Vec<Finding> {
+    let accel = finding(
+        recording,
+        recording.specific_force,
+        recording.accel_unit,
+        ("accel_saturation", ACCEL, "m/s^2"),
+    );
+    let gyro = finding(
+        recording,
+        recording.angular_rate,
+        recording.gyro_unit,
+        ("gyro_saturation", GYRO, "rad/s"),
+    );
+    accel.into_iter().chain(gyro).collect()
+}
+
+/// The samples at which any axis is cut off, as ordered stretches that do not touch.
+///
+/// Rests and moves that touch one of them are not to be used; the other ones are sound.
+pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
+    if recording.check_lengths().is_err() {
+        return Vec::new();
+    }
+    let accel = triad_rails(recording.specific_force, recording.accel_unit);
+    let gyro = triad_rails(recording.angular_rate, recording.gyro_unit);
+    let mut stretches: Vec<Range<usize>> = Vec::new();
+    for i in 0..recording.len() {
+        if !at_rail(&recording.specific_force[i], &accel) && !at_rail(&recording.angular_rate[i], &gyro) {
+            continue;
+        }
+        match stretches.last_mut() {
+            Some(last) if last.end == i => last.end = i + 1,
+            _ => stretches.push(i..i + 1),
+        }
+    }
+    stretches
+}
+
+fn at_rail(row: &[f64; 3], rails: &[Rails; 3]) -> bool {
+    row.iter().zip(rails).any(|(v, ends)| ends.contains(&Some(*v)))
+}
+
+fn finding(
+    recording: &Recording,
+    rows: &[[f64; 3]],
+    unit: RawUnit,
+    (code, axes, si_unit): (&'static str, [&str; 3], &'static str),
+) -> Option<Finding> {
+    let rails = triad_rails(rows, unit);
+    let unit = match unit {
+        RawUnit::Si => si_unit,
+        RawUnit::Lsb => "lsb",
+    };
+    let (mut columns, mut parts, mut value) = (Vec::new(), Vec::new(), 0.0f64);
+    for axis in 0..3 {
+        for rail in rails[axis].into_iter().flatten() {
+            let mut held = Tally::default();
+            for (i, row) in rows.iter().enumerate() {
+                if row[axis] == rail {
+                    held.add(i);
+                }
+            }
+            if !columns.contains(&axes[axis]) {
+                columns.push(axes[axis]);
+            }
+            parts.push(format!(
+                "{} holds its extreme value {} {unit} for {} samples in {} run(s), first {}",
+                axes[axis],
+                if unit == "lsb" {
+                    rail.to_string()
+                } else {
+                    format!("{rail:.5}")
+                },
+                held.samples,
+                held.runs,
+                held.first_place(recording)
+            ));
+            value = value.max(rail.abs());
+        }
+    }
+    let mut any = Tally::default();
+    for (i, row) in rows.iter().enumerate() {
+        if at_rail(row, &rails) {
+            any.add(i);
+        }
+    }
+    (any.samples > 0).then(|| Finding {
+        columns: names(columns),
+        place: any.place(recording),
+        count: any.samples,
+        value,
+        unit,
+        message: parts.join("; "),
+        way_out: "use a larger range, move more slowly, or pass --exclude-saturated to leave out the moves concerned"
+            .into(),
+        ..Finding::error(code, recording)
+    })
+}
+
+/// The ends of range that each axis of a triad reaches.
+///
+/// Two kinds of evidence: a count that is exactly an end of 16 bits, once is enough; or plateaus at a channel's extreme
+/// value, where the channel comes and goes in more than single steps while another axis moves, and which are rare or
+/// short at other values of the channel. Other powers of two are no evidence by themselves: 2048 or 16384 counts are
+/// 1 g of common accelerometers.
+fn triad_rails(rows: &[[f64; 3]], unit: RawUnit) -> [Rails; 3] {
+    let ends: [[f64; 2]; 3] = [0, 1, 2].map(|axis| extremes(rows, axis));
+    let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
+    let high = ends.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
+    let signed = low < 0.0;
+    // Counts without sign have their zero somewhere in the middle.
+    let zero = if signed || unit == RawUnit::Si {
+        0.0
+    } else {
+        0.5 * (low + high)
+    };
+    let reach = (low - zero).abs().max((high - zero).abs());
+    let is_16_bit_end = |v: f64| {
+        unit == RawUnit::Lsb
+            && if signed {
+                v.abs() == 32768.0 || v.abs() == 32767.0
+            } else {
+                high > 32768.0 && (v == 0.0 || v == 65535.0)
+            }
+    };
+    let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
+    let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
+        let [low, high] = ends[axis];
+        // A constant channel is stuck, not saturated.
+        if low >= high {
+            return [None; 2];
+        }
+        let plateaus = plateaus(rows, axis, &ends, &steps);
+        [0, 1].map(|side| {
+            let end = ends[axis][side];
+            let cut_off = (end - zero).abs() >= SHARE_OF_REACH * reach
+                && plateaus.at_end[side].stand_out_from(&plateaus.elsewhere)
+                && piles_up(rows, axis, end, steps[axis]);
+            (is_16_bit_end(end) || cut_off).then_some(end)
+        })
+    });
+    // Once a rail of the triad is known, a channel that just touches it is cut off as well: +32767 and -32768 are one.
+    if let Some(rail) = rails
+        .iter()
+        .flatten()
+        .flatten()
+        .map(|v| (v - zero).abs())
+        .reduce(f64::max)
+    {
+        for axis in 0..3 {
+            for side in 0..2 {
+                let end = ends[axis][side];
+                if ((end - zero).abs() / rail - 1.0).abs() < ONE_RANGE {
+                    rails[axis][side] = Some(end);
+                }
+            }
+        }
+    }
+    rails
+}
+
+/// Plateaus of one kind: samples in all of them, and in the longest.
+#[derive(Clone, Copy, Default)]
+struct Kind {
+    samples: usize,
+    longest: usize,
+}
+
+impl Kind {
+    fn add(&mut self, len: usize) {
+        self.samples += len;
+        self.longest = self.longest.max(len);
+    }
+
+    fn stand_out_from(&self, usual: &Self) -> bool {
+        self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
+    }
+}
+
+/// Plateaus at the lowest and the highest value, and at any other.
+#[derive(Default)]
+struct Plateaus {
+    at_end: [Kind; 2],
+    elsewhere: Kind,
+}
+
+fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
+    let mut found = Plateaus::default();
+    let mut start = 0;
+    for i in 1..=rows.len() {
+        let value = rows[start][axis];
+        if i < rows.len() && rows[i][axis] == value {
+            continue;
+        }
+        let run = start..i;
+        start = i;
+        if run.len() < PLATEAU || !value.is_finite() {
+            continue;
+        }
+        // The recording's end and a missing value are no evidence against a plateau.
+        let drops = |row: &[f64; 3]| row[axis].is_nan() || (row[axis] - value).abs() >= EDGE_STEPS * steps[axis];
+        let before = run.start.checked_sub(1).and_then(|k| rows.get(k));
+        let sibling_changes = || {
+            (1..3).map(|k| (axis + k) % 3).any(|k| {
+                let change = range(&rows[run.clone()], k);
+                change >= SIBLING_STEPS * steps[k] && change > 1e-6 * (ends[k][1] - ends[k][0])
+            })
+        };
+        if before.is_none_or(drops) && rows.get(i).is_none_or(drops) && sibling_changes() {
+            match ends[axis].iter().position(|end| *end == value) {
+                Some(side) => found.at_end[side].add(run.len()),
+                None => found.elsewhere.add(run.len()),
+            }
+        }
+    }
+    found
+}
+
+/// Whether the extreme value is taken at least twice as often as the values one step inside; the tail of a noise is not.
+fn piles_up(rows: &[[f64; 3]], axis: usize, end: f64, step: f64) -> bool {
+    let (mut at_end, mut inside) = (0, 0);
+    for row in rows {
+        if row[axis] == end {
+            at_end += 1;
+        } else if (row[axis] - end).abs() < 1.5 * step {
+            inside += 1;
+        }
+    }
+    at_end >= 2 * inside
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example::Columns;
+    use super::*;
+
+    fn clip(columns: &mut Columns, axis: usize, limit: f64) -> usize {
+        let mut cut = 0;
+        for row in &mut columns.rate {
+            if row[axis].abs() > limit {
+                row[axis] = limit.copysign(row[axis]);
+                cut += 1;
+            }
+        }
+        cut
+    }
+
+    #[test]
+    fn clean_recordings_fine_and_coarse_are_never_flagged() {
+        for (force_step, rate_step) in [
+            (1e-4, 1e-5),
+            (0.01, 0.001),
+            (0.02, 0.003),
+            (0.06, 0.009),
+            (0.2, 0.03),
+            (1.0, 0.2),
+        ] {
+            let columns = Columns::tumbling().quantised(force_step, rate_step);
+            let findings = check(&columns.recording());
+            assert!(findings.is_empty(), "{force_step}: {findings:?}");
+        }
+    }
+
+    #[test]
+    fn rest_and_constant_turn_without_noise_are_not_flagged() {
+        // Motor at constant speed about x, then a rest: equal samples at the extreme, and nothing is cut off.
+        let mut columns = Columns::tumbling();
+        for i in 0..4000 {
+            let moving = (i / 200) % 2 == 1;
+            let angle = 0.02 * (i % 200) as f64 * f64::from(u8::from(moving));
+            columns.force[i] = [0.0, 9.80665 * angle.sin(), 9.80665 * angle.cos()];
+            columns.rate[i] = [if moving { 2.0 } else { 0.0 }, 0.0, 0.0];
+        }
+        assert!(check(&columns.recording()).is_empty());
+    }
+
+    #[test]
+    fn a_clipped_si_channel_names_axis_and_samples() {
+        for steps in [(1e-4, 1e-5), (0.01, 0.001), (0.06, 0.009)] {
+            let mut columns = Columns::tumbling().quantised(steps.0, steps.1);
+            let cut = clip(&mut columns, 0, 2.0) + clip(&mut columns, 2, 2.0);
+            clip(&mut columns, 1, 2.0);
+            let findings = check(&columns.recording());
+            assert_eq!(findings.len(), 1, "{steps:?}");
+            let found = &findings[0];
+            assert_eq!(found.code, "gyro_saturation");
+            assert!(found.columns.contains(&"gyro_x".into()) && found.columns.contains(&"gyro_z".into()));
+            assert!(cut > 100 && found.count >= cut / 2);
+            let total: usize = saturated_samples(&columns.recording()).iter().map(Range::len).sum();
+            assert_eq!(total, found.count);
+        }
+    }
+
+    #[test]
+    fn one_hit_of_the_16_bit_end_is_enough_and_the_middle_of_unsigned_counts_is_none() {
+        let mut columns = Columns::tumbling().quantised(0.001, 0.0001);
+        for row in &mut columns.rate {
+            *row = row.map(|v| (v * 8000.0).round());
+        }
+        let lsb = |columns: &Columns| -> Vec<Range<usize>> {
+            saturated_samples(&Recording {
+                gyro_unit: RawUnit::Lsb,
+                ..columns.recording()
+            })
+        };
+        assert!(lsb(&columns).is_empty());
+        columns.rate[1234][1] = 32767.0;
+        assert_eq!(lsb(&columns).as_slice(), std::slice::from_ref(&(1234..1235)));
+        columns.rate[1234][1] = 0.0;
+        // Unsigned, at rest, with 32768 as the largest value of one axis.
+        for row in &mut columns.rate {
+            *row = row.map(|v| 32768.0 - v.abs());
+        }
+        assert!(lsb(&columns).is_empty());
+    }
+
+    #[test]
+    fn a_clipped_accelerometer_is_named() {
+        let mut columns = Columns::tumbling();
+        for (i, row) in columns.force.iter_mut().enumerate() {
+            row[1] = (row[1] + if i % 400 > 380 { 20.0 } else { 0.0 }).min(19.6);
+        }
+        let findings = check(&columns.recording());
+        assert_eq!(findings[0].code, "accel_saturation");
+        assert_eq!(findings[0].columns, ["accel_y"]);
+    }
+
+    #[test]
+    fn nan_does_not_disturb() {
+        let mut columns = Columns::tumbling();
+        columns.rate[10] = [f64::NAN; 3];
+        columns.force[20] = [f64::NAN; 3];
+        assert!(check(&columns.recording()).is_empty());
+        columns.rate.iter_mut().for_each(|row| *row = [f64::NAN; 3]);
+        assert!(check(&columns.recording()).is_empty());
+    }
+}

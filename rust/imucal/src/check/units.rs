@@ -1,0 +1,337 @@
+//! Units and signs, judged against gravity: |f| = g at rest, and +g on the axis that points up.
+
+use std::ops::Range;
+
+use super::values::extremes;
+use super::{ACCEL, Finding, GYRO, Place, names, quantile};
+use crate::recording::{RawUnit, Recording};
+
+const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
+/// |f| over g at rest that bias and scale of a sensor can explain.
+const AT_REST: [f64; 2] = [0.75, 1.25];
+/// Median |f| over g of a whole recording, moves included.
+const WITH_MOVES: [f64; 2] = [0.5, 2.0];
+/// Twice the widest range on the market, rad/s.
+const FASTEST_RADPS: f64 = 140.0;
+/// A larger rate at rest is no bias of a MEMS gyroscope, rad/s: 57 deg/s.
+const LARGEST_BIAS_RADPS: f64 = 1.0;
+/// All motors at zero: within this angle, rad.
+const STAND_ZERO_RAD: f64 = 0.02;
+/// Cosine of 20 deg.
+const NEARLY_UPRIGHT: f64 = 0.94;
+
+/// Units that are wrong by so much that no rest is needed to see it.
+pub(super) fn check(recording: &Recording) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    let whole = 0..recording.len();
+    let everything = std::slice::from_ref(&whole);
+    if let Some(norm) = median_norm(recording.specific_force, everything)
+        && recording.accel_unit == RawUnit::Si
+        && !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES)
+    {
+        findings.push(wrong_accel_unit(recording, everything, norm, STANDARD_GRAVITY_MPS2));
+    }
+    findings.extend(too_fast(recording));
+    findings
+}
+
+/// What the rests show: units by |f| and by the rate of a still unit, and the sign of gravity.
+///
+/// `rests` are ranges of sample indices; ranges outside the recording are passed over. Codes: `accel_units`,
+/// `gyro_units`, `gravity_sign`. What [`super::check_columns`] has said already is not said again.
+///
+/// The sign of gravity cannot be seen from any motion: with u -> -u both |u| = g and u' = u x w stay true. It is judged
+/// only on evidence from outside. With stand columns, all motors at zero mean body z up: -g on z there is an error.
+/// Without them most recordings begin upright: -g on z, within 20 deg, in the first rest is a warning, since the unit may lie on
+/// its head. Counts without sign have no known zero and are not judged.
+pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: f64) -> Vec<Finding> {
+    if recording.check_lengths().is_err() {
+        return Vec::new();
+    }
+    let rests: Vec<Range<usize>> = rests
+        .iter()
+        .filter(|rest| !rest.is_empty() && rest.end <= recording.len())
+        .cloned()
+        .collect();
+    let mut findings = Vec::new();
+    let whole = 0..recording.len();
+    let everything = std::slice::from_ref(&whole);
+    let seen_without_rests = median_norm(recording.specific_force, everything)
+        .is_some_and(|norm| !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES));
+    if let Some(norm) = median_norm(recording.specific_force, &rests)
+        && recording.accel_unit == RawUnit::Si
+        && !seen_without_rests
+        && !within(norm / gravity_mps2, AT_REST)
+    {
+        findings.push(wrong_accel_unit(recording, &rests, norm, gravity_mps2));
+    }
+    if too_fast(recording).is_none() {
+        findings.extend(turns_at_rest(recording, &rests));
+    }
+    findings.extend(gravity_sign(recording, &rests));
+    findings
+}
+
+fn within(value: f64, [low, high]: [f64; 2]) -> bool {
+    (low..=high).contains(&value)
+}
+
+/// Median length of the finite rows in the ranges.
+fn median_norm(rows: &[[f64; 3]], ranges: &[Range<usize>]) -> Option<f64> {
+    let mut norms: Vec<f64> = ranges
+        .iter()
+        .flat_map(|range| &rows[range.clone()])
+        .map(|[x, y, z]| (x * x + y * y + z * z).sqrt())
+        .filter(|norm| norm.is_finite())
+        .collect();
+    (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
+}
+
+fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, gravity_mps2: f64) -> Finding {
+    let rate = median_norm(recording.angular_rate, ranges);
+    let swapped = recording.gyro_unit == RawUnit::Si
+        && norm < 0.5 * gravity_mps2
+        && rate.is_some_and(|rate| within(rate / gravity_mps2, AT_REST));
+    let way_out = if swapped {
+        "the gyro columns hold gravity: accel and gyro columns look swapped".into()
+    } else if within(norm, AT_REST) {
+        "looks like g: name the columns accel_x_g, accel_y_g, accel_z_g".into()
+    } else if within(norm / 1000.0, AT_REST) {
+        "looks like mg (name the columns accel_x_mg, ...) or cm/s^2 (divide by 100)".into()
+    } else if norm < 0.5 {
+        "looks like linear acceleration, gravity removed: record the raw specific force, gravity is the only reference"
+            .into()
+    } else if norm > 1500.0 {
+        "looks like raw counts: name the columns accel_x_lsb, accel_y_lsb, accel_z_lsb".into()
+    } else {
+        "give the columns in the unit that their names say: accel_x_mps2, _g, _mg or _lsb".into()
+    };
+    let first = ranges.first().cloned().unwrap_or(0..1);
+    Finding {
+        columns: if swapped {
+            names(ACCEL.iter().chain(&GYRO))
+        } else {
+            names(ACCEL)
+        },
+        place: Some(Place::new(recording, first.start, first.end - 1)),
+        count: ranges.iter().map(Range::len).sum(),
+        value: norm,
+        unit: "m/s^2",
+        message: format!(
+            "the median |f| is {norm:.4} m/s^2, where gravity makes {gravity_mps2:.3} m/s^2 (ratio {:.4})",
+            norm / gravity_mps2
+        ),
+        way_out,
+        ..Finding::error("accel_units", recording)
+    }
+}
+
+const GYRO_WAY_OUT: &str =
+    "looks like deg/s or raw counts: name the columns gyro_x_dps, gyro_x_mdps or gyro_x_lsb, as they are";
+
+fn too_fast(recording: &Recording) -> Option<Finding> {
+    if recording.gyro_unit != RawUnit::Si || recording.is_empty() {
+        return None;
+    }
+    // One sample in a thousand may be a spike.
+    let mut fastest: Vec<f64> = recording
+        .angular_rate
+        .iter()
+        .map(|row| row.iter().fold(0.0, |most: f64, rate| most.max(rate.abs())))
+        .filter(|rate| rate.is_finite())
+        .collect();
+    let rate = quantile(&mut fastest, 0.999);
+    let over = |row: &[f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
+    let first = recording.angular_rate.iter().position(over)?;
+    (rate > FASTEST_RADPS).then(|| Finding {
+        columns: names(GYRO),
+        place: Some(Place::new(recording, first, first)),
+        count: recording.angular_rate.iter().filter(|row| over(row)).count(),
+        value: rate,
+        unit: "rad/s",
+        message: format!(
+            "rates reach {rate:.0} rad/s ({:.0} deg/s), first above {FASTEST_RADPS:.0} rad/s at {:.2} s, more than any MEMS gyroscope measures",
+            rate.to_degrees(),
+            recording.time_s[first]
+        ),
+        way_out: GYRO_WAY_OUT.into(),
+        ..Finding::error("gyro_units", recording)
+    })
+}
+
+fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
+    let rate = median_norm(recording.angular_rate, rests)?;
+    let first = rests.first()?;
+    (recording.gyro_unit == RawUnit::Si && rate > LARGEST_BIAS_RADPS).then(|| Finding {
+        columns: names(GYRO),
+        place: Some(Place::new(recording, first.start, first.end - 1)),
+        count: rests.iter().map(Range::len).sum(),
+        value: rate,
+        unit: "rad/s",
+        message: format!(
+            "the gyroscope reads {rate:.2} rad/s ({:.0} deg/s) at rest, more than a bias can be",
+            rate.to_degrees()
+        ),
+        way_out: GYRO_WAY_OUT.into(),
+        ..Finding::error("gyro_units", recording)
+    })
+}
+
+fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
+    let rows = recording.specific_force;
+    let has_sign = (0..3).any(|axis| extremes(rows, axis)[0] < 0.0);
+    if recording.accel_unit == RawUnit::Lsb && !has_sign {
+        return None;
+    }
+    let at_zero = |rest: &&Range<usize>| {
+        recording.stand_rad.is_some_and(|stand| {
+            stand[(*rest).clone()]
+                .iter()
+                .flatten()
+                .all(|angle| angle.abs() < STAND_ZERO_RAD)
+        })
+    };
+    let (rest, kind, evidence, way_out) = match (recording.stand_rad, rests.iter().find(at_zero)) {
+        (Some(_), None) => return None,
+        (Some(_), Some(rest)) => (
+            rest,
+            Finding::error as fn(_, &_) -> _,
+            "with all motors at zero, body z up",
+            "negate the accelerometer (a still sensor reads +g on the axis that points up), or mount the unit with z up at the stand's zero",
+        ),
+        (None, _) => (
+            rests.first()?,
+            Finding::warning as fn(_, &_) -> _,
+            "in the first rest",
+            "if z points up there, negate the accelerometer: a still sensor reads +g on the axis that points up; if the unit lies on its head, all is well",
+        ),
+    };
+    let mut mean = [0.0; 3];
+    for row in rows[rest.clone()]
+        .iter()
+        .filter(|row| row.iter().all(|v| v.is_finite()))
+    {
+        mean = [0, 1, 2].map(|k| mean[k] + row[k]);
+    }
+    let up = mean[2] / (mean[0].powi(2) + mean[1].powi(2) + mean[2].powi(2)).sqrt();
+    let place = Place::new(recording, rest.start, rest.end - 1);
+    (up < -NEARLY_UPRIGHT).then(|| Finding {
+        columns: names(ACCEL),
+        place: Some(place),
+        count: rest.len(),
+        value: up,
+        unit: "g",
+        message: format!("accel_z reads {up:.2} g {evidence} ({place})"),
+        way_out: way_out.into(),
+        ..kind("gravity_sign", recording)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Severity, example::Columns};
+    use super::*;
+
+    fn scaled(force: f64, rate: f64) -> Columns {
+        let mut columns = Columns::tumbling();
+        columns.force.iter_mut().for_each(|row| *row = row.map(|v| v * force));
+        columns.rate.iter_mut().for_each(|row| *row = row.map(|v| v * rate));
+        columns
+    }
+
+    fn both(recording: &Recording) -> Vec<Finding> {
+        let mut findings = check(recording);
+        findings.extend(check_rests(recording, &Columns::rests(), STANDARD_GRAVITY_MPS2));
+        findings
+    }
+
+    #[test]
+    fn si_with_the_errors_of_a_cheap_sensor_is_clean() {
+        for scale in [0.85, 1.0, 1.15] {
+            let columns = scaled(scale, scale);
+            assert!(both(&columns.recording()).is_empty(), "{scale}");
+        }
+    }
+
+    #[test]
+    fn wrong_accelerometer_units_are_named_once() {
+        let cases = [
+            (1.0 / 9.80665, "accel_x_g"),
+            (100.0, "cm/s^2"),
+            (1000.0 / 9.80665, "mg"),
+            (0.001, "gravity removed"),
+            (400.0, "accel_x_lsb"),
+            (1.4, "unit that their names say"),
+        ];
+        for (scale, hint) in cases {
+            let columns = scaled(scale, 1.0);
+            let findings = both(&columns.recording());
+            assert_eq!(findings.len(), 1, "{scale}: {findings:?}");
+            assert_eq!(findings[0].code, "accel_units");
+            assert!(findings[0].way_out.contains(hint), "{}", findings[0]);
+        }
+    }
+
+    #[test]
+    fn swapped_triads_are_named() {
+        let mut columns = Columns::tumbling();
+        std::mem::swap(&mut columns.force, &mut columns.rate);
+        let findings = both(&columns.recording());
+        assert!(findings[0].way_out.contains("swapped"), "{findings:?}");
+    }
+
+    #[test]
+    fn rates_that_no_gyroscope_measures_are_not_si() {
+        let findings = both(&scaled(1.0, 57.3).recording());
+        assert_eq!((findings.len(), findings[0].code), (1, "gyro_units"));
+        let mut biased = Columns::tumbling();
+        biased.rate.iter_mut().for_each(|row| row[2] += 1.5);
+        let findings = both(&biased.recording());
+        assert_eq!((findings.len(), findings[0].code), (1, "gyro_units"));
+        let mut spike = Columns::tumbling();
+        spike.rate[100][1] = 1e4;
+        assert!(both(&spike.recording()).is_empty());
+    }
+
+    #[test]
+    fn counts_have_no_unit_to_check() {
+        let columns = scaled(2000.0, 4000.0);
+        let recording = Recording {
+            accel_unit: RawUnit::Lsb,
+            gyro_unit: RawUnit::Lsb,
+            ..columns.recording()
+        };
+        assert!(both(&recording).is_empty());
+    }
+
+    #[test]
+    fn gravity_with_the_wrong_sign_needs_evidence() {
+        let negated = scaled(-1.0, 1.0);
+        let findings = both(&negated.recording());
+        assert_eq!(
+            (findings[0].code, findings[0].severity),
+            ("gravity_sign", Severity::Warning)
+        );
+        // With a stand only the rest at zero counts.
+        let mut stand = vec![[0.0, 1.5, 0.0]; 4000];
+        let judge = |stand: &[[f64; 3]]| {
+            both(&Recording {
+                stand_rad: Some(stand),
+                ..negated.recording()
+            })
+        };
+        assert!(judge(&stand).is_empty());
+        stand[..100].fill([0.0; 3]);
+        let findings = judge(&stand);
+        assert_eq!(
+            (findings[0].code, findings[0].severity),
+            ("gravity_sign", Severity::Error)
+        );
+    }
+
+    #[test]
+    fn rests_outside_the_recording_are_passed_over() {
+        let columns = Columns::tumbling();
+        assert!(check_rests(&columns.recording(), &[5000..6000, 7..7], 9.80665).is_empty());
+    }
+}
