@@ -3,7 +3,7 @@
 //! * [`program`]: what the motors are told to do; the paper's two programs, or any list of steps.
 //! * [`profile`]: how they do it, in closed form, with limited jerk.
 //! * [`gimbal`]: from three motor angles to attitude, angular rate and specific force in the body frame.
-//! * [`unit`]: sensitivity, bias, noise and counts; the paper's unit.
+//! * [`mod@unit`]: sensitivity, bias, noise and counts; the paper's unit.
 //!
 //! Motion and truth are exact functions of time: nothing is integrated, so truth does not depend on the sample rate.
 //! Sampling and noise are those of the `sensor` room: point samples, `sigma = noise_density * sqrt(rate_hz)`.
@@ -110,10 +110,16 @@ pub fn simulate(
         stand_rad: Vec::with_capacity(samples),
         rests: program.rests(),
     };
+    let mut motors = program.motors(0.0);
+    let mut motion = gimbal::body_motion(&motors);
     for i in 0..samples {
         let time_s = i as f64 / rate_hz;
-        let motors = program.motors(time_s);
-        let motion = gimbal::body_motion(&motors);
+        let now = program.motors(time_s);
+        // Most of a program is rest: only motors that moved need their sines and cosines again.
+        if now != motors {
+            motors = now;
+            motion = gimbal::body_motion(&motors);
+        }
         let force = motion.up * gravity_mps2;
         run.time_s.push(time_s);
         run.specific_force.push(accelerometer.measure(&force));

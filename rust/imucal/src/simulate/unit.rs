@@ -40,10 +40,10 @@ pub struct Converter {
 }
 
 impl Converter {
-    /// The output nearest to `value`, SI units.
+    /// The output nearest to `value`, SI units; `bits` has passed [`Sensor::check`].
     #[inline]
-    pub fn convert(&self, value: f64) -> f64 {
-        let half = 2_f64.powi(self.bits as i32 - 1);
+    pub(super) fn convert(&self, value: f64) -> f64 {
+        let half = (1_u64 << (self.bits - 1)) as f64;
         (value / self.lsb).round_ties_even().clamp(-half, half - 1.0) * self.lsb
     }
 }
