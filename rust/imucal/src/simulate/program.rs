@@ -1,0 +1,381 @@
+//! A program of the stand: turn, hold, turn, hold, ...
+//!
+//! Every step turns each motor by an angle (all motors start and stop together, see [`profile`](super::profile)) and
+//! then holds. A program starts with all motors at zero. [`Program::grid`] and [`Program::random`] are the paper's
+//! accelerometer and gyroscope programs; any other is a list of steps.
+
+use std::f64::consts::PI;
+
+use nalgebra::Vector3;
+use rand::RngExt;
+
+use super::profile::MotorState;
+use super::stream::Stream;
+use crate::error::Error;
+
+/// Turn, then hold.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Step {
+    /// By how much each motor turns, rad; outer motor first.
+    pub turn_rad: [f64; 3],
+    /// How long the turn takes, s.
+    pub move_s: f64,
+    /// How long the stand then holds still, s.
+    pub hold_s: f64,
+}
+
+impl Step {
+    /// Hold without turning.
+    pub fn hold(hold_s: f64) -> Self {
+        Self {
+            turn_rad: [0.0; 3],
+            move_s: 0.0,
+            hold_s,
+        }
+    }
+
+    fn turns(&self) -> bool {
+        self.turn_rad != [0.0; 3]
+    }
+
+    fn check(&self, index: usize) -> Result<(), Error> {
+        let input = |message: String| Err(Error::Input(format!("step {index} of the program: {message}")));
+        if !self.turn_rad.iter().all(|angle| angle.is_finite()) {
+            return input(format!("turn_rad is {:?}: finite angles are needed", self.turn_rad));
+        }
+        for (name, value) in [("move_s", self.move_s), ("hold_s", self.hold_s)] {
+            if !(value.is_finite() && value >= 0.0) {
+                return input(format!("{name} is {value}: a time of zero or more is needed"));
+            }
+        }
+        if self.turns() && self.move_s == 0.0 {
+            return input("it turns in no time: give move_s".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// The paper's accelerometer program: motor 3 by equal steps through a full turn, then motor 2 by one such step, until
+/// motor 2 has reached half a turn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Grid {
+    /// Step of both motors, rad; a whole number of them makes half a turn. The paper: 20 deg.
+    pub step_rad: f64,
+    /// How long each turn takes, s. The paper does not say; 1 s here.
+    pub move_s: f64,
+    /// How long each position is held, s. The paper: 5 s.
+    pub hold_s: f64,
+}
+
+impl Default for Grid {
+    fn default() -> Self {
+        Self {
+            step_rad: 20_f64.to_radians(),
+            move_s: 1.0,
+            hold_s: 5.0,
+        }
+    }
+}
+
+/// The paper's gyroscope program: random turns of all motors, with a hold before, between and after them.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct RandomMoves {
+    /// How many turns. The paper: 45.
+    pub moves: usize,
+    /// Bound of each motor's rate averaged over the turn, rad/s: the turn is uniform in +- `max_rate_radps * move_s`.
+    /// 120 deg/s here; the peak rate is 4/3 of it.
+    pub max_rate_radps: f64,
+    /// How long each turn takes, s. The paper: 2 s.
+    pub move_s: f64,
+    /// How long each hold takes, s. The paper: 5 s.
+    pub hold_s: f64,
+}
+
+impl Default for RandomMoves {
+    fn default() -> Self {
+        Self {
+            moves: 45,
+            max_rate_radps: 120_f64.to_radians(),
+            move_s: 2.0,
+            hold_s: 5.0,
+        }
+    }
+}
+
+/// A checked list of steps, with the time and the angles at which each starts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Program {
+    steps: Vec<Step>,
+    starts: Vec<Start>,
+    end: Start,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Start {
+    time_s: f64,
+    angle_rad: Vector3<f64>,
+}
+
+impl Program {
+    /// From a list of steps.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the list is empty or lasts no time, an angle or time is not finite, a time is negative, or a
+    /// step turns in no time.
+    pub fn try_new(steps: Vec<Step>) -> Result<Self, Error> {
+        let mut end = Start {
+            time_s: 0.0,
+            angle_rad: Vector3::zeros(),
+        };
+        let mut starts = Vec::with_capacity(steps.len());
+        for (index, step) in steps.iter().enumerate() {
+            step.check(index)?;
+            starts.push(end);
+            end.time_s += step.move_s + step.hold_s;
+            end.angle_rad += Vector3::from(step.turn_rad);
+        }
+        let program = Self { steps, starts, end };
+        if !(end.time_s > 0.0 && end.time_s.is_finite()) {
+            return Err(Error::Input(format!(
+                "the program has {} steps and lasts {} s: a positive duration is needed",
+                program.steps.len(),
+                end.time_s
+            )));
+        }
+        Ok(program)
+    }
+
+    /// The paper's accelerometer program; by default 19 x 10 = 190 positions in 1139 s.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the step does not divide half a turn, or a time cannot be used.
+    pub fn grid(grid: &Grid) -> Result<Self, Error> {
+        let half_turn = (PI / grid.step_rad).round();
+        if !(1.0..=180.0).contains(&half_turn) || (half_turn * grid.step_rad - PI).abs() > 1e-6 {
+            return Err(Error::Input(format!(
+                "step_rad of the grid is {} ({} deg): take 180 deg divided by a whole number from 1 to 180",
+                grid.step_rad,
+                grid.step_rad.to_degrees()
+            )));
+        }
+        let half_turn = half_turn as usize;
+        let turn = |turn_rad| Step {
+            turn_rad,
+            move_s: grid.move_s,
+            hold_s: grid.hold_s,
+        };
+        let mut steps = vec![Step::hold(grid.hold_s)];
+        for row in 0..=half_turn {
+            if row > 0 {
+                steps.push(turn([0.0, grid.step_rad, 0.0]));
+            }
+            steps.extend((0..2 * half_turn).map(|_| turn([0.0, 0.0, grid.step_rad])));
+        }
+        Self::try_new(steps)
+    }
+
+    /// The paper's gyroscope program; by default 46 rests and 45 moves in 320 s. The same seed gives the same turns.
+    ///
+    /// # Errors
+    /// [`Error::Input`] if the rate bound or a time cannot be used.
+    pub fn random(random: &RandomMoves, seed: u64) -> Result<Self, Error> {
+        let bound_rad = random.max_rate_radps * random.move_s;
+        if !(bound_rad.is_finite() && bound_rad > 0.0) {
+            return Err(Error::Input(format!(
+                "random moves of up to {} rad/s for {} s: both need to be positive and finite",
+                random.max_rate_radps, random.move_s
+            )));
+        }
+        let mut generator = Stream::Program.generator(seed);
+        let mut steps = vec![Step::hold(random.hold_s)];
+        steps.extend((0..random.moves).map(|_| Step {
+            turn_rad: [(); 3].map(|()| generator.random_range(-bound_rad..bound_rad)),
+            move_s: random.move_s,
+            hold_s: random.hold_s,
+        }));
+        Self::try_new(steps)
+    }
+
+    /// The steps.
+    pub fn steps(&self) -> &[Step] {
+        &self.steps
+    }
+
+    /// How long the program takes, s.
+    pub fn duration_s(&self) -> f64 {
+        self.end.time_s
+    }
+
+    /// Exact angles, rates and accelerations of the motors at a time; still before the start and after the end.
+    pub fn motors(&self, time_s: f64) -> MotorState {
+        let started = self.starts.partition_point(|start| start.time_s <= time_s);
+        let Some(index) = started.checked_sub(1) else {
+            return MotorState::still(Vector3::zeros());
+        };
+        let (step, start) = (&self.steps[index], &self.starts[index]);
+        MotorState::turning(
+            start.angle_rad,
+            step.turn_rad.into(),
+            step.move_s,
+            time_s - start.time_s,
+        )
+    }
+
+    /// Start and end of every stretch of time without motion, s; holds that follow each other are one rest.
+    pub fn rests(&self) -> Vec<(f64, f64)> {
+        let mut rests = Vec::new();
+        let mut rest_start = 0.0;
+        for (step, start) in self.steps.iter().zip(&self.starts) {
+            if step.turns() {
+                rests.push((rest_start, start.time_s));
+                rest_start = start.time_s + step.move_s;
+            }
+        }
+        rests.push((rest_start, self.end.time_s));
+        rests.retain(|(start, end)| end > start);
+        rests
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+    use crate::simulate::gimbal::body_motion;
+
+    fn ups(program: &Program) -> Vec<Vector3<f64>> {
+        let rests = program.rests();
+        rests
+            .iter()
+            .map(|(start, end)| body_motion(&program.motors((start + end) / 2.0)).up)
+            .collect()
+    }
+
+    #[test]
+    fn grid_visits_190_positions_that_cover_the_sphere() {
+        let program = Program::grid(&Grid::default()).unwrap();
+        let ups = ups(&program);
+        assert_eq!(ups.len(), 190);
+        assert!((program.duration_s() - 1139.0).abs() < 1e-9);
+        for (start, end) in program.rests() {
+            assert!((end - start - 5.0).abs() < 1e-9);
+        }
+        // Neighbours are 20 deg apart, so no direction is further than half a cell's diagonal, 14.2 deg, from a rest.
+        let mut furthest_deg = 0.0_f64;
+        for i in 0..2000 {
+            let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 2000.0;
+            let azimuth = f64::from(i) * 2.399_963_229_728_653; // golden angle: evenly spread directions
+            let direction = Vector3::new(azimuth.cos(), azimuth.sin(), 0.0) * (1.0 - z * z).sqrt() + Vector3::z() * z;
+            let nearest = ups.iter().map(|up| up.angle(&direction)).fold(f64::INFINITY, f64::min);
+            furthest_deg = furthest_deg.max(nearest.to_degrees());
+        }
+        assert!(furthest_deg < 14.2, "{furthest_deg} deg");
+    }
+
+    #[test]
+    fn random_program_is_the_papers() {
+        let program = Program::random(&RandomMoves::default(), 3).unwrap();
+        assert_eq!(program.rests().len(), 46);
+        assert_eq!(program.steps().len(), 46);
+        assert!((program.duration_s() - 320.0).abs() < 1e-9);
+        assert_eq!(program, Program::random(&RandomMoves::default(), 3).unwrap());
+        assert_ne!(program, Program::random(&RandomMoves::default(), 4).unwrap());
+    }
+
+    /// 120 deg/s on average, 160 deg/s at the peak, outer and inner axis in line: sqrt(5) 160 = 358 deg/s at worst.
+    #[test]
+    fn random_program_stays_within_the_gyroscopes_range() {
+        let mut highest_dps = 0.0_f64;
+        for seed in 1..=20 {
+            let program = Program::random(&RandomMoves::default(), seed).unwrap();
+            for i in 0..32_000 {
+                let motion = body_motion(&program.motors(f64::from(i) / 100.0));
+                highest_dps = highest_dps.max(motion.angular_rate.norm().to_degrees());
+            }
+        }
+        println!("highest body rate of seeds 1 to 20: {highest_dps:.1} deg/s");
+        assert!((250.0..360.0).contains(&highest_dps), "{highest_dps} deg/s");
+    }
+
+    #[test]
+    fn steps_follow_each_other_without_a_jump() {
+        let steps = vec![
+            Step {
+                turn_rad: [1.0, 0.0, -2.0],
+                move_s: 1.0,
+                hold_s: 0.0,
+            },
+            Step {
+                turn_rad: [0.0, TAU, 0.5],
+                move_s: 3.0,
+                hold_s: 2.0,
+            },
+            Step {
+                turn_rad: [0.0; 3],
+                move_s: 1.0,
+                hold_s: 1.0,
+            },
+        ];
+        let program = Program::try_new(steps).unwrap();
+        assert_eq!(program.rests(), vec![(4.0, 8.0)]);
+        assert_eq!(program.motors(-1.0), MotorState::still(Vector3::zeros()));
+        assert_eq!(program.motors(1.0), MotorState::still(Vector3::new(1.0, 0.0, -2.0)));
+        assert_eq!(program.motors(99.0), MotorState::still(Vector3::new(1.0, TAU, -1.5)));
+        for i in 0..8000 {
+            let t = f64::from(i) * 1e-3;
+            let change = program.motors(t + 1e-3).angle_rad - program.motors(t).angle_rad;
+            assert!(change.norm() < 1e-3 * 4.0 / 3.0 * 7.0, "{t} s");
+        }
+    }
+
+    #[test]
+    fn programs_that_cannot_be_run_are_refused() {
+        let step = Step {
+            turn_rad: [1.0, 0.0, 0.0],
+            move_s: 1.0,
+            hold_s: 1.0,
+        };
+        let bad = [
+            vec![],
+            vec![Step::hold(0.0)],
+            vec![
+                Step::hold(1.0),
+                Step {
+                    turn_rad: [f64::NAN, 0.0, 0.0],
+                    ..step
+                },
+            ],
+            vec![Step { move_s: 0.0, ..step }],
+            vec![Step { move_s: -1.0, ..step }],
+            vec![Step {
+                hold_s: f64::INFINITY,
+                ..step
+            }],
+        ];
+        for steps in bad {
+            assert!(
+                matches!(Program::try_new(steps.clone()), Err(Error::Input(_))),
+                "{steps:?}"
+            );
+        }
+        for step_deg in [0.0, -20.0, 50.0, 0.1, f64::NAN] {
+            let step_rad = f64::to_radians(step_deg);
+            assert!(
+                Program::grid(&Grid {
+                    step_rad,
+                    ..Grid::default()
+                })
+                .is_err(),
+                "{step_deg} deg"
+            );
+        }
+        for max_rate_radps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let random = RandomMoves {
+                max_rate_radps,
+                ..RandomMoves::default()
+            };
+            assert!(Program::random(&random, 1).is_err(), "{max_rate_radps} rad/s");
+        }
+    }
+}

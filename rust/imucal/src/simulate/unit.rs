@@ -1,0 +1,186 @@
+//! The simulated unit: what its two triads do to specific force and angular rate.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::error::Error;
+
+/// Standard gravity, m/s^2: what datasheets mean by g.
+const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
+
+/// An accelerometer and a gyroscope on one board.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Unit {
+    /// Measures specific force, m/s^2.
+    pub accelerometer: Sensor,
+    /// Measures angular rate, rad/s.
+    pub gyroscope: Sensor,
+}
+
+/// A triad: `measured = convert(sensitivity * true + bias + noise)`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sensor {
+    /// The paper's M S; the identity is perfect.
+    pub sensitivity: Matrix3<f64>,
+    /// Constant offset, SI units.
+    pub bias: Vector3<f64>,
+    /// White noise, continuous: root of the power density as datasheets and Allan plots give it, SI unit/sqrt(Hz). A
+    /// point sample has the standard deviation `noise_density * sqrt(rate_hz)`, a mean over T `noise_density / sqrt(T)`.
+    pub noise_density: f64,
+    /// Rounds to counts and clips; `None` keeps the value as it is.
+    pub converter: Option<Converter>,
+}
+
+/// An analogue-to-digital converter in two's complement: whole multiples of `lsb` from `-2^(bits-1)` to `2^(bits-1) - 1`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Converter {
+    /// One count, SI units.
+    pub lsb: f64,
+    /// Width of the output word.
+    pub bits: u32,
+}
+
+impl Converter {
+    /// The output nearest to `value`, SI units; `bits` has passed [`Sensor::check`].
+    #[inline]
+    pub(super) fn convert(&self, value: f64) -> f64 {
+        let half = (1_u64 << (self.bits - 1)) as f64;
+        (value / self.lsb).round_ties_even().clamp(-half, half - 1.0) * self.lsb
+    }
+}
+
+impl Sensor {
+    /// Neither error nor noise.
+    pub fn ideal() -> Self {
+        Self {
+            sensitivity: Matrix3::identity(),
+            bias: Vector3::zeros(),
+            noise_density: 0.0,
+            converter: None,
+        }
+    }
+
+    /// Refuses what no sensor has; `name` is for the message.
+    pub(super) fn check(&self, name: &str) -> Result<(), Error> {
+        let input = |message: String| Err(Error::Input(format!("{name} of the unit: {message}")));
+        if !self.sensitivity.iter().chain(&self.bias).all(|value| value.is_finite()) {
+            return input("sensitivity and bias need finite entries".to_owned());
+        }
+        if !(self.noise_density.is_finite() && self.noise_density >= 0.0) {
+            return input(format!(
+                "noise_density is {}: zero or more is needed",
+                self.noise_density
+            ));
+        }
+        match self.converter {
+            Some(Converter { lsb, .. }) if !(lsb.is_finite() && lsb > 0.0) => {
+                input(format!("one count is {lsb}: a positive size is needed"))
+            }
+            Some(Converter { bits, .. }) if !(2..=32).contains(&bits) => {
+                input(format!("the output word has {bits} bits: 2 to 32 can be used"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Unit {
+    /// Neither error nor noise.
+    pub fn ideal() -> Self {
+        Self {
+            accelerometer: Sensor::ideal(),
+            gyroscope: Sensor::ideal(),
+        }
+    }
+
+    /// The paper's unit (Tables 1 and 2): NXP FXOS8700CQ and FXAS21002CQ, with datasheet noise and counts.
+    ///
+    /// * FXOS8700CQ: 126 ug/sqrt(Hz); 14 bit, range +-2 g, 0.244 mg per count (2 g / 8192).
+    /// * FXAS21002CQ: 0.025 deg/s/sqrt(Hz); 16 bit, range +-500 deg/s, 15.625 mdeg/s per count (clips at 512 deg/s). The
+    ///   paper does not name the range; +-250 deg/s would clip, since the random program reaches up to 358 deg/s.
+    pub fn paper() -> Self {
+        // Table 2 has the names of the gyroscope's two factors the other way round.
+        let misalignment = Matrix3::new(1.0, 0.0094, -0.0060, -0.0086, 1.0, -0.0031, 0.0089, 0.0035, 1.0);
+        let scale = Matrix3::from_diagonal(&Vector3::new(0.9771, 1.0309, 1.0030));
+        Self {
+            accelerometer: Sensor {
+                sensitivity: Matrix3::new(
+                    0.9804, 0.0012, 0.0055, //
+                    0.0012, 0.9727, 0.0043, //
+                    0.0055, 0.0043, 0.9921,
+                ),
+                bias: Vector3::new(-0.0427, 0.0241, 0.0402) * STANDARD_GRAVITY_MPS2,
+                noise_density: 126e-6 * STANDARD_GRAVITY_MPS2,
+                converter: Some(Converter {
+                    lsb: 2.0 * STANDARD_GRAVITY_MPS2 / 8192.0,
+                    bits: 14,
+                }),
+            },
+            gyroscope: Sensor {
+                sensitivity: misalignment * scale,
+                bias: Vector3::new(-0.0350, 0.0042, 0.0010),
+                noise_density: 0.025_f64.to_radians(),
+                converter: Some(Converter {
+                    lsb: 0.015625_f64.to_radians(),
+                    bits: 16,
+                }),
+            },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn converter_rounds_to_counts_and_clips() {
+        let converter = Converter { lsb: 0.25, bits: 4 };
+        assert_eq!(converter.convert(0.3), 0.25);
+        assert_eq!(converter.convert(-0.38), -0.5);
+        assert_eq!(converter.convert(100.0), 1.75);
+        assert_eq!(converter.convert(-100.0), -2.0);
+    }
+
+    #[test]
+    fn the_papers_unit_has_the_printed_figures() {
+        let unit = Unit::paper();
+        assert_eq!(
+            unit.accelerometer.sensitivity,
+            unit.accelerometer.sensitivity.transpose()
+        );
+        // Row 1 of Table 2: the misalignments times the scales of the columns.
+        assert!((unit.gyroscope.sensitivity[(0, 1)] - 0.0094 * 1.0309).abs() < 1e-15);
+        assert!((unit.gyroscope.sensitivity[(1, 0)] + 0.0086 * 0.9771).abs() < 1e-15);
+        // -0.0427 g
+        assert!((unit.accelerometer.bias.x + 0.41874).abs() < 1e-5);
+        for (sensor, name) in [(unit.accelerometer, "accelerometer"), (unit.gyroscope, "gyroscope")] {
+            assert!(sensor.check(name).is_ok());
+        }
+    }
+
+    #[test]
+    fn sensors_that_cannot_be_are_refused() {
+        let bad = [
+            Sensor {
+                noise_density: -1.0,
+                ..Sensor::ideal()
+            },
+            Sensor {
+                bias: Vector3::new(f64::NAN, 0.0, 0.0),
+                ..Sensor::ideal()
+            },
+            Sensor {
+                converter: Some(Converter { lsb: 0.0, bits: 16 }),
+                ..Sensor::ideal()
+            },
+            Sensor {
+                converter: Some(Converter { lsb: 1.0, bits: 0 }),
+                ..Sensor::ideal()
+            },
+        ];
+        for sensor in bad {
+            let message = sensor.check("gyroscope").unwrap_err().to_string();
+            assert!(message.starts_with("gyroscope"), "{message}");
+        }
+    }
+}
