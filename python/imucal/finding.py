@@ -1,0 +1,45 @@
+"""What the checks of a recording found."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+__all__ = ["Finding", "Place"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A stretch of samples, both ends included."""
+
+    first_sample: int
+    last_sample: int
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that is wrong with a recording.
+
+    `code` is a stable word for scripts. `severity` "error": a calibration would be wrong and is refused.
+    `columns` is empty if the whole recording is concerned. `value`, in `unit`, is the number that decided.
+    """
+
+    code: str
+    severity: Literal["warning", "error"]
+    recording: str
+    columns: tuple[str, ...]
+    place: Place | None
+    count: int
+    value: float
+    unit: str
+    message: str
+    way_out: str
+
+    def __str__(self) -> str:
+        return f"{self.recording}: {self.message} [{self.code}]: {self.way_out}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields as a dictionary that JSON can hold."""
+        return {**asdict(self), "columns": list(self.columns)}

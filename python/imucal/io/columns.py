@@ -1,0 +1,38 @@
+"""Text without the canonical header: the caller names the columns."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+
+from imucal.errors import InputError
+from imucal.io.source import open_file
+from imucal.io.text import read_headerless
+from imucal.io.vocabulary import NAMES, SKIP, is_canonical, recording_from_table
+from imucal.recording import Recording
+
+__all__ = ["read_columns"]
+
+
+def read_columns(
+    path: str | os.PathLike[str],
+    *,
+    columns: str | Sequence[str],
+    rate_hz: float | None = None,
+    skip_rows: int = 0,
+) -> Recording:
+    """Read columns of numbers separated by comma, semicolon, tab or spaces.
+
+    columns    a name for every column, in the file's order: canonical names ("accel_x_mps2,..."), `-` or
+               `skip` for a column to leave out, anything else for an auxiliary input
+    rate_hz    sample rate, if there is no time column
+    skip_rows  lines to leave out at the top; further lines that are not all numbers are left out in any case
+    """
+    names = [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+    if not any(is_canonical(name) for name in names):
+        raise InputError(f"columns is {','.join(names)!r}: none of these is a known name: {NAMES}")
+    if skip_rows < 0:
+        raise InputError(f"skip_rows is {skip_rows}: 0 or more lines can be left out")
+    file = open_file(path)
+    table = read_headerless(file, [SKIP[0] if name in SKIP else name for name in names], skip_rows)
+    return recording_from_table(table, [file.source], rate_hz)

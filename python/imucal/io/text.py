@@ -1,0 +1,146 @@
+"""Tables of numbers as text: separated by comma, semicolon, tab or spaces, with or without a header."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import Any
+
+from imucal.errors import FormatError
+from imucal.io.source import File, Table
+
+__all__ = ["first_fields", "read_headed", "read_headerless"]
+
+# A column is integers only if all of it is: the types are inferred from the whole file, up to Arrow's limit.
+LARGEST_BLOCK = 2**31 - 1
+
+
+def first_fields(file: File) -> list[str]:
+    """The fields of the first line that is not blank."""
+    lines = _lines(_text_of(file))
+    return _split(lines[0][1]) if lines else []
+
+
+def read_headed(file: File) -> Table:
+    """A table whose first line holds the names of its columns."""
+    content = _text_of(file)
+    lines = _lines(content, limit=1)
+    if not lines:
+        raise FormatError(f"{file.name} holds blank lines only: a header line and rows are needed")
+    number, header = lines[0]
+    return _read(file, content, skip=number, names=_split(header))
+
+
+def read_headerless(file: File, names: list[str], skip_rows: int) -> Table:
+    """A table without names of its own; leading lines that are not all numbers are left out.
+
+    names      one per column
+    skip_rows  lines to leave out at the top, before the first row of numbers is looked for
+    """
+    content = _text_of(file)
+    for number, line in _lines(content):
+        fields = _split(line)
+        if number > skip_rows and all(_is_number(field) for field in fields):
+            break
+    else:
+        raise FormatError(
+            f"{file.name}: no line consists of numbers only: is it the right file, and not binary?"
+        )
+    if len(fields) != len(names):
+        raise FormatError(
+            f"{file.name}: line {number} has {len(fields)} values but {len(names)} columns are named "
+            f"({', '.join(names)}): name every column, '-' for one to leave out"
+        )
+    return _read(file, content, skip=number - 1, names=names)
+
+
+def _read(file: File, content: bytes, skip: int, names: list[str]) -> Table:
+    import pyarrow as pa
+    from pyarrow import csv
+
+    rest = content.split(b"\n", skip)[skip] if content.count(b"\n") >= skip else b""
+    delimiter = _delimiter(rest.lstrip().split(b"\n", 1)[0])
+    if delimiter == b" ":
+        rest = re.sub(rb"[ \t]+", b" ", re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", rest.replace(b"\r", b"")))
+
+    def place(row: int) -> str:
+        return f"line {_line_of_row(rest, row) + skip}"
+
+    if not rest.strip():
+        return Table(file.name, names, [pa.chunked_array([pa.array([], pa.float64())])] * len(names), place)
+
+    bad_rows: list[Any] = []
+
+    def note(row: Any) -> str:
+        bad_rows.append(row)
+        return "error"
+
+    try:
+        table = csv.read_csv(
+            io.BytesIO(rest),
+            # One thread: a bad row then comes with its number.
+            read_options=csv.ReadOptions(
+                column_names=[str(index) for index in range(len(names))],
+                block_size=min(max(len(rest), 1), LARGEST_BLOCK),
+                use_threads=False,
+            ),
+            parse_options=csv.ParseOptions(delimiter=delimiter.decode(), invalid_row_handler=note),
+        )
+    except pa.ArrowException as error:
+        if bad_rows:
+            row = bad_rows[0]
+            where = place(row.number - 1) if row.number is not None else "a line"
+            raise FormatError(
+                f"{file.name}: {where} has {row.actual_columns} values, {row.expected_columns} are needed: "
+                "complete or remove it"
+            ) from None
+        reason = str(error).splitlines()[0]
+        raise FormatError(f"{file.name} cannot be read as a table of numbers: {reason}") from None
+    return Table(file.name, names, table.columns, place)
+
+
+def _text_of(file: File) -> bytes:
+    content = file.content.removeprefix(b"\xef\xbb\xbf")
+    if b"\0" in content[:4096]:
+        raise FormatError(
+            f"{file.name} is a binary file, text is needed: give the recording as CSV or Parquet"
+        )
+    return content
+
+
+def _lines(content: bytes, limit: int = 1000) -> list[tuple[int, str]]:
+    """Number (from 1) and text of the first lines that are not blank."""
+    head = content.split(b"\n", limit)[:limit] if limit > 1 else content.lstrip().split(b"\n", 1)[:1]
+    blank = content[: len(content) - len(content.lstrip())].count(b"\n") if limit == 1 else 0
+    return [
+        (number, line.decode(errors="replace").strip())
+        for number, line in enumerate(head, start=1 + blank)
+        if line.strip()
+    ]
+
+
+def _line_of_row(content: bytes, row: int) -> int:
+    """The number (from 1) of the row-th line (from 0) that is not blank."""
+    filled = (number for number, line in enumerate(content.split(b"\n"), start=1) if line.strip())
+    return next((number for index, number in enumerate(filled) if index == row), row + 1)
+
+
+def _delimiter(line: bytes) -> bytes:
+    for candidate in (b",", b";"):
+        if candidate in line:
+            return candidate
+    return b" "
+
+
+def _split(line: str) -> list[str]:
+    delimiter = _delimiter(line.encode()).decode()
+    fields = line.split() if delimiter == " " else line.split(delimiter)
+    return [field.strip().strip('"') for field in fields]
+
+
+def _is_number(field: str) -> bool:
+    try:
+        float(field)
+    except ValueError:
+        return False
+    return True

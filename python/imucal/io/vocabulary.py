@@ -1,0 +1,228 @@
+"""The canonical column names, and the way from named columns to a Recording.
+
+    time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
+    temp_degc                           stand_{1,2,3}_{rad,deg}           any other numbers: auxiliary
+
+Every reader only finds names for its columns; units and faults are dealt with here, once. Physical units
+become SI (1 g = 9.80665 m/s^2 exactly). Time in s is kept as it is; time in ms, us or ns, usually a large
+integer count since some epoch, is counted from the first sample, in whole numbers, so that no digit is lost.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucal.errors import FormatError, InputError
+from imucal.io.source import Table
+from imucal.recording import Recording, Source
+
+__all__ = ["NAMES", "SKIP", "column_names", "is_canonical", "recording_from_table"]
+
+NAMES = (
+    "time_{s,ms,us,ns}, accel_{x,y,z}_{mps2,g,mg,lsb}, gyro_{x,y,z}_{radps,dps,mdps,lsb}, temp_degc, "
+    "stand_{1,2,3}_{rad,deg}"
+)
+SKIP = ("-", "skip")
+
+STANDARD_GRAVITY_MPS2 = 9.80665
+DEGREE_RAD = math.pi / 180.0
+
+TICKS_PER_S = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+TO_SI = {
+    "accel": {"mps2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 / 1000.0, "lsb": 1.0},
+    "gyro": {"radps": 1.0, "dps": DEGREE_RAD, "mdps": DEGREE_RAD / 1000.0, "lsb": 1.0},
+    "stand": {"rad": 1.0, "deg": DEGREE_RAD},
+}
+AXES = {"accel": "xyz", "gyro": "xyz", "stand": "123"}
+TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
+
+
+def is_canonical(name: str) -> bool:
+    """Whether `name` has a meaning of its own, that is, would not be an auxiliary input."""
+    return _triad_part(name) is not None or name == "temp_degc" or _time_unit(name) is not None
+
+
+def column_names(recording: Recording) -> list[tuple[str, NDArray[np.float64]]]:
+    """The columns of a recording with their canonical names, in the order in which they are written."""
+    accel = "lsb" if recording.accel_unit == "lsb" else "mps2"
+    gyro = "lsb" if recording.gyro_unit == "lsb" else "radps"
+    columns = [("time_s", recording.time_s)]
+    columns += [(f"accel_{axis}_{accel}", recording.specific_force[:, i]) for i, axis in enumerate("xyz")]
+    columns += [(f"gyro_{axis}_{gyro}", recording.angular_rate[:, i]) for i, axis in enumerate("xyz")]
+    if recording.temperature_degc is not None:
+        columns.append(("temp_degc", recording.temperature_degc))
+    if recording.stand_rad is not None:
+        columns += [(f"stand_{motor}_rad", recording.stand_rad[:, i]) for i, motor in enumerate("123")]
+    for name, values in recording.auxiliary.items():
+        if is_canonical(name) or not name.strip() or any(mark in name for mark in ',;"\r\n'):
+            raise InputError(
+                f"{recording.name}: the auxiliary input {name!r} cannot be a column name: it has a meaning "
+                "of its own, is blank, or holds a comma, semicolon, quote or line break; rename it"
+            )
+        columns.append((name, values))
+    return columns
+
+
+def recording_from_table(table: Table, sources: Sequence[Source], rate_hz: float | None = None) -> Recording:
+    """A Recording of columns with canonical names.
+
+    rate_hz  sample rate, if there is no time column; the first sample is then at 0 s.
+
+    Raises FormatError if a column is missing, given twice, of an unknown unit, or holds text.
+    """
+    _refuse_duplicates(table)
+    used: set[str] = set()
+    accel, accel_unit = _triad(table, "accel", used)
+    gyro, gyro_unit = _triad(table, "gyro", used)
+    time_s = _time(table, used, rate_hz)
+    stand = None
+    if any(name.startswith("stand_") and _triad_part(name) for name in table.names):
+        stand, _ = _triad(table, "stand", used)
+    temperature = None
+    if "temp_degc" in table.names:
+        used.add("temp_degc")
+        temperature = _numbers(table, "temp_degc")
+    auxiliary = {
+        name: _numbers(table, name)
+        for name, column in zip(table.names, table.columns, strict=True)
+        if name not in used and name not in SKIP and name and _is_numeric(column)
+    }
+    return Recording(
+        time_s,
+        accel,
+        gyro,
+        temperature_degc=temperature,
+        stand_rad=stand,
+        auxiliary=auxiliary,
+        accel_unit="lsb" if accel_unit == "lsb" else "m/s^2",
+        gyro_unit="lsb" if gyro_unit == "lsb" else "rad/s",
+        name=table.file,
+        sources=sources,
+    )
+
+
+def _triad_part(name: str) -> tuple[str, str, str] | None:
+    """(accel, x, mps2) of accel_x_mps2; None if the name is of no triad."""
+    match = TRIAD_NAME.fullmatch(name)
+    if match is None:
+        return None
+    triad, axis, unit = match[1] or match[3], match[2] or match[4], match[5]
+    return (triad, axis, unit) if unit in TO_SI[triad] else None
+
+
+def _time_unit(name: str) -> str | None:
+    unit = name.removeprefix("time_")
+    return unit if unit != name and unit in TICKS_PER_S else None
+
+
+def _refuse_duplicates(table: Table) -> None:
+    names = [name for name in table.names if name not in SKIP]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise FormatError(f"{table.file}: the column {twice[0]} is given twice: rename or remove one")
+
+
+def _triad(table: Table, triad: str, used: set[str]) -> tuple[NDArray[np.float64], str]:
+    """The three columns of a triad, in SI units or counts, and the unit of their names."""
+    found: dict[str, list[tuple[str, str]]] = {axis: [] for axis in AXES[triad]}
+    for name in table.names:
+        part = _triad_part(name)
+        if part is not None and part[0] == triad:
+            found[part[1]].append((name, part[2]))
+    for axis, names in found.items():
+        if len(names) > 1:
+            raise FormatError(
+                f"{table.file}: {triad}_{axis} is given twice ({', '.join(name for name, _ in names)}): "
+                "remove one"
+            )
+        if not names:
+            raise FormatError(
+                f"{table.file}: the column {triad}_{axis}_* is missing "
+                f"(* is one of {', '.join(TO_SI[triad])}); "
+                f"found: {', '.join(table.names)}"
+            )
+    columns = [found[axis][0] for axis in AXES[triad]]
+    units = {unit for _, unit in columns}
+    if len(units) > 1:
+        raise FormatError(
+            f"{table.file}: the units of {', '.join(name for name, _ in columns)} are mixed: "
+            "give all three axes in one unit"
+        )
+    unit = units.pop()
+    used.update(name for name, _ in columns)
+    values = np.stack([_numbers(table, name) for name, _ in columns], axis=1)
+    return (values if TO_SI[triad][unit] == 1.0 else values * TO_SI[triad][unit]), unit
+
+
+def _time(table: Table, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:
+    names = [name for name in table.names if _time_unit(name) is not None]
+    if len(names) > 1:
+        raise FormatError(
+            f"{table.file}: there are {len(names)} time columns ({', '.join(names)}): remove one"
+        )
+    if rate_hz is not None:
+        if names:
+            raise InputError(
+                f"{table.file}: rate_hz is given but there is a column {names[0]}: leave one out"
+            )
+        if not (math.isfinite(rate_hz) and rate_hz > 0):
+            raise InputError(f"{table.file}: rate_hz is {rate_hz}: a positive number is needed")
+        return np.arange(len(table.columns[0]), dtype=np.float64) / rate_hz
+    if not names:
+        raise FormatError(
+            f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; found: "
+            f"{', '.join(table.names)}. If there is none, give the sample rate (rate_hz, --rate-hz)"
+        )
+    name = names[0]
+    used.add(name)
+    unit = name.removeprefix("time_")
+    if unit == "s":
+        return _numbers(table, name)
+    return _numbers(table, name, from_first=True) / TICKS_PER_S[unit]
+
+
+def _is_numeric(column: Any) -> bool:
+    import pyarrow as pa
+
+    kind = column.type
+    return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind))
+
+
+def _numbers(table: Table, name: str, from_first: bool = False) -> NDArray[np.float64]:
+    """A column as float64, empty cells as NaN; minus its first number if wanted."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    column = table.columns[table.names.index(name)]
+    if not _is_numeric(column):
+        _refuse_text(table, name, column)
+    if from_first and pa.types.is_integer(column.type):
+        # In whole numbers, before the way to float64: 1.4e18 ns has more digits than a float64 holds.
+        column = column.cast(pa.int64(), safe=False)
+        present = column.drop_null()
+        column = pc.subtract(column, present[0]) if len(present) else column
+        from_first = False
+    values = column.cast(pa.float64(), safe=False).fill_null(math.nan).to_numpy()
+    if from_first and np.isfinite(values).any():
+        values = values - values[np.isfinite(values)][0]
+    return np.asarray(values, dtype=np.float64)
+
+
+def _refuse_text(table: Table, name: str, column: Any) -> None:
+    """Say where the first cell is that is no number."""
+    for row, cell in enumerate(column.to_pylist()):
+        try:
+            float(cell if cell is not None else "nan")
+        except (TypeError, ValueError):
+            text = repr(cell) if isinstance(cell, str) else str(cell)
+            raise FormatError(
+                f"{table.file}: {table.place(row)}, column {name}: {text[:40]} is not a number: "
+                "correct it or leave the cell empty"
+            ) from None
+    raise FormatError(f"{table.file}: the column {name} holds {column.type}, numbers are needed")

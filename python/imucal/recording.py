@@ -1,0 +1,186 @@
+"""A recording: what one unit measured, rows are samples.
+
+1. Time is in seconds. A triad is either in SI units (m/s^2, rad/s) or in raw counts ("lsb").
+2. A still accelerometer reads +g on the axis that points up.
+3. Values are kept as they were recorded: NaN, gaps and rails are for the checks to find, not for this type.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal, TypeAlias, get_args
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imucal.errors import InputError
+
+__all__ = ["AccelUnit", "GyroUnit", "Recording", "Source"]
+
+AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
+GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
+FloatArray: TypeAlias = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that a recording was read from: its path as it was given, and the SHA-256 of its bytes."""
+
+    path: str
+    sha256: str
+
+
+@dataclass(frozen=True, eq=False, repr=False, init=False)
+class Recording:
+    """What one unit measured; every column is a read-only, C-contiguous float64 array.
+
+    time_s            (N,)    s
+    specific_force    (N, 3)  in `accel_unit`, along the accelerometer's axes
+    angular_rate      (N, 3)  in `gyro_unit`, along the gyroscope's axes
+    temperature_degc  (N,)    degC, or None
+    stand_rad         (N, 3)  angles of the stand's motors from their encoders, rad, or None
+    auxiliary         name -> (N,)  everything else that was recorded along
+
+    An array that is already C-contiguous float64 is not copied; anything else (lists, float32, integers,
+    Fortran order, strides) is converted once. Masked values become NaN.
+
+    Raises InputError if a column has the wrong shape, another length than `time_s`, or no real numbers.
+    """
+
+    time_s: FloatArray
+    specific_force: FloatArray
+    angular_rate: FloatArray
+    temperature_degc: FloatArray | None
+    stand_rad: FloatArray | None
+    auxiliary: Mapping[str, FloatArray]
+    accel_unit: AccelUnit
+    gyro_unit: GyroUnit
+    name: str
+    sources: tuple[Source, ...]
+
+    def __init__(
+        self,
+        time_s: ArrayLike,
+        specific_force: ArrayLike,
+        angular_rate: ArrayLike,
+        *,
+        temperature_degc: ArrayLike | None = None,
+        stand_rad: ArrayLike | None = None,
+        auxiliary: Mapping[str, ArrayLike] | None = None,
+        accel_unit: AccelUnit = "m/s^2",
+        gyro_unit: GyroUnit = "rad/s",
+        name: str = "recording",
+        sources: Sequence[Source] = (),
+    ) -> None:
+        for unit, known, what in (
+            (accel_unit, get_args(AccelUnit), "accel_unit"),
+            (gyro_unit, get_args(GyroUnit), "gyro_unit"),
+        ):
+            if unit not in known:
+                raise InputError(f"{name}: {what} is {unit!r}: give one of {', '.join(known)}")
+
+        def column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
+            return _column(values, f"{name}: {what}", width, rows)
+
+        time = column(time_s, "time_s", None, None)
+        rows = len(time)
+        fields: dict[str, Any] = {
+            "time_s": time,
+            "specific_force": column(specific_force, "specific_force", 3, rows),
+            "angular_rate": column(angular_rate, "angular_rate", 3, rows),
+            "temperature_degc": None
+            if temperature_degc is None
+            else column(temperature_degc, "temperature_degc", None, rows),
+            "stand_rad": None if stand_rad is None else column(stand_rad, "stand_rad", 3, rows),
+            "auxiliary": {
+                key: column(values, f"auxiliary[{key!r}]", None, rows)
+                for key, values in (auxiliary or {}).items()
+            },
+            "accel_unit": accel_unit,
+            "gyro_unit": gyro_unit,
+            "name": name,
+            "sources": tuple(sources),
+        }
+        for field, value in fields.items():
+            object.__setattr__(self, field, value)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def __repr__(self) -> str:
+        extras = [
+            *(["temperature"] if self.temperature_degc is not None else []),
+            *(["stand angles"] if self.stand_rad is not None else []),
+            *self.auxiliary,
+        ]
+        return (
+            f"Recording({self.name!r}: {len(self)} samples, {self.duration_s:.3f} s, {self.rate_hz:.6g} Hz, "
+            f"accelerometer in {self.accel_unit}, gyroscope in {self.gyro_unit}"
+            + (f", with {', '.join(extras)})" if extras else ")")
+        )
+
+    @property
+    def rate_hz(self) -> float:
+        """Median sample rate, Hz; NaN with fewer than two samples."""
+        if len(self) < 2:
+            return float("nan")
+        step_s = float(np.median(np.diff(self.time_s)))
+        return 1.0 / step_s if step_s > 0 else float("nan")
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last, s; 0 with fewer than two samples."""
+        return float(self.time_s[-1] - self.time_s[0]) if len(self) > 1 else 0.0
+
+    def between(self, start_s: float | None = None, end_s: float | None = None) -> Recording:
+        """The samples with start_s <= time_s < end_s; None leaves that end open."""
+        keep = np.ones(len(self), dtype=bool)
+        if start_s is not None:
+            keep &= self.time_s >= start_s
+        if end_s is not None:
+            keep &= self.time_s < end_s
+        return Recording(
+            self.time_s[keep],
+            self.specific_force[keep],
+            self.angular_rate[keep],
+            temperature_degc=None if self.temperature_degc is None else self.temperature_degc[keep],
+            stand_rad=None if self.stand_rad is None else self.stand_rad[keep],
+            auxiliary={key: values[keep] for key, values in self.auxiliary.items()},
+            accel_unit=self.accel_unit,
+            gyro_unit=self.gyro_unit,
+            name=self.name,
+            sources=self.sources,
+        )
+
+
+def _column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
+    """`values` as a read-only C-contiguous float64 array of shape (rows,) or (rows, width)."""
+    shape = "(N,)" if width is None else f"(N, {width})"
+    try:
+        # asanyarray keeps a mask, which must not be lost: a masked value is no measurement.
+        array = np.asanyarray(values)
+        numeric = array.dtype.kind in "fiub" or array.size == 0
+        if numeric:
+            array = array.astype(np.float64, order="C", copy=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{what} cannot be made an array: {error}: give real numbers, shape {shape}"
+        ) from None
+    if not numeric:
+        raise InputError(f"{what} has the type {array.dtype}: give real numbers, shape {shape}")
+    if isinstance(array, np.ma.MaskedArray):
+        array = array.filled(np.nan)
+    if width is not None and array.shape == (0,):
+        array = array.reshape(0, width)
+    if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):
+        hint = ": rows are samples, give its transpose" if array.ndim == 2 and array.shape[0] == width else ""
+        raise InputError(f"{what} has the shape {array.shape}, {shape} is needed{hint}")
+    if rows is not None and len(array) != rows:
+        raise InputError(
+            f"{what} has {len(array)} rows but time_s has {rows}: all columns need one row per sample"
+        )
+    # A view, so that the caller's own array stays writable.
+    view = np.ascontiguousarray(array).view(np.ndarray).view()
+    view.flags.writeable = False
+    return view

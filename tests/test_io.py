@@ -1,0 +1,459 @@
+"""Recordings: what the type takes, what the readers make of files, and what they say about bad ones."""
+
+import hashlib
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imucal
+
+SHARED = Path(__file__).parents[2] / "shared" / "data"
+HEADER = "time_s,accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
+IMU_COLUMNS = HEADER.removeprefix("time_s,")
+ROW = "0,0,0,9.8,0,0,0"
+
+
+def shared(path):
+    if not SHARED.exists():
+        pytest.skip(f"the folder of real recordings is not there: {SHARED}")
+    assert (SHARED / path).exists(), f"{path} is missing from the real recordings"
+    return SHARED / path
+
+
+def random_recording(rows=500, **more):
+    numbers = np.random.default_rng(5)
+    return imucal.Recording(
+        np.arange(rows) * 0.01 + numbers.uniform(0, 1e-4, rows),
+        numbers.normal(size=(rows, 3)) * np.array([1e-17, 1.0, 1e17]),
+        numbers.normal(size=(rows, 3)),
+        **more,
+    )
+
+
+def write_text(folder, text, name="run.csv"):
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+# The type
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        np.asfortranarray,
+        lambda a: np.repeat(a, 2, axis=0)[::2],
+        lambda a: a.astype(np.float32),
+        lambda a: a.astype(np.int16),
+        lambda a: a.tolist(),
+        lambda a: np.ma.masked_array(a, mask=np.zeros_like(a, bool)),
+        lambda a: a.astype(">f8"),
+    ],
+    ids=["fortran", "strided", "float32", "int16", "list", "masked", "big-endian"],
+)
+def test_every_kind_of_array_gives_the_same_recording(change):
+    force = np.arange(12.0).reshape(4, 3)
+    recording = imucal.Recording(np.arange(4.0), change(force), change(force + 1))
+    np.testing.assert_array_equal(recording.specific_force, force)
+    np.testing.assert_array_equal(recording.angular_rate, force + 1)
+    assert recording.specific_force.dtype == np.float64
+    assert recording.specific_force.flags.c_contiguous
+    assert not recording.specific_force.flags.writeable
+
+
+def test_contiguous_float64_is_not_copied_and_stays_writable_for_its_owner():
+    force = np.zeros((4, 3))
+    recording = imucal.Recording(np.arange(4.0), force, force)
+    assert np.shares_memory(recording.specific_force, force)
+    force[0, 0] = 1.0
+    with pytest.raises(ValueError, match="read-only"):
+        recording.specific_force[0, 0] = 2.0
+
+
+def test_masked_values_become_nan():
+    force = np.ma.masked_array(np.ones((2, 3)), mask=[[False, True, False], [False] * 3])
+    recording = imucal.Recording([0, 1], force, np.zeros((2, 3)))
+    np.testing.assert_array_equal(np.isnan(recording.specific_force), force.mask)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([0, 1], np.zeros((3, 3)), np.zeros((2, 3))), "specific_force has 3 rows but time_s has 2"),
+        (([0, 1], np.zeros((2, 3)), np.zeros((2, 2))), r"angular_rate has the shape \(2, 2\)"),
+        (([0, 1], np.zeros((3, 2)), np.zeros((2, 3))), "give its transpose"),
+        (([0, 1], [["a"] * 3] * 2, np.zeros((2, 3))), "real numbers"),
+        (([0, 1], [[1, 2, 3], [4, 5]], np.zeros((2, 3))), "cannot be made an array"),
+        (([0, 1], np.zeros((2, 3), complex), np.zeros((2, 3))), "complex128"),
+        ((np.zeros((2, 1)), np.zeros((2, 3)), np.zeros((2, 3))), "time_s has the shape"),
+        ((3.0, np.zeros((2, 3)), np.zeros((2, 3))), "time_s has the shape"),
+        ((None, np.zeros((2, 3)), np.zeros((2, 3))), "object"),
+    ],
+)
+def test_wrong_columns_are_named(arguments, message):
+    with pytest.raises(imucal.InputError, match=message):
+        imucal.Recording(*arguments)
+
+
+def test_unknown_unit_is_refused():
+    with pytest.raises(imucal.InputError, match="accel_unit is 'g': give one of m/s"):
+        random_recording(accel_unit="g")
+
+
+def test_an_empty_recording_can_be_held():
+    recording = imucal.Recording([], [], [])
+    assert len(recording) == 0
+    assert recording.duration_s == 0
+    assert np.isnan(recording.rate_hz)
+
+
+def test_rate_duration_and_part():
+    recording = imucal.Recording(np.arange(1000) / 200, np.zeros((1000, 3)), np.zeros((1000, 3)))
+    assert recording.rate_hz == pytest.approx(200, rel=1e-12)
+    assert recording.duration_s == pytest.approx(4.995)
+    part = recording.between(1.0, 2.0)
+    assert (len(part), part.time_s[0], part.time_s[-1]) == (200, 1.0, 1.995)
+    assert "1000 samples, 4.995 s, 200 Hz" in repr(recording)
+
+
+# The canonical files
+
+
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_round_trip_is_bit_exact(tmp_path, ending):
+    rows = 500
+    numbers = np.random.default_rng(7)
+    recording = random_recording(
+        rows,
+        temperature_degc=numbers.normal(25, 1, rows),
+        stand_rad=numbers.normal(size=(rows, 3)),
+        auxiliary={"pressure_pa": numbers.normal(1e5, 1, rows)},
+        gyro_unit="lsb",
+    )
+    recording.auxiliary["pressure_pa"].base[3] = np.nan
+    path = tmp_path / f"run.{ending}"
+    imucal.write(recording, path)
+    again = imucal.read(path)
+    for column in ("time_s", "specific_force", "angular_rate", "temperature_degc", "stand_rad"):
+        np.testing.assert_array_equal(getattr(again, column), getattr(recording, column), column)
+    np.testing.assert_array_equal(again.auxiliary["pressure_pa"], recording.auxiliary["pressure_pa"])
+    assert (again.accel_unit, again.gyro_unit, again.name) == ("m/s^2", "lsb", f"run.{ending}")
+    assert again.sources == (imucal.Source(str(path), hashlib.sha256(path.read_bytes()).hexdigest()),)
+
+
+def test_canonical_csv_has_the_contracts_header(tmp_path):
+    path = tmp_path / "run.csv"
+    imucal.write(imucal.Recording([0.5], [[1, 2, 3]], [[4, 5, 6]], temperature_degc=[21]), path)
+    assert path.read_text() == f"{HEADER},temp_degc\n0.5,1,2,3,4,5,6,21\n"
+
+
+@pytest.mark.parametrize(
+    ("accel", "gyro", "force", "rate"),
+    [
+        ("g", "dps", 9.80665, np.pi / 180),
+        ("mg", "mdps", 0.00980665, np.pi / 180000),
+        ("mps2", "radps", 1.0, 1.0),
+        ("lsb", "lsb", 1.0, 1.0),
+    ],
+)
+def test_units_in_column_names(tmp_path, accel, gyro, force, rate):
+    names = [
+        "time_ms",
+        *(f"accel_{a}_{accel}" for a in "xyz"),
+        *(f"gyro_{a}_{gyro}" for a in "xyz"),
+        "stand_1_deg",
+    ]
+    names += ["stand_2_deg", "stand_3_deg"]
+    path = write_text(tmp_path, ",".join(names) + "\n5,1,2,3,4,5,6,180,0,90\n10,1,2,3,4,5,6,180,0,90\n")
+    recording = imucal.read(path)
+    np.testing.assert_array_equal(recording.time_s, [0, 0.005])
+    np.testing.assert_allclose(recording.specific_force[0], np.array([1, 2, 3]) * force, rtol=3e-16)
+    np.testing.assert_allclose(recording.angular_rate[0], np.array([4, 5, 6]) * rate, rtol=3e-16)
+    np.testing.assert_allclose(recording.stand_rad[0], [np.pi, 0, np.pi / 2], rtol=3e-16)
+    assert recording.accel_unit == ("lsb" if accel == "lsb" else "m/s^2")
+    assert recording.gyro_unit == ("lsb" if gyro == "lsb" else "rad/s")
+
+
+def test_large_nanosecond_stamps_lose_no_digit(tmp_path):
+    start = 1_403_636_580_838_555_648
+    rows = "".join(f"{start + i * 5_000_001},0,0,9.8,0,0,0\n" for i in range(1000))
+    recording = imucal.read(write_text(tmp_path, HEADER.replace("time_s", "time_ns") + "\n" + rows))
+    np.testing.assert_array_equal(recording.time_s, np.arange(1000) * 5_000_001 / 1e9)
+
+
+def test_column_that_turns_to_fractions_late_is_read(tmp_path):
+    rows = "".join(f"{i},0,0,9,0,0,0\n" for i in range(200_000)) + "200000,0.25,0,9,0,0,0\n"
+    assert imucal.read(write_text(tmp_path, f"{HEADER}\n{rows}")).specific_force[-1, 0] == 0.25
+
+
+def test_header_variants(tmp_path):
+    plain = imucal.read(write_text(tmp_path, f"{HEADER}\n{ROW}\n"))
+    quoted = ",".join(f'"{name}"' for name in HEADER.split(","))
+    for text in (
+        f"\ufeff{HEADER}\n{ROW}\n",
+        f"{HEADER}\r\n{ROW}\r\n",
+        f"{quoted}\n{ROW}",
+        f"{HEADER.replace(',', ', ')}\n{ROW.replace(',', ', ')}\n",
+        f"\n{HEADER}\n\n{ROW}\n\n",
+        f"{HEADER.replace(',', ';')}\n{ROW.replace(',', ';')}\n",
+    ):
+        again = imucal.read(write_text(tmp_path, text))
+        np.testing.assert_array_equal(again.specific_force, plain.specific_force, repr(text))
+        assert len(again) == 1
+
+
+def test_cells_without_a_number_are_nan_and_text_columns_are_left_out(tmp_path):
+    recording = imucal.read(
+        write_text(tmp_path, f"{HEADER},part,flow\n0,,0,nan,0,0,0,a,1\n1,0,0,0,0,0,0,b,2\n")
+    )
+    np.testing.assert_array_equal(np.isnan(recording.specific_force), [[True, False, True], [False] * 3])
+    assert list(recording.auxiliary) == ["flow"]
+
+
+def test_header_alone_is_an_empty_recording(tmp_path):
+    assert len(imucal.read(write_text(tmp_path, f"{HEADER}\n"))) == 0
+
+
+def test_sample_rate_instead_of_time(tmp_path):
+    recording = imucal.read(write_text(tmp_path, f"{IMU_COLUMNS}\n1,2,3,4,5,6\n1,2,3,4,5,6\n"), rate_hz=50)
+    np.testing.assert_array_equal(recording.time_s, [0, 0.02])
+
+
+# Other people's files
+
+
+def test_euroc(tmp_path):
+    header = (
+        "#timestamp [ns],w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],"
+        "a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]"
+    )
+    row = "-0.0991347015132779,0.1473844556,0.0277507343,8.1476917083,-0.3759291508,-2.4026292187"
+    text = f"{header}\n1403636579758555392,{row}\n1403636579763555584,{row}\n"
+    recording = imucal.read(write_text(tmp_path, text))
+    np.testing.assert_array_equal(recording.time_s, [0, 0.005000192])
+    np.testing.assert_array_equal(recording.angular_rate[0], [float(x) for x in row.split(",")[:3]])
+    np.testing.assert_array_equal(recording.specific_force[1], [float(x) for x in row.split(",")[3:]])
+
+
+def test_imu_tk_pair_is_the_files_numbers():
+    accel, gyro = shared("xsens_mti/xsens_acc.mat"), shared("xsens_mti/xsens_gyro.mat")
+    recording = imucal.read(accel, gyro)
+    truth = np.loadtxt(accel)
+    np.testing.assert_array_equal(recording.time_s, truth[:, 0])
+    np.testing.assert_array_equal(recording.specific_force, truth[:, 1:])
+    np.testing.assert_array_equal(recording.angular_rate, np.loadtxt(gyro)[:, 1:])
+    assert (recording.accel_unit, recording.gyro_unit, len(recording.sources)) == ("lsb", "lsb", 2)
+
+
+def test_imu_tk_files_of_different_time_are_refused(tmp_path):
+    accel = write_text(tmp_path, "0 1 2 3\n1 1 2 3\n", "acc.mat")
+    with pytest.raises(
+        imucal.FormatError, match=r"different time stamps at 1 samples, first at line 2: 1 and 1.5"
+    ):
+        imucal.read(accel, write_text(tmp_path, "0 1 2 3\n1.5 1 2 3\n", "gyro.mat"))
+    with pytest.raises(imucal.FormatError, match="has 2 samples but gyro.mat has 1"):
+        imucal.read(accel, write_text(tmp_path, "0 1 2 3\n", "gyro.mat"))
+
+
+@pytest.mark.parametrize(
+    ("file", "columns", "rows"),
+    [
+        ("mpu9150/imu0.log", IMU_COLUMNS, 15969),
+        (
+            "mpu6050/example_data_calibration.csv",
+            IMU_COLUMNS.replace("mps2", "lsb").replace("radps", "lsb"),
+            10245,
+        ),
+    ],
+)
+def test_headerless_columns_are_the_files_numbers(file, columns, rows):
+    path = shared(file)
+    recording = imucal.read(path, columns=columns, rate_hz=100)
+    truth = np.genfromtxt(
+        path.read_text().splitlines()[-rows:], delimiter="," if file.endswith("csv") else None
+    )
+    np.testing.assert_array_equal(np.hstack([recording.specific_force, recording.angular_rate]), truth)
+
+
+def test_columns_can_be_left_out_and_reordered():
+    path = shared("ferraris/example_ferraris_session.csv")
+    columns = "-,gyro_x_dps,gyro_y_dps,gyro_z_dps,accel_x_mps2,accel_y_mps2,accel_z_mps2"
+    recording = imucal.read(path, columns=columns, rate_hz=102.4)
+    truth = np.genfromtxt(path, delimiter=",", skip_header=1)
+    np.testing.assert_array_equal(recording.specific_force, truth[:, 4:])
+    np.testing.assert_allclose(recording.angular_rate, np.deg2rad(truth[:, 1:4]), rtol=4e-16)
+    assert recording.auxiliary == {}
+
+
+# Bad files
+
+MISSING = HEADER.replace("accel_z_mps2", "accel_z")
+BAD_FILES = {
+    "no bytes": ("", imucal.FormatError, "is empty"),
+    "blank": ("\n \n", imucal.FormatError, "first line is"),
+    "binary": ("\0\1\2", imucal.FormatError, "binary"),
+    "unknown columns": ("a,b\n1,2\n", imucal.FormatError, "format is not clear, its first line is: a, b. "),
+    "missing column": (
+        f"{MISSING}\n{ROW}\n",
+        imucal.FormatError,
+        r"accel_z_\* is missing .* found: time_s, .*accel_z,",
+    ),
+    "no time": (f"{IMU_COLUMNS}\n1,2,3,4,5,6\n", imucal.FormatError, "time_s .* is missing.*--rate-hz"),
+    "two times": (f"time_ms,{HEADER}\n0,{ROW}\n", imucal.FormatError, "2 time columns"),
+    "twice": (f"{HEADER},gyro_x_radps\n{ROW},0\n", imucal.FormatError, "gyro_x_radps is given twice"),
+    "two units": (f"{HEADER},gyro_x_dps\n{ROW},0\n", imucal.FormatError, "gyro_x is given twice"),
+    "mixed units": (f"{HEADER.replace('y_mps2', 'y_g')}\n{ROW}\n", imucal.FormatError, "mixed"),
+    "text": (
+        f"{HEADER}\n{ROW}\n\n1,0,abc,0,0,0,0\n",
+        imucal.FormatError,
+        "line 4, column accel_y_mps2: 'abc' is not",
+    ),
+    "short row": (f"{HEADER}\n{ROW}\n0,0,0\n", imucal.FormatError, "line 3 has 3 values, 7 are needed"),
+    "long row": (f"{HEADER}\n{ROW},1\n", imucal.FormatError, "line 2 has 8 values, 7 are needed"),
+    "part of stand": (f"{HEADER},stand_1_rad\n{ROW},1\n", imucal.FormatError, r"stand_2_\* is missing"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FILES, ids=str)
+def test_bad_csv(tmp_path, case):
+    text, error, message = BAD_FILES[case]
+    with pytest.raises(error, match=message) as caught:
+        imucal.read(write_text(tmp_path, text))
+    assert "\n" not in str(caught.value)
+    assert "run.csv" in str(caught.value)
+
+
+@pytest.mark.parametrize("kept", [4, 100, -1])
+def test_truncated_parquet(tmp_path, kept):
+    path = tmp_path / "run.parquet"
+    imucal.write(random_recording(), path)
+    path.write_bytes(path.read_bytes()[:kept])
+    with pytest.raises(imucal.FormatError, match=r"run.parquet is a damaged or truncated Parquet file"):
+        imucal.read(path)
+
+
+def test_text_named_parquet(tmp_path):
+    with pytest.raises(imucal.FormatError, match="is not a Parquet file"):
+        imucal.read(write_text(tmp_path, f"{HEADER}\n{ROW}\n", "run.parquet"))
+
+
+def test_folder_and_missing_file(tmp_path):
+    with pytest.raises(imucal.InputError, match="is a folder"):
+        imucal.read(tmp_path)
+    with pytest.raises(imucal.InputError, match="no such file"):
+        imucal.read(tmp_path / "none.csv")
+
+
+@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="the superuser may read everything")
+def test_no_permission(tmp_path):
+    path = write_text(tmp_path, f"{HEADER}\n{ROW}\n")
+    path.chmod(0)
+    with pytest.raises(imucal.InputError, match="no permission"):
+        imucal.read(path)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"format": "mat"}, "'mat' is not known"),
+        ({"format": "euroc", "rate_hz": 100}, "euroc knows no option rate_hz"),
+        ({"format": "columns"}, "needs names"),
+        ({"columns": "a,b,c"}, "none of these is a known name"),
+        ({"rate_hz": 100}, "rate_hz is given but there is a column time_s"),
+        ({"format": "imu_tk"}, "1 files are given, a recording in the format imu_tk is 2"),
+    ],
+)
+def test_options_that_do_not_fit(tmp_path, options, message):
+    with pytest.raises(imucal.InputError, match=message):
+        imucal.read(write_text(tmp_path, f"{HEADER}\n{ROW}\n"), **options)
+
+
+def test_wrong_number_of_columns(tmp_path):
+    path = write_text(tmp_path, "ax,ay\n1,2,3\n")
+    with pytest.raises(imucal.FormatError, match="line 2 has 3 values but 7 columns are named"):
+        imucal.read(path, columns=HEADER)
+
+
+# Writing
+
+
+def test_unwritable_places(tmp_path):
+    recording = random_recording()
+    for path, message in [
+        (tmp_path / "none" / "run.csv", "No such file"),
+        (tmp_path / "run.xlsx", "change the ending"),
+    ]:
+        with pytest.raises(imucal.InputError, match=message):
+            imucal.write(recording, path)
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(imucal.InputError, match="it is a folder"):
+        imucal.write(recording, tmp_path / "folder.csv")
+
+
+def test_auxiliary_name_with_a_meaning_is_not_written(tmp_path):
+    with pytest.raises(imucal.InputError, match="'temp_degc' cannot be a column name"):
+        imucal.write(random_recording(3, auxiliary={"temp_degc": [1, 2, 3]}), tmp_path / "run.csv")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file size limits are POSIX")
+@pytest.mark.parametrize("ending", ["csv", "parquet"])
+def test_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, ending):
+    path = tmp_path / f"run.{ending}"
+    imucal.write(random_recording(10), path)
+    before = path.read_bytes()
+    program = f"""
+        import resource, signal
+        import numpy as np
+        import imucal
+        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+        resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))
+        noise = np.random.default_rng(0).normal(size=(5000, 3))
+        try:
+            imucal.write(imucal.Recording(np.arange(5000), noise, noise), {str(path)!r})
+        except imucal.InputError as error:
+            print(error)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], capture_output=True, text=True)
+    assert "cannot be written: File too large" in done.stdout, done.stderr
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
+def test_killed_while_writing_leaves_the_old_or_the_new_file(tmp_path):
+    path = tmp_path / "run.csv"
+    program = f"""
+        import numpy as np
+        import imucal
+        first, second = (imucal.Recording(np.arange(3000), *[np.full((3000, 3), x)] * 2) for x in (1.5, 2.5))
+        print("ready", flush=True)
+        while True:
+            imucal.write(first, {str(path)!r})
+            imucal.write(second, {str(path)!r})
+    """
+    for delay in (0.02, 0.05, 0.08):
+        process = subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(program)], stdout=subprocess.PIPE, text=True
+        )
+        process.stdout.readline()
+        with pytest.raises(subprocess.TimeoutExpired):
+            process.wait(delay + 0.2)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        process.stdout.close()
+        values = imucal.read(path).specific_force
+        assert values.shape == (3000, 3)
+        assert set(np.unique(values)) in ({1.5}, {2.5})
+
+
+def test_written_file_has_the_permissions_of_an_ordinary_one(tmp_path):
+    ordinary = write_text(tmp_path, "x", "ordinary")
+    imucal.write(random_recording(3), tmp_path / "run.csv")
+    assert (tmp_path / "run.csv").stat().st_mode == ordinary.stat().st_mode
