@@ -1,0 +1,151 @@
+# Needs Python 3.10 or newer, a Rust toolchain with rustfmt and clippy, and make. Everything else goes into .venv.
+#
+#   make test      lint, Rust tests, the source distribution in an empty environment, Python tests
+#   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
+#   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
+#   make bench     speed beside a SciPy program of the same model
+#   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md
+#   make wheel     dist/*.whl
+#   make format    format Rust and Python
+#   make clean     forget .venv and dist; target/ stays, its dependencies take minutes to build
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PY := $(BIN)/python
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+MAKEFLAGS += --no-builtin-rules
+
+# One target folder and one profile for tests, benchmarks, wheel and sdist: the numerical dependencies are built once.
+export CARGO_TARGET_DIR ?= $(CURDIR)/target
+export PYO3_PYTHON := $(CURDIR)/$(PY)
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+# The whole workspace even where one crate would do: cargo unites the features of what it builds together, and another
+# set of features builds the dependencies again.
+CARGO_TEST := cargo test --release --locked --workspace
+
+MANIFESTS := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-APACHE
+RUST_SOURCES := $(shell find rust -type f)
+PYTHON_SOURCES := $(shell find python -type f -not -path '*/__pycache__/*' -not -name '*.so')
+SOURCES := $(MANIFESTS) $(RUST_SOURCES) $(PYTHON_SOURCES)
+
+say = @printf '\n== %s\n' '$(1)'
+
+.PHONY: help
+help:
+	@sed -n 's/^#   //p' Makefile
+
+# --- environment -------------------------------------------------------------------------------------------------
+
+# Dependency groups need pip 25.1.
+$(VENV)/.tools: pyproject.toml
+	$(call say,Set up $(VENV))
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10) and "Python 3.10 or newer is needed: make PYTHON=python3.12 ...")'
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet --upgrade 'pip>=25.1'
+	$(PY) -m pip install --quiet --group dev
+	@touch $@
+
+.PHONY: rust-components
+rust-components:
+	@cargo --version >/dev/null || { echo "cargo is missing: install a Rust toolchain, see https://rustup.rs"; exit 1; }
+	@cargo fmt --version >/dev/null 2>&1 || { echo "rustfmt is missing: rustup component add rustfmt"; exit 1; }
+	@cargo clippy --version >/dev/null 2>&1 || { echo "clippy is missing: rustup component add clippy"; exit 1; }
+
+# --- wheel -------------------------------------------------------------------------------------------------------
+
+.PHONY: wheel installed
+wheel: dist/.wheel
+installed: $(VENV)/.installed
+
+dist/.wheel: $(SOURCES) | $(VENV)/.tools
+	$(call say,Build the wheel)
+	@rm -f dist/*.whl
+	$(BIN)/maturin build --release --locked --interpreter $(PY) --out dist
+	@touch $@
+
+# pip keeps an installed package of the same version, so the old one is removed first.
+$(VENV)/.installed: dist/.wheel $(VENV)/.tools
+	$(call say,Install the wheel)
+	@$(PY) -m pip uninstall --quiet --yes imucal-rs
+	$(PY) -m pip install --quiet "$$(echo dist/*.whl)[report]"
+	@touch $@
+
+# --- lint --------------------------------------------------------------------------------------------------------
+
+.PHONY: lint lint-rust lint-python format
+lint: lint-rust lint-python
+
+lint-rust: rust-components $(VENV)/.tools
+	$(call say,Rust: formatting)
+	cargo fmt --all --check
+	$(call say,Rust: clippy)
+	cargo clippy --workspace --all-targets --locked -- -D warnings
+	$(call say,Rust: documentation)
+	RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --locked
+
+PYTHON_FILES := $(wildcard python tests benches examples)
+
+lint-python: $(VENV)/.installed
+	$(call say,Python: formatting and lint)
+	$(BIN)/ruff format --check $(PYTHON_FILES)
+	$(BIN)/ruff check $(PYTHON_FILES)
+	$(call say,Python: types)
+	$(PY) -m mypy
+	$(call say,Python: the stub agrees with the extension)
+	$(PY) -m mypy.stubtest imucal._core
+
+format: rust-components $(VENV)/.tools
+	cargo fmt --all
+	$(BIN)/ruff format $(PYTHON_FILES)
+	$(BIN)/ruff check --fix $(PYTHON_FILES)
+
+# --- tests -------------------------------------------------------------------------------------------------------
+
+.PHONY: test test-rust test-sdist test-python
+test: lint test-rust test-sdist test-python
+
+test-rust: rust-components
+	$(call say,Rust: tests and documentation tests)
+	$(CARGO_TEST)
+
+test-sdist: $(VENV)/.sdist
+
+# The empty environment has no development tools in it: what the package needs, it must bring. Its test is small because
+# the wheel is tested in full.
+$(VENV)/.sdist: $(SOURCES) tests/sdist_smoke.py | $(VENV)/.tools
+	$(call say,Build the sdist and install it into an empty environment)
+	@rm -f dist/*.tar.gz
+	$(BIN)/maturin sdist --out dist
+	$(PYTHON) -m venv --clear $(CARGO_TARGET_DIR)/sdist-venv
+	$(CARGO_TARGET_DIR)/sdist-venv/bin/python -m pip install --quiet dist/*.tar.gz
+	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/sdist_smoke.py
+	@touch $@
+
+test-python: $(VENV)/.installed
+	$(call say,Python: tests against the installed wheel)
+	$(PY) -m pytest
+
+# --- what it can do ----------------------------------------------------------------------------------------------
+
+.PHONY: demo bench accuracy
+demo: $(VENV)/.installed
+	$(call say,Demo)
+	$(BIN)/imucal demo
+
+bench: $(VENV)/.installed
+	$(call say,Speed)
+	$(PY) benches/compare.py
+
+accuracy: $(VENV)/.installed
+	$(call say,Accuracy)
+	$(PY) benches/accuracy.py
+
+.PHONY: clean
+clean:
+	rm -rf $(VENV) dist demo
