@@ -15,7 +15,7 @@ mod values;
 
 use std::fmt;
 
-use crate::recording::Recording;
+use crate::recording::{RawUnit, Recording};
 
 pub use kinematics::check_kinematics;
 pub use rails::saturated_samples;
@@ -204,6 +204,14 @@ fn quantile(values: &mut [f64], q: f64) -> f64 {
     }
     let at = (q * (values.len() - 1) as f64).round() as usize;
     *values.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+/// The unit of a triad in messages.
+fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
+    match unit {
+        RawUnit::Si => si,
+        RawUnit::Lsb => "lsb",
+    }
 }
 
 fn names<S: ToString>(columns: impl IntoIterator<Item = S>) -> Vec<String> {

@@ -1,6 +1,6 @@
 //! Single columns: numbers that are none, axes that do not move, temperature that jumps.
 
-use super::{ACCEL, Finding, GYRO, Place, Tally, names, quantile};
+use super::{ACCEL, Finding, GYRO, Place, Tally, names, quantile, unit_name};
 use crate::recording::Recording;
 
 /// Share of the recording over which an axis must stand still to be called stuck.
@@ -81,50 +81,100 @@ fn not_finite(recording: &Recording, tally: Tally, all: &[&str], marked: &[bool]
 
 /// An axis that holds one value for most of the recording while its neighbours move.
 ///
-/// A rest without noise holds all axes, and a coarse converter moves them by single steps: neither is stuck.
+/// A rest without noise holds all axes, and a coarse converter moves them by single steps: neither is stuck. An axis is certainly
+/// stuck if its neighbours are noisy meanwhile, or if a whole triad is dead. Where the neighbours are as quiet (a coarse
+/// converter, a simulation without noise), it may as well be that nothing turned about it: a warning.
 pub(super) fn check_stuck(recording: &Recording) -> Vec<Finding> {
-    let (mut columns, mut longest) = (Vec::new(), None);
-    let (mut value, mut count) = (0.0, 0);
-    for (rows, other, names) in [
-        (recording.specific_force, recording.angular_rate, ACCEL),
-        (recording.angular_rate, recording.specific_force, GYRO),
+    let mut stuck = Vec::new();
+    for (rows, other, names, unit) in [
+        (
+            recording.specific_force,
+            recording.angular_rate,
+            ACCEL,
+            unit_name(recording.accel_unit, "m/s^2"),
+        ),
+        (
+            recording.angular_rate,
+            recording.specific_force,
+            GYRO,
+            unit_name(recording.gyro_unit, "rad/s"),
+        ),
     ] {
         for axis in 0..3 {
             let (first, last) = longest_run(rows, axis);
-            let len = last + 1 - first;
-            if (len as f64) < STUCK_SHARE * recording.len() as f64 || len < 3 {
+            let held = last + 1 - first;
+            if (held as f64) < STUCK_SHARE * recording.len() as f64 || held < 3 {
                 continue;
             }
-            let rows_meanwhile = &rows[first..=last];
-            let siblings_move = (1..3).any(|k| moves(rows_meanwhile, (axis + k) % 3));
-            let siblings_stand = (1..3).all(|k| range(rows_meanwhile, (axis + k) % 3) == 0.0);
-            let triad_is_dead = siblings_stand && (0..3).any(|k| moves_widely(&other[first..=last], k));
-            if siblings_move || triad_is_dead {
-                columns.push(names[axis]);
-                if len > count {
-                    (value, count, longest) = (rows[first][axis], len, Some(Place::new(recording, first, last)));
-                }
+            let meanwhile = &rows[first..=last];
+            let siblings = [(axis + 1) % 3, (axis + 2) % 3];
+            let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
+                && (0..3).any(|k| moves_widely(&other[first..=last], k));
+            let siblings_are_noisy = siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));
+            if triad_is_dead || siblings.iter().any(|&k| moves(meanwhile, k)) {
+                stuck.push(Stuck {
+                    column: names[axis],
+                    value: rows[first][axis],
+                    unit,
+                    held,
+                    place: Place::new(recording, first, last),
+                    is_certain: triad_is_dead || siblings_are_noisy,
+                });
             }
         }
     }
-    let Some(place) = longest else {
-        return Vec::new();
-    };
-    let share = 100.0 * count as f64 / recording.len() as f64;
-    vec![Finding {
-        place: Some(place),
-        count,
-        value,
-        unit: "raw",
-        message: format!(
-            "{} stand at one value ({value} for {count} samples, {share:.0} % of the recording, {place}) while other axes move",
-            columns.join(", ")
-        ),
-        way_out: "check the wiring, the reader's column order and the sensor's axis enable bits; the axis cannot be calibrated"
-            .into(),
-        columns: names(columns),
-        ..Finding::error("stuck_axis", recording)
-    }]
+    let (certain, possible): (Vec<_>, Vec<_>) = stuck.into_iter().partition(|axis| axis.is_certain);
+    let certain = stuck_axes(
+        recording,
+        &certain,
+        Finding::error("stuck_axis", recording),
+        "check the wiring, the reader's column order and the sensor's axis enable bits; the axis cannot be calibrated",
+    );
+    let possible = stuck_axes(
+        recording,
+        &possible,
+        Finding::warning("stuck_axis", recording),
+        "nothing to do if the motion never moves this axis; else check the wiring and the sensor's axis enable bits",
+    );
+    certain.into_iter().chain(possible).collect()
+}
+
+/// One axis that holds one value.
+struct Stuck {
+    column: &'static str,
+    value: f64,
+    unit: &'static str,
+    held: usize,
+    place: Place,
+    is_certain: bool,
+}
+
+fn stuck_axes(recording: &Recording, axes: &[Stuck], kind: Finding, way_out: &str) -> Option<Finding> {
+    let longest = axes.iter().max_by_key(|axis| axis.held)?;
+    let parts: Vec<String> = axes
+        .iter()
+        .map(|axis| {
+            format!(
+                "{} stands at {} {} for {} samples ({:.0} % of the recording, {})",
+                axis.column,
+                axis.value,
+                axis.unit,
+                axis.held,
+                100.0 * axis.held as f64 / recording.len() as f64,
+                axis.place
+            )
+        })
+        .collect();
+    Some(Finding {
+        columns: names(axes.iter().map(|axis| axis.column)),
+        place: Some(longest.place),
+        count: longest.held,
+        value: longest.value,
+        unit: longest.unit,
+        message: format!("{} while other axes move", parts.join("; ")),
+        way_out: way_out.into(),
+        ..kind
+    })
 }
 
 /// First and last sample of the longest run of one value.
@@ -172,6 +222,12 @@ pub(super) fn converter_step(rows: &[[f64; 3]], axis: usize) -> f64 {
 
 fn moves(rows: &[[f64; 3]], axis: usize) -> bool {
     range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
+}
+
+/// Most samples differ from the one before.
+fn is_noisy(rows: &[[f64; 3]], axis: usize) -> bool {
+    let changes = rows.windows(2).filter(|pair| pair[1][axis] != pair[0][axis]).count();
+    2 * changes > rows.len()
 }
 
 /// Beyond noise: the range is like the values themselves.
@@ -263,7 +319,7 @@ mod tests {
         columns.rate[1000..].iter_mut().for_each(|row| row[1] = 0.25);
         let findings = check_stuck(&columns.recording());
         assert_eq!(findings[0].columns, ["gyro_y"]);
-        assert_eq!(findings[0].count, 3000);
+        assert_eq!((findings[0].count, findings[0].severity), (3000, Severity::Error));
 
         let mut dead = Columns::tumbling();
         dead.rate.iter_mut().for_each(|row| *row = [0.0; 3]);
@@ -286,6 +342,21 @@ mod tests {
             coarse.rate[i][0] = 0.0;
         }
         assert!(check_stuck(&coarse.recording()).is_empty());
+    }
+
+    #[test]
+    fn an_axis_that_nothing_turns_is_a_warning_without_noise() {
+        let mut columns = Columns::tumbling();
+        for (i, row) in columns.rate.iter_mut().enumerate() {
+            let moving = f64::from(u8::from(i % 200 >= 150));
+            *row = [0.0, moving * (i as f64).sin(), moving * (i as f64).cos()];
+        }
+        let findings = check_stuck(&columns.recording());
+        assert_eq!(findings.len(), 1);
+        assert_eq!(
+            (findings[0].columns.as_slice(), findings[0].severity),
+            (&["gyro_x".to_string()][..], Severity::Warning)
+        );
     }
 
     #[test]
