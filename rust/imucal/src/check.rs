@@ -8,8 +8,10 @@ mod clock;
 #[cfg(test)]
 mod example;
 mod kinematics;
+mod plateau;
 mod rails;
 mod repeats;
+mod stuck;
 mod units;
 mod values;
 
@@ -105,7 +107,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     }
     let mut findings = values::check_finite(recording);
     findings.extend(clock::check(recording));
-    findings.extend(values::check_stuck(recording));
+    findings.extend(stuck::check(recording));
     findings.extend(repeats::check(recording));
     findings.extend(rails::check(recording));
     findings.extend(units::check(recording));

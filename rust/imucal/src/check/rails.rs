@@ -2,20 +2,11 @@
 
 use std::ops::Range;
 
-use super::values::{converter_step, extremes, range};
+use super::plateau::{piles_up, plateaus};
+use super::values::{converter_step, extremes};
 use super::{ACCEL, Finding, GYRO, Tally, names, quantile, unit_name};
 use crate::recording::{RawUnit, Recording};
 
-/// Equal samples in a row that make a plateau.
-const PLATEAU: usize = 3;
-/// A plateau must drop on both sides by this many steps of the converter: a rounded peak drops by one or two.
-const EDGE_STEPS: f64 = 3.0;
-/// Meanwhile another axis of the triad changes by this many of its steps: a rest without noise does not.
-const SIBLING_STEPS: f64 = 2.0;
-/// Where the rate is high and the step coarse even a rail has flat edges. Then the drop counts at the plateau's own length
-/// from it (a rounded peak that is flat to one step drops by nine), while another axis moves by this share of its range.
-const FAR_STEPS: f64 = 12.0;
-const SIBLING_SHARE: f64 = 0.05;
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
 const SHARE_OF_REACH: f64 = 0.8;
 
@@ -133,8 +124,8 @@ fn finding(
 ///
 /// Two kinds of evidence: a count that is exactly an end of 16 bits, once is enough; or plateaus at a channel's extreme
 /// value, where the channel comes and goes in more than single steps while another axis moves, and which are rare or
-/// short at other values of the channel. A rail is no less than `lowest_over_median` times the median length of the rows. Other powers of two are no evidence by themselves: 2048 or 16384 counts are
-/// 1 g of common accelerometers.
+/// short at other values of the channel; such a rail is no less than `lowest_over_median` times the median
+/// length of the rows. Other powers of two are no evidence by themselves: 2048 or 16384 counts are 1 g of common accelerometers.
 fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Rails; 3] {
     let ends: [[f64; 2]; 3] = [0, 1, 2].map(|axis| extremes(rows, axis));
     let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
@@ -195,91 +186,6 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
         }
     }
     rails
-}
-
-/// Plateaus of one kind: samples in all of them, and in the longest.
-#[derive(Clone, Copy, Default)]
-struct Kind {
-    samples: usize,
-    longest: usize,
-}
-
-impl Kind {
-    fn add(&mut self, len: usize) {
-        self.samples += len;
-        self.longest = self.longest.max(len);
-    }
-
-    fn stand_out_from(&self, usual: &Self) -> bool {
-        self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
-    }
-}
-
-/// Plateaus at the lowest and the highest value, and at any other.
-#[derive(Default)]
-struct Plateaus {
-    at_end: [Kind; 2],
-    elsewhere: Kind,
-}
-
-fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
-    let mut found = Plateaus::default();
-    let mut start = 0;
-    for i in 1..=rows.len() {
-        let value = rows[start][axis];
-        if i < rows.len() && rows[i][axis] == value {
-            continue;
-        }
-        let run = start..i;
-        start = i;
-        if run.len() < PLATEAU || !value.is_finite() {
-            continue;
-        }
-        // How far the channel is from the plateau, in steps, so many samples before and after it.
-        let drop_at = |distance: usize| {
-            let row = |k: Option<usize>| k.and_then(|k| rows.get(k));
-            let drop = |row: Option<&[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
-            [
-                drop(row(run.start.checked_sub(distance))),
-                drop(row(Some(run.end - 1 + distance))),
-            ]
-        };
-        // By how much another axis changes meanwhile, and by what share of its whole range.
-        let change = |k: usize| range(&rows[run.clone()], k);
-        let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
-        let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
-        // The recording's end and a missing value are no evidence against a steep edge.
-        let steep = drop_at(1)
-            .iter()
-            .all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
-            && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
-        let far = || {
-            drop_at(run.len())
-                .iter()
-                .all(|drop| drop.is_some_and(|d| d >= FAR_STEPS))
-                && sibling(&|k| share(k) > SIBLING_SHARE)
-        };
-        if steep || far() {
-            match ends[axis].iter().position(|end| *end == value) {
-                Some(side) => found.at_end[side].add(run.len()),
-                None => found.elsewhere.add(run.len()),
-            }
-        }
-    }
-    found
-}
-
-/// Whether the extreme value is taken at least twice as often as the values one step inside; the tail of a noise is not.
-fn piles_up(rows: &[[f64; 3]], axis: usize, end: f64, step: f64) -> bool {
-    let (mut at_end, mut inside) = (0, 0);
-    for row in rows {
-        if row[axis] == end {
-            at_end += 1;
-        } else if (row[axis] - end).abs() < 1.5 * step {
-            inside += 1;
-        }
-    }
-    at_end >= 2 * inside
 }
 
 #[cfg(test)]

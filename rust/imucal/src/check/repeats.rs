@@ -12,8 +12,8 @@ const FEWEST: usize = 5;
 ///
 /// Coarse data at rest repeat by themselves. There rows in which just five of six values repeat are the more common
 /// ones: with a repeat rate q per channel, 6 q^5 (1 - q) against q^6. So repeats are counted only between rows that
-/// change (at most one value repeats), and only if they far outnumber such near repeats. A rest without noise is one long
-/// stretch of equal rows and is left out by its length.
+/// change (at most one value repeats), and only if they far outnumber such near repeats. A rest without noise is one
+/// long stretch of equal rows and is left out by its length.
 pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let (mut doubled, mut near) = (Tally::default(), 0usize);
     let (mut before, mut equal_rows, mut near_rows) = (6, 0, 0);
