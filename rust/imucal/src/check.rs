@@ -8,14 +8,16 @@ mod clock;
 #[cfg(test)]
 mod example;
 mod kinematics;
+mod plateau;
 mod rails;
 mod repeats;
+mod stuck;
 mod units;
 mod values;
 
 use std::fmt;
 
-use crate::recording::Recording;
+use crate::recording::{RawUnit, Recording};
 
 pub use kinematics::check_kinematics;
 pub use rails::saturated_samples;
@@ -105,7 +107,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     }
     let mut findings = values::check_finite(recording);
     findings.extend(clock::check(recording));
-    findings.extend(values::check_stuck(recording));
+    findings.extend(stuck::check(recording));
     findings.extend(repeats::check(recording));
     findings.extend(rails::check(recording));
     findings.extend(units::check(recording));
@@ -204,6 +206,14 @@ fn quantile(values: &mut [f64], q: f64) -> f64 {
     }
     let at = (q * (values.len() - 1) as f64).round() as usize;
     *values.select_nth_unstable_by(at, f64::total_cmp).1
+}
+
+/// The unit of a triad in messages.
+fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
+    match unit {
+        RawUnit::Si => si,
+        RawUnit::Lsb => "lsb",
+    }
 }
 
 fn names<S: ToString>(columns: impl IntoIterator<Item = S>) -> Vec<String> {

@@ -37,8 +37,8 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     let (low_s, high_s) = (quantile(steps_s, 0.1), quantile(steps_s, 0.9));
     findings.extend(rate(recording, median_s));
 
-    // 80 % of a normal distribution lie within +-1.2816 sigma. Wider quantiles than a median deviation: stamps that come
-    // in bursts have most steps equal.
+    // 80 % of a normal distribution lie within +-1.2816 sigma. Wider quantiles than a median deviation, because stamps
+    // that come in bursts have most steps equal.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
     if spread > SPREAD[0] {
         findings.push(irregular(recording, spread, [low_s, median_s, high_s]));

@@ -21,8 +21,8 @@ const CLEAR: f64 = 0.85;
 
 /// Judges `rate_from_raw`, the P of true_rate = P (raw - bias), fitted linearly to the gravity kinematics of all moves.
 ///
-/// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. A P that is not finite or nearly singular (too
-/// little motion) says nothing, and counts are judged by handedness and order of axes alone.
+/// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. A P that is not finite or nearly singular
+/// (too little motion) says nothing, and counts are judged by handedness and order of axes alone.
 ///
 /// # Example
 /// The raw x axis runs backwards: P is near diag(-1, 1, 1), det P < 0: `left_handed_axes` names `gyro_x`.
@@ -85,7 +85,7 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
         columns: names(GYRO),
         count: recording.len(),
         value: too_large,
-        unit: "",
+        unit: "ratio",
         message: format!("the rates are {too_large:.4} times those at which gravity turns in the body"),
         way_out: way_out.into(),
         ..Finding::error("gyro_units", recording)
@@ -236,6 +236,8 @@ impl SignedPermutation {
 
 #[cfg(test)]
 mod tests {
+    use nalgebra::{SMatrix, Vector3};
+
     use super::super::{Severity, example::Columns};
     use super::*;
 
@@ -304,12 +306,39 @@ mod tests {
         assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("all three"));
     }
 
-    /// The accelerometer's y axis negated: u' = A u, w = P raw with P = -A, from u' = u x w itself.
+    /// Fits P of u' = u x P w, linear in its nine entries, to directions and rates that both triads report in their own
+    /// axes: `accel` and `gyro` map true to reported.
+    fn fitted(accel: &Matrix3<f64>, gyro: &Matrix3<f64>) -> Matrix3<f64> {
+        let (mut normal, mut right) = (SMatrix::<f64, 9, 9>::zeros(), SMatrix::<f64, 9, 1>::zeros());
+        for i in 0..50 {
+            let t = f64::from(i);
+            let up = Vector3::new(t.sin(), (1.7 * t).cos(), (0.6 * t).sin()).normalize();
+            let rate = Vector3::new((2.3 * t).sin(), (0.9 * t).cos(), (1.1 * t).sin());
+            let (change, up, rate) = (accel * up.cross(&rate), accel * up, gyro * rate);
+            // Column-major: entry (r, c) of P turns axis r by rate c.
+            let rows = SMatrix::<f64, 3, 9>::from_fn(|k, n| (up.cross(&Vector3::ith(n % 3, 1.0)) * rate[n / 3])[k]);
+            normal += rows.transpose() * rows;
+            right += rows.transpose() * change;
+        }
+        let entries = normal.lu().solve(&right).unwrap();
+        Matrix3::from_column_slice(entries.as_slice())
+    }
+
     #[test]
-    fn one_accelerometer_axis_reversed_is_named() {
-        let findings = judge(near(diagonal(-1.0, 1.0, -1.0)));
-        assert_eq!(findings[0].code, "left_handed_axes");
-        assert_eq!(findings[0].columns, ["accel_y"]);
+    fn the_reversed_axis_is_named_from_the_motion_itself() {
+        for axis in 0..3 {
+            let mut reversed = Matrix3::identity();
+            reversed[(axis, axis)] = -1.0;
+            for (p, column) in [
+                (fitted(&reversed, &Matrix3::identity()), ACCEL[axis]),
+                (fitted(&Matrix3::identity(), &reversed), GYRO[axis]),
+            ] {
+                let findings = judge(near(p));
+                assert_eq!((findings.len(), findings[0].code), (1, "left_handed_axes"));
+                assert_eq!(findings[0].columns, [column]);
+            }
+        }
+        assert!(judge(near(fitted(&Matrix3::identity(), &Matrix3::identity()))).is_empty());
     }
 
     #[test]

@@ -2,19 +2,16 @@
 
 use std::ops::Range;
 
-use super::values::{converter_step, extremes, range};
-use super::{ACCEL, Finding, GYRO, Tally, names};
+use super::plateau::{piles_up, plateaus};
+use super::values::{converter_step, extremes};
+use super::{ACCEL, Finding, GYRO, Tally, names, quantile, unit_name};
 use crate::recording::{RawUnit, Recording};
 
-/// Equal samples in a row that make a plateau.
-const PLATEAU: usize = 3;
-/// A plateau must drop on both sides by this many steps of the converter: a rounded peak drops by one or two.
-const EDGE_STEPS: f64 = 3.0;
-/// Meanwhile another axis of the triad changes by this many of its steps: a rest without noise does not.
-const SIBLING_STEPS: f64 = 2.0;
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
 const SHARE_OF_REACH: f64 = 0.8;
 
+/// An accelerometer dwells at 1 g, the median of |f|, and none has so small a range.
+const LOWEST_RAIL_G: f64 = 1.3;
 /// Relative difference between the rails of one range.
 const ONE_RANGE: f64 = 1e-4;
 
@@ -23,17 +20,18 @@ type Rails = [Option<f64>; 2];
 
 /// `accel_saturation` and `gyro_saturation`.
 pub(super) fn check(recording: &Recording) -> Vec<Finding> {
+    let [accel, gyro] = rails(recording);
     let accel = finding(
         recording,
-        recording.specific_force,
-        recording.accel_unit,
-        ("accel_saturation", ACCEL, "m/s^2"),
+        (recording.specific_force, &accel),
+        unit_name(recording.accel_unit, "m/s^2"),
+        ("accel_saturation", ACCEL),
     );
     let gyro = finding(
         recording,
-        recording.angular_rate,
-        recording.gyro_unit,
-        ("gyro_saturation", GYRO, "rad/s"),
+        (recording.angular_rate, &gyro),
+        unit_name(recording.gyro_unit, "rad/s"),
+        ("gyro_saturation", GYRO),
     );
     accel.into_iter().chain(gyro).collect()
 }
@@ -45,8 +43,7 @@ pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     if recording.check_lengths().is_err() {
         return Vec::new();
     }
-    let accel = triad_rails(recording.specific_force, recording.accel_unit);
-    let gyro = triad_rails(recording.angular_rate, recording.gyro_unit);
+    let [accel, gyro] = rails(recording);
     let mut stretches: Vec<Range<usize>> = Vec::new();
     for i in 0..recording.len() {
         if !at_rail(&recording.specific_force[i], &accel) && !at_rail(&recording.angular_rate[i], &gyro) {
@@ -64,17 +61,19 @@ fn at_rail(row: &[f64; 3], rails: &[Rails; 3]) -> bool {
     row.iter().zip(rails).any(|(v, ends)| ends.contains(&Some(*v)))
 }
 
+fn rails(recording: &Recording) -> [[Rails; 3]; 2] {
+    [
+        triad_rails(recording.specific_force, recording.accel_unit, LOWEST_RAIL_G),
+        triad_rails(recording.angular_rate, recording.gyro_unit, 0.0),
+    ]
+}
+
 fn finding(
     recording: &Recording,
-    rows: &[[f64; 3]],
-    unit: RawUnit,
-    (code, axes, si_unit): (&'static str, [&str; 3], &'static str),
+    (rows, rails): (&[[f64; 3]], &[Rails; 3]),
+    unit: &'static str,
+    (code, axes): (&'static str, [&str; 3]),
 ) -> Option<Finding> {
-    let rails = triad_rails(rows, unit);
-    let unit = match unit {
-        RawUnit::Si => si_unit,
-        RawUnit::Lsb => "lsb",
-    };
     let (mut columns, mut parts, mut value) = (Vec::new(), Vec::new(), 0.0f64);
     for axis in 0..3 {
         for rail in rails[axis].into_iter().flatten() {
@@ -104,7 +103,7 @@ fn finding(
     }
     let mut any = Tally::default();
     for (i, row) in rows.iter().enumerate() {
-        if at_rail(row, &rails) {
+        if at_rail(row, rails) {
             any.add(i);
         }
     }
@@ -125,9 +124,9 @@ fn finding(
 ///
 /// Two kinds of evidence: a count that is exactly an end of 16 bits, once is enough; or plateaus at a channel's extreme
 /// value, where the channel comes and goes in more than single steps while another axis moves, and which are rare or
-/// short at other values of the channel. Other powers of two are no evidence by themselves: 2048 or 16384 counts are
-/// 1 g of common accelerometers.
-fn triad_rails(rows: &[[f64; 3]], unit: RawUnit) -> [Rails; 3] {
+/// short at other values of the channel; such a rail is no less than `lowest_over_median` times the median
+/// length of the rows. Other powers of two are no evidence by themselves: 2048 or 16384 counts are 1 g of common accelerometers.
+fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Rails; 3] {
     let ends: [[f64; 2]; 3] = [0, 1, 2].map(|axis| extremes(rows, axis));
     let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
     let high = ends.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
@@ -139,6 +138,12 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit) -> [Rails; 3] {
         0.5 * (low + high)
     };
     let reach = (low - zero).abs().max((high - zero).abs());
+    let mut norms: Vec<f64> = rows
+        .iter()
+        .map(|row| row.iter().map(|v| (v - zero).powi(2)).sum::<f64>().sqrt())
+        .filter(|norm| norm.is_finite())
+        .collect();
+    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile(&mut norms, 0.5));
     let is_16_bit_end = |v: f64| {
         unit == RawUnit::Lsb
             && if signed {
@@ -157,7 +162,7 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit) -> [Rails; 3] {
         let plateaus = plateaus(rows, axis, &ends, &steps);
         [0, 1].map(|side| {
             let end = ends[axis][side];
-            let cut_off = (end - zero).abs() >= SHARE_OF_REACH * reach
+            let cut_off = (end - zero).abs() >= lowest_rail
                 && plateaus.at_end[side].stand_out_from(&plateaus.elsewhere)
                 && piles_up(rows, axis, end, steps[axis]);
             (is_16_bit_end(end) || cut_off).then_some(end)
@@ -181,76 +186,6 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit) -> [Rails; 3] {
         }
     }
     rails
-}
-
-/// Plateaus of one kind: samples in all of them, and in the longest.
-#[derive(Clone, Copy, Default)]
-struct Kind {
-    samples: usize,
-    longest: usize,
-}
-
-impl Kind {
-    fn add(&mut self, len: usize) {
-        self.samples += len;
-        self.longest = self.longest.max(len);
-    }
-
-    fn stand_out_from(&self, usual: &Self) -> bool {
-        self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
-    }
-}
-
-/// Plateaus at the lowest and the highest value, and at any other.
-#[derive(Default)]
-struct Plateaus {
-    at_end: [Kind; 2],
-    elsewhere: Kind,
-}
-
-fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
-    let mut found = Plateaus::default();
-    let mut start = 0;
-    for i in 1..=rows.len() {
-        let value = rows[start][axis];
-        if i < rows.len() && rows[i][axis] == value {
-            continue;
-        }
-        let run = start..i;
-        start = i;
-        if run.len() < PLATEAU || !value.is_finite() {
-            continue;
-        }
-        // The recording's end and a missing value are no evidence against a plateau.
-        let drops = |row: &[f64; 3]| row[axis].is_nan() || (row[axis] - value).abs() >= EDGE_STEPS * steps[axis];
-        let before = run.start.checked_sub(1).and_then(|k| rows.get(k));
-        let sibling_changes = || {
-            (1..3).map(|k| (axis + k) % 3).any(|k| {
-                let change = range(&rows[run.clone()], k);
-                change >= SIBLING_STEPS * steps[k] && change > 1e-6 * (ends[k][1] - ends[k][0])
-            })
-        };
-        if before.is_none_or(drops) && rows.get(i).is_none_or(drops) && sibling_changes() {
-            match ends[axis].iter().position(|end| *end == value) {
-                Some(side) => found.at_end[side].add(run.len()),
-                None => found.elsewhere.add(run.len()),
-            }
-        }
-    }
-    found
-}
-
-/// Whether the extreme value is taken at least twice as often as the values one step inside; the tail of a noise is not.
-fn piles_up(rows: &[[f64; 3]], axis: usize, end: f64, step: f64) -> bool {
-    let (mut at_end, mut inside) = (0, 0);
-    for row in rows {
-        if row[axis] == end {
-            at_end += 1;
-        } else if (row[axis] - end).abs() < 1.5 * step {
-            inside += 1;
-        }
-    }
-    at_end >= 2 * inside
 }
 
 #[cfg(test)]

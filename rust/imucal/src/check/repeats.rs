@@ -5,13 +5,15 @@ use crate::recording::Recording;
 
 /// A longer stretch of equal rows is a rest without noise, not a sample held or written again.
 const LONGEST_REPEAT: usize = 8;
+/// Fewer repeats are not worth a word.
+const FEWEST: usize = 5;
 
 /// Rows that repeat the one before in all six values though time goes on: held or written again.
 ///
 /// Coarse data at rest repeat by themselves. There rows in which just five of six values repeat are the more common
 /// ones: with a repeat rate q per channel, 6 q^5 (1 - q) against q^6. So repeats are counted only between rows that
-/// change (at most one value repeats), and only if they outnumber such near repeats. A rest without noise is one long
-/// stretch of equal rows and is left out by its length.
+/// change (at most one value repeats), and only if they far outnumber such near repeats. A rest without noise is one
+/// long stretch of equal rows and is left out by its length.
 pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let (mut doubled, mut near) = (Tally::default(), 0usize);
     let (mut before, mut equal_rows, mut near_rows) = (6, 0, 0);
@@ -32,7 +34,7 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
             }
         }
     }
-    if doubled.samples < 3 || doubled.samples <= near {
+    if doubled.samples < FEWEST || doubled.samples <= 2 * near {
         return None;
     }
     let share = 100.0 * doubled.samples as f64 / recording.len() as f64;

@@ -42,8 +42,8 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
 ///
 /// The sign of gravity cannot be seen from any motion: with u -> -u both |u| = g and u' = u x w stay true. It is judged
 /// only on evidence from outside. With stand columns, all motors at zero mean body z up: -g on z there is an error.
-/// Without them most recordings begin upright: -g on z, within 20 deg, in the first rest is a warning, since the unit may lie on
-/// its head. Counts without sign have no known zero and are not judged.
+/// Without them most recordings begin upright: -g on z, within 20 deg, in the first rest is a warning, since the unit
+/// may lie on its head. Counts without sign have no known zero and are not judged.
 pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: f64) -> Vec<Finding> {
     if recording.check_lengths().is_err() {
         return Vec::new();

@@ -1,12 +1,8 @@
-//! Single columns: numbers that are none, axes that do not move, temperature that jumps.
+//! Single columns: numbers that are none, and temperature that jumps.
 
-use super::{ACCEL, Finding, GYRO, Place, Tally, names, quantile};
+use super::{ACCEL, Finding, GYRO, Tally, names, quantile};
 use crate::recording::Recording;
 
-/// Share of the recording over which an axis must stand still to be called stuck.
-const STUCK_SHARE: f64 = 0.5;
-/// Steps of the converter over which another axis must move meanwhile.
-const MOVING_STEPS: f64 = 8.0;
 /// Temperature step between neighbours, K.
 const TEMPERATURE_STEP_K: f64 = 5.0;
 
@@ -79,68 +75,6 @@ fn not_finite(recording: &Recording, tally: Tally, all: &[&str], marked: &[bool]
     }
 }
 
-/// An axis that holds one value for most of the recording while its neighbours move.
-///
-/// A rest without noise holds all axes, and a coarse converter moves them by single steps: neither is stuck.
-pub(super) fn check_stuck(recording: &Recording) -> Vec<Finding> {
-    let (mut columns, mut longest) = (Vec::new(), None);
-    let (mut value, mut count) = (0.0, 0);
-    for (rows, other, names) in [
-        (recording.specific_force, recording.angular_rate, ACCEL),
-        (recording.angular_rate, recording.specific_force, GYRO),
-    ] {
-        for axis in 0..3 {
-            let (first, last) = longest_run(rows, axis);
-            let len = last + 1 - first;
-            if (len as f64) < STUCK_SHARE * recording.len() as f64 || len < 3 {
-                continue;
-            }
-            let rows_meanwhile = &rows[first..=last];
-            let siblings_move = (1..3).any(|k| moves(rows_meanwhile, (axis + k) % 3));
-            let siblings_stand = (1..3).all(|k| range(rows_meanwhile, (axis + k) % 3) == 0.0);
-            let triad_is_dead = siblings_stand && (0..3).any(|k| moves_widely(&other[first..=last], k));
-            if siblings_move || triad_is_dead {
-                columns.push(names[axis]);
-                if len > count {
-                    (value, count, longest) = (rows[first][axis], len, Some(Place::new(recording, first, last)));
-                }
-            }
-        }
-    }
-    let Some(place) = longest else {
-        return Vec::new();
-    };
-    let share = 100.0 * count as f64 / recording.len() as f64;
-    vec![Finding {
-        place: Some(place),
-        count,
-        value,
-        unit: "raw",
-        message: format!(
-            "{} stand at one value ({value} for {count} samples, {share:.0} % of the recording, {place}) while other axes move",
-            columns.join(", ")
-        ),
-        way_out: "check the wiring, the reader's column order and the sensor's axis enable bits; the axis cannot be calibrated"
-            .into(),
-        columns: names(columns),
-        ..Finding::error("stuck_axis", recording)
-    }]
-}
-
-/// First and last sample of the longest run of one value.
-fn longest_run(rows: &[[f64; 3]], axis: usize) -> (usize, usize) {
-    let (mut best, mut start) = ((0, 0), 0);
-    for i in 0..rows.len() {
-        if rows[i][axis] != rows[start][axis] {
-            start = i;
-        }
-        if i - start > best.1 - best.0 {
-            best = (start, i);
-        }
-    }
-    best
-}
-
 /// Largest less smallest finite value; 0 without any.
 pub(super) fn range(rows: &[[f64; 3]], axis: usize) -> f64 {
     let [low, high] = extremes(rows, axis);
@@ -168,16 +102,6 @@ pub(super) fn converter_step(rows: &[[f64; 3]], axis: usize) -> f64 {
         return f64::INFINITY;
     }
     quantile(&mut steps, 0.05)
-}
-
-fn moves(rows: &[[f64; 3]], axis: usize) -> bool {
-    range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
-}
-
-/// Beyond noise: the range is like the values themselves.
-fn moves_widely(rows: &[[f64; 3]], axis: usize) -> bool {
-    let [low, high] = extremes(rows, axis);
-    moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())
 }
 
 /// Steps of more than 5 K between neighbours, and values that are not finite.
@@ -224,7 +148,6 @@ mod tests {
         for columns in [Columns::tumbling(), Columns::tumbling().quantised(0.05, 0.01)] {
             let recording = columns.recording();
             assert!(check_finite(&recording).is_empty());
-            assert!(check_stuck(&recording).is_empty());
             assert!(check_temperature(&recording).is_none());
         }
     }
@@ -255,37 +178,6 @@ mod tests {
         let findings = check_finite(&recording);
         assert_eq!(findings[0].severity, Severity::Warning);
         assert_eq!(findings[0].columns, ["stand_1"]);
-    }
-
-    #[test]
-    fn an_axis_that_stops_is_stuck() {
-        let mut columns = Columns::tumbling();
-        columns.rate[1000..].iter_mut().for_each(|row| row[1] = 0.25);
-        let findings = check_stuck(&columns.recording());
-        assert_eq!(findings[0].columns, ["gyro_y"]);
-        assert_eq!(findings[0].count, 3000);
-
-        let mut dead = Columns::tumbling();
-        dead.rate.iter_mut().for_each(|row| *row = [0.0; 3]);
-        assert_eq!(check_stuck(&dead.recording())[0].columns, GYRO);
-    }
-
-    #[test]
-    fn a_rest_without_noise_and_a_coarse_one_are_not_stuck() {
-        let mut still = Columns::tumbling();
-        for i in 1000..4000 {
-            still.force[i] = still.force[1000];
-            still.rate[i] = still.rate[1000];
-        }
-        assert!(check_stuck(&still.recording()).is_empty());
-        // A converter's step of three times the noise: single steps are all that is left at rest.
-        let mut coarse = Columns::tumbling().quantised(0.06, 0.009);
-        for i in 0..3000 {
-            coarse.force[i] = coarse.force[i % 90];
-            coarse.rate[i] = coarse.rate[i % 90];
-            coarse.rate[i][0] = 0.0;
-        }
-        assert!(check_stuck(&coarse.recording()).is_empty());
     }
 
     #[test]

@@ -1,0 +1,197 @@
+//! Axes that hold one value.
+
+use super::values::{converter_step, extremes, range};
+use super::{ACCEL, Finding, GYRO, Place, names, unit_name};
+use crate::recording::Recording;
+
+/// Share of the recording over which an axis must stand still to be called stuck.
+const STUCK_SHARE: f64 = 0.5;
+/// Steps of the converter over which another axis must move meanwhile.
+const MOVING_STEPS: f64 = 8.0;
+
+/// An axis that holds one value for most of the recording while its neighbours move.
+///
+/// A rest without noise holds all axes, and a coarse converter moves them by single steps: neither is stuck. An axis is
+/// certainly stuck if its neighbours are noisy meanwhile, or if a whole triad is dead. Where the neighbours are as
+/// quiet (a coarse converter, a simulation without noise), it may as well be that nothing turned about it: a warning.
+pub(super) fn check(recording: &Recording) -> Vec<Finding> {
+    let mut stuck = Vec::new();
+    for (rows, other, names, unit) in [
+        (
+            recording.specific_force,
+            recording.angular_rate,
+            ACCEL,
+            unit_name(recording.accel_unit, "m/s^2"),
+        ),
+        (
+            recording.angular_rate,
+            recording.specific_force,
+            GYRO,
+            unit_name(recording.gyro_unit, "rad/s"),
+        ),
+    ] {
+        for axis in 0..3 {
+            let (first, last) = longest_run(rows, axis);
+            let held = last + 1 - first;
+            if (held as f64) < STUCK_SHARE * recording.len() as f64 || held < 3 {
+                continue;
+            }
+            let meanwhile = &rows[first..=last];
+            let siblings = [(axis + 1) % 3, (axis + 2) % 3];
+            let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
+                && (0..3).any(|k| moves_widely(&other[first..=last], k));
+            let siblings_are_noisy = siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));
+            if triad_is_dead || siblings.iter().any(|&k| moves(meanwhile, k)) {
+                stuck.push(Stuck {
+                    column: names[axis],
+                    value: rows[first][axis],
+                    unit,
+                    held,
+                    place: Place::new(recording, first, last),
+                    is_certain: triad_is_dead || siblings_are_noisy,
+                });
+            }
+        }
+    }
+    let (certain, possible): (Vec<_>, Vec<_>) = stuck.into_iter().partition(|axis| axis.is_certain);
+    let certain = stuck_axes(
+        recording,
+        &certain,
+        Finding::error("stuck_axis", recording),
+        "check the wiring, the reader's column order and the sensor's axis enable bits; the axis cannot be calibrated",
+    );
+    let possible = stuck_axes(
+        recording,
+        &possible,
+        Finding::warning("stuck_axis", recording),
+        "nothing to do if the motion never moves this axis; else check the wiring and the sensor's axis enable bits",
+    );
+    certain.into_iter().chain(possible).collect()
+}
+
+/// One axis that holds one value.
+struct Stuck {
+    column: &'static str,
+    value: f64,
+    unit: &'static str,
+    held: usize,
+    place: Place,
+    is_certain: bool,
+}
+
+fn stuck_axes(recording: &Recording, axes: &[Stuck], kind: Finding, way_out: &str) -> Option<Finding> {
+    let longest = axes.iter().max_by_key(|axis| axis.held)?;
+    let parts: Vec<String> = axes
+        .iter()
+        .map(|axis| {
+            format!(
+                "{} stands at {} {} for {} samples ({:.0} % of the recording, {})",
+                axis.column,
+                axis.value,
+                axis.unit,
+                axis.held,
+                100.0 * axis.held as f64 / recording.len() as f64,
+                axis.place
+            )
+        })
+        .collect();
+    Some(Finding {
+        columns: names(axes.iter().map(|axis| axis.column)),
+        place: Some(longest.place),
+        count: longest.held,
+        value: longest.value,
+        unit: longest.unit,
+        message: format!("{} while other axes move", parts.join("; ")),
+        way_out: way_out.into(),
+        ..kind
+    })
+}
+
+/// First and last sample of the longest run of one value.
+fn longest_run(rows: &[[f64; 3]], axis: usize) -> (usize, usize) {
+    let (mut best, mut start) = ((0, 0), 0);
+    for i in 0..rows.len() {
+        if rows[i][axis] != rows[start][axis] {
+            start = i;
+        }
+        if i - start > best.1 - best.0 {
+            best = (start, i);
+        }
+    }
+    best
+}
+
+fn moves(rows: &[[f64; 3]], axis: usize) -> bool {
+    range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
+}
+
+/// Most samples differ from the one before.
+fn is_noisy(rows: &[[f64; 3]], axis: usize) -> bool {
+    let changes = rows.windows(2).filter(|pair| pair[1][axis] != pair[0][axis]).count();
+    2 * changes > rows.len()
+}
+
+/// Beyond noise: the range is like the values themselves.
+fn moves_widely(rows: &[[f64; 3]], axis: usize) -> bool {
+    let [low, high] = extremes(rows, axis);
+    moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Severity, example::Columns};
+    use super::*;
+
+    #[test]
+    fn fine_and_coarse_data_are_not_stuck() {
+        for columns in [Columns::tumbling(), Columns::tumbling().quantised(0.05, 0.01)] {
+            assert!(check(&columns.recording()).is_empty());
+        }
+    }
+
+    #[test]
+    fn an_axis_that_stops_is_stuck() {
+        let mut columns = Columns::tumbling();
+        columns.rate[1000..].iter_mut().for_each(|row| row[1] = 0.25);
+        let findings = check(&columns.recording());
+        assert_eq!(findings[0].columns, ["gyro_y"]);
+        assert_eq!((findings[0].count, findings[0].severity), (3000, Severity::Error));
+
+        let mut dead = Columns::tumbling();
+        dead.rate.iter_mut().for_each(|row| *row = [0.0; 3]);
+        assert_eq!(check(&dead.recording())[0].columns, GYRO);
+    }
+
+    #[test]
+    fn a_rest_without_noise_and_a_coarse_one_are_not_stuck() {
+        let mut still = Columns::tumbling();
+        for i in 1000..4000 {
+            still.force[i] = still.force[1000];
+            still.rate[i] = still.rate[1000];
+        }
+        assert!(check(&still.recording()).is_empty());
+        // A converter's step of three times the noise: single steps are all that is left at rest.
+        let mut coarse = Columns::tumbling().quantised(0.06, 0.009);
+        for i in 0..3000 {
+            coarse.force[i] = coarse.force[i % 90];
+            coarse.rate[i] = coarse.rate[i % 90];
+            coarse.rate[i][0] = 0.0;
+        }
+        assert!(check(&coarse.recording()).is_empty());
+    }
+
+    #[test]
+    fn an_axis_that_nothing_turns_is_a_warning_without_noise() {
+        let mut columns = Columns::tumbling();
+        for (i, row) in columns.rate.iter_mut().enumerate() {
+            let moving = f64::from(u8::from(i % 200 >= 150));
+            *row = [0.0, moving * (i as f64).sin(), moving * (i as f64).cos()];
+        }
+        let findings = check(&columns.recording());
+        assert_eq!(findings.len(), 1);
+        assert_eq!(
+            (findings[0].columns.as_slice(), findings[0].severity),
+            (&["gyro_x".to_string()][..], Severity::Warning)
+        );
+    }
+}
