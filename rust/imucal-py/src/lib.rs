@@ -1,3 +1,217 @@
-//! Python bindings.
+//! `imucal._core`: the Rust library for Python. It translates and computes nothing.
+//!
+//! Arrays come in as C-contiguous float64 without a copy and are checked in one place (`arrays`); all work runs
+//! with the interpreter released; errors become the classes of `imucal.errors` (`error`).
+
+mod arrays;
+mod error;
+mod results;
+mod simulation;
+
+/// The module.
 #[pyo3::pymodule]
-mod _core {}
+mod _core {
+    use imucal as library;
+    use imucal::calibrate::Options;
+    use imucal::check;
+    use imucal::error::Error;
+    use imucal::frame::{self, Frame, Sensitivities};
+    use imucal::segment::Segments;
+    use imucal_core::integrate::Integrator;
+    use imucal_core::so3;
+    use nalgebra::Vector3;
+    use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+    use pyo3::prelude::*;
+
+    use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, column, matrix, rows, to_rows};
+    use super::error::{ToPython, finding};
+    #[pymodule_export]
+    use super::results::{Carried, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold};
+    #[pymodule_export]
+    use super::simulation::{Simulation, grid_program, random_program, simulate};
+
+    #[pymodule_export]
+    #[allow(non_upper_case_globals)]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
+
+    type Rows<'py> = Bound<'py, PyArray2<f64>>;
+
+    fn frame_named(name: &str) -> Result<Frame, Error> {
+        match name {
+            "symmetric" => Ok(Frame::Symmetric),
+            "triangular" => Ok(Frame::Triangular),
+            _ => Err(Error::Input(format!("frame is {name:?}: give symmetric or triangular"))),
+        }
+    }
+
+    /// Options of a calibration from keyword arguments.
+    #[derive(FromPyObject)]
+    struct CalibrateOptions {
+        gravity_mps2: f64,
+        frame: String,
+        min_rest_s: f64,
+        exclude_saturated: bool,
+        accel_nominal: Option<f64>,
+        gyro_nominal: Option<f64>,
+    }
+
+    impl CalibrateOptions {
+        fn options(&self) -> Result<Options, Error> {
+            Ok(Options {
+                gravity_mps2: self.gravity_mps2,
+                frame: frame_named(&self.frame)?,
+                min_rest_s: self.min_rest_s,
+                exclude_saturated: self.exclude_saturated,
+                accel_nominal: self.accel_nominal,
+                gyro_nominal: self.gyro_nominal,
+            })
+        }
+    }
+
+    /// Calibrates one unit from its recordings.
+    #[pyfunction]
+    fn calibrate(
+        py: Python<'_>,
+        recordings: Vec<RecordingColumns<'_>>,
+        options: CalibrateOptions,
+    ) -> PyResult<Outcome> {
+        let options = options.options().to_python(py)?;
+        let recordings = RecordingColumns::views(py, &recordings)?;
+        let outcome = py.detach(|| library::calibrate::calibrate(&recordings, &options)).to_python(py)?;
+        Outcome::new(py, outcome)
+    }
+
+    /// Rms direction error, deg, over moves that the fit has not seen, and the error of each move.
+    #[pyfunction]
+    fn cross_validate<'py>(
+        py: Python<'py>,
+        recordings: Vec<RecordingColumns<'py>>,
+        options: CalibrateOptions,
+        folds: usize,
+    ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+        let options = options.options().to_python(py)?;
+        let recordings = RecordingColumns::views(py, &recordings)?;
+        let result = py.detach(|| library::calibrate::cross_validate(&recordings, &options, folds)).to_python(py)?;
+        Ok((result.gravity_direction_rms_deg, PyArray1::from_vec(py, result.direction_error_deg)))
+    }
+
+    /// Judges a calibration on recordings; `uncalibrated` is the gyroscope that the carried gravity is compared with.
+    #[pyfunction]
+    fn evaluate(
+        py: Python<'_>,
+        calibration: CalibrationArrays<'_>,
+        uncalibrated: TriadArrays<'_>,
+        recordings: Vec<RecordingColumns<'_>>,
+        gravity_mps2: f64,
+        min_rest_s: f64,
+    ) -> PyResult<Evaluation> {
+        let calibration = calibration.calibration(py)?;
+        let uncalibrated = uncalibrated.triad(py, "uncalibrated gyroscope")?;
+        let recordings = RecordingColumns::views(py, &recordings)?;
+        let evaluation = py
+            .detach(|| library::evaluate::evaluate(&calibration, &uncalibrated, &recordings, gravity_mps2, min_rest_s))
+            .to_python(py)?;
+        Evaluation::new(py, evaluation)
+    }
+
+    /// Findings of all checks that need no fit, and the rests where there are any.
+    #[pyfunction]
+    fn inspect(
+        py: Python<'_>,
+        recording: RecordingColumns<'_>,
+        gravity_mps2: f64,
+        min_rest_s: f64,
+    ) -> PyResult<Inspection> {
+        let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+        let recording = &views[0];
+        let (findings, segments) = py.detach(|| {
+            let mut findings = check::check_columns(recording);
+            let readable = findings.iter().all(|finding| {
+                !["empty", "lengths_differ", "non_finite", "time_not_increasing", "too_short"].contains(&finding.code)
+            });
+            let segments = readable.then(|| Segments::find(recording, min_rest_s));
+            if let Some(Ok(segments)) = &segments {
+                let ranges: Vec<_> = segments.rests.iter().map(|rest| rest.first..rest.end).collect();
+                findings.extend(check::check_rests(recording, &ranges, gravity_mps2));
+            }
+            (findings, segments)
+        });
+        let findings = findings.iter().map(|f| finding(py, f)).collect::<PyResult<Vec<_>>>()?;
+        Inspection::new(py, findings, segments)
+    }
+
+    /// Corrects raw samples: `(angular_rate, specific_force)` in SI units and the body frame.
+    #[pyfunction]
+    fn correct<'py>(
+        py: Python<'py>,
+        calibration: CalibrationArrays<'py>,
+        angular_rate: PyReadonlyArray2<'py, f64>,
+        specific_force: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<(Rows<'py>, Rows<'py>)> {
+        let calibration = calibration.calibration(py)?;
+        let rate = rows(py, &angular_rate, "angular_rate")?;
+        let force = rows(py, &specific_force, "specific_force")?;
+        if rate.len() != force.len() {
+            let message = format!("angular_rate has {} rows, specific_force {}", rate.len(), force.len());
+            return Err(Error::Input(message)).to_python(py);
+        }
+        let (rate, force): (Vec<[f64; 3]>, Vec<[f64; 3]>) = py.detach(|| {
+            let corrected = rate.iter().zip(force).map(|(rate, force)| {
+                let (rate, force) = calibration.correct(Vector3::from(*rate), Vector3::from(*force));
+                (<[f64; 3]>::from(rate), <[f64; 3]>::from(force))
+            });
+            corrected.unzip()
+        });
+        Ok((to_rows(py, rate)?, to_rows(py, force)?))
+    }
+
+    /// The sensitivities of both triads in another body frame: `(accelerometer, gyroscope)`.
+    #[pyfunction]
+    fn convert_frame<'py>(
+        py: Python<'py>,
+        accel_sensitivity: PyReadonlyArray2<'py, f64>,
+        gyro_sensitivity: PyReadonlyArray2<'py, f64>,
+        frame: &str,
+    ) -> PyResult<(Rows<'py>, Rows<'py>)> {
+        let from = Sensitivities {
+            accelerometer: matrix(py, &accel_sensitivity, "accel_sensitivity")?,
+            gyroscope: matrix(py, &gyro_sensitivity, "gyro_sensitivity")?,
+        };
+        let frame = frame_named(frame).to_python(py)?;
+        let to = frame::convert(&from, frame).to_python(py)?;
+        let array = |m: nalgebra::Matrix3<f64>| to_rows(py, m.transpose().data.0.to_vec());
+        Ok((array(to.accelerometer)?, array(to.gyroscope)?))
+    }
+
+    /// Rotation `[w, x, y, z]` of a whole stretch of angular rate: `v_start = rotation * v_end`.
+    #[pyfunction]
+    fn integrate<'py>(
+        py: Python<'py>,
+        time_s: PyReadonlyArray1<'py, f64>,
+        angular_rate: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+        let time = column(py, &time_s, "time_s")?;
+        let rate = rows(py, &angular_rate, "angular_rate")?;
+        if time.len() != rate.len() {
+            let message = format!("time_s has {} rows, angular_rate {}", time.len(), rate.len());
+            return Err(Error::Input(message)).to_python(py);
+        }
+        let rotation = py.detach(|| {
+            let mut integrator = Integrator::new();
+            let mut last = time.first().copied().unwrap_or(0.0);
+            for (&time, rate) in time.iter().zip(rate) {
+                integrator.push(time - last, Vector3::from(*rate));
+                last = time;
+            }
+            integrator.rotation()
+        });
+        Ok(PyArray1::from_slice(py, &so3::to_wxyz(&rotation)))
+    }
+
+    /// Names of the 21 parameters in a body frame, in their order.
+    #[pyfunction]
+    fn parameter_names(py: Python<'_>, frame: &str) -> PyResult<Vec<String>> {
+        Ok(library::calibrate::parameter_names(frame_named(frame).to_python(py)?).into())
+    }
+
+}

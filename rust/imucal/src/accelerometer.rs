@@ -27,8 +27,6 @@ pub(crate) struct AccelerometerFit {
     pub(crate) triad: Triad<f64>,
     /// Which rests the fit uses; the others were found bad.
     pub(crate) used: Vec<bool>,
-    /// Standard deviation of |f| at each rest that the sensor's noise explains, m/s^2.
-    pub(crate) sigma_norm: Vec<f64>,
     /// Parameters per error of |f| at each rest in m/s^2, 9 x rests; zero columns for unused rests.
     pub(crate) gain: Mat<f64>,
     pub(crate) chi2: f64,
@@ -87,7 +85,6 @@ fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution
         }
     }
     Ok(AccelerometerFit {
-        sigma_norm: rests.iter().map(|rest| sigma_norm(rest, &triad)).collect(),
         triad,
         used,
         gain,

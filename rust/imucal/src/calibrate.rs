@@ -15,7 +15,7 @@ use crate::frame::{self, Frame, Sensitivities};
 use crate::gyroscope::{self, Ends, GyroscopeBias, GyroscopeFit, Move};
 use crate::kinematics::rate_from_gravity;
 use crate::lsq::Termination;
-use crate::moves::{UnitRest, Unusable, between, ends_of, rests_of};
+use crate::moves::{Directions, UnitRest, Unusable, between, rests_of};
 use crate::recording::{RawUnit, Recording};
 use crate::segment::{NoiseDensity, Rest, Segments, Threshold};
 use crate::stats::rms;
@@ -253,7 +253,14 @@ impl<'a> UnitData<'a> {
 
     fn ends(&self, moves: &[Move], accelerometer: &AccelerometerFit, inverse: &Matrix3<f64>) -> (Vec<Ends>, Vec<f64>) {
         let noise: Vec<NoiseDensity> = self.segments.iter().map(|segments| segments.noise_density).collect();
-        ends_of(moves, &self.rests, &accelerometer.triad, inverse, &noise)
+        let directions = Directions {
+            recordings: self.recordings,
+            rests: &self.rests,
+            noise: &noise,
+            accelerometer: &accelerometer.triad,
+            gyroscope_inverse: inverse,
+        };
+        directions.ends_of(moves)
     }
 
     fn fit_gyroscope(
@@ -346,6 +353,11 @@ impl<'a> UnitData<'a> {
             frame => {
                 let converted = frame::convert(&symmetric, frame)?;
                 let jacobian = frame::parameter_jacobian(&symmetric, &converted, frame)?;
+                let turn = inverse(&converted.accelerometer)? * symmetric.accelerometer;
+                for report in &mut move_reports {
+                    report.gravity_before = turn * report.gravity_before;
+                    report.gravity_after = turn * report.gravity_after;
+                }
                 (converted, &jacobian * covariance * jacobian.transpose())
             }
         };
@@ -441,7 +453,7 @@ fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
 }
 
 fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
-    matrix.try_inverse().ok_or_else(|| Error::Fit("the start value of the gyroscope is singular".into()))
+    matrix.try_inverse().ok_or_else(|| Error::Fit("a sensitivity matrix is singular".into()))
 }
 
 fn triad(sensitivity: Matrix3<f64>, bias: Vector3<f64>) -> Result<Triad<f64>, Error> {

@@ -8,7 +8,7 @@ use crate::carry::{Carried, carry};
 use crate::check::{Finding, Severity, check_columns, saturated_samples};
 use crate::error::Error;
 use crate::gyroscope::{Ends, Move};
-use crate::moves::{UnitRest, between, direction_error_rad, ends_of, norm_error_mps2, rests_of};
+use crate::moves::{Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Segments};
 use crate::stats::rms;
@@ -41,6 +41,8 @@ pub struct RestReport {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
+    /// Scatter in half a second over the noise floor (a ratio of variances): near 1 on a table, more in a hand.
+    pub unsteadiness: f64,
     /// Mean of the accelerometer, raw units.
     pub mean_specific_force: Vector3<f64>,
     /// Mean of the gyroscope, raw units.
@@ -72,6 +74,10 @@ pub struct MoveReport {
     pub direction_error_deg: f64,
     /// Standard deviation of each component of it that noise explains, deg.
     pub direction_sigma_deg: f64,
+    /// Direction of gravity in the body frame at the first sample, unit length.
+    pub gravity_before: Vector3<f64>,
+    /// Direction of gravity in the body frame at the last sample, unit length.
+    pub gravity_after: Vector3<f64>,
     /// Why the move takes no part; `None` if it does.
     pub excluded: Option<&'static str>,
 }
@@ -134,7 +140,14 @@ pub fn evaluate(
     let (moves, unusable) = between(recordings, &rests, &usable, &saturated);
     let noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
     let gyroscope = &calibration.gyroscope;
-    let (ends, _) = ends_of(&moves, &rests, &calibration.accelerometer, gyroscope.inverse(), &noise);
+    let directions = Directions {
+        recordings,
+        rests: &rests,
+        noise: &noise,
+        accelerometer: &calibration.accelerometer,
+        gyroscope_inverse: gyroscope.inverse(),
+    };
+    let (ends, _) = directions.ends_of(&moves);
     let carried: Vec<Carried> =
         moves.iter().map(|m| carry(&recordings[m.recording], m.first, m.last, gyroscope)).collect();
     let rest_reports: Vec<RestReport> = rests
@@ -201,6 +214,7 @@ pub(crate) fn rest_report(
         end: rest.rest.end,
         start_s: rest.rest.start_s,
         end_s: rest.rest.end_s,
+        unsteadiness: rest.rest.unsteadiness,
         mean_specific_force: rest.rest.specific_force.mean,
         mean_angular_rate: rest.rest.angular_rate.mean,
         norm_error_mps2,
@@ -213,6 +227,8 @@ pub(crate) fn move_report(m: &Move, ends: &Ends, carried: &Carried, excluded: Op
     MoveReport {
         direction_error_deg: direction_error_rad(ends, &carried.rotation).to_degrees(),
         direction_sigma_deg: ends.sigma_rad.to_degrees(),
+        gravity_before: ends.before,
+        gravity_after: ends.after,
         excluded,
         ..unusable_report(m, "")
     }
@@ -228,6 +244,8 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
         duration_s: m.duration_s,
         direction_error_deg: f64::NAN,
         direction_sigma_deg: f64::NAN,
+        gravity_before: Vector3::repeat(f64::NAN),
+        gravity_after: Vector3::repeat(f64::NAN),
         excluded: Some(reason),
     }
 }

@@ -6,7 +6,7 @@
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
-use faer::prelude::{Solve, SolveLstsq};
+use faer::prelude::SolveLstsq;
 
 use crate::error::Error;
 

@@ -14,6 +14,11 @@ use crate::uncertainty::random_walk_rad;
 /// A step in time of more than this many sample intervals inside a move loses too much of the rotation.
 const LONGEST_STEP: f64 = 2.5;
 
+/// A rest whose scatter is this many times the noise floor (in variance) is held by a hand, not by a table.
+const UNSTEADY: f64 = 2.0;
+/// How much of an unsteady rest, next to the move, gives the direction of gravity, s.
+const SPAN_S: f64 = 1.0;
+
 /// One rest of one of the recordings.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct UnitRest {
@@ -66,32 +71,84 @@ pub(crate) fn between(
     (moves, unusable)
 }
 
-/// Directions of gravity at the ends of each move, and what noise explains of its residual.
-///
-/// Returns the ends and, of their variance, the standard deviation that the gyroscope's white noise makes, rad.
-pub(crate) fn ends_of(
-    moves: &[Move],
-    rests: &[UnitRest],
-    accelerometer: &Triad<f64>,
-    gyroscope_inverse: &Matrix3<f64>,
-    noise: &[NoiseDensity],
-) -> (Vec<Ends>, Vec<f64>) {
-    let direction = |k: usize| {
-        let mean = &rests[k].rest.specific_force;
-        let force = accelerometer.correct(mean.mean);
-        let noise = accelerometer.inverse() * Matrix3::from_diagonal(&mean.variance_of_mean.map(f64::sqrt));
-        (force.normalize(), noise.norm_squared() / 3.0 / force.norm_squared())
-    };
-    moves
-        .iter()
-        .map(|m| {
-            let ((before, variance_before), (after, variance_after)) = (direction(m.from), direction(m.to));
-            let walk = random_walk_rad(&noise[m.recording].angular_rate, gyroscope_inverse, m.duration_s);
-            // A noise-free simulation: equal weights, of a size that leaves numbers in range.
-            let sigma_rad = (walk * walk + variance_before + variance_after).sqrt().max(1e-9);
-            (Ends { before, after, sigma_rad }, walk)
-        })
-        .unzip()
+/// What the directions of gravity at the ends of the moves are computed with.
+pub(crate) struct Directions<'a> {
+    pub(crate) recordings: &'a [Recording<'a>],
+    pub(crate) rests: &'a [UnitRest],
+    /// Noise of each recording, raw units.
+    pub(crate) noise: &'a [NoiseDensity],
+    pub(crate) accelerometer: &'a Triad<f64>,
+    /// Inverse sensitivity of the gyroscope, as far as it is known.
+    pub(crate) gyroscope_inverse: &'a Matrix3<f64>,
+}
+
+/// A direction and the variance of each of its components.
+struct Direction {
+    up: Vector3<f64>,
+    /// From the accelerometer's mean over the whole rest, which also serves the accelerometer's fit.
+    variance: f64,
+    /// From everything else.
+    extra_variance: f64,
+}
+
+impl Directions<'_> {
+    /// The ends of each move, and of their standard deviation the part that the mean of the rest does not make, rad.
+    pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
+        moves
+            .iter()
+            .map(|m| {
+                let (before, after) = (self.direction(m.from, true), self.direction(m.to, false));
+                let walk = random_walk_rad(&self.noise[m.recording].angular_rate, self.gyroscope_inverse, m.duration_s);
+                let own = walk * walk + before.extra_variance + after.extra_variance;
+                // A noise-free simulation: equal weights, of a size that leaves numbers in range.
+                let sigma_rad = (own + before.variance + after.variance).sqrt().max(1e-9);
+                (Ends { before: before.up, after: after.up, sigma_rad }, own.sqrt())
+            })
+            .unzip()
+    }
+
+    /// Gravity at the last (`at_end`) or first sample of a rest.
+    fn direction(&self, k: usize, at_end: bool) -> Direction {
+        let UnitRest { recording, rest } = &self.rests[k];
+        let mean = &rest.specific_force;
+        let force = self.accelerometer.correct(mean.mean);
+        let noise = self.accelerometer.inverse() * Matrix3::from_diagonal(&mean.variance_of_mean.map(f64::sqrt));
+        let variance = noise.norm_squared() / 3.0 / force.norm_squared();
+        if rest.unsteadiness < UNSTEADY {
+            return Direction { up: force.normalize(), variance, extra_variance: 0.0 };
+        }
+        let (up, share, span_s) = self.tremor_free(k, at_end);
+        let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope_inverse, span_s);
+        // The mean over a span of a random walk that is zero at its end has a third of the walk's variance.
+        Direction { up, variance, extra_variance: variance * (1.0 / share - 1.0) + walk * walk / 3.0 }
+    }
+
+    /// Mean of the last or first second of a rest, each sample turned by the gyroscope to the attitude at the end of it.
+    ///
+    /// A hand that holds a pose trembles: the plain mean is not where the move starts. The mean rate of the rest is
+    /// taken for the gyroscope's bias, so that a bias that depends on the pose does no harm.
+    fn tremor_free(&self, k: usize, at_end: bool) -> (Vector3<f64>, f64, f64) {
+        let UnitRest { recording, rest } = &self.rests[k];
+        let recording = &self.recordings[*recording];
+        let samples = rest.end - rest.first;
+        let interval_s = (rest.end_s - rest.start_s) / (samples - 1).max(1) as f64;
+        let count = ((SPAN_S / interval_s).round() as usize).clamp(1, samples);
+        // Outwards from the end of the rest that the move touches.
+        let index = |i: usize| if at_end { rest.end - 1 - i } else { rest.first + i };
+        let sign = if at_end { 1.0 } else { -1.0 };
+        let mut turn = Vector3::zeros();
+        let mut sum = Vector3::zeros();
+        for i in 0..count {
+            let rate = self.gyroscope_inverse * (Vector3::from(recording.angular_rate[index(i)]) - rest.angular_rate.mean);
+            let step = rate * (sign * interval_s);
+            // Half a step at each end: the sample at the boundary itself is not turned.
+            turn += if i == 0 { step * 0.5 } else { step };
+            let force = self.accelerometer.correct(Vector3::from(recording.specific_force[index(i)]));
+            let turn_here = if i == 0 { Vector3::zeros() } else { turn - step * 0.5 };
+            sum += force - turn_here.cross(&force);
+        }
+        (sum.normalize(), count as f64 / samples as f64, count as f64 * interval_s)
+    }
 }
 
 /// Error of the gravity direction after a move: the angle between carried and measured, rad.

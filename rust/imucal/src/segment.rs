@@ -42,6 +42,8 @@ pub struct Rest {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
+    /// Scatter in half a second over the noise floor (a ratio of variances): near 1 on a table, more in a hand.
+    pub unsteadiness: f64,
     /// Accelerometer.
     pub specific_force: RestMean,
     /// Gyroscope.
@@ -101,14 +103,20 @@ impl Segments {
         let (statistic, floor) = window_statistic(&blocks, &steps);
         let threshold = choose_threshold(&statistic, min_blocks);
         let (long, short): (Vec<_>, Vec<_>) = still_stretches(&statistic, threshold.0)
-            .map(|blocks| trim(&blocks, statistic.len()))
+            .map(|blocks| calm(trim(&blocks, statistic.len()), &statistic))
             .filter(|blocks| !blocks.is_empty())
             .partition(|blocks| blocks.len() >= min_blocks);
         if long.is_empty() {
             return Err(no_rest(recording, min_rest_s));
         }
         let colour = colour_factor(&blocks, &long);
-        let rests: Vec<Rest> = long.iter().map(|range| rest(recording, &blocks[range.clone()], range.start, &colour)).collect();
+        let rests: Vec<Rest> = long
+            .iter()
+            .map(|range| Rest {
+                unsteadiness: unsteadiness(range, &statistic),
+                ..rest(recording, &blocks[range.clone()], range.start, &colour)
+            })
+            .collect();
         let variances: Vec<Vector6<f64>> = long.iter().map(|r| merge(&blocks[r.clone()]).variance()).collect();
         let density = |channel: usize| {
             let typical = median(&mut variances.iter().map(|v| v[channel]).collect::<Vec<f64>>());
@@ -275,6 +283,28 @@ fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     start..end.max(start)
 }
 
+/// Without the ends that are louder than the rest itself: a hand comes to rest slowly, and its tremor says how calm
+/// this rest is.
+fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
+    if blocks.len() <= WINDOW_BLOCKS {
+        return blocks;
+    }
+    let loud = 3.0 * unsteadiness(&blocks, statistic).max(1.0);
+    while blocks.len() > WINDOW_BLOCKS && statistic[blocks.start] > loud {
+        blocks.start += 1;
+    }
+    while blocks.len() > WINDOW_BLOCKS && statistic[blocks.end - WINDOW_BLOCKS] > loud {
+        blocks.end -= 1;
+    }
+    blocks
+}
+
+/// Median statistic of the windows inside a rest.
+fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
+    let windows = blocks.start..(blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(blocks.start + 1);
+    median(&mut statistic[windows].to_vec())
+}
+
 /// By how much the variance of a mean exceeds that of white noise: half the mean squared difference of neighbouring
 /// 0.25 s means (an Allan variance) over what the scatter of single samples predicts.
 fn colour_factor(blocks: &[Block], rests: &[Range<usize>]) -> Vector6<f64> {
@@ -310,6 +340,7 @@ fn rest(recording: &Recording<'_>, blocks: &[Block], first_block: usize, colour:
         end,
         start_s: recording.time_s[first],
         end_s: recording.time_s[end - 1],
+        unsteadiness: 1.0,
         angular_rate: triad(0),
         specific_force: triad(3),
     }

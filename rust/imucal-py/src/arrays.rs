@@ -1,0 +1,132 @@
+//! The one place where arrays cross the border.
+//!
+//! rust-numpy's `as_slice` takes Fortran order for contiguous and hands it over column by column, so every array is
+//! checked for C order here; the Python side converts beforehand, and a caller who does not is told.
+
+use imucal::error::Error;
+use imucal::recording::{RawUnit, Recording};
+use imucal_core::calibration::Calibration;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::error::ToPython;
+
+/// The columns of an `imucal.Recording`, taken by attribute.
+#[derive(FromPyObject)]
+pub(crate) struct RecordingColumns<'py> {
+    name: String,
+    time_s: PyReadonlyArray1<'py, f64>,
+    specific_force: PyReadonlyArray2<'py, f64>,
+    angular_rate: PyReadonlyArray2<'py, f64>,
+    temperature_degc: Option<PyReadonlyArray1<'py, f64>>,
+    stand_rad: Option<PyReadonlyArray2<'py, f64>>,
+    accel_unit: String,
+    gyro_unit: String,
+}
+
+impl RecordingColumns<'_> {
+    /// The recordings as the library takes them, borrowed.
+    pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
+        recordings
+            .iter()
+            .map(|r| {
+                Ok(Recording {
+                    name: &r.name,
+                    time_s: column(py, &r.time_s, "time_s")?,
+                    specific_force: rows(py, &r.specific_force, "specific_force")?,
+                    angular_rate: rows(py, &r.angular_rate, "angular_rate")?,
+                    temperature_degc: match &r.temperature_degc {
+                        Some(values) => Some(column(py, values, "temperature_degc")?),
+                        None => None,
+                    },
+                    stand_rad: match &r.stand_rad {
+                        Some(values) => Some(rows(py, values, "stand_rad")?),
+                        None => None,
+                    },
+                    accel_unit: raw_unit(&r.accel_unit),
+                    gyro_unit: raw_unit(&r.gyro_unit),
+                })
+            })
+            .collect()
+    }
+}
+
+/// An `imucal.Triad`, taken by attribute: (3, 3) sensitivity and (3,) bias.
+#[derive(FromPyObject)]
+pub(crate) struct TriadArrays<'py> {
+    sensitivity: PyReadonlyArray2<'py, f64>,
+    bias: PyReadonlyArray1<'py, f64>,
+}
+
+impl TriadArrays<'_> {
+    pub(crate) fn triad(&self, py: Python<'_>, name: &str) -> PyResult<Triad<f64>> {
+        let sensitivity = matrix(py, &self.sensitivity, &format!("sensitivity of the {name}"))?;
+        let bias = vector(py, &self.bias, &format!("bias of the {name}"))?;
+        Triad::try_new(sensitivity, bias).map_err(|error| Error::Input(format!("{name}: {error}"))).to_python(py)
+    }
+}
+
+/// An `imucal.Calibration`, taken by attribute.
+#[derive(FromPyObject)]
+pub(crate) struct CalibrationArrays<'py> {
+    accelerometer: TriadArrays<'py>,
+    gyroscope: TriadArrays<'py>,
+}
+
+impl CalibrationArrays<'_> {
+    pub(crate) fn calibration(&self, py: Python<'_>) -> PyResult<Calibration<f64>> {
+        Ok(Calibration {
+            accelerometer: self.accelerometer.triad(py, "accelerometer")?,
+            gyroscope: self.gyroscope.triad(py, "gyroscope")?,
+        })
+    }
+}
+
+fn raw_unit(name: &str) -> RawUnit {
+    if name == "lsb" { RawUnit::Lsb } else { RawUnit::Si }
+}
+
+/// (N,) without a copy.
+pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<&'a [f64]> {
+    match array.as_slice() {
+        Ok(values) if array.is_c_contiguous() => Ok(values),
+        _ => Err(Error::Input(format!("{name} is strided: pass numpy.ascontiguousarray of it"))).to_python(py),
+    }
+}
+
+/// (N, 3) in C order without a copy.
+pub(crate) fn rows<'a>(py: Python<'_>, array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a [[f64; 3]]> {
+    if array.shape()[1] != 3 {
+        let shape = array.shape();
+        return Err(Error::Input(format!("{name} has shape ({}, {}), (N, 3) is needed", shape[0], shape[1])))
+            .to_python(py);
+    }
+    match array.as_slice() {
+        Ok(values) if array.is_c_contiguous() => Ok(values.as_chunks::<3>().0),
+        _ => Err(Error::Input(format!("{name} is not in C order: pass numpy.ascontiguousarray of it"))).to_python(py),
+    }
+}
+
+/// (3, 3).
+pub(crate) fn matrix(py: Python<'_>, array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Matrix3<f64>> {
+    match rows(py, array, name)? {
+        [x, y, z] => Ok(Matrix3::from_rows(&[(*x).into(), (*y).into(), (*z).into()])),
+        other => Err(Error::Input(format!("{name} has {} rows, 3 are needed", other.len()))).to_python(py),
+    }
+}
+
+/// (3,).
+pub(crate) fn vector(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<Vector3<f64>> {
+    match column(py, array, name)? {
+        &[x, y, z] => Ok(Vector3::new(x, y, z)),
+        other => Err(Error::Input(format!("{name} has {} entries, 3 are needed", other.len()))).to_python(py),
+    }
+}
+
+/// (N, 3) array from rows.
+pub(crate) fn to_rows(py: Python<'_>, values: Vec<[f64; 3]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let array = numpy::PyArray1::from_vec(py, values.into_flattened());
+    numpy::PyArrayMethods::reshape(&array, [array.len() / 3, 3])
+}

@@ -1,0 +1,64 @@
+//! Errors of the library as the classes of `imucal.errors`, which Python owns.
+
+use imucal::check::{Finding, Severity};
+use imucal::error::Error;
+use pyo3::prelude::*;
+use pyo3::types::PyTuple;
+
+/// Turns the library's errors into Python's.
+pub(crate) trait ToPython<T> {
+    fn to_python(self, py: Python<'_>) -> PyResult<T>;
+}
+
+impl<T> ToPython<T> for Result<T, Error> {
+    fn to_python(self, py: Python<'_>) -> PyResult<T> {
+        self.map_err(|error| python_error(py, &error).unwrap_or_else(|failure| failure))
+    }
+}
+
+fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
+    let class = match error {
+        Error::Input(_) | Error::Data(_) => "InputError",
+        Error::NotEnoughMotion(_) => "NotEnoughMotionError",
+        Error::Fit(_) => "FitError",
+    };
+    let class = py.import("imucal.errors")?.getattr(class)?;
+    let message = error.to_string();
+    let instance = match error {
+        Error::Data(findings) => {
+            let findings = findings.iter().map(|f| finding(py, f)).collect::<PyResult<Vec<_>>>()?;
+            class.call1((message, findings))?
+        }
+        _ => class.call1((message,))?,
+    };
+    Ok(PyErr::from_value(instance))
+}
+
+/// An `imucal.finding.Finding`.
+pub(crate) fn finding(py: Python<'_>, finding: &Finding) -> PyResult<Py<PyAny>> {
+    let module = py.import("imucal.finding")?;
+    let place = match &finding.place {
+        Some(place) => module
+            .getattr("Place")?
+            .call1((place.first_sample, place.last_sample, place.start_s, place.end_s))?
+            .unbind(),
+        None => py.None(),
+    };
+    let severity = match finding.severity {
+        Severity::Warning => "warning",
+        Severity::Error => "error",
+    };
+    let arguments = (
+        finding.code,
+        severity,
+        &finding.recording,
+        PyTuple::new(py, &finding.columns)?,
+        place,
+        finding.count,
+        finding.value,
+        finding.unit,
+        &finding.message,
+        &finding.way_out,
+    );
+    Ok(module.getattr("Finding")?.call1(arguments)?.unbind())
+}
