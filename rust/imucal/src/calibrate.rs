@@ -128,19 +128,28 @@ pub struct CrossValidation {
 /// As [`calibrate`]; [`Error::Input`] for fewer than two folds.
 pub fn cross_validate(recordings: &[Recording<'_>], options: &Options, folds: usize) -> Result<CrossValidation, Error> {
     if folds < 2 {
-        return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
+        return Err(Error::Input(format!(
+            "folds = {folds}: at least 2 are needed to leave moves out"
+        )));
     }
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, _) = data.moves(&accelerometer);
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
-        let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();
+        let seen: Vec<Move> = (0..moves.len())
+            .filter(|k| k % folds != fold)
+            .map(|k| moves[k])
+            .collect();
         let fit = data.fit_gyroscope(&seen, &accelerometer, options)?.fit;
         let (ends, _) = data.ends(&moves, &accelerometer, fit.triad.inverse());
         for k in (fold..moves.len()).step_by(folds) {
-            let carried =
-                crate::carry::carry(&recordings[moves[k].recording], moves[k].first, moves[k].last, &fit.triad);
+            let carried = crate::carry::carry(
+                &recordings[moves[k].recording],
+                moves[k].first,
+                moves[k].last,
+                &fit.triad,
+            );
             direction_error_deg[k] = crate::moves::direction_error_rad(&ends[k], &carried.rotation).to_degrees();
         }
     }
@@ -155,8 +164,9 @@ struct UnitData<'a> {
     recordings: &'a [Recording<'a>],
     segments: Vec<Segments>,
     rests: Vec<UnitRest>,
-    /// Which rests have no saturated sample.
-    clean: Vec<bool>,
+    /// Why a rest takes no part; `None` if it does.
+    excluded: Vec<Option<&'static str>>,
+    bias: GyroscopeBias,
     saturated: Vec<Vec<std::ops::Range<usize>>>,
     findings: Vec<Finding>,
 }
@@ -164,7 +174,6 @@ struct UnitData<'a> {
 /// The gyroscope's fit and what it was fitted to.
 struct Gyroscope {
     fit: GyroscopeFit,
-    bias: GyroscopeBias,
     ends: Vec<Ends>,
     random_walk_rad: Vec<f64>,
     findings: Vec<Finding>,
@@ -178,7 +187,10 @@ impl<'a> UnitData<'a> {
             findings.extend(check::check_columns(recording));
         }
         if options.exclude_saturated {
-            for finding in findings.iter_mut().filter(|finding| finding.code.ends_with("_saturation")) {
+            for finding in findings
+                .iter_mut()
+                .filter(|finding| finding.code.ends_with("_saturation"))
+            {
                 finding.severity = Severity::Warning;
             }
         }
@@ -194,19 +206,43 @@ impl<'a> UnitData<'a> {
         refuse_errors(&findings)?;
         let rests = rests_of(&segments);
         let saturated: Vec<Vec<_>> = recordings.iter().map(check::saturated_samples).collect();
-        let clean = rests
+        let bias = gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>());
+        let excluded = rests
             .iter()
-            .map(|r| !saturated[r.recording].iter().any(|s| s.start < r.rest.end && s.end > r.rest.first))
+            .zip(&bias.weights)
+            .map(|(r, weight)| {
+                if saturated[r.recording]
+                    .iter()
+                    .any(|s| s.start < r.rest.end && s.end > r.rest.first)
+                {
+                    Some("saturation")
+                } else if weight.min() == 0.0 {
+                    // Its mean rate is far from all others': a slow, even turn looks like a rest.
+                    Some("rest_not_still")
+                } else {
+                    None
+                }
+            })
             .collect();
-        Ok(Self { recordings, segments, rests, clean, saturated, findings })
+        Ok(Self {
+            recordings,
+            segments,
+            rests,
+            excluded,
+            bias,
+            saturated,
+            findings,
+        })
     }
 
     fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
-        self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
+        self.recordings
+            .first()
+            .is_some_and(|recording| unit(recording) == RawUnit::Si)
     }
 
     fn fit_accelerometer(&self, options: &Options) -> Result<AccelerometerFit, Error> {
-        let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.clean[k]).collect();
+        let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.excluded[k].is_none()).collect();
         let rests: Vec<&Rest> = clean.iter().map(|&k| &self.rests[k].rest).collect();
         let nominal = options.accel_nominal.map(|scale| Start {
             sensitivity: Matrix3::from_diagonal_element(scale),
@@ -230,7 +266,9 @@ impl<'a> UnitData<'a> {
 
     /// Stretches that are a little too short to be rests are worth a word where rests are missing.
     fn with_short_rests(&self, error: Error, options: &Options) -> Error {
-        let Error::NotEnoughMotion(message) = error else { return error };
+        let Error::NotEnoughMotion(message) = error else {
+            return error;
+        };
         for (recording, segments) in self.recordings.iter().zip(&self.segments) {
             if let Some(range) = segments.too_short.iter().max_by_key(|range| range.len()) {
                 let (start_s, end_s) = (recording.time_s[range.start], recording.time_s[range.end - 1]);
@@ -277,8 +315,7 @@ impl<'a> UnitData<'a> {
                 self.rests.len()
             )));
         }
-        let rests: Vec<&Rest> = self.rests.iter().map(|rest| &rest.rest).collect();
-        let bias = gyroscope::bias_from_rests(&rests);
+        let bias = &self.bias;
         let kinematic = rate_from_gravity(self.recordings, moves, &accelerometer.triad, bias.bias);
         let mut findings = Vec::new();
         if let Some(rate_from_raw) = &kinematic {
@@ -286,9 +323,16 @@ impl<'a> UnitData<'a> {
             refuse_errors(&findings)?;
         }
         let si = self.raw_is_si(|recording| recording.gyro_unit);
-        let nominal = options.gyro_nominal.or(si.then_some(1.0)).map(Matrix3::from_diagonal_element);
-        let starts: Vec<Matrix3<f64>> =
-            kinematic.and_then(|p| p.try_inverse()).into_iter().chain(nominal).filter(well_conditioned).collect();
+        let nominal = options
+            .gyro_nominal
+            .or(si.then_some(1.0))
+            .map(Matrix3::from_diagonal_element);
+        let starts: Vec<Matrix3<f64>> = kinematic
+            .and_then(|p| p.try_inverse())
+            .into_iter()
+            .chain(nominal)
+            .filter(well_conditioned)
+            .collect();
         if starts.is_empty() {
             return Err(Error::NotEnoughMotion(format!(
                 "{} moves do not determine the gyroscope's scale in raw counts: add moves of 90 deg or more about \
@@ -301,7 +345,12 @@ impl<'a> UnitData<'a> {
         let first = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &starts)?;
         let (ends, random_walk_rad) = self.ends(moves, accelerometer, first.triad.inverse());
         let fit = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &[*first.triad.sensitivity()])?;
-        Ok(Gyroscope { fit, bias, ends, random_walk_rad, findings })
+        Ok(Gyroscope {
+            fit,
+            ends,
+            random_walk_rad,
+            findings,
+        })
     }
 
     fn report(
@@ -315,15 +364,18 @@ impl<'a> UnitData<'a> {
         let fit = &gyroscope.fit;
         let rests: Vec<&Rest> = self.rests.iter().map(|rest| &rest.rest).collect();
         let covariance = uncertainty::covariance(
-            &rests, moves, &gyroscope.ends, accelerometer, &gyroscope.bias, fit, &gyroscope.random_walk_rad,
+            &rests,
+            moves,
+            &gyroscope.ends,
+            accelerometer,
+            &self.bias,
+            fit,
+            &gyroscope.random_walk_rad,
         );
         let rest_reports: Vec<RestReport> = (0..self.rests.len())
             .map(|k| {
-                let excluded = match (self.clean[k], accelerometer.used[k]) {
-                    (false, _) => Some("saturation"),
-                    (true, false) => Some("contradicts_other_rests"),
-                    (true, true) => None,
-                };
+                let contradicts = (!accelerometer.used[k]).then_some("contradicts_other_rests");
+                let excluded = self.excluded[k].or(contradicts);
                 rest_report(&self.rests[k], &accelerometer.triad, options.gravity_mps2, excluded)
             })
             .collect();
@@ -363,7 +415,7 @@ impl<'a> UnitData<'a> {
         };
         let calibration = Calibration {
             accelerometer: triad(sensitivities.accelerometer, *accelerometer.triad.bias())?,
-            gyroscope: triad(sensitivities.gyroscope, gyroscope.bias.bias)?,
+            gyroscope: triad(sensitivities.gyroscope, self.bias.bias)?,
         };
         self.findings.extend(gyroscope.findings.iter().cloned());
         Ok(Outcome {
@@ -415,8 +467,9 @@ fn check_options(recordings: &[Recording<'_>], options: &Options) -> Result<(), 
     let Some(first) = recordings.first() else {
         return Err(Error::Input("no recording was given".into()));
     };
-    if let Some(other) =
-        recordings.iter().find(|r| (r.accel_unit, r.gyro_unit) != (first.accel_unit, first.gyro_unit))
+    if let Some(other) = recordings
+        .iter()
+        .find(|r| (r.accel_unit, r.gyro_unit) != (first.accel_unit, first.gyro_unit))
     {
         return Err(Error::Input(format!(
             "{} and {} are in different raw units: recordings of one unit must agree",
@@ -431,19 +484,35 @@ fn check_options(recordings: &[Recording<'_>], options: &Options) -> Result<(), 
         )));
     }
     if !(options.min_rest_s > 0.0 && options.min_rest_s <= 3600.0) {
-        return Err(Error::Input(format!("min_rest_s = {}: give a duration in s, such as 1", options.min_rest_s)));
+        return Err(Error::Input(format!(
+            "min_rest_s = {}: give a duration in s, such as 1",
+            options.min_rest_s
+        )));
     }
-    for (name, nominal) in [("accel_nominal", options.accel_nominal), ("gyro_nominal", options.gyro_nominal)] {
+    for (name, nominal) in [
+        ("accel_nominal", options.accel_nominal),
+        ("gyro_nominal", options.gyro_nominal),
+    ] {
         if nominal.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
-            return Err(Error::Input(format!("{name} = {nominal:?}: give lsb per SI unit, a positive number")));
+            return Err(Error::Input(format!(
+                "{name} = {nominal:?}: give lsb per SI unit, a positive number"
+            )));
         }
     }
     Ok(())
 }
 
 fn refuse_errors(findings: &[Finding]) -> Result<(), Error> {
-    let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
-    if errors.is_empty() { Ok(()) } else { Err(Error::Data(errors)) }
+    let errors: Vec<Finding> = findings
+        .iter()
+        .filter(|f| f.severity == Severity::Error)
+        .cloned()
+        .collect();
+    if errors.is_empty() {
+        Ok(())
+    } else {
+        Err(Error::Data(errors))
+    }
 }
 
 /// Whether a start value is far enough from singular to integrate with.
@@ -453,7 +522,9 @@ fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
 }
 
 fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
-    matrix.try_inverse().ok_or_else(|| Error::Fit("a sensitivity matrix is singular".into()))
+    matrix
+        .try_inverse()
+        .ok_or_else(|| Error::Fit("a sensitivity matrix is singular".into()))
 }
 
 fn triad(sensitivity: Matrix3<f64>, bias: Vector3<f64>) -> Result<Triad<f64>, Error> {

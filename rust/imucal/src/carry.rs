@@ -58,7 +58,12 @@ pub(crate) fn carry(recording: &Recording<'_>, first: usize, last: usize, gyrosc
         rotation *= exp;
         (w0, hat0) = (w1, hat1);
     }
-    Carried { rotation, sensitivity_sums, bias_sum, turned_rad }
+    Carried {
+        rotation,
+        sensitivity_sums,
+        bias_sum,
+        turned_rad,
+    }
 }
 
 /// `exp(phi)` and the left Jacobian, `I + a [phi]x + b [phi]x^2` and `I + b [phi]x + c [phi]x^2`.
@@ -127,8 +132,14 @@ mod tests {
         for length in [0.0, 1e-9, 1e-3, 0.3, 0.499_999, 0.500_001, 2.0] {
             let phi = Vector3::new(0.48, -0.6, 0.64) * length;
             let (exp, left) = exp_and_left_jacobian(&phi);
-            assert!((exp - so3::exp(&phi).to_rotation_matrix().matrix()).norm() < 4e-15, "{length}");
-            assert!((left - so3::right_jacobian(&phi).transpose()).norm() < 4e-15, "{length}");
+            assert!(
+                (exp - so3::exp(&phi).to_rotation_matrix().matrix()).norm() < 4e-15,
+                "{length}"
+            );
+            assert!(
+                (left - so3::right_jacobian(&phi).transpose()).norm() < 4e-15,
+                "{length}"
+            );
         }
     }
 
@@ -151,7 +162,10 @@ mod tests {
                 let (plus, minus) = (triad.sensitivity() + change, triad.sensitivity() - change);
                 let difference = (delta(plus, *triad.bias()) - delta(minus, *triad.bias())) / (2.0 * step);
                 let analytic = -carried.rotation.tr_mul(&(carried.sensitivity_sums[j] * column));
-                assert!((difference - analytic).norm() < 1e-7, "T_{i}{j}: {difference} {analytic}");
+                assert!(
+                    (difference - analytic).norm() < 1e-7,
+                    "T_{i}{j}: {difference} {analytic}"
+                );
             }
             let (plus, minus) = (triad.bias() + unit(i) * step, triad.bias() - unit(i) * step);
             let sensitivity = *triad.sensitivity();

@@ -52,7 +52,9 @@ impl Ends {
     pub(crate) fn across(&self) -> Matrix2x3<f64> {
         let u = self.after;
         let smallest = u.iamin();
-        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest))).cross(&u).normalize();
+        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest)))
+            .cross(&u)
+            .normalize();
         Matrix2x3::from_rows(&[first.transpose(), u.cross(&first).transpose()])
     }
 
@@ -75,16 +77,29 @@ pub(crate) struct GyroscopeBias {
 
 /// The bias as the mean over all rests, each weighted by its own noise and the scatter between rests.
 pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
-    let mut result =
-        GyroscopeBias { bias: Vector3::zeros(), weights: vec![Vector3::zeros(); rests.len()], between: Vector3::zeros() };
+    let mut result = GyroscopeBias {
+        bias: Vector3::zeros(),
+        weights: vec![Vector3::zeros(); rests.len()],
+        between: Vector3::zeros(),
+    };
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
         // A noise-free simulation has no scatter at all.
-        let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30)).collect();
+        let variances: Vec<f64> = rests
+            .iter()
+            .map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30))
+            .collect();
         let centre = median(&mut means.clone());
-        let scores: Vec<f64> = means.iter().zip(&variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
+        let scores: Vec<f64> = means
+            .iter()
+            .zip(&variances)
+            .map(|(m, v)| (m - centre).abs() / v.sqrt())
+            .collect();
         let scale = (median(&mut scores.clone()) / 0.674_489_75).max(1.0);
-        let keep: Vec<f64> = scores.iter().map(|score| f64::from(u8::from(*score <= 6.0 * scale))).collect();
+        let keep: Vec<f64> = scores
+            .iter()
+            .map(|score| f64::from(u8::from(*score <= 6.0 * scale)))
+            .collect();
 
         // Random-effects mean (DerSimonian and Laird): equal weights where rests differ more than their noise.
         let inverse: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / v).collect();
@@ -93,7 +108,11 @@ pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
         let q: f64 = inverse.iter().zip(&means).map(|(w, m)| w * (m - mean).powi(2)).sum();
         let free = keep.iter().sum::<f64>() - 1.0;
         let spread = total - inverse.iter().map(|w| w * w).sum::<f64>() / total;
-        let between = if spread > 0.0 { ((q - free) / spread).max(0.0) } else { 0.0 };
+        let between = if spread > 0.0 {
+            ((q - free) / spread).max(0.0)
+        } else {
+            0.0
+        };
         let weights: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / (v + between)).collect();
         let total: f64 = weights.iter().sum();
         result.bias[axis] = weights.iter().zip(&means).map(|(w, m)| w * m).sum::<f64>() / total;
@@ -137,7 +156,13 @@ pub(crate) fn fit(
     starts: &[Matrix3<f64>],
 ) -> Result<GyroscopeFit, Error> {
     let mut used = vec![true; moves.len()];
-    let mut problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
+    let mut problem = Carrying {
+        recordings,
+        moves,
+        ends,
+        bias,
+        rows: (0..moves.len()).collect(),
+    };
     let mut best: Option<Solution> = None;
     for start in starts {
         let solution = lsq::minimize(&problem, start.transpose().as_slice())?;
@@ -176,7 +201,10 @@ fn finish(
             }
         }
     }
-    let carried = problem.moves.iter().map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
+    let carried = problem
+        .moves
+        .iter()
+        .map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
     Ok(GyroscopeFit {
         carried: carried.collect(),
         triad,
@@ -217,7 +245,9 @@ impl Carrying<'_> {
     /// Refuses moves that do not determine all nine entries.
     fn check(&self, triad: &Triad<f64>, solution: &Solution) -> Result<(), Error> {
         if solution.termination == Termination::NotFinite {
-            return Err(Error::Fit("the gyroscope fit left the range of numbers: check the units of the rates".into()));
+            return Err(Error::Fit(
+                "the gyroscope fit left the range of numbers: check the units of the rates".into(),
+            ));
         }
         let scale = triad.sensitivity().norm() / 3f64.sqrt();
         let typical = 0.01 * scale / MOVE_ERROR_RAD;

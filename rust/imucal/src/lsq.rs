@@ -90,7 +90,9 @@ pub(crate) fn gain(jacobian: &Mat<f64>) -> Mat<f64> {
 /// Diagonal of the projection `J (J^T J)^-1 J^T`: how far each residual determines its own fit.
 pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
     let scale = column_norms(jacobian);
-    let q = Mat::from_fn(jacobian.nrows(), jacobian.ncols(), |i, j| jacobian[(i, j)] / scale[j]).qr().compute_thin_Q();
+    let q = Mat::from_fn(jacobian.nrows(), jacobian.ncols(), |i, j| jacobian[(i, j)] / scale[j])
+        .qr()
+        .compute_thin_Q();
     (0..q.nrows()).map(|i| q.row(i).squared_norm_l2()).collect()
 }
 
@@ -99,10 +101,12 @@ pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
 /// QR first, then the SVD of R; the self-adjoint eigenproblem of R^T R where that SVD does not converge.
 pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error> {
     let n = matrix.ncols();
-    let r = Mat::from_fn(n.max(matrix.nrows()), n, |i, j| if i < matrix.nrows() { matrix[(i, j)] } else { 0.0 })
-        .qr()
-        .thin_R()
-        .to_owned();
+    let r = Mat::from_fn(n.max(matrix.nrows()), n, |i, j| {
+        if i < matrix.nrows() { matrix[(i, j)] } else { 0.0 }
+    })
+    .qr()
+    .thin_R()
+    .to_owned();
     if let Ok(svd) = r.thin_svd() {
         let values = (0..n).map(|i| svd.S()[i]).collect();
         return Ok((values, svd.V().to_owned()));
@@ -115,7 +119,10 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
 }
 
 fn column_norms(matrix: &Mat<f64>) -> Vec<f64> {
-    (0..matrix.ncols()).map(|j| matrix.col(j).norm_l2()).map(|norm| if norm > 0.0 { norm } else { 1.0 }).collect()
+    (0..matrix.ncols())
+        .map(|j| matrix.col(j).norm_l2())
+        .map(|norm| if norm > 0.0 { norm } else { 1.0 })
+        .collect()
 }
 
 fn sum_of_squares(residuals: &Mat<f64>) -> f64 {
@@ -173,7 +180,12 @@ impl LevenbergMarquardt {
     }
 
     fn length(&self, vector: &[f64]) -> f64 {
-        vector.iter().zip(&self.scale).map(|(v, s)| (v * s).powi(2)).sum::<f64>().sqrt()
+        vector
+            .iter()
+            .zip(&self.scale)
+            .map(|(v, s)| (v * s).powi(2))
+            .sum::<f64>()
+            .sqrt()
     }
 
     fn update_scale(&mut self) {
@@ -300,14 +312,19 @@ mod tests {
             for k in 0..3 {
                 let expected = if i == k { 1.0 } else { 0.0 };
                 let tolerance = 1e-9 * 10f64.powi(3 * (k as i32 - i as i32)).max(1e-3);
-                assert!((product[(i, k)] - expected).abs() < tolerance, "{i} {k} {}", product[(i, k)]);
+                assert!(
+                    (product[(i, k)] - expected).abs() < tolerance,
+                    "{i} {k} {}",
+                    product[(i, k)]
+                );
             }
         }
     }
 
     #[test]
     fn singular_values_of_a_wide_matrix_end_in_zeros() {
-        let (values, vectors) = singular(&Mat::from_fn(2, 3, |i, j| if i == j { 3.0 - i as f64 } else { 0.0 })).unwrap();
+        let (values, vectors) =
+            singular(&Mat::from_fn(2, 3, |i, j| if i == j { 3.0 - i as f64 } else { 0.0 })).unwrap();
         assert!((values[0] - 3.0).abs() < 1e-14 && (values[1] - 2.0).abs() < 1e-14 && values[2].abs() < 1e-14);
         assert!((vectors[(2, 2)].abs() - 1.0).abs() < 1e-14);
     }

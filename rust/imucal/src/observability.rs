@@ -22,12 +22,27 @@ const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// Names of the accelerometer's parameters in words, in the order of the symmetric fit.
 const ACCELEROMETER_WORDS: [&str; 9] = [
-    "bias x", "bias y", "bias z", "scale x", "scale y", "scale z", "misalignment xy", "misalignment xz", "misalignment yz",
+    "bias x",
+    "bias y",
+    "bias z",
+    "scale x",
+    "scale y",
+    "scale z",
+    "misalignment xy",
+    "misalignment xz",
+    "misalignment yz",
 ];
 /// Names of the gyroscope's nine entries in words, row by row.
 const GYROSCOPE_WORDS: [&str; 9] = [
-    "scale x", "misalignment xy", "misalignment xz", "misalignment yx", "scale y", "misalignment yz", "misalignment zx",
-    "misalignment zy", "scale z",
+    "scale x",
+    "misalignment xy",
+    "misalignment xz",
+    "misalignment yx",
+    "scale y",
+    "misalignment yz",
+    "misalignment zx",
+    "misalignment zy",
+    "scale z",
 ];
 
 /// The message for rests so few or so alike that no sphere passes through them.
@@ -68,7 +83,10 @@ pub(crate) fn check_gyroscope(design: &Mat<f64>, turned_rad: Vector3<f64>, moves
         return Ok(());
     }
     let largest = turned_rad.max();
-    let idle: Vec<&str> = (0..3).filter(|&i| turned_rad[i] < 0.1 * largest).map(|i| AXES[i]).collect();
+    let idle: Vec<&str> = (0..3)
+        .filter(|&i| turned_rad[i] < 0.1 * largest)
+        .map(|i| AXES[i])
+        .collect();
     let advice = if largest < 0.3 {
         "the unit hardly turns: add moves of 90 deg or more about each axis".to_owned()
     } else if idle.is_empty() {
@@ -87,7 +105,11 @@ pub(crate) fn check_gyroscope(design: &Mat<f64>, turned_rad: Vector3<f64>, moves
 pub(crate) fn undetermined(design: &Mat<f64>) -> Result<Vec<usize>, Error> {
     let (values, vectors) = lsq::singular(design)?;
     let open = |j: &usize| {
-        (0..values.len()).filter(|&k| !(values[k] >= 1.0)).map(|k| vectors[(*j, k)].powi(2)).sum::<f64>() > 0.05
+        (0..values.len())
+            .filter(|&k| !(values[k] >= 1.0))
+            .map(|k| vectors[(*j, k)].powi(2))
+            .sum::<f64>()
+            > 0.05
     };
     Ok((0..design.ncols()).filter(open).collect())
 }
@@ -113,7 +135,11 @@ fn missing_poses(up: &[Vector3<f64>]) -> String {
                 upwards.min(downwards)
             ));
         } else if upwards > FACE_LIMIT_DEG || downwards > FACE_LIMIT_DEG {
-            let (way, angle) = if upwards > FACE_LIMIT_DEG { ("up", upwards) } else { ("down", downwards) };
+            let (way, angle) = if upwards > FACE_LIMIT_DEG {
+                ("up", upwards)
+            } else {
+                ("down", downwards)
+            };
             missing.push(format!("no rest with {name} {way} (closest {angle:.0} deg): add one"));
         }
     }

@@ -42,7 +42,8 @@ pub struct Rest {
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Scatter in half a second over the noise floor (a ratio of variances): near 1 on a table, more in a hand.
+    /// Scatter in half a second over the noise floor, or drift of gravity over what noise explains, whichever is more
+    /// (ratios of variances): near 1 on a table, more in a hand.
     pub unsteadiness: f64,
     /// Accelerometer.
     pub specific_force: RestMean,
@@ -103,7 +104,7 @@ impl Segments {
         let (statistic, floor) = window_statistic(&blocks, &steps);
         let threshold = choose_threshold(&statistic, min_blocks);
         let (long, short): (Vec<_>, Vec<_>) = still_stretches(&statistic, threshold.0)
-            .map(|blocks| calm(trim(&blocks, statistic.len()), &statistic))
+            .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), &blocks))
             .filter(|blocks| !blocks.is_empty())
             .partition(|blocks| blocks.len() >= min_blocks);
         if long.is_empty() {
@@ -113,7 +114,7 @@ impl Segments {
         let rests: Vec<Rest> = long
             .iter()
             .map(|range| Rest {
-                unsteadiness: unsteadiness(range, &statistic),
+                unsteadiness: unsteadiness(range, &statistic).max(drift(&blocks[range.clone()], &colour)),
                 ..rest(recording, &blocks[range.clone()], range.start, &colour)
             })
             .collect();
@@ -207,7 +208,13 @@ fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f64>, Vector
     let variances: Vec<Vector6<f64>> = windows.iter().map(Block::variance).collect();
     // A coarse converter may read one number throughout a rest: its floor is that of the rounding. A channel that
     // never changes has no step at all and no say.
-    let rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
+    let rounding = steps.map(|step| {
+        if step.is_finite() {
+            step * step / 12.0
+        } else {
+            f64::INFINITY
+        }
+    });
     let typical = |mut values: Vec<f64>, q: f64, channel: usize| quantile(&mut values, q).max(rounding[channel]);
     let mut floor =
         Vector6::from_fn(|channel, _| typical(variances.iter().map(|v| v[channel]).collect(), 0.05, channel));
@@ -217,7 +224,11 @@ fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f64>, Vector
         statistic = windows.iter().map(|window| rest_statistic(window, &floor)).collect();
         let quiet = 2.0 * quantile(&mut statistic.clone(), 0.05);
         floor = Vector6::from_fn(|channel, _| {
-            let in_quiet = variances.iter().zip(&statistic).filter(|(_, s)| **s <= quiet).map(|(v, _)| v[channel]);
+            let in_quiet = variances
+                .iter()
+                .zip(&statistic)
+                .filter(|(_, s)| **s <= quiet)
+                .map(|(v, _)| v[channel]);
             typical(in_quiet.collect(), 0.5, channel)
         });
     }
@@ -279,7 +290,11 @@ fn still_stretches(statistic: &[f64], threshold: f64) -> impl Iterator<Item = Ra
 /// Without the guard block at each end that the motion may have touched; a recording's own ends need none.
 fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     let start = if blocks.start == 0 { 0 } else { blocks.start + 1 };
-    let end = if blocks.end == windows + WINDOW_BLOCKS - 1 { blocks.end } else { blocks.end - 1 };
+    let end = if blocks.end == windows + WINDOW_BLOCKS - 1 {
+        blocks.end
+    } else {
+        blocks.end - 1
+    };
     start..end.max(start)
 }
 
@@ -297,6 +312,62 @@ fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
         blocks.end -= 1;
     }
     blocks
+}
+
+/// Without the ends in which the gyroscope already turns too slowly for its scatter to show it.
+///
+/// Up to half a second at each end is compared with the inner part: a turn that the noise of the inner part explains
+/// less than once in 10^5 ends belongs to the move.
+fn settle(mut range: Range<usize>, blocks: &[Block]) -> Range<usize> {
+    const EDGE: usize = WINDOW_BLOCKS;
+    const LIMIT: f64 = 25.9; // chi2 with 3 degrees of freedom, 1e-5
+    if range.len() < 3 * EDGE {
+        return range;
+    }
+    let rates: Vec<Vector3<f64>> = blocks[range.clone()]
+        .iter()
+        .map(|b| b.mean().fixed_rows::<3>(0).into())
+        .collect();
+    let inner = &rates[EDGE..rates.len() - EDGE];
+    let count = inner.len() as f64;
+    let mean = inner.iter().sum::<Vector3<f64>>() / count;
+    let square = |v: Vector3<f64>| v.component_mul(&v);
+    let variance = inner.iter().map(|rate| square(rate - mean)).sum::<Vector3<f64>>() / (count - 1.0);
+    let turning = |edge: &mut dyn Iterator<Item = &Vector3<f64>>| {
+        let mut sum = Vector3::zeros();
+        let mut worst = (LIMIT, 0);
+        for (k, rate) in edge.take(EDGE).enumerate() {
+            sum += rate - mean;
+            let n = (k + 1) as f64;
+            let chi2 = square(sum).component_div(&(variance * (n * (1.0 + n / count)))).sum();
+            if chi2 > worst.0 {
+                worst = (chi2, k + 1);
+            }
+        }
+        // One guard block more, as everywhere.
+        if worst.1 > 0 { worst.1 + 1 } else { 0 }
+    };
+    let (at_start, at_end) = (turning(&mut rates.iter()), turning(&mut rates.iter().rev()));
+    range.start += at_start;
+    range.end -= at_end;
+    range
+}
+
+/// Change of gravity from the first to the last third of a rest over what noise explains at most (chi2 / 15, so that
+/// noise alone exceeds 2 once in 10^6 rests).
+fn drift(blocks: &[Block], colour: &Vector6<f64>) -> f64 {
+    let third = blocks.len() / 3;
+    if third == 0 {
+        return 0.0;
+    }
+    let (first, last) = (merge(&blocks[..third]), merge(&blocks[blocks.len() - third..]));
+    let change = last.mean() - first.mean();
+    let variance = (first.variance() + last.variance()).component_mul(colour) / first.count() as f64;
+    (3..6)
+        .filter(|&c| variance[c] > 0.0)
+        .map(|c| change[c] * change[c] / variance[c])
+        .sum::<f64>()
+        / 15.0
 }
 
 /// Median statistic of the windows inside a rest.
@@ -321,7 +392,13 @@ fn colour_factor(blocks: &[Block], rests: &[Range<usize>]) -> Vector6<f64> {
         }
     }
     // With fewer than 20 pairs the estimate says nothing: white noise is assumed.
-    sum.map(|total| if count >= 20.0 && total > 0.0 { total / count } else { 1.0 })
+    sum.map(|total| {
+        if count >= 20.0 && total > 0.0 {
+            total / count
+        } else {
+            1.0
+        }
+    })
 }
 
 fn rest(recording: &Recording<'_>, blocks: &[Block], first_block: usize, colour: &Vector6<f64>) -> Rest {
