@@ -23,10 +23,7 @@ pub struct Calibration<F: RealField + Copy> {
 impl<F: RealField + Copy> Calibration<F> {
     /// The perfect unit in SI units: raw and true are the same.
     pub fn identity() -> Self {
-        Self {
-            accelerometer: Triad::identity(),
-            gyroscope: Triad::identity(),
-        }
+        Self { accelerometer: Triad::identity(), gyroscope: Triad::identity() }
     }
 
     /// True `(rate, force)` in the body frame, rad/s and m/s^2, of one raw sample.

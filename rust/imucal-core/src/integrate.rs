@@ -28,10 +28,7 @@ pub struct Integrator<F: RealField + Copy> {
 impl<F: RealField + Copy> Integrator<F> {
     /// No rotation yet, and no sample.
     pub fn new() -> Self {
-        Self {
-            rotation: UnitQuaternion::identity(),
-            last_rate: None,
-        }
+        Self { rotation: UnitQuaternion::identity(), last_rate: None }
     }
 
     /// Takes one sample: `rate` in the body frame, rad/s, `dt_s` after the sample before it.
@@ -98,10 +95,7 @@ mod tests {
 
     #[test]
     fn coning_comes_out_with_the_error_of_straight_lines() {
-        let motion = Coning {
-            tilt: 0.2,
-            turn_radps: 5.0,
-        };
+        let motion = Coning { tilt: 0.2, turn_radps: 5.0 };
         let errors = [200, 400, 800].map(|steps| motion.error_after(1.0, steps));
         assert!(errors[2] < 1e-5, "{errors:?}");
         for pair in errors.windows(2) {
@@ -125,10 +119,7 @@ mod tests {
             truth.angle_to(&integrator.rotation())
         });
         for pair in errors.windows(2) {
-            assert!(
-                (pair[0] / pair[1] - 16.0).abs() < 2.0,
-                "not of fourth order: {errors:?}"
-            );
+            assert!((pair[0] / pair[1] - 16.0).abs() < 2.0, "not of fourth order: {errors:?}");
         }
     }
 

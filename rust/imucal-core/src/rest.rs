@@ -83,9 +83,7 @@ impl<F: RealField + Copy> RestDetector<F> {
             return Err(RestConfigError::BlockSamples);
         }
         if !(3..=MAX_WINDOW_BLOCKS).contains(&config.window_blocks) {
-            return Err(RestConfigError::WindowBlocks {
-                given: config.window_blocks,
-            });
+            return Err(RestConfigError::WindowBlocks { given: config.window_blocks });
         }
         if let Some(channel) = config.noise_variance.iter().position(|v| !positive(v)) {
             return Err(RestConfigError::NoiseVariance { channel });
@@ -206,10 +204,7 @@ impl fmt::Display for RestConfigError {
                 )
             }
             Self::NoiseVariance { channel } => {
-                write!(
-                    f,
-                    "noise_variance[{channel}] is not a positive number: give the channel's variance at rest"
-                )
+                write!(f, "noise_variance[{channel}] is not a positive number: give the channel's variance at rest")
             }
             Self::Threshold => f.write_str("threshold is not a positive number: give 2 to 10 times the noise floor"),
         }

@@ -31,20 +31,12 @@ impl<F: RealField + Copy> Triad<F> {
             return Err(SensorError::NotFinite);
         }
         let inverse = invert(&sensitivity)?;
-        Ok(Self {
-            sensitivity,
-            bias,
-            inverse,
-        })
+        Ok(Self { sensitivity, bias, inverse })
     }
 
     /// The perfect triad in SI units: raw and true are the same.
     pub fn identity() -> Self {
-        Self {
-            sensitivity: Matrix3::identity(),
-            bias: Vector3::zeros(),
-            inverse: Matrix3::identity(),
-        }
+        Self { sensitivity: Matrix3::identity(), bias: Vector3::zeros(), inverse: Matrix3::identity() }
     }
 
     /// What the triad reads for a true value, without noise.
@@ -119,14 +111,8 @@ fn invert<F: RealField + Copy>(sensitivity: &Matrix3<F>) -> Result<Matrix3<F>, S
     if determinant.abs() > rounding * lengths && inverse.iter().all(F::is_finite) {
         Ok(inverse)
     } else {
-        let volume = if lengths > F::zero() {
-            (determinant / lengths).abs()
-        } else {
-            F::zero()
-        };
-        Err(SensorError::Singular {
-            volume: volume.to_subset().unwrap_or(0.0),
-        })
+        let volume = if lengths > F::zero() { (determinant / lengths).abs() } else { F::zero() };
+        Err(SensorError::Singular { volume: volume.to_subset().unwrap_or(0.0) })
     }
 }
 
@@ -146,23 +132,14 @@ mod tests {
     fn a_perfect_triad_changes_nothing() {
         let v = Vector3::new(0.1, -9.8, 3.0);
         assert_eq!(Triad::identity().measure(v), v);
-        assert_eq!(
-            Triad::<f64>::try_new(Matrix3::identity(), Vector3::zeros()),
-            Ok(Triad::identity())
-        );
+        assert_eq!(Triad::<f64>::try_new(Matrix3::identity(), Vector3::zeros()), Ok(Triad::identity()));
         assert_eq!(Triad::identity().correct(v), v);
     }
 
     #[test]
     fn a_bias_and_a_scale_move_the_reading_as_written() {
-        let triad = Triad::try_new(
-            Matrix3::from_diagonal(&Vector3::new(2.0, 1.0, 1.0)),
-            Vector3::new(0.5, 0.0, 0.0),
-        );
-        assert_eq!(
-            triad.map(|t| t.measure(Vector3::new(3.0, 4.0, 5.0))),
-            Ok(Vector3::new(6.5, 4.0, 5.0))
-        );
+        let triad = Triad::try_new(Matrix3::from_diagonal(&Vector3::new(2.0, 1.0, 1.0)), Vector3::new(0.5, 0.0, 0.0));
+        assert_eq!(triad.map(|t| t.measure(Vector3::new(3.0, 4.0, 5.0))), Ok(Vector3::new(6.5, 4.0, 5.0)));
     }
 
     #[test]
@@ -199,10 +176,7 @@ mod tests {
         let flat = Matrix3::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0);
         for unit in [1e-9, 1.0, 1e9] {
             let refused = Triad::try_new(flat * unit, Vector3::zeros());
-            assert!(
-                matches!(refused, Err(SensorError::Singular { volume }) if volume < 1e-14),
-                "{refused:?}"
-            );
+            assert!(matches!(refused, Err(SensorError::Singular { volume }) if volume < 1e-14), "{refused:?}");
         }
         assert_eq!(
             Triad::<f64>::try_new(Matrix3::zeros(), Vector3::zeros()),
@@ -215,10 +189,7 @@ mod tests {
         for bad in [f64::NAN, f64::INFINITY] {
             let mut sensitivity = Matrix3::identity();
             sensitivity[(1, 2)] = bad;
-            assert_eq!(
-                Triad::try_new(sensitivity, Vector3::zeros()),
-                Err(SensorError::NotFinite)
-            );
+            assert_eq!(Triad::try_new(sensitivity, Vector3::zeros()), Err(SensorError::NotFinite));
             let bias = Vector3::new(0.0, bad, 0.0);
             assert_eq!(Triad::try_new(Matrix3::identity(), bias), Err(SensorError::NotFinite));
         }

@@ -36,11 +36,7 @@ pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
     let (real, imaginary) = (rotation.w * sign, rotation.imag() * sign);
     let length = imaginary.norm();
     let two: F = convert(2.0);
-    let angle_per_length = if length > F::zero() {
-        two * length.atan2(real) / length
-    } else {
-        two / real
-    };
+    let angle_per_length = if length > F::zero() { two * length.atan2(real) / length } else { two / real };
     imaginary * angle_per_length
 }
 
@@ -93,24 +89,10 @@ fn cos_and_sinc<F: RealField + Copy>(h2: F) -> (F, F) {
 }
 
 /// Taylor coefficients in h^2 of cos h; the first one left out is below 2^-52 for h^2 < 1/16.
-const COS: [f64; 6] = [
-    1.0,
-    -1.0 / 2.0,
-    1.0 / 24.0,
-    -1.0 / 720.0,
-    1.0 / 40_320.0,
-    -1.0 / 3_628_800.0,
-];
+const COS: [f64; 6] = [1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0];
 
 /// Taylor coefficients in h^2 of sin(h)/h, good in the same range.
-const SINC: [f64; 6] = [
-    1.0,
-    -1.0 / 6.0,
-    1.0 / 120.0,
-    -1.0 / 5_040.0,
-    1.0 / 362_880.0,
-    -1.0 / 39_916_800.0,
-];
+const SINC: [f64; 6] = [1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5_040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0];
 
 /// Taylor coefficients in t^2 of (t - sin t)/t^3; the first one left out is below 2^-52 of the sum for t^2 < 1.
 const T_MINUS_SIN: [f64; 8] = [
@@ -127,10 +109,7 @@ const T_MINUS_SIN: [f64; 8] = [
 /// `c0 + c1 x + c2 x^2 + ...` by Horner's rule.
 #[inline]
 fn polynomial<F: RealField + Copy, const N: usize>(x: F, coefficients: [f64; N]) -> F {
-    coefficients
-        .iter()
-        .rev()
-        .fold(F::zero(), |sum, &c| sum * x + convert(c))
+    coefficients.iter().rev().fold(F::zero(), |sum, &c| sum * x + convert(c))
 }
 
 #[cfg(test)]
@@ -174,10 +153,7 @@ mod tests {
                 let q = exp(&(axis * angle));
                 let (sine, cosine) = (angle / 2.0).sin_cos();
                 assert!((q.w - cosine).abs() < 4e-16, "angle {angle}");
-                assert!(
-                    (q.imag() - axis * sine).norm() <= 6e-16 * sine + 1e-210,
-                    "angle {angle}"
-                );
+                assert!((q.imag() - axis * sine).norm() <= 6e-16 * sine + 1e-210, "angle {angle}");
             }
         }
     }
@@ -194,11 +170,7 @@ mod tests {
             for angle in ANGLES {
                 let phi = axis * angle;
                 let back = log(&exp(&phi));
-                assert!(
-                    (back - phi).norm() <= 1e-15 * angle,
-                    "angle {angle}: off by {}",
-                    (back - phi).norm()
-                );
+                assert!((back - phi).norm() <= 1e-15 * angle, "angle {angle}: off by {}", (back - phi).norm());
             }
         }
     }
@@ -247,10 +219,7 @@ mod tests {
                 let jacobian = right_jacobian(&phi);
                 assert!((jacobian * phi - phi).norm() <= 1e-15 * angle);
                 let rotation = exp(&phi).to_rotation_matrix();
-                assert!(
-                    (jacobian.transpose() - rotation.matrix() * jacobian).norm() < 2e-15,
-                    "angle {angle}"
-                );
+                assert!((jacobian.transpose() - rotation.matrix() * jacobian).norm() < 2e-15, "angle {angle}");
             }
         }
     }
@@ -267,10 +236,7 @@ mod tests {
         let [w, x, y, z] = to_wxyz(&q);
         let half = 0.5_f64.sqrt();
         assert!((w - half).abs() < 1e-15 && x == 0.0 && y == 0.0 && (z - half).abs() < 1e-15);
-        assert_eq!(
-            from_wxyz([2.0 * w, x, y, 2.0 * z]).map(|back| back.angle_to(&q) < 1e-15),
-            Some(true)
-        );
+        assert_eq!(from_wxyz([2.0 * w, x, y, 2.0 * z]).map(|back| back.angle_to(&q) < 1e-15), Some(true));
         assert_eq!(from_wxyz([0.0, 0.0, 0.0, 0.0]), None);
         assert_eq!(from_wxyz([f64::NAN, 0.0, 0.0, 1.0]), None);
     }

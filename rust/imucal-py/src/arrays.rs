@@ -64,9 +64,7 @@ impl TriadArrays<'_> {
     pub(crate) fn triad(&self, py: Python<'_>, name: &str) -> PyResult<Triad<f64>> {
         let sensitivity = matrix(py, &self.sensitivity, &format!("sensitivity of the {name}"))?;
         let bias = vector(py, &self.bias, &format!("bias of the {name}"))?;
-        Triad::try_new(sensitivity, bias)
-            .map_err(|error| Error::Input(format!("{name}: {error}")))
-            .to_python(py)
+        Triad::try_new(sensitivity, bias).map_err(|error| Error::Input(format!("{name}: {error}"))).to_python(py)
     }
 }
 
@@ -94,10 +92,7 @@ fn raw_unit(name: &str) -> RawUnit {
 pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<&'a [f64]> {
     match array.as_slice() {
         Ok(values) if array.is_c_contiguous() => Ok(values),
-        _ => Err(Error::Input(format!(
-            "{name} is strided: pass numpy.ascontiguousarray of it"
-        )))
-        .to_python(py),
+        _ => Err(Error::Input(format!("{name} is strided: pass numpy.ascontiguousarray of it"))).to_python(py),
     }
 }
 
@@ -105,18 +100,12 @@ pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, n
 pub(crate) fn rows<'a>(py: Python<'_>, array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a [[f64; 3]]> {
     if array.shape()[1] != 3 {
         let shape = array.shape();
-        return Err(Error::Input(format!(
-            "{name} has shape ({}, {}), (N, 3) is needed",
-            shape[0], shape[1]
-        )))
-        .to_python(py);
+        return Err(Error::Input(format!("{name} has shape ({}, {}), (N, 3) is needed", shape[0], shape[1])))
+            .to_python(py);
     }
     match array.as_slice() {
         Ok(values) if array.is_c_contiguous() => Ok(values.as_chunks::<3>().0),
-        _ => Err(Error::Input(format!(
-            "{name} is not in C order: pass numpy.ascontiguousarray of it"
-        )))
-        .to_python(py),
+        _ => Err(Error::Input(format!("{name} is not in C order: pass numpy.ascontiguousarray of it"))).to_python(py),
     }
 }
 
@@ -132,11 +121,7 @@ pub(crate) fn matrix(py: Python<'_>, array: &PyReadonlyArray2<'_, f64>, name: &s
 pub(crate) fn vector(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<Vector3<f64>> {
     match column(py, array, name)? {
         &[x, y, z] => Ok(Vector3::new(x, y, z)),
-        other => Err(Error::Input(format!(
-            "{name} has {} entries, 3 are needed",
-            other.len()
-        )))
-        .to_python(py),
+        other => Err(Error::Input(format!("{name} has {} entries, 3 are needed", other.len()))).to_python(py),
     }
 }
 

@@ -77,9 +77,7 @@ mod _core {
     ) -> PyResult<Outcome> {
         let options = options.options().to_python(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
-        let outcome = py
-            .detach(|| library::calibrate::calibrate(&recordings, &options))
-            .to_python(py)?;
+        let outcome = py.detach(|| library::calibrate::calibrate(&recordings, &options)).to_python(py)?;
         Outcome::new(py, outcome)
     }
 
@@ -93,13 +91,8 @@ mod _core {
     ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
         let options = options.options().to_python(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
-        let result = py
-            .detach(|| library::calibrate::cross_validate(&recordings, &options, folds))
-            .to_python(py)?;
-        Ok((
-            result.gravity_direction_rms_deg,
-            PyArray1::from_vec(py, result.direction_error_deg),
-        ))
+        let result = py.detach(|| library::calibrate::cross_validate(&recordings, &options, folds)).to_python(py)?;
+        Ok((result.gravity_direction_rms_deg, PyArray1::from_vec(py, result.direction_error_deg)))
     }
 
     /// Judges a calibration on recordings; `uncalibrated` is the gyroscope that the carried gravity is compared with.
@@ -134,14 +127,7 @@ mod _core {
         let (findings, segments) = py.detach(|| {
             let mut findings = check::check_columns(recording);
             let readable = findings.iter().all(|finding| {
-                ![
-                    "empty",
-                    "lengths_differ",
-                    "non_finite",
-                    "time_not_increasing",
-                    "too_short",
-                ]
-                .contains(&finding.code)
+                !["empty", "lengths_differ", "non_finite", "time_not_increasing", "too_short"].contains(&finding.code)
             });
             let segments = readable.then(|| Segments::find(recording, min_rest_s));
             if let Some(Ok(segments)) = &segments {

@@ -200,20 +200,10 @@ impl Outcome {
             gyro_bias: vector(py, o.calibration.gyroscope.bias()),
             names: o.names.to_vec(),
             values: PyArray1::from_slice(py, &o.values).unbind(),
-            covariance: PyArray1::from_vec(py, covariance)
-                .reshape([o.values.len(), o.values.len()])?
-                .unbind(),
-            rests: o
-                .rests
-                .iter()
-                .map(|rest| Rest::new(py, rest))
-                .collect::<PyResult<_>>()?,
+            covariance: PyArray1::from_vec(py, covariance).reshape([o.values.len(), o.values.len()])?.unbind(),
+            rests: o.rests.iter().map(|rest| Rest::new(py, rest)).collect::<PyResult<_>>()?,
             moves: o.moves.iter().map(|m| Move::new(py, m)).collect::<PyResult<_>>()?,
-            thresholds: o
-                .thresholds
-                .iter()
-                .map(|t| Threshold::new(py, t))
-                .collect::<PyResult<_>>()?,
+            thresholds: o.thresholds.iter().map(|t| Threshold::new(py, t)).collect::<PyResult<_>>()?,
             accel_noise_density: vector(py, &o.noise_density.specific_force),
             gyro_noise_density: vector(py, &o.noise_density.angular_rate),
             accelerometer_fit: Py::new(py, FitReport::from(o.accelerometer_fit))?,
@@ -259,17 +249,9 @@ impl Evaluation {
     pub(crate) fn new(py: Python<'_>, e: evaluate::Evaluation) -> PyResult<Self> {
         Ok(Self {
             figures: Py::new(py, Figures::from(e.figures))?,
-            rests: e
-                .rests
-                .iter()
-                .map(|rest| Rest::new(py, rest))
-                .collect::<PyResult<_>>()?,
+            rests: e.rests.iter().map(|rest| Rest::new(py, rest)).collect::<PyResult<_>>()?,
             moves: e.moves.iter().map(|m| Move::new(py, m)).collect::<PyResult<_>>()?,
-            carried: e
-                .carried
-                .into_iter()
-                .map(|c| Carried::new(py, c))
-                .collect::<PyResult<_>>()?,
+            carried: e.carried.into_iter().map(|c| Carried::new(py, c)).collect::<PyResult<_>>()?,
             findings: e.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
         })
     }
@@ -299,18 +281,8 @@ impl Inspection {
                 explanation: segments.threshold.explain(segments.rests.len()),
                 threshold: Some(Threshold::new(py, &segments.threshold)?),
             },
-            Some(Err(error)) => Self {
-                findings,
-                rests: vec![],
-                threshold: None,
-                explanation: error.to_string(),
-            },
-            None => Self {
-                findings,
-                rests: vec![],
-                threshold: None,
-                explanation: "the data cannot be read".into(),
-            },
+            Some(Err(error)) => Self { findings, rests: vec![], threshold: None, explanation: error.to_string() },
+            None => Self { findings, rests: vec![], threshold: None, explanation: "the data cannot be read".into() },
         })
     }
 }

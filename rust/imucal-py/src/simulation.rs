@@ -29,24 +29,13 @@ pub(crate) struct Simulation {
 }
 
 fn steps(program: &Program) -> Vec<StepTuple> {
-    program
-        .steps()
-        .iter()
-        .map(|step| (step.turn_rad, step.move_s, step.hold_s))
-        .collect()
+    program.steps().iter().map(|step| (step.turn_rad, step.move_s, step.hold_s)).collect()
 }
 
 /// Steps of the grid program: rests on a grid of two motors.
 #[pyfunction]
 pub(crate) fn grid_program(py: Python<'_>, step_rad: f64, move_s: f64, hold_s: f64) -> PyResult<Vec<StepTuple>> {
-    Ok(steps(
-        &Program::grid(&Grid {
-            step_rad,
-            move_s,
-            hold_s,
-        })
-        .to_python(py)?,
-    ))
+    Ok(steps(&Program::grid(&Grid { step_rad, move_s, hold_s }).to_python(py)?))
 }
 
 /// Steps of the random program: turns of all three motors at random speeds.
@@ -59,12 +48,7 @@ pub(crate) fn random_program(
     hold_s: f64,
     seed: u64,
 ) -> PyResult<Vec<StepTuple>> {
-    let random = RandomMoves {
-        moves,
-        max_rate_radps,
-        move_s,
-        hold_s,
-    };
+    let random = RandomMoves { moves, max_rate_radps, move_s, hold_s };
     Ok(steps(&Program::random(&random, seed).to_python(py)?))
 }
 
@@ -83,17 +67,9 @@ pub(crate) fn simulate(
         "ideal" => Unit::ideal(),
         other => return Err(Error::Input(format!("unit is {other:?}: give paper or ideal"))).to_python(py),
     };
-    let steps = program
-        .into_iter()
-        .map(|(turn_rad, move_s, hold_s)| Step {
-            turn_rad,
-            move_s,
-            hold_s,
-        })
-        .collect();
-    let run = py
-        .detach(|| library::simulate(&Program::try_new(steps)?, &unit, rate_hz, gravity_mps2, seed))
-        .to_python(py)?;
+    let steps = program.into_iter().map(|(turn_rad, move_s, hold_s)| Step { turn_rad, move_s, hold_s }).collect();
+    let run =
+        py.detach(|| library::simulate(&Program::try_new(steps)?, &unit, rate_hz, gravity_mps2, seed)).to_python(py)?;
     let matrix = |m: nalgebra::Matrix3<f64>| Ok::<_, PyErr>(to_rows(py, m.transpose().data.0.to_vec())?.unbind());
     let vector = |v: nalgebra::Vector3<f64>| PyArray1::from_slice(py, v.as_slice()).unbind();
     Ok(Simulation {

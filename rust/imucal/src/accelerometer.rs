@@ -53,12 +53,7 @@ pub(crate) fn fit(
     let start = match ellipsoid::fit(&means, gravity_mps2)? {
         Some(start) => start,
         None => nominal
-            .or_else(|| {
-                raw_is_si.then(|| Start {
-                    sensitivity: Matrix3::identity(),
-                    bias: Vector3::zeros(),
-                })
-            })
+            .or_else(|| raw_is_si.then(|| Start { sensitivity: Matrix3::identity(), bias: Vector3::zeros() }))
             .ok_or_else(|| Error::NotEnoughMotion(observability::too_few_poses(means.len())))?,
     };
     observability::check_accelerometer(&means, &start, gravity_mps2)?;
@@ -69,9 +64,7 @@ pub(crate) fn fit(
         let problem = Norms::new(rests, &used, gravity_mps2, &parameters)?;
         let solution = lsq::minimize(&problem, &parameters)?;
         if solution.termination == Termination::NotFinite {
-            return Err(Error::Fit(
-                "the accelerometer fit left the range of numbers: check units and gravity".into(),
-            ));
+            return Err(Error::Fit("the accelerometer fit left the range of numbers: check units and gravity".into()));
         }
         parameters = solution.parameters.clone();
         let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 1);
@@ -104,9 +97,7 @@ fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution
 
 /// Standard deviation of |f| over one rest, from the scatter of its samples, m/s^2.
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
-    let v = triad
-        .inverse()
-        .tr_mul(&triad.correct(rest.specific_force.mean).normalize());
+    let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
     v.component_mul(&v).dot(&rest.specific_force.variance_of_mean).sqrt()
 }
 
@@ -135,11 +126,7 @@ pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64
         gradient[i] = -v[i];
     }
     for (row, (i, j)) in SYMMETRIC.into_iter().enumerate() {
-        gradient[3 + row] = if i == j {
-            -v[i] * f[i]
-        } else {
-            -v[i] * f[j] - v[j] * f[i]
-        };
+        gradient[3 + row] = if i == j { -v[i] * f[i] } else { -v[i] * f[j] - v[j] * f[i] };
     }
     (norm, gradient)
 }
@@ -204,11 +191,7 @@ mod tests {
                 norm_and_gradient(&triad_of(&p).unwrap(), &mean).0
             };
             let difference = (shifted(1e-5) - shifted(-1e-5)) / 2e-5;
-            assert!(
-                (gradient[j] - difference).abs() < 1e-8,
-                "{j}: {} {difference}",
-                gradient[j]
-            );
+            assert!((gradient[j] - difference).abs() < 1e-8, "{j}: {} {difference}", gradient[j]);
         }
     }
 }

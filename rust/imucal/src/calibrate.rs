@@ -7,6 +7,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::accelerometer::{self, AccelerometerFit};
+use crate::carry::rotate;
 use crate::check::{self, Finding, Severity};
 use crate::ellipsoid::Start;
 use crate::error::Error;
@@ -15,7 +16,7 @@ use crate::frame::{self, Frame, Sensitivities};
 use crate::gyroscope::{self, Ends, GyroscopeBias, GyroscopeFit, Move};
 use crate::kinematics::rate_from_gravity;
 use crate::lsq::Termination;
-use crate::moves::{Directions, UnitRest, Unusable, between, rests_of};
+use crate::moves::{Directions, UnitRest, Unusable, between, direction_error_rad, rests_of};
 use crate::recording::{RawUnit, Recording};
 use crate::segment::{NoiseDensity, Rest, Segments, Threshold};
 use crate::stats::rms;
@@ -128,35 +129,23 @@ pub struct CrossValidation {
 /// As [`calibrate`]; [`Error::Input`] for fewer than two folds.
 pub fn cross_validate(recordings: &[Recording<'_>], options: &Options, folds: usize) -> Result<CrossValidation, Error> {
     if folds < 2 {
-        return Err(Error::Input(format!(
-            "folds = {folds}: at least 2 are needed to leave moves out"
-        )));
+        return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
     }
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, _) = data.moves(&accelerometer);
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
-        let seen: Vec<Move> = (0..moves.len())
-            .filter(|k| k % folds != fold)
-            .map(|k| moves[k])
-            .collect();
+        let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();
         let fit = data.fit_gyroscope(&seen, &accelerometer, options)?.fit;
         let (ends, _) = data.ends(&moves, &accelerometer, fit.triad.inverse());
         for k in (fold..moves.len()).step_by(folds) {
-            let carried = crate::carry::carry(
-                &recordings[moves[k].recording],
-                moves[k].first,
-                moves[k].last,
-                &fit.triad,
-            );
-            direction_error_deg[k] = crate::moves::direction_error_rad(&ends[k], &carried.rotation).to_degrees();
+            let m = &moves[k];
+            let rotation = rotate(&recordings[m.recording], m.first, m.last, &fit.triad);
+            direction_error_deg[k] = direction_error_rad(&ends[k], &rotation).to_degrees();
         }
     }
-    Ok(CrossValidation {
-        gravity_direction_rms_deg: rms(direction_error_deg.iter().copied()),
-        direction_error_deg,
-    })
+    Ok(CrossValidation { gravity_direction_rms_deg: rms(direction_error_deg.iter().copied()), direction_error_deg })
 }
 
 /// Checked recordings of one unit and the rests in them.
@@ -187,10 +176,7 @@ impl<'a> UnitData<'a> {
             findings.extend(check::check_columns(recording));
         }
         if options.exclude_saturated {
-            for finding in findings
-                .iter_mut()
-                .filter(|finding| finding.code.ends_with("_saturation"))
-            {
+            for finding in findings.iter_mut().filter(|finding| finding.code.ends_with("_saturation")) {
                 finding.severity = Severity::Warning;
             }
         }
@@ -211,10 +197,7 @@ impl<'a> UnitData<'a> {
             .iter()
             .zip(&bias.weights)
             .map(|(r, weight)| {
-                if saturated[r.recording]
-                    .iter()
-                    .any(|s| s.start < r.rest.end && s.end > r.rest.first)
-                {
+                if saturated[r.recording].iter().any(|s| s.start < r.rest.end && s.end > r.rest.first) {
                     Some("saturation")
                 } else if weight.min() == 0.0 {
                     // Its mean rate is far from all others': a slow, even turn looks like a rest.
@@ -224,30 +207,19 @@ impl<'a> UnitData<'a> {
                 }
             })
             .collect();
-        Ok(Self {
-            recordings,
-            segments,
-            rests,
-            excluded,
-            bias,
-            saturated,
-            findings,
-        })
+        Ok(Self { recordings, segments, rests, excluded, bias, saturated, findings })
     }
 
     fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
-        self.recordings
-            .first()
-            .is_some_and(|recording| unit(recording) == RawUnit::Si)
+        self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
     }
 
     fn fit_accelerometer(&self, options: &Options) -> Result<AccelerometerFit, Error> {
         let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.excluded[k].is_none()).collect();
         let rests: Vec<&Rest> = clean.iter().map(|&k| &self.rests[k].rest).collect();
-        let nominal = options.accel_nominal.map(|scale| Start {
-            sensitivity: Matrix3::from_diagonal_element(scale),
-            bias: Vector3::zeros(),
-        });
+        let nominal = options
+            .accel_nominal
+            .map(|scale| Start { sensitivity: Matrix3::from_diagonal_element(scale), bias: Vector3::zeros() });
         let si = self.raw_is_si(|recording| recording.accel_unit);
         let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si)
             .map_err(|error| self.with_short_rests(error, options))?;
@@ -323,16 +295,9 @@ impl<'a> UnitData<'a> {
             refuse_errors(&findings)?;
         }
         let si = self.raw_is_si(|recording| recording.gyro_unit);
-        let nominal = options
-            .gyro_nominal
-            .or(si.then_some(1.0))
-            .map(Matrix3::from_diagonal_element);
-        let starts: Vec<Matrix3<f64>> = kinematic
-            .and_then(|p| p.try_inverse())
-            .into_iter()
-            .chain(nominal)
-            .filter(well_conditioned)
-            .collect();
+        let nominal = options.gyro_nominal.or(si.then_some(1.0)).map(Matrix3::from_diagonal_element);
+        let starts: Vec<Matrix3<f64>> =
+            kinematic.and_then(|p| p.try_inverse()).into_iter().chain(nominal).filter(well_conditioned).collect();
         if starts.is_empty() {
             return Err(Error::NotEnoughMotion(format!(
                 "{} moves do not determine the gyroscope's scale in raw counts: add moves of 90 deg or more about \
@@ -345,12 +310,7 @@ impl<'a> UnitData<'a> {
         let first = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &starts)?;
         let (ends, random_walk_rad) = self.ends(moves, accelerometer, first.triad.inverse());
         let fit = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &[*first.triad.sensitivity()])?;
-        Ok(Gyroscope {
-            fit,
-            ends,
-            random_walk_rad,
-            findings,
-        })
+        Ok(Gyroscope { fit, ends, random_walk_rad, findings })
     }
 
     fn report(
@@ -382,7 +342,7 @@ impl<'a> UnitData<'a> {
         let mut move_reports: Vec<MoveReport> = (0..moves.len())
             .map(|k| {
                 let excluded = (!fit.used[k]).then_some("contradicts_other_moves");
-                move_report(&moves[k], &gyroscope.ends[k], &fit.carried[k], excluded)
+                move_report(&moves[k], &gyroscope.ends[k], &fit.carried[k].rotation, excluded)
             })
             .collect();
         move_reports.extend(unusable.iter().map(|u| unusable_report(&u.span, u.reason)));
@@ -396,10 +356,8 @@ impl<'a> UnitData<'a> {
             .collect();
         let figures = figures(&rest_reports, &move_reports, &residuals, 18);
 
-        let symmetric = Sensitivities {
-            accelerometer: *accelerometer.triad.sensitivity(),
-            gyroscope: *fit.triad.sensitivity(),
-        };
+        let symmetric =
+            Sensitivities { accelerometer: *accelerometer.triad.sensitivity(), gyroscope: *fit.triad.sensitivity() };
         let (sensitivities, covariance) = match options.frame {
             Frame::Symmetric => (symmetric, covariance),
             frame => {
@@ -467,9 +425,7 @@ fn check_options(recordings: &[Recording<'_>], options: &Options) -> Result<(), 
     let Some(first) = recordings.first() else {
         return Err(Error::Input("no recording was given".into()));
     };
-    if let Some(other) = recordings
-        .iter()
-        .find(|r| (r.accel_unit, r.gyro_unit) != (first.accel_unit, first.gyro_unit))
+    if let Some(other) = recordings.iter().find(|r| (r.accel_unit, r.gyro_unit) != (first.accel_unit, first.gyro_unit))
     {
         return Err(Error::Input(format!(
             "{} and {} are in different raw units: recordings of one unit must agree",
@@ -484,35 +440,19 @@ fn check_options(recordings: &[Recording<'_>], options: &Options) -> Result<(), 
         )));
     }
     if !(options.min_rest_s > 0.0 && options.min_rest_s <= 3600.0) {
-        return Err(Error::Input(format!(
-            "min_rest_s = {}: give a duration in s, such as 1",
-            options.min_rest_s
-        )));
+        return Err(Error::Input(format!("min_rest_s = {}: give a duration in s, such as 1", options.min_rest_s)));
     }
-    for (name, nominal) in [
-        ("accel_nominal", options.accel_nominal),
-        ("gyro_nominal", options.gyro_nominal),
-    ] {
+    for (name, nominal) in [("accel_nominal", options.accel_nominal), ("gyro_nominal", options.gyro_nominal)] {
         if nominal.is_some_and(|value| !(value.is_finite() && value > 0.0)) {
-            return Err(Error::Input(format!(
-                "{name} = {nominal:?}: give lsb per SI unit, a positive number"
-            )));
+            return Err(Error::Input(format!("{name} = {nominal:?}: give lsb per SI unit, a positive number")));
         }
     }
     Ok(())
 }
 
 fn refuse_errors(findings: &[Finding]) -> Result<(), Error> {
-    let errors: Vec<Finding> = findings
-        .iter()
-        .filter(|f| f.severity == Severity::Error)
-        .cloned()
-        .collect();
-    if errors.is_empty() {
-        Ok(())
-    } else {
-        Err(Error::Data(errors))
-    }
+    let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
+    if errors.is_empty() { Ok(()) } else { Err(Error::Data(errors)) }
 }
 
 /// Whether a start value is far enough from singular to integrate with.
@@ -522,9 +462,7 @@ fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
 }
 
 fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
-    matrix
-        .try_inverse()
-        .ok_or_else(|| Error::Fit("a sensitivity matrix is singular".into()))
+    matrix.try_inverse().ok_or_else(|| Error::Fit("a sensitivity matrix is singular".into()))
 }
 
 fn triad(sensitivity: Matrix3<f64>, bias: Vector3<f64>) -> Result<Triad<f64>, Error> {

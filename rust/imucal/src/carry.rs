@@ -10,6 +10,7 @@
 //! A_k = R_k J_l(phi_k),   R_k the attitude before step k, J_l the left Jacobian of the rotation vector
 //! ```
 
+use imucal_core::integrate::Integrator;
 use imucal_core::sensor::Triad;
 use imucal_core::so3::hat;
 use nalgebra::{Matrix3, Vector3};
@@ -58,12 +59,46 @@ pub(crate) fn carry(recording: &Recording<'_>, first: usize, last: usize, gyrosc
         rotation *= exp;
         (w0, hat0) = (w1, hat1);
     }
-    Carried {
-        rotation,
-        sensitivity_sums,
-        bias_sum,
-        turned_rad,
+    Carried { rotation, sensitivity_sums, bias_sum, turned_rad }
+}
+
+/// The rotation alone: as [`carry`], but without derivatives.
+pub(crate) fn rotate(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Matrix3<f64> {
+    let mut integrator = Integrator::new();
+    let mut before = recording.time_s[first];
+    for (&time, raw) in recording.time_s[first..=last].iter().zip(&recording.angular_rate[first..=last]) {
+        integrator.push(time - before, gyroscope.correct(Vector3::from(*raw)));
+        before = time;
     }
+    *integrator.rotation().to_rotation_matrix().matrix()
+}
+
+/// Coefficients `(-1)^k / (2k + first)!` of the three even series in the angle.
+const SINE: [f64; 7] = alternating(1);
+const COSINE: [f64; 7] = alternating(2);
+const CUBIC: [f64; 7] = alternating(3);
+
+const fn alternating(first: u32) -> [f64; 7] {
+    let mut coefficients = [0.0; 7];
+    let mut factorial = 1.0;
+    let mut n = 1;
+    while n <= first {
+        factorial *= n as f64;
+        n += 1;
+    }
+    let mut k = 0;
+    while k < 7 {
+        coefficients[k] = if k % 2 == 0 { 1.0 / factorial } else { -1.0 / factorial };
+        factorial *= n as f64 * (n + 1) as f64;
+        n += 2;
+        k += 1;
+    }
+    coefficients
+}
+
+#[inline]
+fn horner(coefficients: &[f64; 7], x: f64) -> f64 {
+    coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
 /// `exp(phi)` and the left Jacobian, `I + a [phi]x + b [phi]x^2` and `I + b [phi]x + c [phi]x^2`.
@@ -72,18 +107,7 @@ fn exp_and_left_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     let t2 = phi.norm_squared();
     let (a, b, c) = if t2 < 0.25 {
         // sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3: the next terms are below 2^-53 for t < 1/2.
-        let series = |first: f64, start: f64| {
-            let mut term = first;
-            let mut sum = first;
-            let mut n = start;
-            for _ in 0..6 {
-                term *= -t2 / (n * (n + 1.0));
-                sum += term;
-                n += 2.0;
-            }
-            sum
-        };
-        (series(1.0, 2.0), series(0.5, 3.0), series(1.0 / 6.0, 4.0))
+        (horner(&SINE, t2), horner(&COSINE, t2), horner(&CUBIC, t2))
     } else {
         let t = t2.sqrt();
         (t.sin() / t, (1.0 - t.cos()) / t2, (t - t.sin()) / (t2 * t))
@@ -97,7 +121,7 @@ fn exp_and_left_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use imucal_core::{integrate::Integrator, so3};
+    use imucal_core::so3;
 
     /// A tumbling gyroscope, 100 Hz for 2 s, in raw units of a unit that is far from perfect.
     fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
@@ -117,13 +141,10 @@ mod tests {
     #[test]
     fn the_rotation_is_that_of_the_streaming_integrator() {
         let (time, raw, triad) = tumble();
-        let mut integrator = Integrator::new();
-        for (k, sample) in raw.iter().enumerate() {
-            let dt = if k > 0 { time[k] - time[k - 1] } else { 0.0 };
-            integrator.push(dt, triad.correct(Vector3::from(*sample)));
-        }
+        let recording = Recording::try_new("tumble", &time, &raw, &raw).unwrap();
+        let streamed = rotate(&recording, 0, time.len() - 1, &triad);
         let batch = carry_with(&triad, &time, &raw).rotation;
-        let difference = batch.transpose() * integrator.rotation().to_rotation_matrix().matrix();
+        let difference = batch.transpose() * streamed;
         assert!((difference - Matrix3::identity()).norm() < 1e-13);
     }
 
@@ -132,14 +153,8 @@ mod tests {
         for length in [0.0, 1e-9, 1e-3, 0.3, 0.499_999, 0.500_001, 2.0] {
             let phi = Vector3::new(0.48, -0.6, 0.64) * length;
             let (exp, left) = exp_and_left_jacobian(&phi);
-            assert!(
-                (exp - so3::exp(&phi).to_rotation_matrix().matrix()).norm() < 4e-15,
-                "{length}"
-            );
-            assert!(
-                (left - so3::right_jacobian(&phi).transpose()).norm() < 4e-15,
-                "{length}"
-            );
+            assert!((exp - so3::exp(&phi).to_rotation_matrix().matrix()).norm() < 4e-15, "{length}");
+            assert!((left - so3::right_jacobian(&phi).transpose()).norm() < 4e-15, "{length}");
         }
     }
 
@@ -162,10 +177,7 @@ mod tests {
                 let (plus, minus) = (triad.sensitivity() + change, triad.sensitivity() - change);
                 let difference = (delta(plus, *triad.bias()) - delta(minus, *triad.bias())) / (2.0 * step);
                 let analytic = -carried.rotation.tr_mul(&(carried.sensitivity_sums[j] * column));
-                assert!(
-                    (difference - analytic).norm() < 1e-7,
-                    "T_{i}{j}: {difference} {analytic}"
-                );
+                assert!((difference - analytic).norm() < 1e-7, "T_{i}{j}: {difference} {analytic}");
             }
             let (plus, minus) = (triad.bias() + unit(i) * step, triad.bias() - unit(i) * step);
             let sensitivity = *triad.sensitivity();

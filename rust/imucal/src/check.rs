@@ -72,11 +72,7 @@ pub struct Place {
 
 impl fmt::Display for Finding {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "{}: {} [{}]: {}",
-            self.recording, self.message, self.code, self.way_out
-        )
+        write!(f, "{}: {} [{}]: {}", self.recording, self.message, self.code, self.way_out)
     }
 }
 
@@ -137,10 +133,7 @@ impl Finding {
 
     /// A finding that is only worth knowing, to be filled in.
     fn warning(code: &'static str, recording: &Recording) -> Self {
-        Self {
-            severity: Severity::Warning,
-            ..Self::error(code, recording)
-        }
+        Self { severity: Severity::Warning, ..Self::error(code, recording) }
     }
 }
 
@@ -194,8 +187,7 @@ impl Tally {
 
     /// "at 3.20 s" or "from 3.20 s to 3.40 s" of the first stretch.
     fn first_place(&self, recording: &Recording) -> String {
-        self.place(recording)
-            .map_or_else(String::new, |place| place.to_string())
+        self.place(recording).map_or_else(String::new, |place| place.to_string())
     }
 }
 
@@ -232,10 +224,7 @@ mod tests {
         assert!(check_rests(&empty, &[], 9.80665).is_empty());
         assert!(saturated_samples(&empty).is_empty());
 
-        let torn = Recording {
-            time_s: &[0.0, 0.01],
-            ..empty
-        };
+        let torn = Recording { time_s: &[0.0, 0.01], ..empty };
         assert_eq!(check_columns(&torn)[0].code, "lengths_differ");
         assert!(saturated_samples(&torn).is_empty());
     }

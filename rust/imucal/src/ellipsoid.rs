@@ -68,10 +68,8 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     }
     let alpha: Vec<f64> = (0..10).map(|i| vectors[(i, 9)]).collect();
     let sign = (alpha[0] + alpha[1] + alpha[2]).signum();
-    let w = sign
-        * Matrix3::new(
-            alpha[0], alpha[3], alpha[4], alpha[3], alpha[1], alpha[5], alpha[4], alpha[5], alpha[2],
-        );
+    let w =
+        sign * Matrix3::new(alpha[0], alpha[3], alpha[4], alpha[3], alpha[1], alpha[5], alpha[4], alpha[5], alpha[2]);
     let Some(w_inverse) = w.try_inverse() else {
         return Ok(None);
     };
@@ -92,10 +90,8 @@ fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let solution = gain * squares;
     let bias = Vector3::new(solution[(0, 0)], solution[(1, 0)], solution[(2, 0)]);
     let radius_squared = solution[(3, 0)] + bias.norm_squared();
-    Ok((radius_squared > 0.0).then(|| Start {
-        sensitivity: Matrix3::from_diagonal_element(radius_squared.sqrt()),
-        bias,
-    }))
+    Ok((radius_squared > 0.0)
+        .then(|| Start { sensitivity: Matrix3::from_diagonal_element(radius_squared.sqrt()), bias }))
 }
 
 /// The symmetric positive definite square root, or `None` if `matrix` is not positive definite.
@@ -137,15 +133,10 @@ mod tests {
 
     #[test]
     fn eight_points_give_a_sphere_and_a_plane_gives_nothing() {
-        let means: Vec<_> = directions(8)
-            .iter()
-            .map(|u| u * 9.81 + Vector3::new(0.1, 0.0, -0.2))
-            .collect();
+        let means: Vec<_> = directions(8).iter().map(|u| u * 9.81 + Vector3::new(0.1, 0.0, -0.2)).collect();
         let start = fit(&means, 9.81).unwrap().unwrap();
         assert!((start.sensitivity - Matrix3::identity()).abs().max() < 1e-10);
-        let circle: Vec<_> = (0..12)
-            .map(|k| Vector3::new((k as f64).cos(), (k as f64).sin(), 0.3))
-            .collect();
+        let circle: Vec<_> = (0..12).map(|k| Vector3::new((k as f64).cos(), (k as f64).sin(), 0.3)).collect();
         assert!(fit(&circle, 9.81).unwrap().is_none());
     }
 }

@@ -2,9 +2,9 @@
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
-use crate::carry::{Carried, carry};
+use crate::carry::rotate;
 use crate::check::{Finding, Severity, check_columns, saturated_samples};
 use crate::error::Error;
 use crate::gyroscope::{Ends, Move};
@@ -129,19 +129,13 @@ pub fn evaluate(
         findings.retain(fatal);
         return Err(Error::Data(findings));
     }
-    let segments: Vec<Segments> = recordings
-        .iter()
-        .map(|recording| Segments::find(recording, min_rest_s))
-        .collect::<Result<_, _>>()?;
+    let segments: Vec<Segments> =
+        recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
     let saturated: Vec<_> = recordings.iter().map(saturated_samples).collect();
     let rests = rests_of(&segments);
     let usable: Vec<bool> = rests
         .iter()
-        .map(|r| {
-            !saturated[r.recording]
-                .iter()
-                .any(|s| s.start < r.rest.end && s.end > r.rest.first)
-        })
+        .map(|r| !saturated[r.recording].iter().any(|s| s.start < r.rest.end && s.end > r.rest.first))
         .collect();
     let (moves, unusable) = between(recordings, &rests, &usable, &saturated);
     let noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
@@ -154,35 +148,24 @@ pub fn evaluate(
         gyroscope_inverse: gyroscope.inverse(),
     };
     let (ends, _) = directions.ends_of(&moves);
-    let carried: Vec<Carried> = moves
-        .iter()
-        .map(|m| carry(&recordings[m.recording], m.first, m.last, gyroscope))
-        .collect();
+    let rotations: Vec<Matrix3<f64>> =
+        moves.iter().map(|m| rotate(&recordings[m.recording], m.first, m.last, gyroscope)).collect();
     let rest_reports: Vec<RestReport> = rests
         .iter()
         .zip(&usable)
         .map(|(rest, usable)| {
-            rest_report(
-                rest,
-                &calibration.accelerometer,
-                gravity_mps2,
-                (!usable).then_some("saturation"),
-            )
+            rest_report(rest, &calibration.accelerometer, gravity_mps2, (!usable).then_some("saturation"))
         })
         .collect();
-    let mut move_reports: Vec<MoveReport> = moves
-        .iter()
-        .zip(&ends)
-        .zip(&carried)
-        .map(|((m, e), c)| move_report(m, e, c, None))
-        .collect();
+    let mut move_reports: Vec<MoveReport> =
+        moves.iter().zip(&ends).zip(&rotations).map(|((m, e), c)| move_report(m, e, c, None)).collect();
     move_reports.extend(unusable.iter().map(|u| unusable_report(&u.span, u.reason)));
     move_reports.sort_by_key(|report| (report.recording, report.first));
     let residuals: Vec<f64> = ends
         .iter()
-        .zip(&carried)
-        .flat_map(|(end, carried)| {
-            let z = end.residual(&carried.rotation) / end.sigma_rad;
+        .zip(&rotations)
+        .flat_map(|(end, rotation)| {
+            let z = end.residual(rotation) / end.sigma_rad;
             [z.x, z.y]
         })
         .collect();
@@ -206,9 +189,7 @@ pub(crate) fn figures(
 ) -> Figures {
     let rests: Vec<&RestReport> = rests.iter().filter(|rest| rest.excluded.is_none()).collect();
     let moves: Vec<&MoveReport> = moves.iter().filter(|m| m.excluded.is_none()).collect();
-    let norms = rests
-        .iter()
-        .map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2.max(1e-9));
+    let norms = rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2.max(1e-9));
     let chi2: f64 = norms.chain(move_residuals.iter().copied()).map(|z| z * z).sum();
     let count = rests.len() + move_residuals.len();
     Figures {
@@ -242,9 +223,14 @@ pub(crate) fn rest_report(
     }
 }
 
-pub(crate) fn move_report(m: &Move, ends: &Ends, carried: &Carried, excluded: Option<&'static str>) -> MoveReport {
+pub(crate) fn move_report(
+    m: &Move,
+    ends: &Ends,
+    rotation: &Matrix3<f64>,
+    excluded: Option<&'static str>,
+) -> MoveReport {
     MoveReport {
-        direction_error_deg: direction_error_rad(ends, &carried.rotation).to_degrees(),
+        direction_error_deg: direction_error_rad(ends, rotation).to_degrees(),
         direction_sigma_deg: ends.sigma_rad.to_degrees(),
         gravity_before: ends.before,
         gravity_after: ends.after,
@@ -277,23 +263,15 @@ fn carried_gravity(
     calibration: &Calibration<f64>,
     uncalibrated: &Triad<f64>,
 ) -> CarriedGravity {
-    let rests: Vec<_> = rests
-        .iter()
-        .filter(|rest| rest.recording == index)
-        .map(|rest| rest.rest)
-        .collect();
-    let measured: Vec<Vector3<f64>> = rests
-        .iter()
-        .map(|rest| calibration.accelerometer.correct(rest.specific_force.mean))
-        .collect();
+    let rests: Vec<_> = rests.iter().filter(|rest| rest.recording == index).map(|rest| rest.rest).collect();
+    let measured: Vec<Vector3<f64>> =
+        rests.iter().map(|rest| calibration.accelerometer.correct(rest.specific_force.mean)).collect();
     let through = |gyroscope: &Triad<f64>| {
         let mut up = measured[0];
         let mut carried_up = vec![up];
         for pair in rests.windows(2) {
             let middle = |k: usize| (pair[k].first + pair[k].end) / 2;
-            up = carry(&recordings[index], middle(0), middle(1), gyroscope)
-                .rotation
-                .tr_mul(&up);
+            up = rotate(&recordings[index], middle(0), middle(1), gyroscope).tr_mul(&up);
             carried_up.push(up);
         }
         carried_up

@@ -48,10 +48,7 @@ pub struct Sensitivities {
 pub fn convert(from: &Sensitivities, frame: Frame) -> Result<Sensitivities, Error> {
     let accelerometer = root(&from.accelerometer, frame)?;
     let rotation = rotation(&from.accelerometer, &accelerometer)?;
-    Ok(Sensitivities {
-        accelerometer,
-        gyroscope: from.gyroscope * rotation.transpose(),
-    })
+    Ok(Sensitivities { accelerometer, gyroscope: from.gyroscope * rotation.transpose() })
 }
 
 /// Derivative of [`convert`] for a change of the sensitivities.
@@ -94,10 +91,7 @@ pub(crate) fn convert_change(
 pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame: Frame) -> Result<Mat<f64>, Error> {
     let mut jacobian = Mat::identity(21, 21);
     for column in (3..9).chain(12..21) {
-        let mut change = Sensitivities {
-            accelerometer: Matrix3::zeros(),
-            gyroscope: Matrix3::zeros(),
-        };
+        let mut change = Sensitivities { accelerometer: Matrix3::zeros(), gyroscope: Matrix3::zeros() };
         if column < 9 {
             let (i, j) = SYMMETRIC[column - 3];
             change.accelerometer[(i, j)] = 1.0;
@@ -132,9 +126,7 @@ fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3<f64>, Erro
 }
 
 fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
-    matrix
-        .try_inverse()
-        .ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular".into()))
+    matrix.try_inverse().ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular".into()))
 }
 
 #[cfg(test)]

@@ -13,14 +13,14 @@ use imucal_core::sensor::Triad;
 use imucal_core::so3::hat;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
-use crate::carry::{Carried, carry};
+use crate::carry::{Carried, carry, rotate};
 use crate::error::Error;
 use crate::lsq::{self, Residuals, Solution, Termination};
 use crate::observability::{self, MOVE_ERROR_RAD};
 use crate::recording::Recording;
 use crate::robust;
 use crate::segment::Rest;
-use crate::stats::median;
+use crate::stats::{median, rms};
 
 /// The way from one rest to the next, from the last sample of the one to the first sample of the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -52,9 +52,7 @@ impl Ends {
     pub(crate) fn across(&self) -> Matrix2x3<f64> {
         let u = self.after;
         let smallest = u.iamin();
-        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest)))
-            .cross(&u)
-            .normalize();
+        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest))).cross(&u).normalize();
         Matrix2x3::from_rows(&[first.transpose(), u.cross(&first).transpose()])
     }
 
@@ -85,21 +83,11 @@ pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
         // A noise-free simulation has no scatter at all.
-        let variances: Vec<f64> = rests
-            .iter()
-            .map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30))
-            .collect();
+        let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30)).collect();
         let centre = median(&mut means.clone());
-        let scores: Vec<f64> = means
-            .iter()
-            .zip(&variances)
-            .map(|(m, v)| (m - centre).abs() / v.sqrt())
-            .collect();
+        let scores: Vec<f64> = means.iter().zip(&variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
         let scale = (median(&mut scores.clone()) / 0.674_489_75).max(1.0);
-        let keep: Vec<f64> = scores
-            .iter()
-            .map(|score| f64::from(u8::from(*score <= 6.0 * scale)))
-            .collect();
+        let keep: Vec<f64> = scores.iter().map(|score| f64::from(u8::from(*score <= 6.0 * scale))).collect();
 
         // Random-effects mean (DerSimonian and Laird): equal weights where rests differ more than their noise.
         let inverse: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / v).collect();
@@ -108,11 +96,7 @@ pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
         let q: f64 = inverse.iter().zip(&means).map(|(w, m)| w * (m - mean).powi(2)).sum();
         let free = keep.iter().sum::<f64>() - 1.0;
         let spread = total - inverse.iter().map(|w| w * w).sum::<f64>() / total;
-        let between = if spread > 0.0 {
-            ((q - free) / spread).max(0.0)
-        } else {
-            0.0
-        };
+        let between = if spread > 0.0 { ((q - free) / spread).max(0.0) } else { 0.0 };
         let weights: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / (v + between)).collect();
         let total: f64 = weights.iter().sum();
         result.bias[axis] = weights.iter().zip(&means).map(|(w, m)| w * m).sum::<f64>() / total;
@@ -156,21 +140,8 @@ pub(crate) fn fit(
     starts: &[Matrix3<f64>],
 ) -> Result<GyroscopeFit, Error> {
     let mut used = vec![true; moves.len()];
-    let mut problem = Carrying {
-        recordings,
-        moves,
-        ends,
-        bias,
-        rows: (0..moves.len()).collect(),
-    };
-    let mut best: Option<Solution> = None;
-    for start in starts {
-        let solution = lsq::minimize(&problem, start.transpose().as_slice())?;
-        if best.as_ref().is_none_or(|best| solution.chi2 < best.chi2) {
-            best = Some(solution);
-        }
-    }
-    let mut solution = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
+    let mut problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
+    let mut solution = minimize_from_best(&problem, starts)?;
     loop {
         let triad = triad_of(&solution.parameters, bias)?;
         problem.check(&triad, &solution)?;
@@ -184,6 +155,27 @@ pub(crate) fn fit(
             _ => return finish(&problem, used, triad, solution),
         }
     }
+}
+
+/// Fits from the start value with the smallest misfit; from the others too if that ends far from the data.
+fn minimize_from_best(problem: &Carrying<'_>, starts: &[Matrix3<f64>]) -> Result<Solution, Error> {
+    let mut starts: Vec<(f64, Vec<f64>)> = starts
+        .iter()
+        .map(|start| start.transpose().as_slice().to_vec())
+        .map(|start| (if starts.len() > 1 { problem.direction_rms_rad(&start) } else { 0.0 }, start))
+        .collect();
+    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let mut best: Option<Solution> = None;
+    for (_, start) in &starts {
+        let solution = lsq::minimize(problem, start)?;
+        if best.as_ref().is_none_or(|best| solution.chi2 < best.chi2) {
+            best = Some(solution);
+        }
+        if best.as_ref().is_some_and(|best| problem.direction_rms_rad(&best.parameters) < CLOSE_RAD) {
+            break;
+        }
+    }
+    best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))
 }
 
 fn finish(
@@ -201,10 +193,7 @@ fn finish(
             }
         }
     }
-    let carried = problem
-        .moves
-        .iter()
-        .map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
+    let carried = problem.moves.iter().map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
     Ok(GyroscopeFit {
         carried: carried.collect(),
         triad,
@@ -241,13 +230,25 @@ struct Carrying<'a> {
     rows: Vec<usize>,
 }
 
+/// A fit that leaves less than this (rms) has found the right valley.
+const CLOSE_RAD: f64 = 0.05;
+
 impl Carrying<'_> {
+    /// Rms of the residuals in rad.
+    fn direction_rms_rad(&self, parameters: &[f64]) -> f64 {
+        let Ok(triad) = triad_of(parameters, self.bias) else {
+            return f64::INFINITY;
+        };
+        rms(self.rows.iter().map(|&k| {
+            let m = &self.moves[k];
+            self.ends[k].residual(&rotate(&self.recordings[m.recording], m.first, m.last, &triad)).norm()
+        }))
+    }
+
     /// Refuses moves that do not determine all nine entries.
     fn check(&self, triad: &Triad<f64>, solution: &Solution) -> Result<(), Error> {
         if solution.termination == Termination::NotFinite {
-            return Err(Error::Fit(
-                "the gyroscope fit left the range of numbers: check the units of the rates".into(),
-            ));
+            return Err(Error::Fit("the gyroscope fit left the range of numbers: check the units of the rates".into()));
         }
         let scale = triad.sensitivity().norm() / 3f64.sqrt();
         let typical = 0.01 * scale / MOVE_ERROR_RAD;

@@ -29,13 +29,7 @@ pub(crate) fn rate_from_gravity(
 ) -> Option<Matrix3<f64>> {
     let mut equations = Vec::new();
     for m in moves {
-        pairs(
-            &recordings[m.recording],
-            m,
-            accelerometer,
-            gyroscope_bias,
-            &mut equations,
-        );
+        pairs(&recordings[m.recording], m, accelerometer, gyroscope_bias, &mut equations);
     }
     let size = (equations.iter().map(|e| e.turn.norm_squared()).sum::<f64>() / equations.len().max(1) as f64).sqrt();
     let mut weights = vec![1.0; equations.len()];
@@ -64,10 +58,7 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
     // An even number of samples: the centre of a block lies between two of them.
     let block = (((BLOCK_S / dt_s / 2.0).round() as usize).max(1)) * 2;
     let up = |start: usize| {
-        let sum: Vector3<f64> = recording.specific_force[start..start + block]
-            .iter()
-            .map(|f| Vector3::from(*f))
-            .sum();
+        let sum: Vector3<f64> = recording.specific_force[start..start + block].iter().map(|f| Vector3::from(*f)).sum();
         accelerometer.correct(sum / block as f64).normalize()
     };
     let mut start = m.first;
@@ -77,11 +68,7 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
             .iter()
             .map(|w| Vector3::from(*w) - bias)
             .sum();
-        pairs.push(Pair {
-            up: (first + second) / 2.0,
-            change: second - first,
-            turn: turn * dt_s,
-        });
+        pairs.push(Pair { up: (first + second) / 2.0, change: second - first, turn: turn * dt_s });
         start += block;
     }
 }
@@ -124,19 +111,8 @@ mod tests {
             rate.push(gyroscope.measure(w).into());
         }
         let recording = Recording::try_new("tumble", &time, &force, &rate).unwrap();
-        let whole = Move {
-            recording: 0,
-            from: 0,
-            to: 1,
-            first: 0,
-            last: 1999,
-            duration_s: 10.0,
-        };
+        let whole = Move { recording: 0, from: 0, to: 1, first: 0, last: 1999, duration_s: 10.0 };
         let p = rate_from_gravity(&[recording], &[whole], &Triad::identity(), *gyroscope.bias()).unwrap();
-        assert!(
-            (p * sensitivity - Matrix3::identity()).norm() < 0.05,
-            "{}",
-            p * sensitivity
-        );
+        assert!((p * sensitivity - Matrix3::identity()).norm() < 0.05, "{}", p * sensitivity);
     }
 }

@@ -36,11 +36,7 @@ pub(crate) struct Unusable {
 /// All rests of all recordings, in order.
 pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     let of = |(recording, segments): (usize, &Segments)| {
-        segments
-            .rests
-            .iter()
-            .map(move |rest| UnitRest { recording, rest: *rest })
-            .collect::<Vec<_>>()
+        segments.rests.iter().map(move |rest| UnitRest { recording, rest: *rest }).collect::<Vec<_>>()
     };
     segments.iter().enumerate().flat_map(of).collect()
 }
@@ -62,28 +58,12 @@ pub(crate) fn between(
         }
         let (first, last) = (rests[from].rest.end - 1, rests[to].rest.first);
         let time_s = &recordings[recording].time_s[first..=last];
-        let span = Move {
-            recording,
-            from,
-            to,
-            first,
-            last,
-            duration_s: time_s[time_s.len() - 1] - time_s[0],
-        };
+        let span = Move { recording, from, to, first, last, duration_s: time_s[time_s.len() - 1] - time_s[0] };
         let interval_s = sample_interval_s(time_s);
-        if saturated[recording]
-            .iter()
-            .any(|range| range.start <= last && range.end > first)
-        {
-            unusable.push(Unusable {
-                span,
-                reason: "saturation",
-            });
+        if saturated[recording].iter().any(|range| range.start <= last && range.end > first) {
+            unusable.push(Unusable { span, reason: "saturation" });
         } else if time_s.windows(2).any(|t| t[1] - t[0] > LONGEST_STEP * interval_s) {
-            unusable.push(Unusable {
-                span,
-                reason: "samples_missing",
-            });
+            unusable.push(Unusable { span, reason: "samples_missing" });
         } else {
             moves.push(span);
         }
@@ -118,22 +98,11 @@ impl Directions<'_> {
             .iter()
             .map(|m| {
                 let (before, after) = (self.direction(m.from, true), self.direction(m.to, false));
-                let walk = random_walk_rad(
-                    &self.noise[m.recording].angular_rate,
-                    self.gyroscope_inverse,
-                    m.duration_s,
-                );
+                let walk = random_walk_rad(&self.noise[m.recording].angular_rate, self.gyroscope_inverse, m.duration_s);
                 let own = walk * walk + before.extra_variance + after.extra_variance;
                 // A noise-free simulation: equal weights, of a size that leaves numbers in range.
                 let sigma_rad = (own + before.variance + after.variance).sqrt().max(1e-9);
-                (
-                    Ends {
-                        before: before.up,
-                        after: after.up,
-                        sigma_rad,
-                    },
-                    own.sqrt(),
-                )
+                (Ends { before: before.up, after: after.up, sigma_rad }, own.sqrt())
             })
             .unzip()
     }
@@ -146,20 +115,12 @@ impl Directions<'_> {
         let noise = self.accelerometer.inverse() * Matrix3::from_diagonal(&mean.variance_of_mean.map(f64::sqrt));
         let variance = noise.norm_squared() / 3.0 / force.norm_squared();
         if rest.unsteadiness < UNSTEADY {
-            return Direction {
-                up: force.normalize(),
-                variance,
-                extra_variance: 0.0,
-            };
+            return Direction { up: force.normalize(), variance, extra_variance: 0.0 };
         }
         let (up, share, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope_inverse, span_s);
         // The mean over a span of a random walk that is zero at its end has a third of the walk's variance.
-        Direction {
-            up,
-            variance,
-            extra_variance: variance * (1.0 / share - 1.0) + walk * walk / 3.0,
-        }
+        Direction { up, variance, extra_variance: variance * (1.0 / share - 1.0) + walk * walk / 3.0 }
     }
 
     /// Mean of the last or first second of a rest, each sample turned by the gyroscope to the attitude at the end of it.
@@ -183,17 +144,11 @@ impl Directions<'_> {
             let step = rate * (sign * interval_s);
             // Half a step at each end: the sample at the boundary itself is not turned.
             turn += if i == 0 { step * 0.5 } else { step };
-            let force = self
-                .accelerometer
-                .correct(Vector3::from(recording.specific_force[index(i)]));
+            let force = self.accelerometer.correct(Vector3::from(recording.specific_force[index(i)]));
             let turn_here = if i == 0 { Vector3::zeros() } else { turn - step * 0.5 };
             sum += force - turn_here.cross(&force);
         }
-        (
-            sum.normalize(),
-            count as f64 / samples as f64,
-            count as f64 * interval_s,
-        )
+        (sum.normalize(), count as f64 / samples as f64, count as f64 * interval_s)
     }
 }
 

@@ -83,10 +83,7 @@ pub(crate) fn check_gyroscope(design: &Mat<f64>, turned_rad: Vector3<f64>, moves
         return Ok(());
     }
     let largest = turned_rad.max();
-    let idle: Vec<&str> = (0..3)
-        .filter(|&i| turned_rad[i] < 0.1 * largest)
-        .map(|i| AXES[i])
-        .collect();
+    let idle: Vec<&str> = (0..3).filter(|&i| turned_rad[i] < 0.1 * largest).map(|i| AXES[i]).collect();
     let advice = if largest < 0.3 {
         "the unit hardly turns: add moves of 90 deg or more about each axis".to_owned()
     } else if idle.is_empty() {
@@ -106,7 +103,7 @@ pub(crate) fn undetermined(design: &Mat<f64>) -> Result<Vec<usize>, Error> {
     let (values, vectors) = lsq::singular(design)?;
     let open = |j: &usize| {
         (0..values.len())
-            .filter(|&k| !(values[k] >= 1.0))
+            .filter(|&k| values[k].is_nan() || values[k] < 1.0)
             .map(|k| vectors[(*j, k)].powi(2))
             .sum::<f64>()
             > 0.05
@@ -135,11 +132,7 @@ fn missing_poses(up: &[Vector3<f64>]) -> String {
                 upwards.min(downwards)
             ));
         } else if upwards > FACE_LIMIT_DEG || downwards > FACE_LIMIT_DEG {
-            let (way, angle) = if upwards > FACE_LIMIT_DEG {
-                ("up", upwards)
-            } else {
-                ("down", downwards)
-            };
+            let (way, angle) = if upwards > FACE_LIMIT_DEG { ("up", upwards) } else { ("down", downwards) };
             missing.push(format!("no rest with {name} {way} (closest {angle:.0} deg): add one"));
         }
     }

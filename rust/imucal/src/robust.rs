@@ -19,11 +19,7 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
             // A leverage of one means that the fit follows the item whatever it says: no judgement is possible.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
-                if free > 0.05 {
-                    residuals[(row, 0)].powi(2) / free
-                } else {
-                    0.0
-                }
+                if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }
             })
             .sum::<f64>()
             .sqrt()

@@ -85,9 +85,7 @@ pub fn simulate(
     unit.accelerometer.check("accelerometer")?;
     unit.gyroscope.check("gyroscope")?;
     if !(gravity_mps2.is_finite() && gravity_mps2 > 0.0) {
-        return Err(Error::Input(format!(
-            "gravity_mps2 is {gravity_mps2}: a positive value is needed"
-        )));
+        return Err(Error::Input(format!("gravity_mps2 is {gravity_mps2}: a positive value is needed")));
     }
     let samples = sample_count(program.duration_s(), rate_hz)?;
 
@@ -96,11 +94,8 @@ pub fn simulate(
         rate_hz,
         [0, 1, 2].map(|axis| Stream::AccelerometerNoise(axis).generator(seed)),
     );
-    let mut gyroscope = Sampler::new(
-        &unit.gyroscope,
-        rate_hz,
-        [0, 1, 2].map(|axis| Stream::GyroscopeNoise(axis).generator(seed)),
-    );
+    let mut gyroscope =
+        Sampler::new(&unit.gyroscope, rate_hz, [0, 1, 2].map(|axis| Stream::GyroscopeNoise(axis).generator(seed)));
     let mut run = Simulation {
         time_s: Vec::with_capacity(samples),
         specific_force: Vec::with_capacity(samples),
@@ -159,9 +154,7 @@ mod tests {
     /// Mean and standard deviation of (measured - ideal) per axis.
     fn error_statistics(measured: &[[f64; 3]], ideal: impl Fn(usize) -> Vector3<f64>) -> [(f64, f64); 3] {
         [0, 1, 2].map(|axis| {
-            let errors: Vec<f64> = (0..measured.len())
-                .map(|i| measured[i][axis] - ideal(i)[axis])
-                .collect();
+            let errors: Vec<f64> = (0..measured.len()).map(|i| measured[i][axis] - ideal(i)[axis]).collect();
             let n = errors.len() as f64;
             let mean = errors.iter().sum::<f64>() / n;
             let variance = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / n;
@@ -184,14 +177,7 @@ mod tests {
     #[test]
     fn integrating_the_true_rate_gives_the_attitude() {
         let error_rad = |rate_hz: f64| {
-            let program = Program::random(
-                &RandomMoves {
-                    moves: 5,
-                    ..RandomMoves::default()
-                },
-                2,
-            )
-            .unwrap();
+            let program = Program::random(&RandomMoves { moves: 5, ..RandomMoves::default() }, 2).unwrap();
             // Twice the rate, so that every second sample is the midpoint of a step.
             let run = simulate(&program, &Unit::ideal(), 2.0 * rate_hz, GRAVITY_MPS2, 0).unwrap();
             let mut attitude = UnitQuaternion::identity();
@@ -240,9 +226,7 @@ mod tests {
         let n = run.time_s.len();
         let channel = |c: usize| -> Vec<f64> {
             match c {
-                0..=2 => (0..n)
-                    .map(|i| run.specific_force[i][c] - run.true_specific_force[i][c])
-                    .collect(),
+                0..=2 => (0..n).map(|i| run.specific_force[i][c] - run.true_specific_force[i][c]).collect(),
                 _ => (0..n).map(|i| run.angular_rate[i][c - 3]).collect(),
             }
         };
@@ -250,15 +234,9 @@ mod tests {
         let correlation = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>() / (100.0 * n as f64);
         let bound = 5.0 / (n as f64).sqrt();
         for a in 0..6 {
-            assert!(
-                correlation(&channels[a], &channels[a][1..]).abs() < bound,
-                "channel {a}"
-            );
+            assert!(correlation(&channels[a], &channels[a][1..]).abs() < bound, "channel {a}");
             for b in 0..a {
-                assert!(
-                    correlation(&channels[a], &channels[b]).abs() < bound,
-                    "channels {a} and {b}"
-                );
+                assert!(correlation(&channels[a], &channels[b]).abs() < bound, "channels {a} and {b}");
             }
         }
     }
@@ -278,10 +256,7 @@ mod tests {
     fn counts_are_whole_and_the_papers_run_does_not_clip() {
         let unit = Unit::paper();
         let run = random_run(&unit, 100.0, 3);
-        for (sensor, measured) in [
-            (unit.accelerometer, &run.specific_force),
-            (unit.gyroscope, &run.angular_rate),
-        ] {
+        for (sensor, measured) in [(unit.accelerometer, &run.specific_force), (unit.gyroscope, &run.angular_rate)] {
             let converter = sensor.converter.unwrap();
             let rail = 2_f64.powi(converter.bits as i32 - 1) - 1.0;
             for value in measured.as_flattened() {
@@ -296,16 +271,10 @@ mod tests {
     fn arguments_that_cannot_be_used_are_refused() {
         let program = Program::try_new(vec![Step::hold(1.0)]).unwrap();
         for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-9, 1e12] {
-            assert!(
-                simulate(&program, &Unit::ideal(), rate_hz, GRAVITY_MPS2, 0).is_err(),
-                "{rate_hz} Hz"
-            );
+            assert!(simulate(&program, &Unit::ideal(), rate_hz, GRAVITY_MPS2, 0).is_err(), "{rate_hz} Hz");
         }
         for gravity_mps2 in [0.0, -9.8, f64::NAN] {
-            assert!(
-                simulate(&program, &Unit::ideal(), 100.0, gravity_mps2, 0).is_err(),
-                "{gravity_mps2} m/s^2"
-            );
+            assert!(simulate(&program, &Unit::ideal(), 100.0, gravity_mps2, 0).is_err(), "{gravity_mps2} m/s^2");
         }
     }
 }

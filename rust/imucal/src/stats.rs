@@ -14,11 +14,7 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     let below = position.floor() as usize;
     let (_, &mut low, above) = values.select_nth_unstable_by(below, f64::total_cmp);
     let high = above.iter().copied().fold(f64::INFINITY, f64::min);
-    if high.is_finite() {
-        low + (position - below as f64) * (high - low)
-    } else {
-        low
-    }
+    if high.is_finite() { low + (position - below as f64) * (high - low) } else { low }
 }
 
 /// Root mean square; zero of nothing.

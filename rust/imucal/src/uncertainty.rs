@@ -85,18 +85,12 @@ fn residual_rows(
 ) -> Mat<f64> {
     let (k, columns) = (rests.len(), map.ncols());
     let mut rows = Mat::<f64>::zeros(2 * moves.len(), columns);
-    let directions: Vec<_> = rests
-        .iter()
-        .map(|rest| direction_gradients(rest, accelerometer))
-        .collect();
+    let directions: Vec<_> = rests.iter().map(|rest| direction_gradients(rest, accelerometer)).collect();
     let parameters = SMatrix::<f64, 9, 1>::zeros;
     for (index, ((m, end), carried)) in moves.iter().zip(ends).zip(&gyroscope.carried).enumerate() {
         let across = end.across();
         let gradient = residual_gradient(end, carried, &gyroscope.triad);
-        for (rest, sign, rotation) in [
-            (m.from, 1.0, carried.rotation.transpose()),
-            (m.to, -1.0, Matrix3::identity()),
-        ] {
+        for (rest, sign, rotation) in [(m.from, 1.0, carried.rotation.transpose()), (m.to, -1.0, Matrix3::identity())] {
             let (by_mean, by_parameters) = &directions[rest];
             let own = across * rotation * by_mean * sign;
             for axis in 0..3 {
@@ -118,9 +112,8 @@ fn residual_rows(
         }
         for column in 3 * k..6 * k {
             for c in 0..2 {
-                rows[(2 * index + c, column)] += (0..3)
-                    .map(|axis| gradient[9 + axis][c] * map[(9 + axis, column)])
-                    .sum::<f64>();
+                rows[(2 * index + c, column)] +=
+                    (0..3).map(|axis| gradient[9 + axis][c] * map[(9 + axis, column)]).sum::<f64>();
             }
         }
         for c in 0..2 {

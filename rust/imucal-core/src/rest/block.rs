@@ -30,12 +30,7 @@ pub struct BlockSums<F: RealField + Copy> {
 impl<F: RealField + Copy> BlockSums<F> {
     /// No samples yet.
     pub fn new() -> Self {
-        Self {
-            count: 0,
-            origin: Vector6::zeros(),
-            sum: Vector6::zeros(),
-            squares: Vector6::zeros(),
-        }
+        Self { count: 0, origin: Vector6::zeros(), sum: Vector6::zeros(), squares: Vector6::zeros() }
     }
 
     /// Adds one sample, in any unit that stays the same.
@@ -128,11 +123,7 @@ mod tests {
     fn mean_and_variance_are_those_of_two_passes() {
         let data = samples(40.0);
         let mean = data.iter().sum::<Vector3<f64>>() / 7.0;
-        let variance = data
-            .iter()
-            .map(|s| (s - mean).component_mul(&(s - mean)))
-            .sum::<Vector3<f64>>()
-            / 6.0;
+        let variance = data.iter().map(|s| (s - mean).component_mul(&(s - mean))).sum::<Vector3<f64>>() / 6.0;
         let sums = sums_of(&data);
         for i in 0..3 {
             assert!((sums.mean()[i] - mean[i]).abs() < 1e-14 * mean[i].abs().max(1.0));
@@ -180,9 +171,7 @@ mod tests {
     #[test]
     fn the_statistic_is_the_mean_of_six_ratios() {
         let sums = sums_of(&samples(0.0));
-        let floors = sums
-            .variance()
-            .component_div(&Vector6::new(1.0, 2.0, 3.0, 4.0, 5.0, 9.0));
+        let floors = sums.variance().component_div(&Vector6::new(1.0, 2.0, 3.0, 4.0, 5.0, 9.0));
         assert!((rest_statistic(&sums, &floors) - 4.0).abs() < 1e-14);
     }
 }

@@ -18,10 +18,7 @@ struct Noise(u64);
 impl Noise {
     fn next(&mut self) -> f64 {
         let mut uniform = || {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
+            self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
             (self.0 >> 11) as f64 / (1u64 << 53) as f64
         };
         (0..12).map(|_| uniform()).sum::<f64>() - 6.0
@@ -49,10 +46,7 @@ fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
         moving(&mut samples, &mut noise, &mut up);
         let first = samples.len();
         for _ in 0..(rest_s * rate_hz) as usize {
-            samples.push((
-                Vector3::repeat(0.01) + noise.vector(RATE_STD),
-                up + noise.vector(FORCE_STD),
-            ));
+            samples.push((Vector3::repeat(0.01) + noise.vector(RATE_STD), up + noise.vector(FORCE_STD)));
         }
         rests.push((first, samples.len()));
     }
@@ -63,20 +57,12 @@ fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
 fn detector(block_samples: usize) -> RestDetector<f64> {
     let (rate, force) = (RATE_STD * RATE_STD, FORCE_STD * FORCE_STD);
     let noise_variance = Vector6::new(rate, rate, rate, force, force, force);
-    let config = RestDetectorConfig {
-        block_samples,
-        window_blocks: 10,
-        noise_variance,
-        threshold: 3.0,
-    };
+    let config = RestDetectorConfig { block_samples, window_blocks: 10, noise_variance, threshold: 3.0 };
     RestDetector::try_new(config).expect("a usable configuration")
 }
 
 fn rests_in(samples: &[Sample], mut detector: RestDetector<f64>) -> Vec<Rest<f64>> {
-    let mut rests: Vec<_> = samples
-        .iter()
-        .filter_map(|&(rate, force)| detector.push(rate, force))
-        .collect();
+    let mut rests: Vec<_> = samples.iter().filter_map(|&(rate, force)| detector.push(rate, force)).collect();
     rests.extend(detector.finish());
     rests
 }
@@ -90,14 +76,8 @@ fn rests_are_found_within_one_block_at_every_rate() {
         assert_eq!(rests.len(), truth.len(), "at {rate_hz} Hz: {rests:?}");
         for (rest, (first, end)) in rests.iter().zip(truth) {
             // With its guard block back, a rest ends within a block of where it does; without, it is inside.
-            assert!(
-                rest.first_sample >= first && rest.first_sample - block < first + block,
-                "{rate_hz} Hz: {rest:?}"
-            );
-            assert!(
-                rest.end_sample <= end && rest.end_sample + block + block > end,
-                "{rate_hz} Hz: {rest:?}"
-            );
+            assert!(rest.first_sample >= first && rest.first_sample - block < first + block, "{rate_hz} Hz: {rest:?}");
+            assert!(rest.end_sample <= end && rest.end_sample + block + block > end, "{rate_hz} Hz: {rest:?}");
         }
     }
 }
@@ -123,27 +103,16 @@ fn unsigned_counts_in_f32_give_the_same_rests() {
         let count = |x: &Vector3<f64>, lsb: f64| (x * lsb).map(|c| (c.round() + 32768.0) as f32);
         (count(rate, rate_lsb), count(force, force_lsb))
     });
-    let (rate, force) = (
-        (RATE_STD * rate_lsb).powi(2) as f32,
-        (FORCE_STD * force_lsb).powi(2) as f32,
-    );
+    let (rate, force) = ((RATE_STD * rate_lsb).powi(2) as f32, (FORCE_STD * force_lsb).powi(2) as f32);
     let noise_variance = Vector6::new(rate, rate, rate, force, force, force);
-    let config = RestDetectorConfig {
-        block_samples: 20,
-        window_blocks: 10,
-        noise_variance,
-        threshold: 3.0,
-    };
+    let config = RestDetectorConfig { block_samples: 20, window_blocks: 10, noise_variance, threshold: 3.0 };
     let mut in_counts = RestDetector::try_new(config).expect("a usable configuration");
 
     let found: Vec<_> = counts.filter_map(|(rate, force)| in_counts.push(rate, force)).collect();
     let wanted = rests_in(&samples, detector(20));
     assert_eq!(found.len(), wanted.len());
     for (found, wanted) in found.iter().zip(wanted) {
-        assert_eq!(
-            (found.first_sample, found.end_sample),
-            (wanted.first_sample, wanted.end_sample)
-        );
+        assert_eq!((found.first_sample, found.end_sample), (wanted.first_sample, wanted.end_sample));
         let rate = found.mean_rate.map(|c| f64::from(c) - 32768.0) - wanted.mean_rate * rate_lsb;
         let force = found.mean_force.map(|c| f64::from(c) - 32768.0) - wanted.mean_force * force_lsb;
         // Rounding to counts, averaged over a rest, and the spacing of f32 at 32768, which is 1/256.
@@ -174,10 +143,7 @@ fn a_nudge_parts_two_rests_and_a_short_pause_is_none() {
     samples.push(nudge);
     samples.extend(std::vec![still; 200]);
     // Ninety still samples hold no window of ten blocks of ten.
-    let spans: Vec<_> = rests_in(&samples, detector(10))
-        .iter()
-        .map(|r| (r.first_sample, r.end_sample))
-        .collect();
+    let spans: Vec<_> = rests_in(&samples, detector(10)).iter().map(|r| (r.first_sample, r.end_sample)).collect();
     assert_eq!(spans, [(10, 190), (310, 480)]);
 }
 
@@ -186,10 +152,7 @@ fn a_sample_that_is_not_a_number_is_no_rest() {
     let mut samples = std::vec![(Vector3::zeros(), Vector3::zeros()); 400];
     samples[200].1.y = f64::NAN;
     let rests = rests_in(&samples, detector(10));
-    assert_eq!(
-        rests.iter().map(|r| (r.first_sample, r.end_sample)).collect::<Vec<_>>(),
-        [(10, 190), (220, 390)]
-    );
+    assert_eq!(rests.iter().map(|r| (r.first_sample, r.end_sample)).collect::<Vec<_>>(), [(10, 190), (220, 390)]);
     assert!(rests.iter().all(|r| r.mean_force == Vector3::zeros()));
 }
 
@@ -198,16 +161,10 @@ fn finish_ends_a_part_and_sample_numbers_run_on() {
     let mut detector = detector(10);
     (0..205).for_each(|_| assert_eq!(detector.push(Vector3::zeros(), Vector3::zeros()), None));
     assert!(detector.is_still());
-    assert_eq!(
-        detector.finish().map(|r| (r.first_sample, r.end_sample)),
-        Some((10, 190))
-    );
+    assert_eq!(detector.finish().map(|r| (r.first_sample, r.end_sample)), Some((10, 190)));
     assert!(!detector.is_still());
     (0..100).for_each(|_| assert_eq!(detector.push(Vector3::repeat(1.0), Vector3::zeros()), None));
-    assert_eq!(
-        detector.finish().map(|r| (r.first_sample, r.end_sample)),
-        Some((215, 295))
-    );
+    assert_eq!(detector.finish().map(|r| (r.first_sample, r.end_sample)), Some((215, 295)));
     assert_eq!(detector.finish(), None);
 }
 
@@ -215,18 +172,9 @@ fn finish_ends_a_part_and_sample_numbers_run_on() {
 fn a_configuration_that_cannot_work_is_named() {
     let good = detector(10).config;
     let refused = |config| RestDetector::<f64>::try_new(config).err();
-    assert_eq!(
-        refused(RestDetectorConfig {
-            block_samples: 0,
-            ..good
-        }),
-        Some(RestConfigError::BlockSamples)
-    );
+    assert_eq!(refused(RestDetectorConfig { block_samples: 0, ..good }), Some(RestConfigError::BlockSamples));
     for given in [2, 11] {
-        let config = RestDetectorConfig {
-            window_blocks: given,
-            ..good
-        };
+        let config = RestDetectorConfig { window_blocks: given, ..good };
         assert_eq!(refused(config), Some(RestConfigError::WindowBlocks { given }));
     }
     for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
@@ -234,9 +182,6 @@ fn a_configuration_that_cannot_work_is_named() {
         noise_variance[4] = bad;
         let config = RestDetectorConfig { noise_variance, ..good };
         assert_eq!(refused(config), Some(RestConfigError::NoiseVariance { channel: 4 }));
-        assert_eq!(
-            refused(RestDetectorConfig { threshold: bad, ..good }),
-            Some(RestConfigError::Threshold)
-        );
+        assert_eq!(refused(RestDetectorConfig { threshold: bad, ..good }), Some(RestConfigError::Threshold));
     }
 }

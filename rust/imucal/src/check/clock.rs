@@ -99,11 +99,7 @@ impl Steps {
     fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {
         let (first, _) = self.equal.first?;
         let share = self.equal.samples as f64 / recording.len() as f64;
-        let kind = if share > MAX_EQUAL_SHARE {
-            Finding::error
-        } else {
-            Finding::warning
-        };
+        let kind = if share > MAX_EQUAL_SHARE { Finding::error } else { Finding::warning };
         Some(Finding {
             columns: names(["time_s"]),
             place: Some(Place::new(recording, first - 1, first)),
@@ -178,11 +174,7 @@ fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
 }
 
 fn irregular(recording: &Recording, spread: f64, [low_s, median_s, high_s]: [f64; 3]) -> Finding {
-    let kind = if spread > SPREAD[1] {
-        Finding::error
-    } else {
-        Finding::warning
-    };
+    let kind = if spread > SPREAD[1] { Finding::error } else { Finding::warning };
     Finding {
         columns: names(["time_s"]),
         count: recording.len(),
@@ -282,10 +274,8 @@ mod tests {
 
     #[test]
     fn gaps_count_the_samples_lost() {
-        let time: Vec<f64> = (0..2000)
-            .filter(|i| !(500..530).contains(i) && *i != 900)
-            .map(|i| i as f64 * 0.01)
-            .collect();
+        let time: Vec<f64> =
+            (0..2000).filter(|i| !(500..530).contains(i) && *i != 900).map(|i| i as f64 * 0.01).collect();
         let rows = vec![[0.0; 3]; time.len()];
         let findings = check(&Recording::try_new("t", &time, &rows, &rows).unwrap());
         assert_eq!(findings.len(), 1);
@@ -295,13 +285,9 @@ mod tests {
 
     #[test]
     fn stamps_on_arrival_are_irregular() {
-        let bursts: Vec<f64> = (0..2000)
-            .map(|i| (i / 4) as f64 * 0.04 + (i % 4) as f64 * 1e-4)
-            .collect();
+        let bursts: Vec<f64> = (0..2000).map(|i| (i / 4) as f64 * 0.04 + (i % 4) as f64 * 1e-4).collect();
         assert_eq!(codes(&bursts), [("clock_irregular", Severity::Error)]);
-        let jitter: Vec<f64> = (0..2000)
-            .map(|i| 0.01 * (i as f64 + 0.3 * (i as f64 * 2.3).sin()))
-            .collect();
+        let jitter: Vec<f64> = (0..2000).map(|i| 0.01 * (i as f64 + 0.3 * (i as f64 * 2.3).sin())).collect();
         assert_eq!(codes(&jitter), [("clock_irregular", Severity::Warning)]);
     }
 

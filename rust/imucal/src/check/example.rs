@@ -16,19 +16,13 @@ impl Columns {
         let mut noise = move || {
             let uniform: f64 = (0..12)
                 .map(|_| {
-                    state = state
-                        .wrapping_mul(6364136223846793005)
-                        .wrapping_add(1442695040888963407);
+                    state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
                     (state >> 11) as f64 / (1u64 << 53) as f64
                 })
                 .sum();
             uniform - 6.0
         };
-        let mut columns = Self {
-            time_s: Vec::new(),
-            force: Vec::new(),
-            rate: Vec::new(),
-        };
+        let mut columns = Self { time_s: Vec::new(), force: Vec::new(), rate: Vec::new() };
         for i in 0..4000 {
             let time = i as f64 * 0.01;
             let (lap, phase) = ((time / 2.0).floor(), time % 2.0);

@@ -58,29 +58,17 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
         return None;
     }
     let known = [
-        (
-            57.29578,
-            "looks like deg/s: name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps",
-        ),
-        (
-            57295.78,
-            "looks like mdeg/s: name the columns gyro_x_mdps, gyro_y_mdps, gyro_z_mdps",
-        ),
+        (57.29578, "looks like deg/s: name the columns gyro_x_dps, gyro_y_dps, gyro_z_dps"),
+        (57295.78, "looks like mdeg/s: name the columns gyro_x_mdps, gyro_y_mdps, gyro_z_mdps"),
         (1000.0, "looks like mrad/s: divide by 1000"),
-        (
-            1.0 / 57.29578,
-            "looks like rad/s converted from deg/s a second time: multiply by 57.29578",
-        ),
+        (1.0 / 57.29578, "looks like rad/s converted from deg/s a second time: multiply by 57.29578"),
         (1e-3, "looks 1000 times too small: multiply by 1000"),
     ];
     let too_large = 1.0 / scale;
     let way_out = known
         .iter()
         .find(|(factor, _)| (too_large / factor - 1.0).abs() < KNOWN)
-        .map_or(
-            "give the columns in the unit that their names say, or as raw counts: gyro_x_lsb",
-            |(_, hint)| hint,
-        );
+        .map_or("give the columns in the unit that their names say, or as raw counts: gyro_x_lsb", |(_, hint)| hint);
     Some(Finding {
         columns: names(GYRO),
         count: recording.len(),
@@ -93,22 +81,14 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
 }
 
 fn left_handed_gyroscope(recording: &Recording, axes: &SignedPermutation) -> Finding {
-    let reversed: Vec<&str> = (0..3)
-        .filter(|&k| axes.column_of[k] == k && axes.sign_of[k] < 0.0)
-        .map(|k| GYRO[k])
-        .collect();
+    let reversed: Vec<&str> =
+        (0..3).filter(|&k| axes.column_of[k] == k && axes.sign_of[k] < 0.0).map(|k| GYRO[k]).collect();
     let (columns, way_out) = if axes.in_order() && reversed.len() == 1 {
         (reversed.clone(), format!("negate {}", reversed[0]))
     } else if axes.in_order() {
         (GYRO.to_vec(), "negate all three gyro columns".to_string())
     } else {
-        (
-            GYRO.to_vec(),
-            format!(
-                "reorder the gyro columns ({}) or correct the sign of one",
-                axes.mapping()
-            ),
-        )
+        (GYRO.to_vec(), format!("reorder the gyro columns ({}) or correct the sign of one", axes.mapping()))
     };
     Finding {
         columns: names(columns),
@@ -177,11 +157,7 @@ impl SignedPermutation {
         const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
         let handedness = p.determinant().signum();
         let norm = 3.0f64.sqrt() * p.norm();
-        let mut best = Self {
-            column_of: ORDERS[0],
-            sign_of: [1.0; 3],
-            correlation: f64::NEG_INFINITY,
-        };
+        let mut best = Self { column_of: ORDERS[0], sign_of: [1.0; 3], correlation: f64::NEG_INFINITY };
         for (n, order) in ORDERS.iter().enumerate() {
             let parity = if n < 3 { 1.0 } else { -1.0 };
             for signs in 0..8 {
@@ -191,11 +167,7 @@ impl SignedPermutation {
                 }
                 let correlation = (0..3).map(|k| sign_of[k] * p[(k, order[k])]).sum::<f64>() / norm;
                 if correlation > best.correlation {
-                    best = Self {
-                        column_of: *order,
-                        sign_of,
-                        correlation,
-                    };
+                    best = Self { column_of: *order, sign_of, correlation };
                 }
             }
         }
@@ -224,10 +196,7 @@ impl SignedPermutation {
             .filter(|&k| self.column_of[k] != k || self.sign_of[k] < 0.0)
             .map(|k| {
                 let sign = if self.sign_of[k] < 0.0 { "-" } else { "" };
-                format!(
-                    "gyro {} follows accelerometer {sign}{}",
-                    AXES[self.column_of[k]], AXES[k]
-                )
+                format!("gyro {} follows accelerometer {sign}{}", AXES[self.column_of[k]], AXES[k])
             })
             .collect();
         parts.join(", ")
@@ -281,10 +250,7 @@ mod tests {
     #[test]
     fn counts_have_no_unit_but_a_handedness() {
         let columns = Columns::tumbling();
-        let lsb = Recording {
-            gyro_unit: RawUnit::Lsb,
-            ..columns.recording()
-        };
+        let lsb = Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() };
         assert!(check_kinematics(&lsb, &near(Matrix3::identity() / 4770.0)).is_empty());
         let findings = check_kinematics(&lsb, &near(diagonal(1.0, -1.0, 1.0) / 4770.0));
         assert_eq!(findings[0].code, "left_handed_axes");
@@ -297,10 +263,7 @@ mod tests {
             p[(axis, axis)] = -1.0;
             let findings = judge(near(p));
             assert_eq!(findings.len(), 1);
-            assert_eq!(
-                (findings[0].code, findings[0].severity),
-                ("left_handed_axes", Severity::Error)
-            );
+            assert_eq!((findings[0].code, findings[0].severity), ("left_handed_axes", Severity::Error));
             assert_eq!(findings[0].columns, [GYRO[axis]]);
         }
         assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("all three"));
@@ -346,10 +309,7 @@ mod tests {
         // true x = -raw y, true y = raw x.
         let p = Matrix3::new(0.0, -1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0);
         let findings = judge(near(p));
-        assert_eq!(
-            (findings[0].code, findings[0].severity),
-            ("axes_turned", Severity::Warning)
-        );
+        assert_eq!((findings[0].code, findings[0].severity), ("axes_turned", Severity::Warning));
         assert!(findings[0].message.contains("gyro y follows accelerometer -x"));
         assert!(findings[0].message.contains("gyro x follows accelerometer y"));
     }

@@ -59,24 +59,17 @@ pub(super) fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], ste
         let drop_at = |distance: usize| {
             let row = |k: Option<usize>| k.and_then(|k| rows.get(k));
             let drop = |row: Option<&[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
-            [
-                drop(row(run.start.checked_sub(distance))),
-                drop(row(Some(run.end - 1 + distance))),
-            ]
+            [drop(row(run.start.checked_sub(distance))), drop(row(Some(run.end - 1 + distance)))]
         };
         // By how much another axis changes meanwhile, and by what share of its whole range.
         let change = |k: usize| range(&rows[run.clone()], k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
         // The recording's end and a missing value are no evidence against a steep edge.
-        let steep = drop_at(1)
-            .iter()
-            .all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
+        let steep = drop_at(1).iter().all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
             && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
         let far = || {
-            drop_at(run.len())
-                .iter()
-                .all(|drop| drop.is_some_and(|d| d >= FAR_STEPS))
+            drop_at(run.len()).iter().all(|drop| drop.is_some_and(|d| d >= FAR_STEPS))
                 && sibling(&|k| share(k) > SIBLING_SHARE)
         };
         if steep || far() {

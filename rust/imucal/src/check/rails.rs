@@ -89,11 +89,7 @@ fn finding(
             parts.push(format!(
                 "{} holds its extreme value {} {unit} for {} samples in {} run(s), first {}",
                 axes[axis],
-                if unit == "lsb" {
-                    rail.to_string()
-                } else {
-                    format!("{rail:.5}")
-                },
+                if unit == "lsb" { rail.to_string() } else { format!("{rail:.5}") },
                 held.samples,
                 held.runs,
                 held.first_place(recording)
@@ -132,11 +128,7 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
     let high = ends.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
     let signed = low < 0.0;
     // Counts without sign have their zero somewhere in the middle.
-    let zero = if signed || unit == RawUnit::Si {
-        0.0
-    } else {
-        0.5 * (low + high)
-    };
+    let zero = if signed || unit == RawUnit::Si { 0.0 } else { 0.5 * (low + high) };
     let reach = (low - zero).abs().max((high - zero).abs());
     let mut norms: Vec<f64> = rows
         .iter()
@@ -169,13 +161,7 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
         })
     });
     // Once a rail of the triad is known, a channel that just touches it is cut off as well: +32767 and -32768 are one.
-    if let Some(rail) = rails
-        .iter()
-        .flatten()
-        .flatten()
-        .map(|v| (v - zero).abs())
-        .reduce(f64::max)
-    {
+    if let Some(rail) = rails.iter().flatten().flatten().map(|v| (v - zero).abs()).reduce(f64::max) {
         for axis in 0..3 {
             for side in 0..2 {
                 let end = ends[axis][side];
@@ -206,14 +192,9 @@ mod tests {
 
     #[test]
     fn clean_recordings_fine_and_coarse_are_never_flagged() {
-        for (force_step, rate_step) in [
-            (1e-4, 1e-5),
-            (0.01, 0.001),
-            (0.02, 0.003),
-            (0.06, 0.009),
-            (0.2, 0.03),
-            (1.0, 0.2),
-        ] {
+        for (force_step, rate_step) in
+            [(1e-4, 1e-5), (0.01, 0.001), (0.02, 0.003), (0.06, 0.009), (0.2, 0.03), (1.0, 0.2)]
+        {
             let columns = Columns::tumbling().quantised(force_step, rate_step);
             let findings = check(&columns.recording());
             assert!(findings.is_empty(), "{force_step}: {findings:?}");
@@ -257,10 +238,7 @@ mod tests {
             *row = row.map(|v| (v * 8000.0).round());
         }
         let lsb = |columns: &Columns| -> Vec<Range<usize>> {
-            saturated_samples(&Recording {
-                gyro_unit: RawUnit::Lsb,
-                ..columns.recording()
-            })
+            saturated_samples(&Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() })
         };
         assert!(lsb(&columns).is_empty());
         columns.rate[1234][1] = 32767.0;

@@ -17,18 +17,8 @@ const MOVING_STEPS: f64 = 8.0;
 pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (rows, other, names, unit) in [
-        (
-            recording.specific_force,
-            recording.angular_rate,
-            ACCEL,
-            unit_name(recording.accel_unit, "m/s^2"),
-        ),
-        (
-            recording.angular_rate,
-            recording.specific_force,
-            GYRO,
-            unit_name(recording.gyro_unit, "rad/s"),
-        ),
+        (recording.specific_force, recording.angular_rate, ACCEL, unit_name(recording.accel_unit, "m/s^2")),
+        (recording.angular_rate, recording.specific_force, GYRO, unit_name(recording.gyro_unit, "rad/s")),
     ] {
         for axis in 0..3 {
             let (first, last) = longest_run(rows, axis);

@@ -48,11 +48,8 @@ pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: 
     if recording.check_lengths().is_err() {
         return Vec::new();
     }
-    let rests: Vec<Range<usize>> = rests
-        .iter()
-        .filter(|rest| !rest.is_empty() && rest.end <= recording.len())
-        .cloned()
-        .collect();
+    let rests: Vec<Range<usize>> =
+        rests.iter().filter(|rest| !rest.is_empty() && rest.end <= recording.len()).cloned().collect();
     let mut findings = Vec::new();
     let whole = 0..recording.len();
     let everything = std::slice::from_ref(&whole);
@@ -108,11 +105,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     };
     let first = ranges.first().cloned().unwrap_or(0..1);
     Finding {
-        columns: if swapped {
-            names(ACCEL.iter().chain(&GYRO))
-        } else {
-            names(ACCEL)
-        },
+        columns: if swapped { names(ACCEL.iter().chain(&GYRO)) } else { names(ACCEL) },
         place: Some(Place::new(recording, first.start, first.end - 1)),
         count: ranges.iter().map(Range::len).sum(),
         value: norm,
@@ -184,12 +177,9 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
         return None;
     }
     let at_zero = |rest: &&Range<usize>| {
-        recording.stand_rad.is_some_and(|stand| {
-            stand[(*rest).clone()]
-                .iter()
-                .flatten()
-                .all(|angle| angle.abs() < STAND_ZERO_RAD)
-        })
+        recording
+            .stand_rad
+            .is_some_and(|stand| stand[(*rest).clone()].iter().flatten().all(|angle| angle.abs() < STAND_ZERO_RAD))
     };
     let (rest, kind, evidence, way_out) = match (recording.stand_rad, rests.iter().find(at_zero)) {
         (Some(_), None) => return None,
@@ -207,10 +197,7 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
         ),
     };
     let mut mean = [0.0; 3];
-    for row in rows[rest.clone()]
-        .iter()
-        .filter(|row| row.iter().all(|v| v.is_finite()))
-    {
+    for row in rows[rest.clone()].iter().filter(|row| row.iter().all(|v| v.is_finite())) {
         mean = [0, 1, 2].map(|k| mean[k] + row[k]);
     }
     let up = mean[2] / (mean[0].powi(2) + mean[1].powi(2) + mean[2].powi(2)).sqrt();
@@ -296,11 +283,7 @@ mod tests {
     #[test]
     fn counts_have_no_unit_to_check() {
         let columns = scaled(2000.0, 4000.0);
-        let recording = Recording {
-            accel_unit: RawUnit::Lsb,
-            gyro_unit: RawUnit::Lsb,
-            ..columns.recording()
-        };
+        let recording = Recording { accel_unit: RawUnit::Lsb, gyro_unit: RawUnit::Lsb, ..columns.recording() };
         assert!(both(&recording).is_empty());
     }
 
@@ -308,25 +291,14 @@ mod tests {
     fn gravity_with_the_wrong_sign_needs_evidence() {
         let negated = scaled(-1.0, 1.0);
         let findings = both(&negated.recording());
-        assert_eq!(
-            (findings[0].code, findings[0].severity),
-            ("gravity_sign", Severity::Warning)
-        );
+        assert_eq!((findings[0].code, findings[0].severity), ("gravity_sign", Severity::Warning));
         // With a stand only the rest at zero counts.
         let mut stand = vec![[0.0, 1.5, 0.0]; 4000];
-        let judge = |stand: &[[f64; 3]]| {
-            both(&Recording {
-                stand_rad: Some(stand),
-                ..negated.recording()
-            })
-        };
+        let judge = |stand: &[[f64; 3]]| both(&Recording { stand_rad: Some(stand), ..negated.recording() });
         assert!(judge(&stand).is_empty());
         stand[..100].fill([0.0; 3]);
         let findings = judge(&stand);
-        assert_eq!(
-            (findings[0].code, findings[0].severity),
-            ("gravity_sign", Severity::Error)
-        );
+        assert_eq!((findings[0].code, findings[0].severity), ("gravity_sign", Severity::Error));
     }
 
     #[test]

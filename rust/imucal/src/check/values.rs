@@ -16,10 +16,7 @@ pub(super) fn check_finite(recording: &Recording) -> Vec<Finding> {
         if mark([recording.time_s[i], fx, fy, fz, wx, wy, wz], &mut columns) {
             bad.add(i);
         }
-        if recording
-            .stand_rad
-            .is_some_and(|stand| mark(stand[i], &mut stand_columns))
-        {
+        if recording.stand_rad.is_some_and(|stand| mark(stand[i], &mut stand_columns)) {
             bad_stand.add(i);
         }
     }
@@ -31,13 +28,7 @@ pub(super) fn check_finite(recording: &Recording) -> Vec<Finding> {
         (bad_stand, &stand[..], &stand_columns[..], Finding::warning),
     ] {
         if tally.samples > 0 {
-            findings.push(not_finite(
-                recording,
-                tally,
-                names,
-                marked,
-                kind("non_finite", recording),
-            ));
+            findings.push(not_finite(recording, tally, names, marked, kind("non_finite", recording)));
         }
     }
     findings
@@ -84,9 +75,7 @@ pub(super) fn range(rows: &[[f64; 3]], axis: usize) -> f64 {
 /// Smallest and largest finite value; [inf, -inf] without any.
 pub(super) fn extremes(rows: &[[f64; 3]], axis: usize) -> [f64; 2] {
     let values = rows.iter().map(|row| row[axis]).filter(|v| v.is_finite());
-    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
-        [low.min(v), high.max(v)]
-    })
+    values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
 }
 
 /// The converter's step: the size of the smallest differences between neighbours that are not zero, 5 % of them being
@@ -95,9 +84,7 @@ pub(super) fn extremes(rows: &[[f64; 3]], axis: usize) -> [f64; 2] {
 pub(super) fn converter_step(rows: &[[f64; 3]], axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let differences = rows.windows(2).map(|pair| (pair[1][axis] - pair[0][axis]).abs());
-    let mut steps: Vec<f64> = differences
-        .filter(|step| *step > rounding && step.is_finite())
-        .collect();
+    let mut steps: Vec<f64> = differences.filter(|step| *step > rounding && step.is_finite()).collect();
     if steps.is_empty() {
         return f64::INFINITY;
     }
@@ -109,11 +96,7 @@ pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
     let temperature = recording.temperature_degc?;
     let (mut jumps, mut largest, mut not_finite) = (Tally::default(), 0.0f64, 0);
     for i in 0..temperature.len() {
-        let step = if i == 0 {
-            0.0
-        } else {
-            (temperature[i] - temperature[i - 1]).abs()
-        };
+        let step = if i == 0 { 0.0 } else { (temperature[i] - temperature[i - 1]).abs() };
         if !temperature[i].is_finite() {
             not_finite += 1;
             jumps.add(i);
@@ -171,10 +154,7 @@ mod tests {
         let columns = Columns::tumbling();
         let mut stand = vec![[0.0; 3]; columns.time_s.len()];
         stand[5][0] = f64::NAN;
-        let recording = Recording {
-            stand_rad: Some(&stand),
-            ..columns.recording()
-        };
+        let recording = Recording { stand_rad: Some(&stand), ..columns.recording() };
         let findings = check_finite(&recording);
         assert_eq!(findings[0].severity, Severity::Warning);
         assert_eq!(findings[0].columns, ["stand_1"]);
@@ -185,10 +165,7 @@ mod tests {
         let columns = Columns::tumbling();
         let mut temperature: Vec<f64> = (0..4000).map(|i| 20.0 + 0.005 * i as f64).collect();
         let check = |temperature: &[f64]| {
-            check_temperature(&Recording {
-                temperature_degc: Some(temperature),
-                ..columns.recording()
-            })
+            check_temperature(&Recording { temperature_degc: Some(temperature), ..columns.recording() })
         };
         assert!(check(&temperature).is_none());
         temperature[2000] = -40.0;

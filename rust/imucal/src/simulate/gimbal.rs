@@ -83,10 +83,7 @@ mod tests {
                 (body_motion(&motors(t + h)).angular_rate - body_motion(&motors(t - h)).angular_rate) / (2.0 * h);
             let motion = body_motion(&motors(t));
             assert!((rate - motion.angular_rate).norm() < 1e-7, "rate at {t} s");
-            assert!(
-                (acceleration - motion.angular_acceleration).norm() < 1e-7,
-                "acceleration at {t} s"
-            );
+            assert!((acceleration - motion.angular_acceleration).norm() < 1e-7, "acceleration at {t} s");
         }
     }
 

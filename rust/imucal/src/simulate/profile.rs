@@ -32,11 +32,7 @@ pub struct MotorState {
 impl MotorState {
     /// Standing still.
     pub fn still(angle_rad: Vector3<f64>) -> Self {
-        Self {
-            angle_rad,
-            rate_radps: Vector3::zeros(),
-            acceleration_radps2: Vector3::zeros(),
-        }
+        Self { angle_rad, rate_radps: Vector3::zeros(), acceleration_radps2: Vector3::zeros() }
     }
 
     /// `time_s` after the start of a turn by `turn_rad` that takes `duration_s`; still before and after it.
@@ -146,10 +142,7 @@ mod tests {
             assert!((rate - now.rate_radps).norm() < 1e-8, "rate at {t} s");
             // Where the jerk steps, the central difference is off by jerk h / 4.
             let corner = JERK * turn().norm() / DURATION_S.powi(3) * h / 2.0;
-            assert!(
-                (acceleration - now.acceleration_radps2).norm() < 1e-8 + corner,
-                "acceleration at {t} s"
-            );
+            assert!((acceleration - now.acceleration_radps2).norm() < 1e-8 + corner, "acceleration at {t} s");
         }
     }
 

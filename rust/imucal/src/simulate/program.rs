@@ -27,11 +27,7 @@ pub struct Step {
 impl Step {
     /// Hold without turning.
     pub fn hold(hold_s: f64) -> Self {
-        Self {
-            turn_rad: [0.0; 3],
-            move_s: 0.0,
-            hold_s,
-        }
+        Self { turn_rad: [0.0; 3], move_s: 0.0, hold_s }
     }
 
     fn turns(&self) -> bool {
@@ -69,11 +65,7 @@ pub struct Grid {
 
 impl Default for Grid {
     fn default() -> Self {
-        Self {
-            step_rad: 20_f64.to_radians(),
-            move_s: 1.0,
-            hold_s: 5.0,
-        }
+        Self { step_rad: 20_f64.to_radians(), move_s: 1.0, hold_s: 5.0 }
     }
 }
 
@@ -93,12 +85,7 @@ pub struct RandomMoves {
 
 impl Default for RandomMoves {
     fn default() -> Self {
-        Self {
-            moves: 45,
-            max_rate_radps: 120_f64.to_radians(),
-            move_s: 2.0,
-            hold_s: 5.0,
-        }
+        Self { moves: 45, max_rate_radps: 120_f64.to_radians(), move_s: 2.0, hold_s: 5.0 }
     }
 }
 
@@ -123,10 +110,7 @@ impl Program {
     /// [`Error::Input`] if the list is empty or lasts no time, an angle or time is not finite, a time is negative, or a
     /// step turns in no time.
     pub fn try_new(steps: Vec<Step>) -> Result<Self, Error> {
-        let mut end = Start {
-            time_s: 0.0,
-            angle_rad: Vector3::zeros(),
-        };
+        let mut end = Start { time_s: 0.0, angle_rad: Vector3::zeros() };
         let mut starts = Vec::with_capacity(steps.len());
         for (index, step) in steps.iter().enumerate() {
             step.check(index)?;
@@ -159,11 +143,7 @@ impl Program {
             )));
         }
         let half_turn = half_turn as usize;
-        let turn = |turn_rad| Step {
-            turn_rad,
-            move_s: grid.move_s,
-            hold_s: grid.hold_s,
-        };
+        let turn = |turn_rad| Step { turn_rad, move_s: grid.move_s, hold_s: grid.hold_s };
         let mut steps = vec![Step::hold(grid.hold_s)];
         for row in 0..=half_turn {
             if row > 0 {
@@ -213,12 +193,7 @@ impl Program {
             return MotorState::still(Vector3::zeros());
         };
         let (step, start) = (&self.steps[index], &self.starts[index]);
-        MotorState::turning(
-            start.angle_rad,
-            step.turn_rad.into(),
-            step.move_s,
-            time_s - start.time_s,
-        )
+        MotorState::turning(start.angle_rad, step.turn_rad.into(), step.move_s, time_s - start.time_s)
     }
 
     /// Start and end of every stretch of time without motion, s; holds that follow each other are one rest.
@@ -246,10 +221,7 @@ mod tests {
 
     fn ups(program: &Program) -> Vec<Vector3<f64>> {
         let rests = program.rests();
-        rests
-            .iter()
-            .map(|(start, end)| body_motion(&program.motors((start + end) / 2.0)).up)
-            .collect()
+        rests.iter().map(|(start, end)| body_motion(&program.motors((start + end) / 2.0)).up).collect()
     }
 
     #[test]
@@ -301,21 +273,9 @@ mod tests {
     #[test]
     fn steps_follow_each_other_without_a_jump() {
         let steps = vec![
-            Step {
-                turn_rad: [1.0, 0.0, -2.0],
-                move_s: 1.0,
-                hold_s: 0.0,
-            },
-            Step {
-                turn_rad: [0.0, TAU, 0.5],
-                move_s: 3.0,
-                hold_s: 2.0,
-            },
-            Step {
-                turn_rad: [0.0; 3],
-                move_s: 1.0,
-                hold_s: 1.0,
-            },
+            Step { turn_rad: [1.0, 0.0, -2.0], move_s: 1.0, hold_s: 0.0 },
+            Step { turn_rad: [0.0, TAU, 0.5], move_s: 3.0, hold_s: 2.0 },
+            Step { turn_rad: [0.0; 3], move_s: 1.0, hold_s: 1.0 },
         ];
         let program = Program::try_new(steps).unwrap();
         assert_eq!(program.rests(), vec![(4.0, 8.0)]);
@@ -331,50 +291,24 @@ mod tests {
 
     #[test]
     fn programs_that_cannot_be_run_are_refused() {
-        let step = Step {
-            turn_rad: [1.0, 0.0, 0.0],
-            move_s: 1.0,
-            hold_s: 1.0,
-        };
+        let step = Step { turn_rad: [1.0, 0.0, 0.0], move_s: 1.0, hold_s: 1.0 };
         let bad = [
             vec![],
             vec![Step::hold(0.0)],
-            vec![
-                Step::hold(1.0),
-                Step {
-                    turn_rad: [f64::NAN, 0.0, 0.0],
-                    ..step
-                },
-            ],
+            vec![Step::hold(1.0), Step { turn_rad: [f64::NAN, 0.0, 0.0], ..step }],
             vec![Step { move_s: 0.0, ..step }],
             vec![Step { move_s: -1.0, ..step }],
-            vec![Step {
-                hold_s: f64::INFINITY,
-                ..step
-            }],
+            vec![Step { hold_s: f64::INFINITY, ..step }],
         ];
         for steps in bad {
-            assert!(
-                matches!(Program::try_new(steps.clone()), Err(Error::Input(_))),
-                "{steps:?}"
-            );
+            assert!(matches!(Program::try_new(steps.clone()), Err(Error::Input(_))), "{steps:?}");
         }
         for step_deg in [0.0, -20.0, 50.0, 0.1, f64::NAN] {
             let step_rad = f64::to_radians(step_deg);
-            assert!(
-                Program::grid(&Grid {
-                    step_rad,
-                    ..Grid::default()
-                })
-                .is_err(),
-                "{step_deg} deg"
-            );
+            assert!(Program::grid(&Grid { step_rad, ..Grid::default() }).is_err(), "{step_deg} deg");
         }
         for max_rate_radps in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let random = RandomMoves {
-                max_rate_radps,
-                ..RandomMoves::default()
-            };
+            let random = RandomMoves { max_rate_radps, ..RandomMoves::default() };
             assert!(Program::random(&random, 1).is_err(), "{max_rate_radps} rad/s");
         }
     }

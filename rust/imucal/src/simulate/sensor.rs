@@ -25,11 +25,7 @@ pub(super) struct Sampler<'a> {
 impl<'a> Sampler<'a> {
     /// `noise` has one generator per axis.
     pub(super) fn new(sensor: &'a Sensor, rate_hz: f64, noise: [ChaCha8Rng; 3]) -> Self {
-        Self {
-            sensor,
-            noise_std: sensor.noise_density * rate_hz.sqrt(),
-            noise,
-        }
+        Self { sensor, noise_std: sensor.noise_density * rate_hz.sqrt(), noise }
     }
 
     /// The next sample.

@@ -51,12 +51,7 @@ impl Converter {
 impl Sensor {
     /// Neither error nor noise.
     pub fn ideal() -> Self {
-        Self {
-            sensitivity: Matrix3::identity(),
-            bias: Vector3::zeros(),
-            noise_density: 0.0,
-            converter: None,
-        }
+        Self { sensitivity: Matrix3::identity(), bias: Vector3::zeros(), noise_density: 0.0, converter: None }
     }
 
     /// Refuses what no sensor has; `name` is for the message.
@@ -66,10 +61,7 @@ impl Sensor {
             return input("sensitivity and bias need finite entries".to_owned());
         }
         if !(self.noise_density.is_finite() && self.noise_density >= 0.0) {
-            return input(format!(
-                "noise_density is {}: zero or more is needed",
-                self.noise_density
-            ));
+            return input(format!("noise_density is {}: zero or more is needed", self.noise_density));
         }
         match self.converter {
             Some(Converter { lsb, .. }) if !(lsb.is_finite() && lsb > 0.0) => {
@@ -86,10 +78,7 @@ impl Sensor {
 impl Unit {
     /// Neither error nor noise.
     pub fn ideal() -> Self {
-        Self {
-            accelerometer: Sensor::ideal(),
-            gyroscope: Sensor::ideal(),
-        }
+        Self { accelerometer: Sensor::ideal(), gyroscope: Sensor::ideal() }
     }
 
     /// The paper's unit (Tables 1 and 2): NXP FXOS8700CQ and FXAS21002CQ, with datasheet noise and counts.
@@ -110,19 +99,13 @@ impl Unit {
                 ),
                 bias: Vector3::new(-0.0427, 0.0241, 0.0402) * STANDARD_GRAVITY_MPS2,
                 noise_density: 126e-6 * STANDARD_GRAVITY_MPS2,
-                converter: Some(Converter {
-                    lsb: 2.0 * STANDARD_GRAVITY_MPS2 / 8192.0,
-                    bits: 14,
-                }),
+                converter: Some(Converter { lsb: 2.0 * STANDARD_GRAVITY_MPS2 / 8192.0, bits: 14 }),
             },
             gyroscope: Sensor {
                 sensitivity: misalignment * scale,
                 bias: Vector3::new(-0.0350, 0.0042, 0.0010),
                 noise_density: 0.025_f64.to_radians(),
-                converter: Some(Converter {
-                    lsb: 0.015625_f64.to_radians(),
-                    bits: 16,
-                }),
+                converter: Some(Converter { lsb: 0.015625_f64.to_radians(), bits: 16 }),
             },
         }
     }
@@ -144,10 +127,7 @@ mod tests {
     #[test]
     fn the_papers_unit_has_the_printed_figures() {
         let unit = Unit::paper();
-        assert_eq!(
-            unit.accelerometer.sensitivity,
-            unit.accelerometer.sensitivity.transpose()
-        );
+        assert_eq!(unit.accelerometer.sensitivity, unit.accelerometer.sensitivity.transpose());
         // Row 1 of Table 2: the misalignments times the scales of the columns.
         assert!((unit.gyroscope.sensitivity[(0, 1)] - 0.0094 * 1.0309).abs() < 1e-15);
         assert!((unit.gyroscope.sensitivity[(1, 0)] + 0.0086 * 0.9771).abs() < 1e-15);
@@ -161,22 +141,10 @@ mod tests {
     #[test]
     fn sensors_that_cannot_be_are_refused() {
         let bad = [
-            Sensor {
-                noise_density: -1.0,
-                ..Sensor::ideal()
-            },
-            Sensor {
-                bias: Vector3::new(f64::NAN, 0.0, 0.0),
-                ..Sensor::ideal()
-            },
-            Sensor {
-                converter: Some(Converter { lsb: 0.0, bits: 16 }),
-                ..Sensor::ideal()
-            },
-            Sensor {
-                converter: Some(Converter { lsb: 1.0, bits: 0 }),
-                ..Sensor::ideal()
-            },
+            Sensor { noise_density: -1.0, ..Sensor::ideal() },
+            Sensor { bias: Vector3::new(f64::NAN, 0.0, 0.0), ..Sensor::ideal() },
+            Sensor { converter: Some(Converter { lsb: 0.0, bits: 16 }), ..Sensor::ideal() },
+            Sensor { converter: Some(Converter { lsb: 1.0, bits: 0 }), ..Sensor::ideal() },
         ];
         for sensor in bad {
             let message = sensor.check("gyroscope").unwrap_err().to_string();
