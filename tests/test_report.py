@@ -139,6 +139,11 @@ def test_judgement_table_shows_a_dash_for_what_is_not_known():
     assert page.text.endswith("rms error, m/s² - 0.00042")
 
 
+def test_parameter_without_a_sigma_has_none():
+    page = Page(report.parameter_table([{"name": "b", "value": 0.25, "std": None, "unit": "1"}], {"b": 0.5}))
+    assert page.text.endswith("b 0.25 - 1 0.5 -")
+
+
 @pytest.mark.parametrize(
     ("value", "std", "text"),
     [

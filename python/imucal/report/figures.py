@@ -83,6 +83,8 @@ def carried_gravity_figure(
     )
     figure.update_yaxes(title_text=f"gravity along {axis}, m/s²", row=1, col=1)
     figure.update_yaxes(title_text="difference, m/s²", row=2, col=1)
+    figure.update_yaxes(automargin=True, title_standoff=10)
+    figure.data[3].showlegend = False
     figure.update_xaxes(title_text="time, s", row=2, col=1)
     return _styled(figure)
 

@@ -65,7 +65,7 @@ def _section_html(section: Section) -> str:
 
 def _figure_html(figure: Figure, caption: str) -> str:
     plot = figure.to_html(
-        full_html=False, include_plotlyjs=False, config={"responsive": True, "displaylogo": False}
+        full_html=False, include_plotlyjs=False, config={"responsive": True, "displayModeBar": False}
     )
     return f"<figure>\n<figcaption>{escape(caption)}</figcaption>\n{plot}\n</figure>"
 
@@ -115,7 +115,7 @@ h2 { font-size: 1.2rem; margin-top: 2rem; border-bottom: 1px solid var(--line); 
 .table { overflow-x: auto; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .9rem; }
 th, td { padding: .2rem .7rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
-th:first-child { text-align: left; font-weight: normal; }
+th:first-child { text-align: left; font-weight: normal; white-space: normal; }
 thead th, thead th:first-child { font-weight: 600; }
 figure { margin: 1.5rem 0; }
 figcaption { font-size: .9rem; margin-bottom: .5rem; }
@@ -127,6 +127,5 @@ figcaption { font-size: .9rem; margin-bottom: .5rem; }
   main { max-width: none; padding: 0; }
   figure, tr { break-inside: avoid; }
   h2 { break-after: avoid; }
-  .modebar { display: none; }
 }
 """

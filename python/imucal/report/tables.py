@@ -11,6 +11,8 @@ JUDGEMENTS = {
     "gravity_norm_rms_mps2": "norm of gravity at rest, rms error, m/s²",
     "gravity_direction_rms_deg": "direction of gravity carried over one move, rms error, deg",
     "chi2_per_dof": "chi² per degree of freedom (1 = noise alone)",
+    "rests": "rests judged",
+    "moves": "moves judged",
 }
 
 
@@ -32,8 +34,8 @@ def parameter_table(parameters: Iterable[Mapping[str, Any]], truth: Mapping[str,
     """Value, one sigma and unit of every parameter; beside the truth where it is known.
 
     Args:
-        parameters: One mapping per parameter with `name`, `value`, `std` and `unit`, as in
-            `imucal calibrate --json`.
+        parameters: One mapping per parameter with `name`, `value`, `std` (None: not known) and `unit`,
+            as in `imucal calibrate --json`.
         truth: True value by parameter name, in the same units (simulated recordings).
     """
     header = ["parameter", "value", "1 σ", "unit"]
@@ -41,15 +43,16 @@ def parameter_table(parameters: Iterable[Mapping[str, Any]], truth: Mapping[str,
         header += ["truth", "error / σ"]
     rows = []
     for parameter in parameters:
-        name, value, std = str(parameter["name"]), float(parameter["value"]), float(parameter["std"])
-        row = [name, rounded_to(value, std), rounded_to(std, std), str(parameter["unit"])]
+        name, value, std = str(parameter["name"]), float(parameter["value"]), parameter["std"]
+        sigma = math.nan if std is None else float(std)
+        row = [name, rounded_to(value, sigma), _sigma(sigma), str(parameter["unit"])]
         if truth is not None:
-            row += _beside_truth(value, std, truth.get(name))
+            row += _beside_truth(value, sigma, truth.get(name))
         rows.append(row)
     return table(header, rows)
 
 
-def judgement_table(before: Mapping[str, float], after: Mapping[str, float]) -> str:
+def judgement_table(before: Mapping[str, float | None], after: Mapping[str, float | None]) -> str:
     """What a recording says about the unit, uncalibrated and calibrated.
 
     Args:
@@ -79,5 +82,9 @@ def _beside_truth(value: float, std: float, truth: float | None) -> list[str]:
     return [rounded_to(truth, std), f"{(value - truth) / std:+.1f}" if std > 0.0 else "-"]
 
 
+def _sigma(std: float) -> str:
+    return rounded_to(std, std) if math.isfinite(std) else "-"
+
+
 def _significant(value: float | None) -> str:
-    return "-" if value is None else f"{value:.4g}"
+    return f"{value:.4g}" if value is not None and math.isfinite(value) else "-"
