@@ -92,7 +92,7 @@ def carried_gravity_figure(
 def _styled(figure: Figure) -> Figure:
     return figure.update_layout(
         template="none",
-        height=520,
+        height=420,
         margin={"l": 60, "r": 10, "t": 10, "b": 50},
         legend={"orientation": "h", "yanchor": "bottom", "y": 1.01, "x": 0},
         paper_bgcolor="rgba(0,0,0,0)",

@@ -125,6 +125,7 @@ figcaption { font-size: .9rem; margin-bottom: .5rem; }
 .js-plotly-plot .hoverlayer text { fill: #ffffff !important; }
 @media print {
   main { max-width: none; padding: 0; }
+  figure { margin: .5rem 0; }
   figure, tr { break-inside: avoid; }
   h2 { break-after: avoid; }
 }
