@@ -72,7 +72,7 @@ dist/.wheel: $(SOURCES) | $(VENV)/.tools
 # pip keeps an installed package of the same version, so the old one is removed first.
 $(VENV)/.installed: dist/.wheel $(VENV)/.tools
 	$(call say,Install the wheel)
-	@$(PY) -m pip uninstall --quiet --yes imucal-rs
+	@$(PY) -m pip uninstall -qq --yes imucal-rs
 	$(PY) -m pip install --quiet "$$(echo dist/*.whl)[report]"
 	@touch $@
 

@@ -1,4 +1,4 @@
-"""Run by `make test-sdist` in an environment that holds nothing but the package built from its source distribution.
+"""Run by `make test-sdist` in an environment that holds the package built from its sdist, and nothing else.
 
 Plain Python, because pytest is not there.
 """
