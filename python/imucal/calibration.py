@@ -3,7 +3,7 @@
     measured = T true + bias          corrected = T^-1 (measured - bias)
 
 for the accelerometer and for the gyroscope; T is `sensitivity`, the product of scale factors and
-misalignment. The file (schema imucal.calibration/1) holds every number in full: reading it gives the same bits.
+misalignment. The file (schema imucal.calibration/1) holds every number in full: reading gives the same bits.
 """
 
 from __future__ import annotations
@@ -173,8 +173,8 @@ class Calibration:
         )
         return corrected
 
-    def apply_recording(self, recording: Recording) -> Recording:
-        """The recording in SI units and the body frame; InputError if its raw units are not the right ones."""
+    def require_raw_units(self, recording: Recording) -> None:
+        """Refuse a recording of other raw units than this calibration expects, with InputError."""
         for sensor, expected, found in (
             ("accelerometer", self.accel_unit, recording.accel_unit),
             ("gyroscope", self.gyro_unit, recording.gyro_unit),
@@ -184,6 +184,10 @@ class Calibration:
                     f"{recording.name}: the {sensor} is in {found} but the calibration expects {expected}: "
                     "give the recording in the units that the unit was calibrated in"
                 )
+
+    def apply_recording(self, recording: Recording) -> Recording:
+        """The recording in SI units and the body frame; InputError for other raw units than expected."""
+        self.require_raw_units(recording)
         rate, force = self.apply(recording.angular_rate, recording.specific_force)
         return Recording(
             recording.time_s,
@@ -318,7 +322,7 @@ def _provenance(node: Node) -> Provenance:
 
 
 def _require_same_parameters(node: Node, calibration: Calibration) -> None:
-    """The table repeats the matrices for readers; a file in which they differ was edited in one place only."""
+    """The table repeats the matrices for readers; a file in which they differ was edited by halves."""
     items = node.items()
     if len(items) != len(calibration.parameters):
         raise FormatError(

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.atomic import write_text_atomically
+from imucal.atomic import write_text
 from imucal.errors import FormatError, InputError
 from imucal.io.source import open_file
 
-__all__ = ["Node", "plain", "read_json", "to_json", "write_json"]
+__all__ = ["Node", "plain", "read_json", "to_json", "without_nan", "write_json"]
 
 
 def plain(value: Any) -> Any:
@@ -34,6 +34,16 @@ def plain(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [plain(item) for item in value]
     return value
+
+
+def without_nan(value: Any) -> Any:
+    """`value` made plain, NaN and infinity made null: for reports, where a figure may not exist."""
+    value = plain(value)
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: without_nan(item) for key, item in value.items()}
+    return [without_nan(item) for item in value] if isinstance(value, list) else value
 
 
 def to_json(document: Any) -> str:
@@ -57,7 +67,7 @@ def to_json(document: Any) -> str:
 
 def write_json(document: Any, path: str | os.PathLike[str]) -> None:
     """Write a document as JSON, whole or not at all; InputError if it cannot be written."""
-    write_text_atomically(path, to_json(document) + "\n")
+    write_text(path, to_json(document) + "\n")
 
 
 def read_json(path: str | os.PathLike[str]) -> Node:
