@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from imucal.calibration import Calibration, Frame, Parameter, Provenance, Triad
+from imucal.calibration import Calibration, Frame, Parameter, Provenance, Triad, as_frame
 from imucal.document import without_nan
 from imucal.errors import InputError
 from imucal.evaluate import MIN_REST_S, Evaluation, evaluate, figures_text, poor_figures, reported
@@ -65,6 +65,11 @@ class CalibrationResult:
         """Figures on the control recordings, None without any."""
         return self.calibration.control_set
 
+    @property
+    def control_before(self) -> Mapping[str, Any] | None:
+        """Figures on the control recordings of the unit as it comes, None without any."""
+        return None if self.control is None else self.control.before
+
     def summary(self) -> str:
         """The parameters, the figures and the verdict as plain text."""
         lines = ["parameter                        value        1 sigma  unit"]
@@ -104,7 +109,7 @@ def calibrate(
     *,
     control: Recording | Sequence[Recording] | None = None,
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
-    frame: Frame = "symmetric",
+    frame: Frame | str = "symmetric",
     min_rest_s: float = MIN_REST_S,
     exclude_saturated: bool = False,
     accel_nominal: float | None = None,
@@ -129,9 +134,10 @@ def calibrate(
     from imucal import _core
 
     unit_data = _of_one_unit(recordings)
+    body_frame = as_frame(frame)
     options = {
         "gravity_mps2": gravity_mps2,
-        "frame": frame,
+        "frame": body_frame,
         "min_rest_s": min_rest_s,
         "exclude_saturated": exclude_saturated,
         "accel_nominal": accel_nominal,
@@ -146,7 +152,7 @@ def calibrate(
         return Calibration(
             accelerometer=Triad(outcome["accel_sensitivity"], outcome["accel_bias"]),
             gyroscope=Triad(outcome["gyro_sensitivity"], outcome["gyro_bias"]),
-            frame=frame,
+            frame=body_frame,
             accel_unit=unit_data[0].accel_unit,
             gyro_unit=unit_data[0].gyro_unit,
             gravity_mps2=gravity_mps2,

@@ -21,12 +21,13 @@ from imucal.document import Node, plain, read_json, write_json
 from imucal.errors import FormatError, InputError
 from imucal.recording import AccelUnit, GyroUnit, Recording, Source
 
-__all__ = ["Calibration", "Frame", "Parameter", "Provenance", "Triad"]
+__all__ = ["Calibration", "Frame", "Parameter", "Provenance", "Triad", "as_frame"]
 
 SCHEMA: Final = "imucal.calibration/1"
 MODEL: Final = "measured = T true + bias; corrected = T^-1 (measured - bias)"
 
 Frame: TypeAlias = Literal["symmetric", "triangular"]
+FRAMES: Final[tuple[Frame, ...]] = ("symmetric", "triangular")
 BODY_FRAME: Final[dict[str, str]] = {
     "symmetric": "right-handed orthogonal frame closest to the accelerometer's three axes: its T is "
     "symmetric positive definite; a still sensor reads +g on the axis that points up",
@@ -38,6 +39,14 @@ ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "triangular": ("xx", "yy", "zz", "yx", "zx", "zy"),
 }
 GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
+
+
+def as_frame(name: str) -> Frame:
+    """The body frame of that name; InputError if there is none."""
+    for frame in FRAMES:
+        if name == frame:
+            return frame
+    raise InputError(f"frame is {name!r}: give symmetric or triangular")
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +119,7 @@ class Calibration:
     serial_number: str | None = None
 
     def __post_init__(self) -> None:
-        if self.frame not in get_args(Frame):
-            raise InputError(f"frame is {self.frame!r}: give symmetric or triangular")
+        as_frame(self.frame)
         if not (np.isfinite(self.gravity_mps2) and self.gravity_mps2 > 0):
             raise InputError(f"gravity_mps2 is {self.gravity_mps2}: a positive number is needed")
         if self.covariance is not None:
@@ -267,7 +275,7 @@ def _from_node(node: Node) -> Calibration:
             f"{node.file}: $.effects[0] is not known to this version of imucal: install a newer one"
         )
     units = node.get("raw_units")
-    frame = node.get("accelerometer").get("frame").text(get_args(Frame))
+    frame = node.get("accelerometer").get("frame").text(FRAMES)
     covariance = node.get("covariance")
     names: tuple[str, ...] = ()
     if covariance.value is not None:
@@ -276,7 +284,7 @@ def _from_node(node: Node) -> Calibration:
     calibration = Calibration(
         accelerometer=_triad(node.get("accelerometer")),
         gyroscope=_triad(node.get("gyroscope")),
-        frame="symmetric" if frame == "symmetric" else "triangular",
+        frame=as_frame(frame),
         accel_unit="lsb" if units.get("accelerometer").text(get_args(AccelUnit)) == "lsb" else "m/s^2",
         gyro_unit="lsb" if units.get("gyroscope").text(get_args(GyroUnit)) == "lsb" else "rad/s",
         gravity_mps2=node.get("gravity_mps2").number(),

@@ -6,7 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Triad
@@ -94,9 +94,9 @@ class Simulation:
 
 
 def simulate(
-    program: Literal["random", "grid"] | Program | str | os.PathLike[str] = "random",
+    program: Program | str | os.PathLike[str] = "random",
     *,
-    unit: Literal["paper", "ideal"] = "paper",
+    unit: str = "paper",
     rate_hz: float = 200.0,
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
     seed: int,
