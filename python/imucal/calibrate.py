@@ -9,16 +9,42 @@ from typing import Any
 
 import numpy as np
 
+from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Frame, Parameter, Provenance, Triad, as_frame
 from imucal.document import without_nan
 from imucal.errors import InputError
-from imucal.evaluate import MIN_REST_S, Evaluation, evaluate, figures_text, poor_figures, reported
+from imucal.evaluate import (
+    FIGURES,
+    MIN_REST_S,
+    MOVE,
+    REST,
+    THRESHOLD,
+    Evaluation,
+    evaluate,
+    fields_of,
+    figures_text,
+    poor_figures,
+    reported,
+)
 from imucal.finding import Finding
 from imucal.recording import Recording, Source
 
 __all__ = ["CalibrationResult", "calibrate"]
 
 STANDARD_GRAVITY_MPS2 = 9.80665
+FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the library is told; it reads the fields by name."""
+
+    gravity_mps2: float
+    frame: Frame
+    min_rest_s: float
+    exclude_saturated: bool
+    accel_nominal: float | None
+    gyro_nominal: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,32 +161,38 @@ def calibrate(
 
     unit_data = _of_one_unit(recordings)
     body_frame = as_frame(frame)
-    options = {
-        "gravity_mps2": gravity_mps2,
-        "frame": body_frame,
-        "min_rest_s": min_rest_s,
-        "exclude_saturated": exclude_saturated,
-        "accel_nominal": accel_nominal,
-        "gyro_nominal": gyro_nominal,
-    }
-    outcome = _core.calibrate(unit_data, **options)
-    figures = without_nan(outcome["figures"])
-    held_out = None if folds is None else _core.cross_validate(unit_data, folds=folds, **options)
+    options = Options(
+        float(gravity_mps2), body_frame, float(min_rest_s), exclude_saturated, accel_nominal, gyro_nominal
+    )
+    outcome = _core.calibrate(unit_data, options)
+    figures = fields_of(outcome.figures, FIGURES)
+    held_out = None
+    if folds is not None:
+        rms_deg, error_deg = _core.cross_validate(unit_data, options, folds)
+        held_out = {
+            "folds": folds,
+            "gravity_direction_rms_deg": rms_deg,
+            "direction_error_deg": without_nan(error_deg),
+        }
     judges = _as_list(control)
 
     def made(control_set: Mapping[str, Any] | None) -> Calibration:
         return Calibration(
-            accelerometer=Triad(outcome["accel_sensitivity"], outcome["accel_bias"]),
-            gyroscope=Triad(outcome["gyro_sensitivity"], outcome["gyro_bias"]),
+            accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
+            gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
             frame=body_frame,
             accel_unit=unit_data[0].accel_unit,
             gyro_unit=unit_data[0].gyro_unit,
             gravity_mps2=gravity_mps2,
-            covariance=outcome["covariance"],
-            covariance_names=tuple(outcome["names"]),
-            noise=outcome["noise"],
+            covariance=outcome.covariance,
+            covariance_names=tuple(outcome.names),
+            noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
             temperature_range_degc=_temperature_range(unit_data),
-            fit=outcome["fit"],
+            fit={
+                "accelerometer": fields_of(outcome.accelerometer_fit, FIT),
+                "gyroscope": fields_of(outcome.gyroscope_fit, FIT),
+                "rest_thresholds": [fields_of(threshold, THRESHOLD) for threshold in outcome.thresholds],
+            },
             calibration_set=figures,
             control_set=control_set,
             provenance=Provenance(
@@ -179,9 +211,9 @@ def calibrate(
     reasons = [*poor_figures("calibration set", figures), *(judged.reasons if judged else ())]
     return CalibrationResult(
         calibration=calibration,
-        rests=reported(outcome["rests"], unit_data),
-        moves=reported(outcome["moves"], unit_data),
-        findings=tuple(outcome["findings"]),
+        rests=reported(outcome.rests, REST, unit_data),
+        moves=reported(outcome.moves, MOVE, unit_data),
+        findings=tuple(outcome.findings),
         held_out=held_out,
         control=judged,
         reasons=tuple(reasons),
@@ -207,6 +239,18 @@ def _of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]
                 f"{first.accel_unit} and {first.gyro_unit}: recordings of one unit need the same raw units"
             )
     return unit_data
+
+
+def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, float]:
+    """White-noise densities by name, continuous, one-sided."""
+    return {
+        f"{name}_{axis}_{unit}_per_sqrt_hz": float(density)
+        for name, unit, densities in (
+            ("accel_noise_density", "mps2", accel_density),
+            ("gyro_noise_density", "radps", gyro_density),
+        )
+        for axis, density in zip("xyz", densities, strict=True)
+    }
 
 
 def _temperature_range(recordings: Sequence[Recording]) -> tuple[float, float] | None:

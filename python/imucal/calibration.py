@@ -171,14 +171,7 @@ class Calibration:
 
         rate = as_rows(angular_rate, "angular_rate", 3)
         force = as_rows(specific_force, "specific_force", 3, len(rate))
-        corrected: tuple[FloatArray, FloatArray] = _core.correct(
-            self.accelerometer.sensitivity,
-            self.accelerometer.bias,
-            self.gyroscope.sensitivity,
-            self.gyroscope.bias,
-            rate,
-            force,
-        )
+        corrected: tuple[FloatArray, FloatArray] = _core.correct(self, rate, force)
         return corrected
 
     def require_raw_units(self, recording: Recording) -> None:

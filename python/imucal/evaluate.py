@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from imucal.calibration import Calibration
+import numpy as np
+
+from imucal.calibration import Calibration, Triad
 from imucal.document import without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
@@ -18,6 +20,32 @@ MIN_REST_S: Final = 1.0
 
 # Residuals ten times what noise explains: then something else than noise rules the result.
 POOR_CHI2_PER_DOF: Final = 100.0
+
+FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
+REST: Final = (
+    "first",
+    "end",
+    "start_s",
+    "end_s",
+    "unsteadiness",
+    "mean_specific_force",
+    "mean_angular_rate",
+    "norm_error_mps2",
+    "norm_sigma_mps2",
+    "excluded",
+)
+MOVE: Final = (
+    "from_rest",
+    "to_rest",
+    "first",
+    "last",
+    "duration_s",
+    "direction_error_deg",
+    "direction_sigma_deg",
+    "excluded",
+)
+THRESHOLD: Final = ("factor", "stable_from", "stable_to", "window_s", "noise_floor")
+CARRIED: Final = ("time_s", "measured", "uncalibrated", "calibrated")
 
 FIGURE_TEXT: Final = {
     "gravity_norm_rms_mps2": ("|f| - g", "m/s^2 rms"),
@@ -82,24 +110,52 @@ def evaluate(
         raise InputError("there is no recording to judge on: give at least one")
     for recording in judges:
         calibration.require_raw_units(recording)
-    outcome = _core.evaluate(calibration, judges, min_rest_s=min_rest_s)
-    figures = without_nan(outcome["figures"])
+    uncalibrated = as_it_comes(calibration)
+    gravity = calibration.gravity_mps2
+    before = _core.evaluate(uncalibrated, uncalibrated.gyroscope, judges, gravity, min_rest_s)
+    outcome = _core.evaluate(calibration, uncalibrated.gyroscope, judges, gravity, min_rest_s)
+    figures = fields_of(outcome.figures, FIGURES)
     return Evaluation(
         figures=figures,
-        before=without_nan(outcome["before"]),
-        rests=reported(outcome["rests"], judges),
-        moves=reported(outcome["moves"], judges),
-        carried=tuple(outcome["carried"]),
-        findings=tuple(outcome["findings"]),
+        before=fields_of(before.figures, FIGURES),
+        rests=reported(outcome.rests, REST, judges),
+        moves=reported(outcome.moves, MOVE, judges),
+        carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
+        findings=tuple(outcome.findings),
         reasons=tuple(poor_figures("control set", figures)),
     )
 
 
+def as_it_comes(calibration: Calibration) -> Calibration:
+    """The unit without a calibration, for comparison.
+
+    In SI units its numbers are taken as they are. Counts need one sensitivity and one zero point at
+    least: the mean ones of the three axes.
+    """
+
+    def nominal(triad: Triad, counts: bool) -> Triad:
+        if not counts:
+            return Triad(np.eye(3), np.zeros(3))
+        scale = np.cbrt(np.abs(np.linalg.det(triad.sensitivity)))
+        return Triad(scale * np.eye(3), np.full(3, triad.bias.mean()))
+
+    return replace(
+        calibration,
+        accelerometer=nominal(calibration.accelerometer, calibration.accel_unit == "lsb"),
+        gyroscope=nominal(calibration.gyroscope, calibration.gyro_unit == "lsb"),
+    )
+
+
+def fields_of(item: object, names: Sequence[str]) -> dict[str, Any]:
+    """Fields of a result of the library as a mapping; what does not exist (NaN) is None."""
+    return {name: without_nan(getattr(item, name)) for name in names}
+
+
 def reported(
-    items: Sequence[Mapping[str, Any]], recordings: Sequence[Recording]
+    items: Sequence[Any], names: Sequence[str], recordings: Sequence[Recording]
 ) -> tuple[Mapping[str, Any], ...]:
-    """Rests or moves with the name of their recording instead of its index."""
-    return tuple({**item, "recording": recordings[item["recording"]].name} for item in items)
+    """Rests or moves as mappings, with the name of their recording."""
+    return tuple({"recording": recordings[item.recording].name, **fields_of(item, names)} for item in items)
 
 
 def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:

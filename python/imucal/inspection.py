@@ -6,8 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from imucal.calibrate import STANDARD_GRAVITY_MPS2, calibrate
 from imucal.document import without_nan
-from imucal.evaluate import MIN_REST_S
+from imucal.errors import ImucalError
+from imucal.evaluate import MIN_REST_S, THRESHOLD, fields_of
 from imucal.finding import Finding
 from imucal.recording import Recording
 
@@ -21,7 +23,8 @@ class Inspection:
     findings      everything the checks found; those of severity "error" stop a calibration
     rests         one mapping for each rest, in order of time
     threshold     how the rests were found: the threshold chosen and why; None without samples
-    undetermined  what the motion does not determine, and what to add; empty if all is determined
+    explanation   why that threshold, or why there is no rest
+    missing       what this recording alone does not determine, and what to add; None if nothing is missing
     """
 
     name: str
@@ -33,7 +36,8 @@ class Inspection:
     findings: tuple[Finding, ...]
     rests: tuple[Mapping[str, Any], ...]
     threshold: Mapping[str, Any] | None
-    undetermined: tuple[str, ...]
+    explanation: str
+    missing: str | None
 
     @property
     def usable(self) -> bool:
@@ -46,11 +50,16 @@ class Inspection:
         return {**document, "usable": self.usable}
 
 
-def inspect(recording: Recording, *, min_rest_s: float = MIN_REST_S) -> Inspection:
+def inspect(
+    recording: Recording,
+    *,
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+    min_rest_s: float = MIN_REST_S,
+) -> Inspection:
     """Check a recording, find its rests, and say what they determine; faults are findings, not errors."""
     from imucal import _core
 
-    seen = _core.inspect(recording, min_rest_s=min_rest_s)
+    seen = _core.inspect(recording, gravity_mps2, min_rest_s)
     return Inspection(
         name=recording.name,
         samples=len(recording),
@@ -58,8 +67,19 @@ def inspect(recording: Recording, *, min_rest_s: float = MIN_REST_S) -> Inspecti
         rate_hz=recording.rate_hz,
         accel_unit=recording.accel_unit,
         gyro_unit=recording.gyro_unit,
-        findings=tuple(seen["findings"]),
-        rests=tuple(seen["rests"]),
-        threshold=seen["threshold"],
-        undetermined=tuple(seen["undetermined"]),
+        findings=tuple(seen.findings),
+        rests=tuple({"start_s": start, "end_s": end} for start, end in seen.rests),
+        threshold=None if seen.threshold is None else fields_of(seen.threshold, THRESHOLD),
+        explanation=seen.explanation,
+        missing=_missing(recording, gravity_mps2, min_rest_s),
     )
+
+
+def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> str | None:
+    """Whether a calibration succeeds is the one sure test of what a recording determines."""
+    try:
+        # Faults are findings already; here only what the rest of the data determines is asked for.
+        calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
+    except ImucalError as error:
+        return str(error)
+    return None

@@ -18,7 +18,6 @@ __all__ = ["Program", "Simulation", "Step", "Truth", "simulate"]
 
 SCHEMA: Final = "imucal.program/1"
 STANDARD_GRAVITY_MPS2: Final = 9.80665
-PROGRAM_NAMES: Final = ("random", "grid")
 UNIT_NAMES: Final = ("paper", "ideal")
 
 
@@ -36,6 +35,25 @@ class Program:
     """What the stand's motors are told to do: a list of steps, from all motors at zero."""
 
     steps: tuple[Step, ...]
+
+    @staticmethod
+    def random(
+        *, seed: int, moves: int = 45, max_rate_dps: float = 120.0, move_s: float = 2.0, hold_s: float = 5.0
+    ) -> Program:
+        """The paper's gyroscope program: random turns of all motors, a hold before, between and after them.
+
+        max_rate_dps  bound of each motor's mean rate over a turn, deg/s
+        """
+        from imucal import _core
+
+        return _of_steps(_core.random_program(moves, math.radians(max_rate_dps), move_s, hold_s, seed))
+
+    @staticmethod
+    def grid(*, step_deg: float = 20.0, move_s: float = 1.0, hold_s: float = 5.0) -> Program:
+        """The paper's accelerometer program: motor 3 through full turns, motor 2 through half a turn."""
+        from imucal import _core
+
+        return _of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Program:
@@ -57,6 +75,16 @@ class Program:
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the program file, whole or not at all."""
         write_json({"schema": SCHEMA, "steps": self.steps}, path)
+
+
+def _of_steps(steps: Sequence[tuple[Sequence[float], float, float]]) -> Program:
+    """A program of the library's steps, angles in rad."""
+    return Program(
+        tuple(
+            Step((math.degrees(first), math.degrees(second), math.degrees(third)), move_s, hold_s)
+            for (first, second, third), move_s, hold_s in steps
+        )
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,30 +144,29 @@ def simulate(
         raise InputError(f"the unit {unit!r} is not known: give one of {', '.join(UNIT_NAMES)}")
     if not 0 <= seed < 2**64:
         raise InputError(f"seed is {seed}: a whole number from 0 to 2^64 - 1 is needed")
-    named = isinstance(program, str) and program in PROGRAM_NAMES
-    if not named and not isinstance(program, Program):
+    if program == "random":
+        program = Program.random(seed=seed)
+    elif program == "grid":
+        program = Program.grid()
+    elif not isinstance(program, Program):
         program = Program.read(program)
-    steps: str | Sequence[tuple[tuple[float, ...], float, float]]
-    if isinstance(program, Program):
-        steps = [(tuple(map(math.radians, s.turn_deg)), s.move_s, s.hold_s) for s in program.steps]
-    else:
-        steps = str(program)
-    run = _core.simulate(steps, unit=unit, rate_hz=rate_hz, gravity_mps2=gravity_mps2, seed=seed)
+    steps = [(tuple(map(math.radians, step.turn_deg)), step.move_s, step.hold_s) for step in program.steps]
+    run = _core.simulate(steps, unit, float(rate_hz), float(gravity_mps2), seed)
     recording = Recording(
-        run["time_s"],
-        run["specific_force"],
-        run["angular_rate"],
-        stand_rad=run["stand_rad"],
+        run.time_s,
+        run.specific_force,
+        run.angular_rate,
+        stand_rad=run.stand_rad,
         name=f"simulated-{seed}",
     )
     truth = Truth(
         Calibration(
-            Triad(run["accel_sensitivity"], run["accel_bias"]),
-            Triad(run["gyro_sensitivity"], run["gyro_bias"]),
+            Triad(run.accel_sensitivity, run.accel_bias),
+            Triad(run.gyro_sensitivity, run.gyro_bias),
             gravity_mps2=gravity_mps2,
         ),
-        run["true_specific_force"],
-        run["true_angular_rate"],
-        tuple((float(start), float(end)) for start, end in run["rests"]),
+        run.true_specific_force,
+        run.true_angular_rate,
+        tuple((float(start), float(end)) for start, end in run.rests),
     )
     return Simulation(recording, truth)

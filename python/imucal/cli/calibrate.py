@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from imucal.cli.output import JsonPath, MinRest, Output
+from imucal.cli.output import Gravity, JsonPath, MinRest, Output
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.errors import InputError
 
@@ -26,9 +26,7 @@ def calibrate(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="PATH", help="Calibration file to write.")
     ] = None,
-    gravity: Annotated[
-        float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")
-    ] = 9.80665,
+    gravity: Gravity = 9.80665,
     frame: Annotated[str, typer.Option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
     min_rest_s: MinRest = 1.0,
     exclude_saturated: Annotated[

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import typer
 
-from imucal.cli.output import POOR_VERDICT, JsonPath, MinRest, Output
+from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, MinRest, Output
 from imucal.cli.reading import Files, Reading, reading_options
 
 __all__ = ["inspect"]
 
 
 @reading_options
-def inspect(recordings: Files, reading: Reading, min_rest_s: MinRest = 1.0, json: JsonPath = None) -> None:
+def inspect(
+    recordings: Files,
+    reading: Reading,
+    gravity: Gravity = 9.80665,
+    min_rest_s: MinRest = 1.0,
+    json: JsonPath = None,
+) -> None:
     """Show rate, faults and rests of recordings, and what they can and cannot determine.
 
     Ends with 2 if a calibration would refuse one of them.
@@ -20,7 +26,9 @@ def inspect(recordings: Files, reading: Reading, min_rest_s: MinRest = 1.0, json
     """
     import imucal
 
-    inspections = [imucal.inspect(r, min_rest_s=min_rest_s) for r in reading.each(recordings)]
+    inspections = [
+        imucal.inspect(r, gravity_mps2=gravity, min_rest_s=min_rest_s) for r in reading.each(recordings)
+    ]
     out = Output(json)
     out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
     for seen in inspections:
@@ -41,8 +49,13 @@ def inspect(recordings: Files, reading: Reading, min_rest_s: MinRest = 1.0, json
                     for index, rest in enumerate(seen.rests)
                 ),
             )
+        out.line(seen.explanation)
         out.findings(seen.findings)
-        for sentence in seen.undetermined:
-            out.line(f"not determined: {sentence}")
+        if not seen.usable:
+            out.line("a calibration refuses this recording")
+        elif seen.missing is not None:
+            out.line(f"not enough for a calibration: {seen.missing}")
+        else:
+            out.line("this recording determines all parameters")
     if not all(seen.usable for seen in inspections):
         raise typer.Exit(POOR_VERDICT)

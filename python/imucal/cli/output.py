@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from imucal.calibration import Parameter
     from imucal.finding import Finding
 
-__all__ = ["JsonPath", "MinRest", "Output"]
+__all__ = ["Gravity", "JsonPath", "MinRest", "Output"]
 
 POOR_VERDICT = 2
 # Wide enough for every table when the output is a file or a pipe, where rich would assume 80 columns.
@@ -21,6 +21,7 @@ PIPE_WIDTH = 160
 JsonPath = Annotated[
     str | None, typer.Option("--json", metavar="PATH", help="Write the result as JSON; - is standard output.")
 ]
+Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
 MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest, s.")]
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.output import Gravity, JsonPath, Output
 
 __all__ = ["simulate"]
 
@@ -23,9 +23,7 @@ def simulate(
     ] = None,
     unit: Annotated[str, typer.Option("--unit", help="paper or ideal.")] = "paper",
     rate_hz: Annotated[float, typer.Option("--rate-hz", help="Sample rate.")] = 200.0,
-    gravity: Annotated[
-        float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")
-    ] = 9.80665,
+    gravity: Gravity = 9.80665,
     seed: Annotated[int, typer.Option("--seed", help="Of the noise and of the random program.")] = 1,
     json: JsonPath = None,
 ) -> None:
