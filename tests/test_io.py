@@ -86,7 +86,7 @@ def test_masked_values_become_nan():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (([0, 1], np.zeros((3, 3)), np.zeros((2, 3))), "specific_force has 3 rows but time_s has 2"),
+        (([0, 1], np.zeros((3, 3)), np.zeros((2, 3))), "specific_force has 3 rows but 2 are needed"),
         (([0, 1], np.zeros((2, 3)), np.zeros((2, 2))), r"angular_rate has the shape \(2, 2\)"),
         (([0, 1], np.zeros((3, 2)), np.zeros((2, 3))), "give its transpose"),
         (([0, 1], [["a"] * 3] * 2, np.zeros((2, 3))), "real numbers"),
@@ -258,7 +258,7 @@ def test_imu_tk_files_of_different_time_are_refused(tmp_path):
         imucal.FormatError, match=r"different time stamps at 1 samples, first at line 2: 1 and 1.5"
     ):
         imucal.read(accel, write_text(tmp_path, "0 1 2 3\n1.5 1 2 3\n", "gyro.mat"))
-    with pytest.raises(imucal.FormatError, match="has 2 samples but gyro.mat has 1"):
+    with pytest.raises(imucal.FormatError, match=r"has 2 samples but gyro.mat has 1"):
         imucal.read(accel, write_text(tmp_path, "0 1 2 3\n", "gyro.mat"))
 
 

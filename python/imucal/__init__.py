@@ -1,22 +1,62 @@
-"""Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference."""
+"""Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.
+
+    rec = imucal.read("run.csv")
+    result = imucal.calibrate(rec, control=imucal.read("control.csv"))
+    result.calibration.save("unit-0042.json")
+    rate, force = result.calibration.apply(rec.angular_rate, rec.specific_force)
+
+SI units, rows are samples, a still sensor reads +g on the axis that points up, measured = T true + bias.
+"""
 
 from __future__ import annotations
 
+from typing import Any
+
+from imucal.calibrate import CalibrationResult, calibrate
+from imucal.calibration import Calibration, Parameter, Provenance, Triad
 from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEnoughMotionError
+from imucal.evaluate import Evaluation, evaluate
 from imucal.finding import Finding, Place
+from imucal.inspection import Inspection, inspect
 from imucal.io import read, write
 from imucal.recording import Recording, Source
+from imucal.simulate import Program, Simulation, Step, Truth, simulate
 
 __all__ = [
+    "Calibration",
+    "CalibrationResult",
+    "Evaluation",
     "Finding",
     "FitError",
     "FormatError",
     "ImucalError",
     "InputError",
+    "Inspection",
     "NotEnoughMotionError",
+    "Parameter",
     "Place",
+    "Program",
+    "Provenance",
     "Recording",
+    "Simulation",
     "Source",
+    "Step",
+    "Triad",
+    "Truth",
+    "__version__",
+    "calibrate",
+    "evaluate",
+    "inspect",
     "read",
+    "simulate",
     "write",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    # Only what is used is loaded: `import imucal` needs numpy alone.
+    if name == "__version__":
+        from imucal._core import __version__
+
+        return __version__
+    raise AttributeError(f"module 'imucal' has no attribute {name!r}")

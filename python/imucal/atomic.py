@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from imucal.errors import InputError
 
-__all__ = ["write_atomically", "write_text_atomically"]
+__all__ = ["write_atomically", "write_text"]
 
 
 @contextmanager
@@ -54,7 +54,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         ) from error
 
 
-def write_text_atomically(path: str | os.PathLike[str], text: str) -> None:
+def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write `text` as UTF-8, the way `write_atomically` does."""
     with write_atomically(path) as file:
         file.write(text.encode())

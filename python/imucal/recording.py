@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from imucal.arrays import FloatArray, as_rows
 from imucal.errors import InputError
 
 __all__ = ["AccelUnit", "GyroUnit", "Recording", "Source"]
 
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
-FloatArray: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ class Recording:
                 raise InputError(f"{name}: {what} is {unit!r}: give one of {', '.join(known)}")
 
         def column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
-            return _column(values, f"{name}: {what}", width, rows)
+            return as_rows(values, f"{name}: {what}", width, rows)
 
         time = column(time_s, "time_s", None, None)
         rows = len(time)
@@ -152,35 +152,3 @@ class Recording:
             name=self.name,
             sources=self.sources,
         )
-
-
-def _column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
-    """`values` as a read-only C-contiguous float64 array of shape (rows,) or (rows, width)."""
-    shape = "(N,)" if width is None else f"(N, {width})"
-    try:
-        # asanyarray keeps a mask, which must not be lost: a masked value is no measurement.
-        array = np.asanyarray(values)
-        numeric = array.dtype.kind in "fiub" or array.size == 0
-        if numeric:
-            array = array.astype(np.float64, order="C", copy=False)
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{what} cannot be made an array: {error}: give real numbers, shape {shape}"
-        ) from None
-    if not numeric:
-        raise InputError(f"{what} has the type {array.dtype}: give real numbers, shape {shape}")
-    if isinstance(array, np.ma.MaskedArray):
-        array = array.filled(np.nan)
-    if width is not None and array.shape == (0,):
-        array = array.reshape(0, width)
-    if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):
-        hint = ": rows are samples, give its transpose" if array.ndim == 2 and array.shape[0] == width else ""
-        raise InputError(f"{what} has the shape {array.shape}, {shape} is needed{hint}")
-    if rows is not None and len(array) != rows:
-        raise InputError(
-            f"{what} has {len(array)} rows but time_s has {rows}: all columns need one row per sample"
-        )
-    # A view, so that the caller's own array stays writable.
-    view = np.ascontiguousarray(array).view(np.ndarray).view()
-    view.flags.writeable = False
-    return view

@@ -1,0 +1,69 @@
+"""The one way in for arrays: whatever the caller has becomes C-contiguous float64, rows are samples."""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from imucal.errors import InputError
+
+__all__ = ["FloatArray", "as_matrix", "as_rows"]
+
+FloatArray: TypeAlias = NDArray[np.float64]
+
+
+def as_rows(values: ArrayLike, what: str, width: int | None = None, rows: int | None = None) -> FloatArray:
+    """`values` as a read-only array of shape (rows,), or (rows, width) if a width is given.
+
+    An array that is C-contiguous float64 is not copied; anything else is converted once. Masked values become
+    NaN.
+
+    what   what the message calls it
+    rows   how many rows are needed; None takes any number
+
+    Raises InputError if the shape is another one or the values are not real numbers.
+    """
+    shape = "(N,)" if width is None else f"(N, {width})"
+    try:
+        # asanyarray keeps a mask, which must not be lost: a masked value is no measurement.
+        array = np.asanyarray(values)
+        numeric = array.dtype.kind in "fiub" or array.size == 0
+        if numeric:
+            array = array.astype(np.float64, order="C", copy=False)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"{what} cannot be made an array: {error}: give real numbers, shape {shape}"
+        ) from None
+    if not numeric:
+        raise InputError(f"{what} has the type {array.dtype}: give real numbers, shape {shape}")
+    if isinstance(array, np.ma.MaskedArray):
+        array = array.filled(np.nan)
+    if width is not None and array.shape == (0,):
+        array = array.reshape(0, width)
+    if array.ndim != (1 if width is None else 2) or (width is not None and array.shape[1] != width):
+        hint = ": rows are samples, give its transpose" if array.ndim == 2 and array.shape[0] == width else ""
+        raise InputError(f"{what} has the shape {array.shape}, {shape} is needed{hint}")
+    if rows is not None and len(array) != rows:
+        raise InputError(
+            f"{what} has {len(array)} rows but {rows} are needed: all columns need one row per sample"
+        )
+    # A view, so that the caller's own array stays writable.
+    view = np.ascontiguousarray(array).view(np.ndarray).view()
+    view.flags.writeable = False
+    return view
+
+
+def as_matrix(values: ArrayLike, what: str, shape: tuple[int, ...]) -> FloatArray:
+    """`values` as a read-only float64 array of exactly this shape; InputError if it is not, or not finite."""
+    try:
+        array = np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise InputError(f"{what} cannot be made an array: give real numbers, shape {shape}") from None
+    if array.shape != shape:
+        raise InputError(f"{what} has the shape {array.shape}, {shape} is needed")
+    if not np.isfinite(array).all():
+        raise InputError(f"{what} holds {array[~np.isfinite(array)][0]}: finite numbers are needed")
+    array.flags.writeable = False
+    return array

@@ -1,0 +1,104 @@
+"""The frame of all commands: what a person sees of an error, and the exit codes.
+
+    0  good          1  bad input, or no result          2  finished, but the verdict is poor
+    130  interrupted: no file is half written
+
+A command raises ImucalError for everything that is not a bug; here it becomes a message on stderr.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from imucal.cli import apply, calibrate, convert, demo, evaluate, inspect, simulate
+from imucal.errors import ImucalError
+
+__all__ = ["app", "main"]
+
+BAD_INPUT = 1
+INTERRUPTED = 130
+INTERRUPTED_MESSAGE = "interrupted, no file is half written"
+
+app = typer.Typer(
+    name="imucal",
+    help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="Exit codes: 0 good, 1 bad input or no result, 2 finished but the verdict is poor.",
+)
+for command in (
+    demo.demo,
+    convert.convert,
+    inspect.inspect,
+    calibrate.calibrate,
+    evaluate.evaluate,
+    apply.apply,
+    simulate.simulate,
+):
+    app.command()(command)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        import imucal
+
+        print(f"imucal {imucal.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    try:
+        code = _run(list(sys.argv[1:] if arguments is None else arguments))
+        sys.stdout.flush()
+        return code
+    except BrokenPipeError:
+        # Whoever read our output has gone; the interpreter must not try to flush it once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BAD_INPUT
+
+
+def _run(arguments: list[str]) -> int:
+    try:
+        result = app(arguments, prog_name="imucal", standalone_mode=False)
+    except ImucalError as error:
+        return _say(str(error), BAD_INPUT)
+    except (KeyboardInterrupt, typer.Abort):
+        return _say(INTERRUPTED_MESSAGE, INTERRUPTED)
+    except MemoryError:
+        return _say("there is not enough memory: give a shorter recording", BAD_INPUT)
+    except Exception as error:
+        # A wrong command line. Its class has no stable place to import it from, but it can show itself.
+        message = getattr(error, "format_message", None)
+        if message is None:
+            raise
+        context = getattr(error, "ctx", None)
+        if not message():
+            # `imucal` alone has printed the help.
+            return BAD_INPUT
+        hint = f"\nTry '{context.command_path} --help'." if context is not None else ""
+        return _say(f"{message()}{hint}", BAD_INPUT)
+    code = result if isinstance(result, int) else 0
+    # typer versions differ: an interrupt comes as an exception or as its exit code.
+    return _say(INTERRUPTED_MESSAGE, code) if code == INTERRUPTED else code
+
+
+def _say(message: str, code: int) -> int:
+    print(f"imucal: {message}", file=sys.stderr)
+    return code

@@ -1,0 +1,105 @@
+"""`imucal calibrate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from imucal.cli.output import Gravity, JsonPath, MinRest, Output
+from imucal.cli.reading import Files, Reading, reading_options
+from imucal.errors import InputError
+
+__all__ = ["calibrate"]
+
+
+@reading_options
+def calibrate(
+    recordings: Files,
+    reading: Reading,
+    control: Annotated[
+        list[Path] | None,
+        typer.Option("--control", metavar="REC", help="A recording that only judges; may be given again."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="PATH", help="Calibration file to write.")
+    ] = None,
+    gravity: Gravity = 9.80665,
+    frame: Annotated[str, typer.Option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
+    min_rest_s: MinRest = 1.0,
+    exclude_saturated: Annotated[
+        bool,
+        typer.Option("--exclude-saturated", help="Leave out rests and moves with saturated samples."),
+    ] = False,
+    accel_nominal: Annotated[
+        float | None,
+        typer.Option(
+            "--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; from the data if not given."
+        ),
+    ] = None,
+    gyro_nominal: Annotated[
+        float | None,
+        typer.Option(
+            "--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; from the data if not given."
+        ),
+    ] = None,
+    folds: Annotated[
+        int | None, typer.Option("--folds", help="Also judge on held-out moves, in this many folds.")
+    ] = None,
+    serial_number: Annotated[
+        str | None, typer.Option("--serial-number", help="Serial number of the unit, kept in the file.")
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option("--report", metavar="PAGE", help="HTML page to write; needs --control and plotly."),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Calibrate one unit from its recordings.
+
+    Example: imucal calibrate run.csv --control control.csv -o unit-0042.json
+    """
+    import imucal
+
+    if report is not None and not control:
+        raise InputError("--report shows the control recordings: give one with --control")
+    result = imucal.calibrate(
+        reading.each(recordings),
+        control=reading.each(control or []),
+        gravity_mps2=gravity,
+        frame=frame,
+        min_rest_s=min_rest_s,
+        exclude_saturated=exclude_saturated,
+        accel_nominal=accel_nominal,
+        gyro_nominal=gyro_nominal,
+        folds=folds,
+        serial_number=serial_number,
+    )
+    if output is not None:
+        result.calibration.save(output)
+    if report is not None:
+        from imucal.cli.page import write_result_page
+
+        write_result_page(report, "Calibration", result)
+    out = Output(json)
+    out.document(result.to_dict())
+    out.parameters(result.parameters)
+    out.line(
+        f"{_used(result.rests)} rests and {_used(result.moves)} moves used"
+        + (f"; calibration written to {output}" if output else "")
+    )
+    out.figures(
+        {
+            "calibration set": result.calibration_set,
+            "held-out moves": result.held_out,
+            "control set": result.control_set,
+        }
+    )
+    out.findings(result.findings)
+    out.verdict(result.verdict, result.reasons)
+
+
+def _used(items: Sequence[Mapping[str, Any]]) -> str:
+    return f"{sum(item['excluded'] is None for item in items)} of {len(items)}"

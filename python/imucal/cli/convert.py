@@ -1,0 +1,46 @@
+"""`imucal convert`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucal.cli.output import JsonPath, Output
+from imucal.cli.reading import Reading, reading_options
+
+__all__ = ["convert"]
+
+
+@reading_options
+def convert(
+    files: Annotated[
+        list[Path], typer.Argument(metavar="FILE...", help="The file, or the two files, of one recording.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    reading: Reading,
+    json: JsonPath = None,
+) -> None:
+    """Convert other people's files into a recording.
+
+    Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
+    """
+    from imucal.io import write
+
+    recording = reading.one(files)
+    write(recording, output)
+    out = Output(json)
+    out.document(
+        {
+            "output": str(output),
+            "samples": len(recording),
+            "duration_s": recording.duration_s,
+            "rate_hz": recording.rate_hz if len(recording) > 1 else None,
+            "accel_unit": recording.accel_unit,
+            "gyro_unit": recording.gyro_unit,
+            "sources": [asdict(source) for source in recording.sources],
+        }
+    )
+    out.line(f"{output}: {recording!r}")

@@ -1,0 +1,53 @@
+"""`imucal demo`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucal.cli.output import JsonPath, Output
+
+__all__ = ["demo"]
+
+
+def demo(
+    folder: Annotated[
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")
+    ] = Path("demo"),
+    seed: Annotated[int, typer.Option("--seed", help="Of the two simulated runs.")] = 1,
+    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    json: JsonPath = None,
+) -> None:
+    """Simulate the paper's stand run, calibrate, judge on a control run, and show it as a page.
+
+    Example: imucal demo -o demo
+    """
+    import imucal
+    from imucal.cli.page import write_result_page
+    from imucal.errors import InputError
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder} cannot be made: {error.strerror}: give another folder with -o") from None
+    run = imucal.simulate("random", seed=seed)
+    control = imucal.simulate("random", seed=seed + 1)
+    result = imucal.calibrate(run.recording, control=control.recording)
+    truth = {parameter.name: parameter.value for parameter in run.truth.calibration.parameters}
+
+    imucal.write(run.recording, folder / "run.csv")
+    imucal.write(control.recording, folder / "control.csv")
+    result.calibration.save(folder / "calibration.json")
+    page = folder / "report.html"
+    write_result_page(page, "Simulated calibration of the paper's unit", result, truth)
+
+    out = Output(json)
+    out.document({**result.to_dict(), "truth": run.truth.to_dict(), "page": str(page)})
+    out.parameters(result.parameters, truth)
+    out.figures({"control set, uncalibrated": result.control_before, "calibrated": result.control_set})
+    out.line(f"recordings, calibration and page are in {folder}: open {page}")
+    if show:
+        typer.launch(str(page))
+    out.verdict(result.verdict, result.reasons)

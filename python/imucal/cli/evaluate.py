@@ -1,0 +1,38 @@
+"""`imucal evaluate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucal.cli.output import JsonPath, MinRest, Output
+from imucal.cli.reading import Files, Reading, reading_options
+
+__all__ = ["evaluate"]
+
+
+@reading_options
+def evaluate(
+    calibration: Annotated[Path, typer.Argument(metavar="CAL.JSON", help="Calibration file.")],
+    recordings: Files,
+    reading: Reading,
+    min_rest_s: MinRest = 1.0,
+    json: JsonPath = None,
+) -> None:
+    """Judge a calibration on recordings of the same unit that the fit never saw.
+
+    Example: imucal evaluate unit-0042.json control.csv
+    """
+    import imucal
+
+    judged = imucal.evaluate(
+        imucal.Calibration.load(calibration), reading.each(recordings), min_rest_s=min_rest_s
+    )
+    out = Output(json)
+    out.document(judged.to_dict())
+    out.line(f"{len(judged.rests)} rests, {len(judged.moves)} moves")
+    out.figures({"uncalibrated": judged.before, "calibrated": judged.figures})
+    out.findings(judged.findings)
+    out.verdict(judged.verdict, judged.reasons)

@@ -1,0 +1,61 @@
+"""`imucal inspect`."""
+
+from __future__ import annotations
+
+import typer
+
+from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, MinRest, Output
+from imucal.cli.reading import Files, Reading, reading_options
+
+__all__ = ["inspect"]
+
+
+@reading_options
+def inspect(
+    recordings: Files,
+    reading: Reading,
+    gravity: Gravity = 9.80665,
+    min_rest_s: MinRest = 1.0,
+    json: JsonPath = None,
+) -> None:
+    """Show rate, faults and rests of recordings, and what they can and cannot determine.
+
+    Ends with 2 if a calibration would refuse one of them.
+
+    Example: imucal inspect run.csv
+    """
+    import imucal
+
+    inspections = [
+        imucal.inspect(r, gravity_mps2=gravity, min_rest_s=min_rest_s) for r in reading.each(recordings)
+    ]
+    out = Output(json)
+    out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
+    for seen in inspections:
+        out.line(
+            f"{seen.name}: {seen.samples} samples, {seen.duration_s:.3f} s, {seen.rate_hz:.6g} Hz, "
+            f"accelerometer in {seen.accel_unit}, gyroscope in {seen.gyro_unit}, {len(seen.rests)} rests"
+        )
+        if seen.rests:
+            out.table(
+                ["rest", "from s", "to s", "length s"],
+                (
+                    [
+                        str(index),
+                        f"{rest['start_s']:.3f}",
+                        f"{rest['end_s']:.3f}",
+                        f"{rest['end_s'] - rest['start_s']:.3f}",
+                    ]
+                    for index, rest in enumerate(seen.rests)
+                ),
+            )
+        out.line(seen.explanation)
+        out.findings(seen.findings)
+        if not seen.usable:
+            out.line("a calibration refuses this recording")
+        elif seen.missing is not None:
+            out.line(f"not enough for a calibration: {seen.missing}")
+        else:
+            out.line("this recording determines all parameters")
+    if not all(seen.usable for seen in inspections):
+        raise typer.Exit(POOR_VERDICT)

@@ -1,0 +1,94 @@
+"""What commands print: tables for people, a JSON document for scripts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from imucal.calibration import Parameter
+    from imucal.finding import Finding
+
+__all__ = ["Gravity", "JsonPath", "MinRest", "Output"]
+
+POOR_VERDICT = 2
+# Wide enough for every table when the output is a file or a pipe, where rich would assume 80 columns.
+PIPE_WIDTH = 160
+
+JsonPath = Annotated[
+    str | None, typer.Option("--json", metavar="PATH", help="Write the result as JSON; - is standard output.")
+]
+Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
+MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest, s.")]
+
+
+class Output:
+    """The output of one command: `json_path` as given with --json.
+
+    With --json - the document alone goes to standard output, the summary for people to standard error.
+    """
+
+    def __init__(self, json_path: str | None) -> None:
+        from rich.console import Console
+
+        self._json_path = json_path
+        stream = sys.stderr if json_path == "-" else sys.stdout
+        width = None if stream.isatty() else PIPE_WIDTH
+        self._console = Console(file=stream, width=width, markup=False, highlight=False, emoji=False)
+
+    def document(self, document: Mapping[str, Any]) -> None:
+        """Write the JSON document, if one was asked for."""
+        from imucal.document import to_json, write_json
+
+        if self._json_path == "-":
+            print(to_json(document))
+        elif self._json_path is not None:
+            write_json(document, self._json_path)
+
+    def line(self, text: str) -> None:
+        """A line of text; it is never broken."""
+        self._console.print(text, soft_wrap=True)
+
+    def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+        """A table: the first column to the left, the others to the right."""
+        from rich.table import Table
+
+        table = Table(box=None, pad_edge=False)
+        for index, heading in enumerate(headings):
+            table.add_column(heading, justify="left" if index == 0 else "right", no_wrap=True)
+        for row in rows:
+            table.add_row(*row)
+        self._console.print(table)
+
+    def parameters(self, parameters: Sequence[Parameter], truth: Mapping[str, float] | None = None) -> None:
+        """The table of parameters, with the truth where it is known."""
+        headings = ["parameter", "value", "1 sigma", *(["truth", "error / sigma"] if truth else []), "unit"]
+        rows = []
+        for p in parameters:
+            row = [p.name, f"{p.value:.7g}", "-" if p.std is None else f"{p.std:.2e}"]
+            if truth:
+                row += [f"{truth[p.name]:.7g}", f"{(p.value - truth[p.name]) / p.std:+.1f}" if p.std else "-"]
+            rows.append([*row, p.unit])
+        self.table(headings, rows)
+
+    def figures(self, rows: Mapping[str, Mapping[str, Any] | None]) -> None:
+        """The figures of merit, one line for each set."""
+        from imucal.evaluate import figures_text
+
+        for name, figures in rows.items():
+            if figures is not None:
+                self.line(f"{name}: {figures_text(figures)}")
+
+    def findings(self, findings: Sequence[Finding]) -> None:
+        """One line for each finding."""
+        for finding in findings:
+            self.line(f"{finding.severity}: {finding}")
+
+    def verdict(self, verdict: str, reasons: Sequence[str]) -> None:
+        """The verdict; a poor one ends the command with its exit code."""
+        self.line("; ".join((f"verdict: {verdict}", *reasons)))
+        if verdict == "poor":
+            raise typer.Exit(POOR_VERDICT)

@@ -1,0 +1,97 @@
+"""The options with which every command reads recordings, in one place."""
+
+from __future__ import annotations
+
+import functools
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+
+import typer
+
+from imucal.errors import InputError
+
+if TYPE_CHECKING:
+    from imucal.recording import Recording
+
+__all__ = ["Files", "Reading", "reading_options"]
+
+Files = Annotated[list[Path], typer.Argument(metavar="REC...", help="Recordings of one unit.")]
+
+_PANEL = "Other people's files"
+
+
+def _option(name: str, help: str) -> Any:
+    return typer.Option(name, help=help, rich_help_panel=_PANEL)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How files are read; the fields are the options of `imucal.read`."""
+
+    format: Annotated[
+        str | None, _option("--format", "csv, parquet, imu_tk, euroc or columns; found out if not given.")
+    ] = None
+    columns: Annotated[
+        str | None,
+        _option("--columns", "Names of the columns, '-' to leave one out: accel_x_mps2,...,gyro_z_dps"),
+    ] = None
+    rate_hz: Annotated[float | None, _option("--rate-hz", "Sample rate, if there is no time column.")] = None
+    skip_rows: Annotated[int | None, _option("--skip-rows", "columns: lines to leave out at the top.")] = None
+    time_unit: Annotated[str | None, _option("--time-unit", "imu_tk: s, ms, us or ns; s if not given.")] = (
+        None
+    )
+    accel_unit: Annotated[str | None, _option("--accel-unit", "imu_tk: lsb or m/s^2; lsb if not given.")] = (
+        None
+    )
+    gyro_unit: Annotated[str | None, _option("--gyro-unit", "imu_tk: lsb or rad/s; lsb if not given.")] = None
+
+    def one(self, paths: Sequence[Path]) -> Recording:
+        """The recording that these files make."""
+        from imucal.io import read
+
+        return read(*paths, **{field.name: getattr(self, field.name) for field in fields(self)})
+
+    def each(self, paths: Sequence[Path]) -> list[Recording]:
+        """The recordings in these files; formats of two files take them in pairs."""
+        from imucal.io import files_per_recording
+
+        size = files_per_recording(self.format)
+        if len(paths) % size:
+            raise InputError(
+                f"{len(paths)} files are given, the format {self.format} needs {size} for each recording"
+            )
+        return [self.one(paths[start : start + size]) for start in range(0, len(paths), size)]
+
+
+def reading_options(command: Callable[..., None]) -> Callable[..., None]:
+    """Replace a command's parameter `reading` by one option for each field of `Reading`."""
+    hints = get_type_hints(command, include_extras=True)
+    kept = [
+        parameter.replace(annotation=hints[parameter.name])
+        for parameter in inspect.signature(command).parameters.values()
+        if parameter.name != "reading"
+    ]
+    option_hints = get_type_hints(Reading, include_extras=True)
+    options = [
+        inspect.Parameter(
+            field.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=field.default,
+            annotation=option_hints[field.name],
+        )
+        for field in fields(Reading)
+    ]
+
+    @functools.wraps(command)
+    def with_options(**values: Any) -> None:
+        reading = Reading(**{field.name: values.pop(field.name) for field in fields(Reading)})
+        command(reading=reading, **values)
+
+    parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in kept] + options
+    # typer reads both.
+    with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    with_options.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return with_options

@@ -1,0 +1,179 @@
+"""Judging a calibration on recordings that it was not made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.calibration import Calibration, Triad
+from imucal.document import without_nan
+from imucal.errors import InputError
+from imucal.finding import Finding
+from imucal.recording import Recording
+
+__all__ = ["Evaluation", "evaluate"]
+
+MIN_REST_S: Final = 1.0
+
+# Residuals ten times what noise explains: then something else than noise rules the result.
+POOR_CHI2_PER_DOF: Final = 100.0
+
+FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
+REST: Final = (
+    "first",
+    "end",
+    "start_s",
+    "end_s",
+    "unsteadiness",
+    "mean_specific_force",
+    "mean_angular_rate",
+    "norm_error_mps2",
+    "norm_sigma_mps2",
+    "excluded",
+)
+MOVE: Final = (
+    "from_rest",
+    "to_rest",
+    "first",
+    "last",
+    "duration_s",
+    "direction_error_deg",
+    "direction_sigma_deg",
+    "excluded",
+)
+THRESHOLD: Final = ("factor", "stable_from", "stable_to", "window_s", "noise_floor")
+CARRIED: Final = ("time_s", "measured", "uncalibrated", "calibrated")
+
+FIGURE_TEXT: Final = {
+    "gravity_norm_rms_mps2": ("|f| - g", "m/s^2 rms"),
+    "gravity_direction_rms_deg": ("gravity direction per move", "deg rms"),
+    "chi2_per_dof": ("chi2 per degree of freedom", ""),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A calibration judged on recordings.
+
+    figures   chi2_per_dof, gravity_norm_rms_mps2, gravity_direction_rms_deg
+    before    the same of the unit as it comes, with its nominal sensitivity
+    rests, moves   one mapping for each; `excluded` says why one takes no part
+    carried   for each recording: time_s (K,) of the rests, and gravity there in m/s^2, (K, 3) each: measured,
+              uncalibrated and calibrated (carried from the first rest by the gyroscope)
+    findings  warnings about the recordings
+    reasons   why the verdict is poor; empty for a good one
+    """
+
+    figures: Mapping[str, Any]
+    before: Mapping[str, Any]
+    rests: tuple[Mapping[str, Any], ...]
+    moves: tuple[Mapping[str, Any], ...]
+    carried: tuple[Mapping[str, Any], ...]
+    findings: tuple[Finding, ...]
+    reasons: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """`good` or `poor`."""
+        return "poor" if self.reasons else "good"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal evaluate --json`."""
+        return {
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "control_set": {"before": without_nan(self.before), "after": without_nan(self.figures)},
+            "rests": without_nan(self.rests),
+            "moves": without_nan(self.moves),
+            "carried": without_nan(self.carried),
+            "findings": without_nan([finding.to_dict() for finding in self.findings]),
+        }
+
+
+def evaluate(
+    calibration: Calibration,
+    recordings: Recording | Sequence[Recording],
+    *,
+    min_rest_s: float = MIN_REST_S,
+) -> Evaluation:
+    """Judge `calibration` on recordings of the same unit that it was not made of.
+
+    Raises InputError for recordings with faults or of other raw units, NotEnoughMotionError without any rest.
+    """
+    from imucal import _core
+
+    judges = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not judges:
+        raise InputError("there is no recording to judge on: give at least one")
+    for recording in judges:
+        calibration.require_raw_units(recording)
+    uncalibrated = as_it_comes(calibration)
+    gravity = calibration.gravity_mps2
+    before = _core.evaluate(uncalibrated, uncalibrated.gyroscope, judges, gravity, min_rest_s)
+    outcome = _core.evaluate(calibration, uncalibrated.gyroscope, judges, gravity, min_rest_s)
+    figures = fields_of(outcome.figures, FIGURES)
+    return Evaluation(
+        figures=figures,
+        before=fields_of(before.figures, FIGURES),
+        rests=reported(outcome.rests, REST, judges),
+        moves=reported(outcome.moves, MOVE, judges),
+        carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
+        findings=tuple(outcome.findings),
+        reasons=tuple(poor_figures("control set", figures)),
+    )
+
+
+def as_it_comes(calibration: Calibration) -> Calibration:
+    """The unit without a calibration, for comparison.
+
+    In SI units its numbers are taken as they are. Counts need one sensitivity and one zero point at
+    least: the mean ones of the three axes.
+    """
+
+    def nominal(triad: Triad, counts: bool) -> Triad:
+        if not counts:
+            return Triad(np.eye(3), np.zeros(3))
+        scale = np.cbrt(np.abs(np.linalg.det(triad.sensitivity)))
+        return Triad(scale * np.eye(3), np.full(3, triad.bias.mean()))
+
+    return replace(
+        calibration,
+        accelerometer=nominal(calibration.accelerometer, calibration.accel_unit == "lsb"),
+        gyroscope=nominal(calibration.gyroscope, calibration.gyro_unit == "lsb"),
+    )
+
+
+def fields_of(item: object, names: Sequence[str]) -> dict[str, Any]:
+    """Fields of a result of the library as a mapping; what does not exist (NaN) is None."""
+    return {name: without_nan(getattr(item, name)) for name in names}
+
+
+def reported(
+    items: Sequence[Any], names: Sequence[str], recordings: Sequence[Recording]
+) -> tuple[Mapping[str, Any], ...]:
+    """Rests or moves as mappings, with the name of their recording."""
+    return tuple({"recording": recordings[item.recording].name, **fields_of(item, names)} for item in items)
+
+
+def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:
+    """Why these figures make a verdict poor; empty if they do not."""
+    chi2 = figures["chi2_per_dof"]
+    if chi2 is None or chi2 <= POOR_CHI2_PER_DOF:
+        return []
+    return [
+        f"{name}: residuals are {chi2**0.5:.3g} times what noise explains (more than "
+        f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion"
+    ]
+
+
+def figures_text(figures: Mapping[str, Any]) -> str:
+    """Figures in words, with their units."""
+    parts = [
+        f"{words} {figures[name]:.4g} {unit}".rstrip()
+        for name, (words, unit) in FIGURE_TEXT.items()
+        if figures.get(name) is not None
+    ]
+    return ", ".join(parts)

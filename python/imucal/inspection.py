@@ -1,0 +1,85 @@
+"""What a recording is, what is wrong with it, and what it can determine."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from imucal.calibrate import STANDARD_GRAVITY_MPS2, calibrate
+from imucal.document import without_nan
+from imucal.errors import ImucalError
+from imucal.evaluate import MIN_REST_S, THRESHOLD, fields_of
+from imucal.finding import Finding
+from imucal.recording import Recording
+
+__all__ = ["Inspection", "inspect"]
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """One recording, inspected.
+
+    findings      everything the checks found; those of severity "error" stop a calibration
+    rests         one mapping for each rest, in order of time
+    threshold     how the rests were found: the threshold chosen and why; None without samples
+    explanation   why that threshold, or why there is no rest
+    missing       what this recording alone does not determine, and what to add; None if nothing is missing
+    """
+
+    name: str
+    samples: int
+    duration_s: float
+    rate_hz: float
+    accel_unit: str
+    gyro_unit: str
+    findings: tuple[Finding, ...]
+    rests: tuple[Mapping[str, Any], ...]
+    threshold: Mapping[str, Any] | None
+    explanation: str
+    missing: str | None
+
+    @property
+    def usable(self) -> bool:
+        """Whether a calibration would take this recording."""
+        return all(finding.severity != "error" for finding in self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """One item of the document of `imucal inspect --json`."""
+        document: dict[str, Any] = without_nan(self)
+        return {**document, "usable": self.usable}
+
+
+def inspect(
+    recording: Recording,
+    *,
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+    min_rest_s: float = MIN_REST_S,
+) -> Inspection:
+    """Check a recording, find its rests, and say what they determine; faults are findings, not errors."""
+    from imucal import _core
+
+    seen = _core.inspect(recording, gravity_mps2, min_rest_s)
+    return Inspection(
+        name=recording.name,
+        samples=len(recording),
+        duration_s=recording.duration_s,
+        rate_hz=recording.rate_hz,
+        accel_unit=recording.accel_unit,
+        gyro_unit=recording.gyro_unit,
+        findings=tuple(seen.findings),
+        rests=tuple({"start_s": start, "end_s": end} for start, end in seen.rests),
+        threshold=None if seen.threshold is None else fields_of(seen.threshold, THRESHOLD),
+        explanation=seen.explanation,
+        missing=_missing(recording, gravity_mps2, min_rest_s),
+    )
+
+
+def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> str | None:
+    """Whether a calibration succeeds is the one sure test of what a recording determines."""
+    try:
+        # Faults are findings already; here only what the rest of the data determines is asked for.
+        calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
+    except ImucalError as error:
+        return str(error)
+    return None

@@ -1,0 +1,254 @@
+"""The calibration file: every bit comes back, a bad file is named with its field, apply follows the model."""
+
+import copy
+import json
+import math
+import subprocess
+import sys
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+import imucal
+
+SCHEMA = json.loads((Path(imucal.__file__).parent / "schema" / "calibration-1.json").read_text())
+
+
+def example(**changes):
+    numbers = np.random.default_rng(3)
+    root = numbers.normal(size=(21, 21)) * 1e-5
+    fields = {
+        "accelerometer": imucal.Triad(
+            [[414.5, 0.1, -0.2], [0.1, 412.0, 0.3], [-0.2, 0.3, 414.6 + math.pi * 1e-13]],
+            [33124, 33275, 32364.1],
+        ),
+        "gyroscope": imucal.Triad(
+            np.diag([4777.9, 4764.2, 4773.6]) + numbers.normal(size=(3, 3)), [1e-300, -0.0, 5e22]
+        ),
+        "accel_unit": "lsb",
+        "gyro_unit": "lsb",
+        "gravity_mps2": 9.81744,
+        "covariance": root @ root.T,
+        "noise": {"gyro_noise_density_radps_per_sqrt_hz": 0.1 + 0.2},
+        "temperature_range_degc": (21.3, 24.9),
+        "fit": {"iterations": 7, "chi2_per_dof": np.float64(1.1), "converged": True},
+        "control_set": {"gravity_direction_rms_deg": 0.47},
+        "provenance": imucal.Provenance(
+            (imucal.Source("a.csv", "0" * 64),), (), "0.1.0", "2024-02-03T04:05:06Z"
+        ),
+        "serial_number": "unité-42",
+    }
+    fields["covariance_names"] = tuple(
+        [f"accel_bias_{a}" for a in "xyz"]
+        + [f"accel_sensitivity_{e}" for e in ("xx", "yy", "zz", "xy", "xz", "yz")]
+        + [f"gyro_bias_{a}" for a in "xyz"]
+        + [f"gyro_sensitivity_{a}{b}" for a in "xyz" for b in "xyz"]
+    )
+    return imucal.Calibration(**{**fields, **changes})
+
+
+def bits(array):
+    return np.ascontiguousarray(array, dtype=np.float64).tobytes()
+
+
+def test_round_trip_keeps_every_bit(tmp_path):
+    calibration = example()
+    path = tmp_path / "cal.json"
+    calibration.save(path)
+    again = imucal.Calibration.load(path)
+    for triad in ("accelerometer", "gyroscope"):
+        assert bits(getattr(again, triad).sensitivity) == bits(getattr(calibration, triad).sensitivity)
+        assert bits(getattr(again, triad).bias) == bits(getattr(calibration, triad).bias)
+    assert bits(again.covariance) == bits(calibration.covariance)
+    assert again.to_dict() == calibration.to_dict()
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_random_floats_keep_every_bit(tmp_path):
+    numbers = np.random.default_rng(11)
+    patterns = numbers.integers(0, 2**63, 20_000, dtype=np.uint64).view(np.float64)
+    values = patterns[np.isfinite(patterns)].tolist()
+    example(fit={"values": values}).save(tmp_path / "cal.json")
+    assert bits(imucal.Calibration.load(tmp_path / "cal.json").fit["values"]) == bits(values)
+
+
+@pytest.mark.parametrize("frame", ["symmetric", "triangular"])
+def test_saved_file_follows_the_schema(tmp_path, frame):
+    bare = imucal.Calibration(
+        imucal.Triad(np.eye(3), np.zeros(3)), imucal.Triad(np.eye(3), np.zeros(3)), frame
+    )
+    for calibration in (example(), bare):
+        calibration.save(tmp_path / "cal.json")
+        document = json.loads((tmp_path / "cal.json").read_text())
+        jsonschema.Draft202012Validator.check_schema(SCHEMA)
+        jsonschema.validate(document, SCHEMA, jsonschema.Draft202012Validator)
+
+
+def test_parameters_are_named_in_the_fixed_order():
+    calibration = example()
+    parameters = calibration.parameters
+    assert tuple(p.name for p in parameters) == calibration.covariance_names
+    assert (parameters[0].value, parameters[0].unit) == (33124, "lsb")
+    assert (parameters[6].value, parameters[6].unit) == (0.1, "lsb/(m/s^2)")
+    assert parameters[13].value == calibration.gyroscope.sensitivity[0, 1]
+    assert parameters[20].std == math.sqrt(calibration.covariance[20, 20])
+    lower = example(
+        frame="triangular", accelerometer=imucal.Triad([[1, 0, 0], [2, 3, 0], [4, 5, 6]], [0, 0, 0])
+    )
+    assert {p.name: p.value for p in lower.parameters[3:9]} == {
+        "accel_sensitivity_xx": 1,
+        "accel_sensitivity_yy": 3,
+        "accel_sensitivity_zz": 6,
+        "accel_sensitivity_yx": 2,
+        "accel_sensitivity_zx": 4,
+        "accel_sensitivity_zy": 5,
+    }
+
+
+@pytest.mark.parametrize("number", [float("nan"), float("inf"), np.float64("-inf")])
+def test_what_is_not_finite_is_not_written(tmp_path, number):
+    path = tmp_path / "cal.json"
+    example().save(path)
+    before = path.read_bytes()
+    with pytest.raises(imucal.InputError, match=r"\$\.fit\.deep\[1\]\.x is -?(nan|inf)"):
+        example(fit={"deep": [1, {"x": number}]}).save(path)
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"frame": "ned"}, "frame is 'ned'"),
+        ({"gravity_mps2": 0.0}, "gravity_mps2 is 0.0"),
+        ({"covariance": np.eye(3)}, r"covariance has the shape \(3, 3\), \(21, 21\) is needed"),
+        ({"covariance": -np.eye(21)}, "negative variance"),
+    ],
+)
+def test_wrong_fields(fields, message):
+    with pytest.raises(imucal.InputError, match=message):
+        example(**fields)
+
+
+@pytest.mark.parametrize(
+    ("sensitivity", "bias", "message"),
+    [
+        (np.eye(2), np.zeros(3), r"sensitivity has the shape \(2, 2\)"),
+        (np.eye(3), np.zeros((3, 1)), r"bias has the shape \(3, 1\)"),
+        (np.diag([1, 1, 0]), np.zeros(3), "has no inverse"),
+        (np.diag([1, 1, math.nan]), np.zeros(3), "holds nan"),
+    ],
+)
+def test_wrong_triads(sensitivity, bias, message):
+    with pytest.raises(imucal.InputError, match=message):
+        imucal.Triad(sensitivity, bias)
+
+
+def edited(path, change):
+    """The example's document after `change`, written to `path`."""
+    document = copy.deepcopy(example().to_dict())
+    change(document)
+    path.write_text(json.dumps(document))
+
+
+def put(*keys, value):
+    def change(document):
+        for key in keys[:-1]:
+            document = document[key]
+        document[keys[-1]] = value
+
+    return change
+
+
+BAD_FIELDS = {
+    "no schema": (lambda d: d.pop("schema"), "has no schema"),
+    "other schema": (put("schema", value="imucal.calibration/2"), "has the schema 'imucal.calibration/2'"),
+    "no T": (lambda d: d["gyroscope"].pop("T"), r"the field \$\.gyroscope\.T is missing"),
+    "short T": (
+        put("accelerometer", "T", value=[[1, 2, 3]]),
+        r"\$\.accelerometer\.T .* a list of 3 items, not 1",
+    ),
+    "text in T": (
+        put("accelerometer", "T", 1, 2, value="7"),
+        r'\$\.accelerometer\.T\[1\]\[2\] is "7", it must be a num',
+    ),
+    "true in bias": (put("gyroscope", "bias", 0, value=True), r"\$\.gyroscope\.bias\[0\] is true"),
+    "object for list": (
+        put("gyroscope", "bias", value={}),
+        r"\$\.gyroscope\.bias is \{\}, it must be a list",
+    ),
+    "null gravity": (put("gravity_mps2", value=None), r"\$\.gravity_mps2 is null"),
+    "unknown unit": (put("raw_units", "gyroscope", value="dps"), r'\$\.raw_units\.gyroscope is "dps"'),
+    "unknown frame": (put("accelerometer", "frame", value="ned"), r"one of symmetric, triangular"),
+    "no provenance": (lambda d: d.pop("provenance"), r"\$\.provenance is missing"),
+    "singular": (put("accelerometer", "T", value=[[0] * 3] * 3), "has no inverse"),
+    "other value": (
+        put("parameters", 3, "value", value=1.0),
+        r"\$\.parameters\[3\].*accel_sensitivity_xx.* is 1.0 but",
+    ),
+    "newer effect": (put("effects", value=[{"name": "new"}]), r"\$\.effects\[0\] is not known"),
+    "covariance": (lambda d: d["covariance"]["names"].pop(), r"\$\.covariance\.matrix"),
+    "huge": (put("gravity_mps2", value=10**400), r"\$\.gravity_mps2 .*finite"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_FIELDS, ids=str)
+def test_bad_field_is_named(tmp_path, case):
+    change, message = BAD_FIELDS[case]
+    edited(tmp_path / "cal.json", change)
+    with pytest.raises(imucal.FormatError, match=message) as caught:
+        imucal.Calibration.load(tmp_path / "cal.json")
+    assert str(caught.value).startswith("cal.json: ")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "empty"),
+        ("{", "is not JSON: line 1, column 2"),
+        ("[]", "has no schema"),
+        ('"x"', "has no schema"),
+        ('{"schema": NaN}', "NaN is no JSON number"),
+        ("time_s,accel_x_mps2\n", "is not JSON"),
+        ("[" * 100_000, "is not JSON"),
+    ],
+)
+def test_other_files(tmp_path, text, message):
+    path = tmp_path / "cal.json"
+    path.write_text(text)
+    with pytest.raises(imucal.FormatError, match=message):
+        imucal.Calibration.load(path)
+
+
+def test_apply_is_the_inverse_of_the_model():
+    calibration = example(gyroscope=imucal.Triad(np.eye(3) + 0.01, [1, 2, 3]))
+    numbers = np.random.default_rng(1)
+    rate, force = numbers.normal(size=(100, 3)), numbers.normal(size=(100, 3))
+    raw_rate = rate @ calibration.gyroscope.sensitivity.T + calibration.gyroscope.bias
+    raw_force = force @ calibration.accelerometer.sensitivity.T + calibration.accelerometer.bias
+    again_rate, again_force = calibration.apply(np.asfortranarray(raw_rate), raw_force.tolist())
+    np.testing.assert_allclose(again_rate, rate, atol=1e-13)
+    np.testing.assert_allclose(again_force, force, atol=1e-10)
+    with pytest.raises(imucal.InputError, match="specific_force has 99 rows but 100 are needed"):
+        calibration.apply(raw_rate, raw_force[1:])
+    raw = imucal.Recording(
+        np.arange(100), raw_force, raw_rate, accel_unit="lsb", gyro_unit="lsb", name="run.csv"
+    )
+    corrected = calibration.apply_recording(raw)
+    np.testing.assert_array_equal(corrected.specific_force, again_force)
+    assert (corrected.accel_unit, corrected.gyro_unit) == ("m/s^2", "rad/s")
+    with pytest.raises(
+        imucal.InputError, match="accelerometer is in m/s\\^2 but the calibration expects lsb"
+    ):
+        calibration.apply_recording(corrected)
+
+
+def test_import_is_light():
+    program = (
+        "import sys, imucal; print([m for m in ('pyarrow', 'typer', 'plotly', 'rich') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
