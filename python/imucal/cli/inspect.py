@@ -54,7 +54,7 @@ def inspect(
         if not seen.usable:
             out.line("a calibration refuses this recording")
         elif seen.missing is not None:
-            out.line(f"not enough for a calibration: {seen.missing}")
+            out.line(f"no calibration from this recording alone: {seen.missing}")
         else:
             out.line("this recording determines all parameters")
     if not all(seen.usable for seen in inspections):
