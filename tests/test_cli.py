@@ -167,7 +167,7 @@ def test_applied_recording_reads_gravity_at_rest(stand_runs, tmp_path):
     assert main(["calibrate", str(stand_runs / "run.parquet"), "-o", str(cal)]) == 0
     assert main(["apply", str(cal), str(stand_runs / "control.parquet"), "-o", str(output)]) == 0
     corrected = imucal.read(output).between(0.5, 4.5)
-    # Five sigmas of the mean of 4 s: 126 ug/sqrt(Hz) and 0.025 deg/s/sqrt(Hz). Biases are 0.4 m/s^2 and 0.035 rad/s.
+    # Five sigmas of a mean of 4 s at 126 ug/sqrt(Hz) and 0.025 deg/s/sqrt(Hz); the biases are 100 times it.
     assert corrected.specific_force.mean(axis=0) == pytest.approx([0, 0, 9.80665], abs=3.1e-3)
     assert corrected.angular_rate.mean(axis=0) == pytest.approx([0, 0, 0], abs=1.1e-3)
 
