@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -106,6 +107,28 @@ def test_reader_that_goes_away_is_no_traceback(run_csv, tmp_path):
     done = subprocess.run(command, shell=True, capture_output=True, text=True)
     assert "Traceback" not in done.stderr
     assert "BrokenPipe" not in done.stderr
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+def test_full_standard_output_is_no_traceback(run_csv, tmp_path):
+    with Path("/dev/full").open("w") as full:
+        command = [
+            sys.executable,
+            "-m",
+            "imucal.cli",
+            "convert",
+            run_csv,
+            "-o",
+            tmp_path / "out.csv",
+            "--json",
+            "-",
+        ]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert (
+        done.stderr.splitlines()[-1] == "imucal: standard output cannot be written: No space left on device"
+    )
+    assert "Traceback" not in done.stderr
 
 
 def test_a_bug_is_not_hidden(run_csv, tmp_path, monkeypatch):
