@@ -3,6 +3,7 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -108,6 +109,28 @@ def test_reader_that_goes_away_is_no_traceback(run_csv, tmp_path):
     assert "BrokenPipe" not in done.stderr
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
+def test_full_standard_output_is_no_traceback(run_csv, tmp_path):
+    with Path("/dev/full").open("w") as full:
+        command = [
+            sys.executable,
+            "-m",
+            "imucal.cli",
+            "convert",
+            run_csv,
+            "-o",
+            tmp_path / "out.csv",
+            "--json",
+            "-",
+        ]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert done.returncode == 1
+    assert (
+        done.stderr.splitlines()[-1] == "imucal: standard output cannot be written: No space left on device"
+    )
+    assert "Traceback" not in done.stderr
+
+
 def test_a_bug_is_not_hidden(run_csv, tmp_path, monkeypatch):
     def broken(*_, **__):
         raise ZeroDivisionError
@@ -167,8 +190,7 @@ def test_applied_recording_reads_gravity_at_rest(stand_runs, tmp_path):
     assert main(["calibrate", str(stand_runs / "run.parquet"), "-o", str(cal)]) == 0
     assert main(["apply", str(cal), str(stand_runs / "control.parquet"), "-o", str(output)]) == 0
     corrected = imucal.read(output).between(0.5, 4.5)
-    # Five sigmas of the mean of 4 s: 126 ug/sqrt(Hz) and 0.025 deg/s/sqrt(Hz).
-    # Biases are 0.4 m/s^2 and 0.035 rad/s.
+    # Five sigmas of a mean of 4 s at 126 ug/sqrt(Hz) and 0.025 deg/s/sqrt(Hz); the biases are 100 times it.
     assert corrected.specific_force.mean(axis=0) == pytest.approx([0, 0, 9.80665], abs=3.1e-3)
     assert corrected.angular_rate.mean(axis=0) == pytest.approx([0, 0, 0], abs=1.1e-3)
 

@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -351,12 +352,28 @@ def test_folder_and_missing_file(tmp_path):
         imucal.read(tmp_path / "none.csv")
 
 
-@pytest.mark.skipif(sys.platform == "win32" or os.geteuid() == 0, reason="the superuser may read everything")
+@contextmanager
+def ordinary_user():
+    """The superuser may read and write everything, so become nobody for a while."""
+    user = os.geteuid()
+    os.seteuid(65534 if user == 0 else user)
+    try:
+        yield
+    finally:
+        os.seteuid(user)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="file modes are POSIX")
 def test_no_permission(tmp_path):
-    path = write_text(tmp_path, f"{HEADER}\n{ROW}\n")
+    path, recording = tmp_path / "run.csv", random_recording(3)
+    imucal.write(recording, path)
     path.chmod(0)
-    with pytest.raises(imucal.InputError, match="no permission"):
-        imucal.read(path)
+    tmp_path.chmod(0o500)
+    with ordinary_user():
+        with pytest.raises(imucal.InputError, match="no permission"):
+            imucal.read(path)
+        with pytest.raises(imucal.InputError, match="cannot be written: Permission denied"):
+            imucal.write(recording, tmp_path / "new.csv")
 
 
 @pytest.mark.parametrize(

@@ -68,10 +68,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         code = _run(list(sys.argv[1:] if arguments is None else arguments))
         sys.stdout.flush()
         return code
-    except BrokenPipeError:
-        # Whoever read our output has gone; the interpreter must not try to flush it once more.
+    except OSError as error:
+        # Standard output alone is written without InputError. The interpreter must not flush it once more.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return BAD_INPUT
+        if isinstance(error, BrokenPipeError):
+            # Whoever read it has gone and asks for no message.
+            return BAD_INPUT
+        return _say(f"standard output cannot be written: {error.strerror}", BAD_INPUT)
 
 
 def _run(arguments: list[str]) -> int:
