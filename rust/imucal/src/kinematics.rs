@@ -17,6 +17,8 @@ use crate::gyroscope::Move;
 use crate::recording::Recording;
 use crate::segment::sample_interval_s;
 
+/// Of the squared turns about the busiest axis, the idlest one needs at least this share.
+const LEAST_TURN_SHARE: f64 = 0.01;
 /// Length of a block, s.
 const BLOCK_S: f64 = 0.1;
 
@@ -30,6 +32,12 @@ pub(crate) fn rate_from_gravity(
     let mut equations = Vec::new();
     for m in moves {
         pairs(&recordings[m.recording], m, accelerometer, gyroscope_bias, &mut equations);
+    }
+    // An axis about which the unit hardly turns leaves its column of P to the noise.
+    let turns: Matrix3<f64> = equations.iter().map(|e: &Pair| e.turn * e.turn.transpose()).sum();
+    let energies = turns.symmetric_eigenvalues();
+    if energies.min() < LEAST_TURN_SHARE * energies.max() {
+        return None;
     }
     let size = (equations.iter().map(|e| e.turn.norm_squared()).sum::<f64>() / equations.len().max(1) as f64).sqrt();
     let mut weights = vec![1.0; equations.len()];
