@@ -153,8 +153,8 @@ pub(crate) struct FitReport {
     termination: &'static str,
 }
 
-impl From<calibrate::FitReport> for FitReport {
-    fn from(f: calibrate::FitReport) -> Self {
+impl From<imucal::FitReport> for FitReport {
+    fn from(f: imucal::FitReport) -> Self {
         Self {
             chi2: f.chi2,
             degrees_of_freedom: f.degrees_of_freedom,

@@ -13,7 +13,7 @@ use nalgebra::{Matrix3, SVector, Vector3};
 
 use crate::ellipsoid::{self, Start};
 use crate::error::Error;
-use crate::lsq::{self, Residuals, Solution, Termination};
+use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::observability;
 use crate::robust;
 use crate::segment::Rest;
@@ -29,17 +29,7 @@ pub(crate) struct AccelerometerFit {
     pub(crate) used: Vec<bool>,
     /// Parameters per error of |f| at each rest in m/s^2, 9 x rests; zero columns for unused rests.
     pub(crate) gain: Mat<f64>,
-    pub(crate) chi2: f64,
-    pub(crate) degrees_of_freedom: usize,
-    pub(crate) iterations: u64,
-    pub(crate) termination: Termination,
-}
-
-impl AccelerometerFit {
-    /// By how much the scatter of |f| exceeds what noise explains; 1 at least.
-    pub(crate) fn inflation(&self) -> f64 {
-        (self.chi2 / self.degrees_of_freedom.max(1) as f64).sqrt().max(1.0)
-    }
+    pub(crate) report: FitReport,
 }
 
 /// Fits the nine parameters; rests that contradict all others are left out one by one.
@@ -84,15 +74,7 @@ fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution
             gain[(i, k)] = row_gain[(i, row)] / problem.sigma[row];
         }
     }
-    Ok(AccelerometerFit {
-        triad,
-        used,
-        gain,
-        chi2: solution.chi2,
-        degrees_of_freedom: problem.rest_of_row.len().saturating_sub(9),
-        iterations: solution.iterations,
-        termination: solution.termination,
-    })
+    Ok(AccelerometerFit { triad, used, gain, report: solution.report() })
 }
 
 /// Standard deviation of |f| over one rest, from the scatter of its samples, m/s^2.

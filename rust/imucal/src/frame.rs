@@ -121,7 +121,7 @@ fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
 }
 
 /// Q in `T_from = T_to Q`.
-fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
+pub(crate) fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     Ok(inverse(to)? * from)
 }
 

@@ -15,7 +15,7 @@ use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 use crate::carry::{Carried, carry, rotate};
 use crate::error::Error;
-use crate::lsq::{self, Residuals, Solution, Termination};
+use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::observability::{self, MOVE_ERROR_RAD};
 use crate::recording::Recording;
 use crate::robust;
@@ -118,17 +118,7 @@ pub(crate) struct GyroscopeFit {
     pub(crate) carried: Vec<Carried>,
     /// Entries per error of each used residual in rad, 9 x 2 moves; zero columns for unused moves.
     pub(crate) gain: Mat<f64>,
-    pub(crate) chi2: f64,
-    pub(crate) degrees_of_freedom: usize,
-    pub(crate) iterations: u64,
-    pub(crate) termination: Termination,
-}
-
-impl GyroscopeFit {
-    /// By how much the residuals exceed what noise explains; 1 at least.
-    pub(crate) fn inflation(&self) -> f64 {
-        (self.chi2 / self.degrees_of_freedom.max(1) as f64).sqrt().max(1.0)
-    }
+    pub(crate) report: FitReport,
 }
 
 /// Fits the nine entries from each start value and keeps the best; moves that contradict all others are left out.
@@ -194,16 +184,7 @@ fn finish(
         }
     }
     let carried = problem.moves.iter().map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
-    Ok(GyroscopeFit {
-        carried: carried.collect(),
-        triad,
-        used,
-        gain,
-        chi2: solution.chi2,
-        degrees_of_freedom: (2 * problem.rows.len()).saturating_sub(9),
-        iterations: solution.iterations,
-        termination: solution.termination,
-    })
+    Ok(GyroscopeFit { carried: carried.collect(), triad, used, gain, report: solution.report() })
 }
 
 pub(crate) fn triad_of(entries: &[f64], bias: Vector3<f64>) -> Result<Triad<f64>, Error> {

@@ -20,4 +20,4 @@ mod robust;
 mod stats;
 mod uncertainty;
 
-pub use lsq::Termination;
+pub use lsq::{FitReport, Termination};

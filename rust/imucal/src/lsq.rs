@@ -29,6 +29,21 @@ pub enum Termination {
     NotFinite,
 }
 
+/// How one of the two fits ended.
+#[derive(Clone, Copy, Debug)]
+pub struct FitReport {
+    /// Sum of the squared residuals in units of what noise explains.
+    pub chi2: f64,
+    /// Residuals less parameters.
+    pub degrees_of_freedom: usize,
+    /// By how much standard deviations were widened because the residuals exceed the noise; 1 if they do not.
+    pub inflation: f64,
+    /// Iterations of the solver.
+    pub iterations: u64,
+    /// Why it ended.
+    pub termination: Termination,
+}
+
 /// Where a fit ended.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
@@ -39,6 +54,20 @@ pub(crate) struct Solution {
     pub(crate) chi2: f64,
     pub(crate) iterations: u64,
     pub(crate) termination: Termination,
+}
+
+impl Solution {
+    /// What people are told about the fit.
+    pub(crate) fn report(&self) -> FitReport {
+        let degrees_of_freedom = self.residuals.nrows().saturating_sub(self.parameters.len());
+        FitReport {
+            chi2: self.chi2,
+            degrees_of_freedom,
+            inflation: (self.chi2 / degrees_of_freedom.max(1) as f64).sqrt().max(1.0),
+            iterations: self.iterations,
+            termination: self.termination,
+        }
+    }
 }
 
 /// A step shorter than this, relative to the parameters (both scaled by D), is the last one: with a good model the

@@ -83,7 +83,10 @@ pub(crate) fn check_gyroscope(design: &Mat<f64>, turned_rad: Vector3<f64>, moves
         return Ok(());
     }
     let largest = turned_rad.max();
-    let idle: Vec<&str> = (0..3).filter(|&i| turned_rad[i] < 0.1 * largest).map(|i| AXES[i]).collect();
+    // Entry (i, j) acts on turns about axis j: an idle axis leaves its whole column open.
+    let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;
+    let idle: Vec<&str> =
+        (0..3).filter(|&j| column_open(j) && turned_rad[j] < 0.3 * largest).map(|j| AXES[j]).collect();
     let advice = if largest < 0.3 {
         "the unit hardly turns: add moves of 90 deg or more about each axis".to_owned()
     } else if idle.is_empty() {

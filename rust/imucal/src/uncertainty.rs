@@ -46,7 +46,7 @@ pub(crate) fn covariance(
     }
 
     // Where residuals exceed what noise explains, the noise is taken to be larger by that much.
-    let (widen_rests, widen_moves) = (accelerometer.inflation(), gyroscope.inflation());
+    let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);
         if item < k {

@@ -1,0 +1,144 @@
+//! The result of a calibration.
+
+use imucal_core::calibration::Calibration;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3};
+
+use super::Options;
+use super::unit_data::{Gyroscope, UnitData};
+use crate::accelerometer::AccelerometerFit;
+use crate::check::Finding;
+use crate::error::Error;
+use crate::evaluate::{Figures, MoveReport, RestReport, figures};
+use crate::frame::{self, Frame, Sensitivities};
+use crate::lsq::FitReport;
+use crate::moves::Unusable;
+use crate::segment::{NoiseDensity, Segments, Threshold};
+use crate::stats::median;
+
+/// A calibration and all that is known about it.
+#[derive(Clone, Debug)]
+pub struct Outcome {
+    /// Both triads, in `frame`.
+    pub calibration: Calibration<f64>,
+    /// The body frame.
+    pub frame: Frame,
+    /// Names of the 21 parameters.
+    pub names: [String; 21],
+    /// Their values, in the same order, raw units.
+    pub values: [f64; 21],
+    /// Their covariance, row by row.
+    pub covariance: Vec<[f64; 21]>,
+    /// Every rest found.
+    pub rests: Vec<RestReport>,
+    /// Every stretch between neighbouring rests.
+    pub moves: Vec<MoveReport>,
+    /// How each recording's rests were found.
+    pub thresholds: Vec<Threshold>,
+    /// White-noise density of the unit, SI units per sqrt(Hz), median over the recordings.
+    pub noise_density: NoiseDensity,
+    /// The accelerometer's fit.
+    pub accelerometer_fit: FitReport,
+    /// The gyroscope's fit.
+    pub gyroscope_fit: FitReport,
+    /// How well the calibration explains its own data.
+    pub figures: Figures,
+    /// Warnings about the data.
+    pub findings: Vec<Finding>,
+}
+
+impl Outcome {
+    /// Covariance, reports and figures of the two fits, in the frame asked for.
+    pub(super) fn new(
+        mut data: UnitData<'_>,
+        accelerometer: &AccelerometerFit,
+        gyroscope: &Gyroscope,
+        unusable: &[Unusable],
+        options: &Options,
+    ) -> Result<Self, Error> {
+        let rests = data.rest_reports(accelerometer, options.gravity_mps2);
+        let mut moves = gyroscope.move_reports(unusable);
+        let figures = figures(&rests, &moves, &gyroscope.used_residuals(), 18);
+        let covariance = data.covariance(accelerometer, gyroscope);
+        let symmetric = Sensitivities {
+            accelerometer: *accelerometer.triad.sensitivity(),
+            gyroscope: *gyroscope.fit.triad.sensitivity(),
+        };
+        let (sensitivities, covariance) = match options.frame {
+            Frame::Symmetric => (symmetric, covariance),
+            frame => {
+                let converted = frame::convert(&symmetric, frame)?;
+                let jacobian = frame::parameter_jacobian(&symmetric, &converted, frame)?;
+                let turn = frame::rotation(&symmetric.accelerometer, &converted.accelerometer)?;
+                for report in &mut moves {
+                    report.gravity_before = turn * report.gravity_before;
+                    report.gravity_after = turn * report.gravity_after;
+                }
+                (converted, &jacobian * covariance * jacobian.transpose())
+            }
+        };
+        let calibration = Calibration {
+            accelerometer: triad(sensitivities.accelerometer, *accelerometer.triad.bias())?,
+            gyroscope: triad(sensitivities.gyroscope, data.bias.bias)?,
+        };
+        data.findings.extend(gyroscope.findings.iter().cloned());
+        Ok(Self {
+            frame: options.frame,
+            names: parameter_names(options.frame),
+            values: parameter_values(&calibration, options.frame),
+            covariance: (0..21).map(|i| std::array::from_fn(|j| covariance[(i, j)])).collect(),
+            rests,
+            moves,
+            noise_density: noise_density(&data.segments, &calibration),
+            thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
+            accelerometer_fit: accelerometer.report,
+            gyroscope_fit: gyroscope.fit.report,
+            figures,
+            findings: data.findings,
+            calibration,
+        })
+    }
+}
+
+/// Median over the recordings, in SI units of the calibrated sensors.
+fn noise_density(segments: &[Segments], calibration: &Calibration<f64>) -> NoiseDensity {
+    let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
+        Vector3::from_fn(|axis, _| {
+            let mut values: Vec<f64> = segments.iter().map(|s| pick(&s.noise_density)[axis]).collect();
+            median(&mut values)
+        })
+    };
+    let si = |raw: Vector3<f64>, triad: &Triad<f64>| raw.component_div(&triad.sensitivity().diagonal().abs());
+    NoiseDensity {
+        specific_force: si(median_of(|noise| noise.specific_force), &calibration.accelerometer),
+        angular_rate: si(median_of(|noise| noise.angular_rate), &calibration.gyroscope),
+    }
+}
+
+fn triad(sensitivity: Matrix3<f64>, bias: Vector3<f64>) -> Result<Triad<f64>, Error> {
+    Triad::try_new(sensitivity, bias).map_err(|error| Error::Fit(error.to_string()))
+}
+
+/// Names of the 21 parameters in their order.
+pub fn parameter_names(frame: Frame) -> [String; 21] {
+    const AXES: [char; 3] = ['x', 'y', 'z'];
+    let free = frame.free_entries();
+    std::array::from_fn(|p| match p {
+        0..3 => format!("accel_bias_{}", AXES[p]),
+        3..9 => format!("accel_sensitivity_{}{}", AXES[free[p - 3].0], AXES[free[p - 3].1]),
+        9..12 => format!("gyro_bias_{}", AXES[p - 9]),
+        _ => format!("gyro_sensitivity_{}{}", AXES[(p - 12) / 3], AXES[(p - 12) % 3]),
+    })
+}
+
+/// Values of the 21 parameters in their order.
+pub fn parameter_values(calibration: &Calibration<f64>, frame: Frame) -> [f64; 21] {
+    let (accelerometer, gyroscope) = (&calibration.accelerometer, &calibration.gyroscope);
+    let free = frame.free_entries();
+    std::array::from_fn(|p| match p {
+        0..3 => accelerometer.bias()[p],
+        3..9 => accelerometer.sensitivity()[free[p - 3]],
+        9..12 => gyroscope.bias()[p - 9],
+        _ => gyroscope.sensitivity()[((p - 12) / 3, (p - 12) % 3)],
+    })
+}

@@ -1,0 +1,245 @@
+//! Checked recordings of one unit, the rests in them, and the two fits.
+
+use std::ops::Range;
+
+use faer::Mat;
+use nalgebra::{Matrix3, Vector3};
+
+use super::{Options, check_options};
+use crate::accelerometer::{self, AccelerometerFit};
+use crate::check::{self, Finding, Severity};
+use crate::ellipsoid::Start;
+use crate::error::Error;
+use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
+use crate::gyroscope::{self, Ends, GyroscopeBias, GyroscopeFit, Move};
+use crate::kinematics::rate_from_gravity;
+use crate::moves::{Directions, UnitRest, Unusable, between, rests_of};
+use crate::recording::{RawUnit, Recording};
+use crate::segment::{NoiseDensity, Rest, Segments};
+use crate::uncertainty;
+
+/// Checked recordings of one unit and the rests in them.
+pub(super) struct UnitData<'a> {
+    pub(super) recordings: &'a [Recording<'a>],
+    pub(super) segments: Vec<Segments>,
+    pub(super) rests: Vec<UnitRest>,
+    /// Why a rest takes no part; `None` if it does.
+    pub(super) excluded: Vec<Option<&'static str>>,
+    pub(super) bias: GyroscopeBias,
+    pub(super) saturated: Vec<Vec<Range<usize>>>,
+    pub(super) findings: Vec<Finding>,
+}
+
+/// The gyroscope's fit and what it was fitted to.
+pub(super) struct Gyroscope {
+    pub(super) moves: Vec<Move>,
+    pub(super) fit: GyroscopeFit,
+    pub(super) ends: Vec<Ends>,
+    pub(super) random_walk_rad: Vec<f64>,
+    pub(super) findings: Vec<Finding>,
+}
+
+impl<'a> UnitData<'a> {
+    pub(super) fn try_new(recordings: &'a [Recording<'a>], options: &Options) -> Result<Self, Error> {
+        check_options(recordings, options)?;
+        let mut findings = Vec::new();
+        for recording in recordings {
+            findings.extend(check::check_columns(recording));
+        }
+        if options.exclude_saturated {
+            for finding in findings.iter_mut().filter(|finding| finding.code.ends_with("_saturation")) {
+                finding.severity = Severity::Warning;
+            }
+        }
+        refuse_errors(&findings)?;
+        let segments: Vec<Segments> = recordings
+            .iter()
+            .map(|recording| Segments::find(recording, options.min_rest_s))
+            .collect::<Result<_, _>>()?;
+        for (recording, segments) in recordings.iter().zip(&segments) {
+            let ranges: Vec<_> = segments.rests.iter().map(|rest| rest.first..rest.end).collect();
+            findings.extend(check::check_rests(recording, &ranges, options.gravity_mps2));
+        }
+        refuse_errors(&findings)?;
+        let rests = rests_of(&segments);
+        let saturated: Vec<Vec<_>> = recordings.iter().map(check::saturated_samples).collect();
+        let bias = gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>());
+        let excluded = rests
+            .iter()
+            .zip(&bias.weights)
+            .map(|(r, weight)| {
+                if saturated[r.recording].iter().any(|s| s.start < r.rest.end && s.end > r.rest.first) {
+                    Some("saturation")
+                } else if weight.min() == 0.0 {
+                    // Its mean rate is far from all others': a slow, even turn looks like a rest.
+                    Some("rest_not_still")
+                } else {
+                    None
+                }
+            })
+            .collect();
+        Ok(Self { recordings, segments, rests, excluded, bias, saturated, findings })
+    }
+
+    fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
+        self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
+    }
+
+    pub(super) fn fit_accelerometer(&self, options: &Options) -> Result<AccelerometerFit, Error> {
+        let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.excluded[k].is_none()).collect();
+        let rests: Vec<&Rest> = clean.iter().map(|&k| &self.rests[k].rest).collect();
+        let nominal = options
+            .accel_nominal
+            .map(|scale| Start { sensitivity: Matrix3::from_diagonal_element(scale), bias: Vector3::zeros() });
+        let si = self.raw_is_si(|recording| recording.accel_unit);
+        let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si)
+            .map_err(|error| self.with_short_rests(error, options))?;
+        // From here on there is one entry per rest found, clean or not.
+        let mut used = vec![false; self.rests.len()];
+        let mut gain = Mat::zeros(9, self.rests.len());
+        for (column, &k) in clean.iter().enumerate() {
+            used[k] = fit.used[column];
+            for i in 0..9 {
+                gain[(i, k)] = fit.gain[(i, column)];
+            }
+        }
+        (fit.used, fit.gain) = (used, gain);
+        Ok(fit)
+    }
+
+    /// Stretches that are a little too short to be rests are worth a word where rests are missing.
+    fn with_short_rests(&self, error: Error, options: &Options) -> Error {
+        let Error::NotEnoughMotion(message) = error else {
+            return error;
+        };
+        for (recording, segments) in self.recordings.iter().zip(&self.segments) {
+            if let Some(range) = segments.too_short.iter().max_by_key(|range| range.len()) {
+                let (start_s, end_s) = (recording.time_s[range.start], recording.time_s[range.end - 1]);
+                return Error::NotEnoughMotion(format!(
+                    "{message}; {} still stretches are too short to be rests, the longest ({start_s:.2} s to {end_s:.2} s) \
+                     has {} samples: hold each pose for {} s, or pass min_rest_s={:.2}",
+                    segments.too_short.len(),
+                    range.len(),
+                    options.min_rest_s,
+                    0.9 * (end_s - start_s)
+                ));
+            }
+        }
+        Error::NotEnoughMotion(message)
+    }
+
+    pub(super) fn moves(&self, accelerometer: &AccelerometerFit) -> (Vec<Move>, Vec<Unusable>) {
+        between(self.recordings, &self.rests, &accelerometer.used, &self.saturated)
+    }
+
+    pub(super) fn ends(
+        &self,
+        moves: &[Move],
+        accelerometer: &AccelerometerFit,
+        inverse: &Matrix3<f64>,
+    ) -> (Vec<Ends>, Vec<f64>) {
+        let noise: Vec<NoiseDensity> = self.segments.iter().map(|segments| segments.noise_density).collect();
+        let directions = Directions {
+            recordings: self.recordings,
+            rests: &self.rests,
+            noise: &noise,
+            accelerometer: &accelerometer.triad,
+            gyroscope_inverse: inverse,
+        };
+        directions.ends_of(moves)
+    }
+
+    pub(super) fn fit_gyroscope(
+        &self,
+        moves: &[Move],
+        accelerometer: &AccelerometerFit,
+        options: &Options,
+    ) -> Result<Gyroscope, Error> {
+        if moves.len() < 5 {
+            return Err(Error::NotEnoughMotion(format!(
+                "{} usable moves between {} rests do not determine the gyroscope: at least 5 between different poses \
+                 are needed, better 12; move the unit about all three axes, resting in between",
+                moves.len(),
+                self.rests.len()
+            )));
+        }
+        let bias = &self.bias;
+        let kinematic = rate_from_gravity(self.recordings, moves, &accelerometer.triad, bias.bias);
+        let mut findings = Vec::new();
+        if let Some(rate_from_raw) = &kinematic {
+            findings = check::check_kinematics(&self.recordings[0], rate_from_raw);
+            refuse_errors(&findings)?;
+        }
+        let si = self.raw_is_si(|recording| recording.gyro_unit);
+        let nominal = options.gyro_nominal.or(si.then_some(1.0)).map(Matrix3::from_diagonal_element);
+        let starts: Vec<Matrix3<f64>> =
+            kinematic.and_then(|p| p.try_inverse()).into_iter().chain(nominal).filter(well_conditioned).collect();
+        if starts.is_empty() {
+            return Err(Error::NotEnoughMotion(format!(
+                "{} moves do not determine the gyroscope's scale in raw counts: add moves of 90 deg or more about \
+                 each axis, or pass its nominal sensitivity",
+                moves.len()
+            )));
+        }
+        // The weights need the scale, the scale needs a fit: the second round starts at the first one's result.
+        let (ends, _) = self.ends(moves, accelerometer, &inverse(&starts[0])?);
+        let first = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &starts)?;
+        let (ends, random_walk_rad) = self.ends(moves, accelerometer, first.triad.inverse());
+        let fit = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &[*first.triad.sensitivity()])?;
+        Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
+    }
+}
+
+impl UnitData<'_> {
+    pub(super) fn rest_reports(&self, accelerometer: &AccelerometerFit, gravity_mps2: f64) -> Vec<RestReport> {
+        let report = |k: usize| {
+            let contradicts = (!accelerometer.used[k]).then_some("contradicts_other_rests");
+            let excluded = self.excluded[k].or(contradicts);
+            rest_report(&self.rests[k], &accelerometer.triad, gravity_mps2, excluded)
+        };
+        (0..self.rests.len()).map(report).collect()
+    }
+
+    pub(super) fn covariance(&self, accelerometer: &AccelerometerFit, gyroscope: &Gyroscope) -> Mat<f64> {
+        let rests: Vec<&Rest> = self.rests.iter().map(|rest| &rest.rest).collect();
+        let Gyroscope { moves, fit, ends, random_walk_rad, .. } = gyroscope;
+        uncertainty::covariance(&rests, moves, ends, accelerometer, &self.bias, fit, random_walk_rad)
+    }
+}
+
+impl Gyroscope {
+    pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
+        let report = |k: usize| {
+            let excluded = (!self.fit.used[k]).then_some("contradicts_other_moves");
+            move_report(&self.moves[k], &self.ends[k], &self.fit.carried[k].rotation, excluded)
+        };
+        let spoilt = unusable.iter().map(|u| unusable_report(&u.span, u.reason));
+        let mut reports: Vec<MoveReport> = (0..self.moves.len()).map(report).chain(spoilt).collect();
+        reports.sort_by_key(|report| (report.recording, report.first));
+        reports
+    }
+
+    /// Residuals of the moves that the fit uses, in units of what noise explains.
+    pub(super) fn used_residuals(&self) -> Vec<f64> {
+        let of = |k: usize| {
+            let z = self.ends[k].residual(&self.fit.carried[k].rotation) / self.ends[k].sigma_rad;
+            [z.x, z.y]
+        };
+        (0..self.moves.len()).filter(|&k| self.fit.used[k]).flat_map(of).collect()
+    }
+}
+
+fn refuse_errors(findings: &[Finding]) -> Result<(), Error> {
+    let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
+    if errors.is_empty() { Ok(()) } else { Err(Error::Data(errors)) }
+}
+
+/// Whether a start value is far enough from singular to integrate with.
+fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
+    let size = sensitivity.norm() / 3f64.sqrt();
+    size.is_finite() && sensitivity.determinant().abs() > 0.05 * size.powi(3)
+}
+
+fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
+    matrix.try_inverse().ok_or_else(|| Error::Fit("a sensitivity matrix is singular".into()))
+}
