@@ -102,8 +102,10 @@ pub(crate) fn square_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
         return None;
     }
     let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
-    let symmetric = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
-    Some((symmetric + symmetric.transpose()) / 2.0)
+    let rough = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
+    // One step of Newton's method takes away the rounding of the eigenvectors.
+    let refined = (rough + matrix * rough.try_inverse()?) / 2.0;
+    Some((refined + refined.transpose()) / 2.0)
 }
 
 #[cfg(test)]

@@ -147,8 +147,11 @@ mod tests {
             assert_eq!(lower.accelerometer[(i, j)], 0.0);
         }
         let back = convert(&lower, Frame::Symmetric).unwrap();
-        assert!((back.accelerometer - unit().accelerometer).abs().max() < 4e-16);
-        assert!((back.gyroscope - unit().gyroscope).abs().max() < 4e-16);
+        let rounding = 4.0 * f64::EPSILON;
+        let error = (back.accelerometer - unit().accelerometer).abs().max();
+        assert!(error < rounding, "{error:e}");
+        let error = (back.gyroscope - unit().gyroscope).abs().max();
+        assert!(error < rounding, "{error:e}");
     }
 
     #[test]

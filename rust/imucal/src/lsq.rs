@@ -324,7 +324,7 @@ mod tests {
 
     #[test]
     fn covariance_is_the_inverse_of_the_normal_matrix() {
-        let j = Mat::from_fn(7, 3, |i, k| ((i * i + 3 * k) as f64).sin() * 10f64.powi(k as i32 * 3));
+        let j = Mat::from_fn(7, 3, |i, k| ((i * i * (k + 1) + 1) as f64).sin() * 10f64.powi(k as i32 * 3));
         let product = covariance(&j) * (j.transpose() * &j);
         for i in 0..3 {
             for k in 0..3 {
