@@ -14,10 +14,10 @@ use std::ops::Range;
 use nalgebra::{Vector3, Vector6};
 
 use crate::error::Error;
-use crate::recording::Recording;
+use crate::recording::{RawUnit, Recording};
 use crate::stats::median;
 use blocks::{Block, colour_factor, merge, sum_blocks};
-use edges::{calm, drift, settle, trim, unsteadiness};
+use edges::{calm, drift, settle, trim, unsteadiness, wanders};
 use threshold::{choose_threshold, still_stretches, window_statistic};
 
 /// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
@@ -105,9 +105,10 @@ impl Segments {
         }
         let (statistic, floor) = window_statistic(&blocks, &steps);
         let threshold = choose_threshold(&statistic, min_blocks);
+        let gravity = gravity_size(recording, &blocks);
         let (long, short): (Vec<_>, Vec<_>) = still_stretches(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), &blocks))
-            .filter(|blocks| !blocks.is_empty())
+            .filter(|range| !range.is_empty() && !wanders(&blocks[range.clone()], gravity))
             .partition(|blocks| blocks.len() >= min_blocks);
         if long.is_empty() {
             return Err(no_rest(recording, min_rest_s));
@@ -161,6 +162,20 @@ pub fn sample_interval_s(time_s: &[f64]) -> f64 {
     median(&mut steps)
 }
 
+/// Size of gravity in raw units, or a number that is certainly not much smaller: counts may have an offset.
+fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
+    if recording.accel_unit == RawUnit::Si {
+        return crate::calibrate::STANDARD_GRAVITY_MPS2;
+    }
+    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+    for window in blocks.chunks_exact(WINDOW_BLOCKS) {
+        let force: Vector3<f64> = merge(window).mean().fixed_rows::<3>(3).into();
+        low = low.inf(&force);
+        high = high.sup(&force);
+    }
+    ((high - low) / 2.0).norm().max(((high + low) / 2.0).norm())
+}
+
 fn no_rest(recording: &Recording<'_>, min_rest_s: f64) -> Error {
     Error::NotEnoughMotion(format!(
         "{}: no rest of {min_rest_s} s or more in {} samples: hold the unit still in each pose for 2 s or longer, \
@@ -189,5 +204,57 @@ fn rest(recording: &Recording<'_>, blocks: &[Block], first_block: usize, colour:
         unsteadiness: 1.0,
         angular_rate: triad(0),
         specific_force: triad(3),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
+
+    fn run(rate_hz: f64, noise: f64) -> Simulation {
+        let program = Program::random(&RandomMoves { moves: 8, ..RandomMoves::default() }, 3).unwrap();
+        let mut unit = Unit::paper();
+        for sensor in [&mut unit.accelerometer, &mut unit.gyroscope] {
+            sensor.noise_density *= noise;
+            sensor.converter = None;
+        }
+        simulate(&program, &unit, rate_hz, 9.81, 5).unwrap()
+    }
+
+    #[test]
+    fn finds_the_true_rests_at_any_rate_and_noise() {
+        for (rate_hz, noise) in [(25.0, 1.0), (100.0, 0.1), (100.0, 10.0), (1000.0, 1.0), (1000.0, 0.0)] {
+            let run = run(rate_hz, noise);
+            let found = Segments::find(&run.recording("run"), 1.0).unwrap();
+            assert_eq!(found.rests.len(), run.rests.len(), "{rate_hz} Hz, noise x {noise}");
+            for (rest, (start_s, end_s)) in found.rests.iter().zip(&run.rests) {
+                // The ramps of the motors begin too softly to be seen at once.
+                assert!(rest.start_s > start_s - 0.25 && rest.start_s < start_s + 0.4, "{} {start_s}", rest.start_s);
+                assert!(rest.end_s < end_s + 0.25 && rest.end_s > end_s - 0.4, "{} {end_s}", rest.end_s);
+            }
+        }
+    }
+
+    #[test]
+    fn the_noise_density_is_that_of_the_unit() {
+        let found = Segments::find(&run(200.0, 1.0).recording("run"), 1.0).unwrap();
+        let unit = Unit::paper();
+        for axis in 0..3 {
+            // 45 s of rests in groups of 0.25 s: about 9 % per axis, one sigma.
+            let rate = found.noise_density.angular_rate[axis] / unit.gyroscope.noise_density;
+            let force = found.noise_density.specific_force[axis] / unit.accelerometer.noise_density;
+            assert!((rate - 1.0).abs() < 0.27 && (force - 1.0).abs() < 0.27, "{rate} {force}");
+        }
+    }
+
+    #[test]
+    fn a_tumble_without_rest_is_said_to_have_none() {
+        let time: Vec<f64> = (0..2000).map(|k| f64::from(k) * 0.01).collect();
+        let force: Vec<[f64; 3]> = time.iter().map(|t| [9.8 * (3.0 * t).sin(), 9.8 * (3.0 * t).cos(), 0.0]).collect();
+        let rate: Vec<[f64; 3]> = time.iter().map(|t| [(7.0 * t).sin(), (5.0 * t).cos(), 3.0]).collect();
+        let recording = Recording::try_new("tumble", &time, &force, &rate).unwrap();
+        let segments = Segments::find(&recording, 1.0);
+        assert!(matches!(segments, Err(Error::NotEnoughMotion(_))), "{segments:?}");
     }
 }

@@ -46,7 +46,9 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block]) -> Range<usize> 
     let count = inner.len() as f64;
     let mean = inner.iter().sum::<Vector3<f64>>() / count;
     let square = |v: Vector3<f64>| v.component_mul(&v);
-    let variance = inner.iter().map(|rate| square(rate - mean)).sum::<Vector3<f64>>() / (count - 1.0);
+    // A noise-free simulation: rounding is no turn.
+    let variance =
+        (inner.iter().map(|rate| square(rate - mean)).sum::<Vector3<f64>>() / (count - 1.0)).map(|v| v.max(1e-18));
     let turning = |edge: &mut dyn Iterator<Item = &Vector3<f64>>| {
         let mut sum = Vector3::zeros();
         let mut worst = (LIMIT, 0);
@@ -84,4 +86,12 @@ pub(super) fn drift(blocks: &[Block], colour: &Vector6<f64>) -> f64 {
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
     let windows = blocks.start..(blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(blocks.start + 1);
     median(&mut statistic[windows].to_vec())
+}
+
+/// Whether gravity goes astray by more than 5 % of `size` (3 deg) within a rest: an even tumble has no quieter windows
+/// to be told from, but no rest either.
+pub(super) fn wanders(blocks: &[Block], size: f64) -> bool {
+    let force = |blocks: &[Block]| -> Vector3<f64> { merge(blocks).mean().fixed_rows::<3>(3).into() };
+    let whole = force(blocks);
+    blocks.chunks_exact(WINDOW_BLOCKS).any(|window| (force(window) - whole).norm() > 0.05 * size)
 }
