@@ -6,7 +6,7 @@
 //! covariance is that map applied to their variances.
 
 use faer::Mat;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
 
 use crate::accelerometer::{AccelerometerFit, SYMMETRIC};
 use crate::gyroscope::{Ends, GyroscopeBias, GyroscopeFit, Move, residual_gradient};
@@ -37,13 +37,7 @@ pub(crate) fn covariance(
             map[(9 + axis, 3 * (k + rest) + axis)] = weight[axis];
         }
     }
-    let residuals = residual_rows(&map, rests, moves, ends, accelerometer, gyroscope);
-    let entries = -(&gyroscope.gain * &residuals);
-    for i in 0..9 {
-        for column in 0..map.ncols() {
-            map[(12 + i, column)] = entries[(i, column)];
-        }
-    }
+    gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
     // Where residuals exceed what noise explains, the noise is taken to be larger by that much.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
@@ -74,53 +68,52 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
     }
 }
 
-/// How all errors move the residuals of the moves, rad, 2 m rows.
-fn residual_rows(
-    map: &Mat<f64>,
+/// How all errors move the nine entries of the gyroscope: minus the fit's gain times the derivative of the residuals.
+///
+/// What reaches the moves through the accelerometer's parameters and the bias is summed up over the moves first, so
+/// that the work grows with their number, not with its square.
+fn gyroscope_rows(
+    map: &mut Mat<f64>,
     rests: &[&Rest],
     moves: &[Move],
     ends: &[Ends],
     accelerometer: &AccelerometerFit,
     gyroscope: &GyroscopeFit,
-) -> Mat<f64> {
-    let (k, columns) = (rests.len(), map.ncols());
-    let mut rows = Mat::<f64>::zeros(2 * moves.len(), columns);
+) {
+    let k = rests.len();
     let directions: Vec<_> = rests.iter().map(|rest| direction_gradients(rest, accelerometer)).collect();
-    let parameters = SMatrix::<f64, 9, 1>::zeros;
+    let mut by_parameters = SMatrix::<f64, 9, 9>::zeros();
+    let mut by_bias = SMatrix::<f64, 9, 3>::zeros();
     for (index, ((m, end), carried)) in moves.iter().zip(ends).zip(&gyroscope.carried).enumerate() {
-        let across = end.across();
+        let gain = SMatrix::<f64, 9, 2>::from_fn(|i, c| gyroscope.gain[(i, 2 * index + c)]);
         let gradient = residual_gradient(end, carried, &gyroscope.triad);
-        for (rest, sign, rotation) in [(m.from, 1.0, carried.rotation.transpose()), (m.to, -1.0, Matrix3::identity())] {
-            let (by_mean, by_parameters) = &directions[rest];
-            let own = across * rotation * by_mean * sign;
-            for axis in 0..3 {
-                for c in 0..2 {
-                    rows[(2 * index + c, 3 * rest + axis)] += own[(c, axis)];
-                }
-            }
-            let through = across * rotation * by_parameters * sign;
-            for column in 0..3 * k {
-                let mut change = parameters();
-                for i in 0..9 {
-                    change[i] = map[(i, column)];
-                }
-                let moved = through * change;
-                for c in 0..2 {
-                    rows[(2 * index + c, column)] += moved[c];
-                }
-            }
+        by_bias += gain * Matrix2x3::from_columns(&gradient[9..]);
+        let before = gain * end.across() * carried.rotation.transpose();
+        let after = gain * -end.across();
+        for (rest, by_direction) in [(m.from, before), (m.to, after)] {
+            let (by_mean, direction_by_parameters) = &directions[rest];
+            by_parameters += by_direction * direction_by_parameters;
+            subtract(map, 3 * rest, &(by_direction * by_mean));
         }
-        for column in 3 * k..6 * k {
-            for c in 0..2 {
-                rows[(2 * index + c, column)] +=
-                    (0..3).map(|axis| gradient[9 + axis][c] * map[(9 + axis, column)]).sum::<f64>();
-            }
-        }
-        for c in 0..2 {
-            rows[(2 * index + c, 6 * k + 2 * index + c)] = 1.0;
+        subtract(map, 6 * k + 2 * index, &gain);
+    }
+    for column in 0..3 * k {
+        let change = SVector::<f64, 9>::from_fn(|i, _| map[(i, column)]);
+        subtract(map, column, &(by_parameters * change));
+    }
+    for column in 3 * k..6 * k {
+        let change = Vector3::from_fn(|axis, _| map[(9 + axis, column)]);
+        subtract(map, column, &(by_bias * change));
+    }
+}
+
+/// Subtracts from the gyroscope's nine rows, from `column` on.
+fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<f64, 9, C>) {
+    for i in 0..9 {
+        for c in 0..C {
+            map[(12 + i, column + c)] -= change[(i, c)];
         }
     }
-    rows
 }
 
 /// Derivative of the direction of gravity at a rest with respect to its mean (3 x 3) and the nine parameters (3 x 9).
