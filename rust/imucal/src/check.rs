@@ -115,6 +115,11 @@ const ACCEL: [&str; 3] = ["accel_x", "accel_y", "accel_z"];
 const GYRO: [&str; 3] = ["gyro_x", "gyro_y", "gyro_z"];
 
 impl Finding {
+    /// Whether samples at the end of the converter's range were found.
+    pub fn is_saturation(&self) -> bool {
+        self.code.ends_with("_saturation")
+    }
+
     /// A finding that refuses the calibration, to be filled in.
     fn error(code: &'static str, recording: &Recording) -> Self {
         Self {

@@ -5,10 +5,12 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::carry::rotate;
-use crate::check::{Finding, Severity, check_columns, saturated_samples};
+use crate::check::{Finding, Severity, check_columns};
 use crate::error::Error;
 use crate::gyroscope::{Ends, Move};
-use crate::moves::{Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of};
+use crate::moves::{
+    Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of, saturated_stretches,
+};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Segments};
 use crate::stats::rms;
@@ -124,14 +126,14 @@ pub fn evaluate(
 ) -> Result<Evaluation, Error> {
     let mut findings: Vec<Finding> = recordings.iter().flat_map(check_columns).collect();
     // A control record judges what is there: saturated moves are left out of the figures and said, not refused.
-    let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.code.ends_with("_saturation");
+    let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
     if findings.iter().any(fatal) {
         findings.retain(fatal);
         return Err(Error::Data(findings));
     }
     let segments: Vec<Segments> =
         recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
-    let saturated: Vec<_> = recordings.iter().map(saturated_samples).collect();
+    let saturated = saturated_stretches(recordings, &findings);
     let rests = rests_of(&segments);
     let usable: Vec<bool> = rests
         .iter()

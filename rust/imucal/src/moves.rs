@@ -6,6 +6,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::accelerometer::sigma_norm;
+use crate::check::{Finding, saturated_samples};
 use crate::gyroscope::{Ends, Move};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
@@ -39,6 +40,12 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
         segments.rests.iter().map(move |rest| UnitRest { recording, rest: *rest }).collect::<Vec<_>>()
     };
     segments.iter().enumerate().flat_map(of).collect()
+}
+
+/// Saturated stretches of each recording; the samples are read again only where the checks have found some.
+pub(crate) fn saturated_stretches(recordings: &[Recording<'_>], findings: &[Finding]) -> Vec<Vec<Range<usize>>> {
+    let found = findings.iter().any(Finding::is_saturation);
+    recordings.iter().map(|recording| if found { saturated_samples(recording) } else { Vec::new() }).collect()
 }
 
 /// The moves between neighbouring usable rests, and those that a gap or saturated samples spoil.

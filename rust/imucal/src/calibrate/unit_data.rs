@@ -13,7 +13,7 @@ use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::gyroscope::{self, Ends, GyroscopeBias, GyroscopeFit, Move};
 use crate::kinematics::rate_from_gravity;
-use crate::moves::{Directions, UnitRest, Unusable, between, rests_of};
+use crate::moves::{Directions, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
 use crate::segment::{NoiseDensity, Rest, Segments};
 use crate::uncertainty;
@@ -47,7 +47,7 @@ impl<'a> UnitData<'a> {
             findings.extend(check::check_columns(recording));
         }
         if options.exclude_saturated {
-            for finding in findings.iter_mut().filter(|finding| finding.code.ends_with("_saturation")) {
+            for finding in findings.iter_mut().filter(|finding| finding.is_saturation()) {
                 finding.severity = Severity::Warning;
             }
         }
@@ -62,7 +62,7 @@ impl<'a> UnitData<'a> {
         }
         refuse_errors(&findings)?;
         let rests = rests_of(&segments);
-        let saturated: Vec<Vec<_>> = recordings.iter().map(check::saturated_samples).collect();
+        let saturated = saturated_stretches(recordings, &findings);
         let bias = gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>());
         let excluded = rests
             .iter()
