@@ -32,6 +32,8 @@ from imucal.recording import Recording, Source
 __all__ = ["CalibrationResult", "calibrate"]
 
 STANDARD_GRAVITY_MPS2 = 9.80665
+# Noise alone widens standard deviations by a few tens of per cent now and then; more is worth a sentence.
+WORTH_SAYING = 1.5
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 
 
@@ -96,6 +98,29 @@ class CalibrationResult:
         """Figures on the control recordings of the unit as it comes, None without any."""
         return None if self.control is None else self.control.before
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a careful reader should know: rests and moves left out, and standard deviations widened."""
+        notes = [
+            f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
+            f"left out: {rest['excluded']}"
+            for index, rest in enumerate(self.rests)
+            if rest["excluded"] is not None
+        ]
+        notes += [
+            f"move from rest {move['from_rest']} to {move['to_rest']} of {move['recording']} left out: "
+            f"{move['excluded']}"
+            for move in self.moves
+            if move["excluded"] is not None
+        ]
+        notes += [
+            f"standard deviations of the {sensor} are widened {self.fit[sensor]['inflation']:.1f} times: "
+            "by so much its residuals exceed what noise explains"
+            for sensor in ("accelerometer", "gyroscope")
+            if self.fit[sensor]["inflation"] > WORTH_SAYING
+        ]
+        return tuple(notes)
+
     def summary(self) -> str:
         """The parameters, the figures and the verdict as plain text."""
         lines = ["parameter                        value        1 sigma  unit"]
@@ -111,6 +136,7 @@ class CalibrationResult:
         ):
             if figures is not None:
                 lines.append(f"{name}: {figures_text(figures)}")
+        lines += self.notes
         lines += [f"{finding.severity}: {finding}" for finding in self.findings]
         lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))
         return "\n".join(lines)

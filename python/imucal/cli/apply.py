@@ -9,6 +9,7 @@ import typer
 
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.reading import Reading, reading_options
+from imucal.cli.working import working
 
 __all__ = ["apply"]
 
@@ -29,8 +30,10 @@ def apply(
     """
     import imucal
 
-    corrected = imucal.Calibration.load(calibration).apply_recording(reading.one(recording))
-    imucal.write(corrected, output)
+    with working("correcting"):
+        corrected = imucal.Calibration.load(calibration).apply_recording(reading.one(recording))
+    with working("writing"):
+        imucal.write(corrected, output)
     out = Output(json)
     out.document({"output": str(output), "calibration": str(calibration), "samples": len(corrected)})
     out.line(f"{output}: {corrected!r}")

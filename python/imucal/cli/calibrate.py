@@ -10,6 +10,7 @@ import typer
 
 from imucal.cli.output import Gravity, JsonPath, MinRest, Output
 from imucal.cli.reading import Files, Reading, reading_options
+from imucal.cli.working import working
 from imucal.errors import InputError
 
 __all__ = ["calibrate"]
@@ -65,18 +66,22 @@ def calibrate(
 
     if report is not None and not control:
         raise InputError("--report shows the control recordings: give one with --control")
-    result = imucal.calibrate(
-        reading.each(recordings),
-        control=reading.each(control or []),
-        gravity_mps2=gravity,
-        frame=frame,
-        min_rest_s=min_rest_s,
-        exclude_saturated=exclude_saturated,
-        accel_nominal=accel_nominal,
-        gyro_nominal=gyro_nominal,
-        folds=folds,
-        serial_number=serial_number,
-    )
+    with working("reading"):
+        unit_data = reading.each(recordings)
+        judges = reading.each(control or [])
+    with working("calibrating"):
+        result = imucal.calibrate(
+            unit_data,
+            control=judges,
+            gravity_mps2=gravity,
+            frame=frame,
+            min_rest_s=min_rest_s,
+            exclude_saturated=exclude_saturated,
+            accel_nominal=accel_nominal,
+            gyro_nominal=gyro_nominal,
+            folds=folds,
+            serial_number=serial_number,
+        )
     if output is not None:
         result.calibration.save(output)
     if report is not None:
@@ -97,6 +102,8 @@ def calibrate(
             "control set": result.control_set,
         }
     )
+    for note in result.notes:
+        out.line(note)
     out.findings(result.findings)
     out.verdict(result.verdict, result.reasons)
 

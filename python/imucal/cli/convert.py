@@ -10,6 +10,7 @@ import typer
 
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.reading import Reading, reading_options
+from imucal.cli.working import working
 
 __all__ = ["convert"]
 
@@ -29,8 +30,10 @@ def convert(
     """
     from imucal.io import write
 
-    recording = reading.one(files)
-    write(recording, output)
+    with working("reading"):
+        recording = reading.one(files)
+    with working("writing"):
+        write(recording, output)
     out = Output(json)
     out.document(
         {

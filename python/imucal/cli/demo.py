@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from imucal.cli.output import JsonPath, Output
+from imucal.cli.working import working
 
 __all__ = ["demo"]
 
@@ -17,7 +19,12 @@ def demo(
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")
     ] = Path("demo"),
     seed: Annotated[int, typer.Option("--seed", help="Of the two simulated runs.")] = 1,
-    show: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
+    show: Annotated[
+        bool | None,
+        typer.Option(
+            "--open/--no-open", help="Open the page in the browser; in a terminal it is if not said."
+        ),
+    ] = None,
     json: JsonPath = None,
 ) -> None:
     """Simulate the paper's stand run, calibrate, judge on a control run, and show it as a page.
@@ -32,13 +39,16 @@ def demo(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f"{folder} cannot be made: {error.strerror}: give another folder with -o") from None
-    run = imucal.simulate("random", seed=seed)
-    control = imucal.simulate("random", seed=seed + 1)
-    result = imucal.calibrate(run.recording, control=control.recording)
+    with working("simulating the stand"):
+        run = imucal.simulate("random", seed=seed)
+        control = imucal.simulate("random", seed=seed + 1)
+    with working("calibrating and judging"):
+        result = imucal.calibrate(run.recording, control=control.recording)
     truth = {parameter.name: parameter.value for parameter in run.truth.calibration.parameters}
 
-    imucal.write(run.recording, folder / "run.csv")
-    imucal.write(control.recording, folder / "control.csv")
+    with working("writing the recordings"):
+        imucal.write(run.recording, folder / "run.csv")
+        imucal.write(control.recording, folder / "control.csv")
     result.calibration.save(folder / "calibration.json")
     page = folder / "report.html"
     write_result_page(page, "Simulated calibration of the paper's unit", result, truth)
@@ -48,6 +58,6 @@ def demo(
     out.parameters(result.parameters, truth)
     out.figures({"control set, uncalibrated": result.control_before, "calibrated": result.control_set})
     out.line(f"recordings, calibration and page are in {folder}: open {page}")
-    if show:
+    if sys.stdout.isatty() if show is None else show:
         typer.launch(str(page))
     out.verdict(result.verdict, result.reasons)

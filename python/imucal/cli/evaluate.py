@@ -9,6 +9,7 @@ import typer
 
 from imucal.cli.output import JsonPath, MinRest, Output
 from imucal.cli.reading import Files, Reading, reading_options
+from imucal.cli.working import working
 
 __all__ = ["evaluate"]
 
@@ -27,9 +28,11 @@ def evaluate(
     """
     import imucal
 
-    judged = imucal.evaluate(
-        imucal.Calibration.load(calibration), reading.each(recordings), min_rest_s=min_rest_s
-    )
+    with working("reading"):
+        loaded = imucal.Calibration.load(calibration)
+        judges = reading.each(recordings)
+    with working("judging"):
+        judged = imucal.evaluate(loaded, judges, min_rest_s=min_rest_s)
     out = Output(json)
     out.document(judged.to_dict())
     out.line(f"{len(judged.rests)} rests, {len(judged.moves)} moves")

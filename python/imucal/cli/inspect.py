@@ -6,6 +6,7 @@ import typer
 
 from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, MinRest, Output
 from imucal.cli.reading import Files, Reading, reading_options
+from imucal.cli.working import working
 
 __all__ = ["inspect"]
 
@@ -26,9 +27,10 @@ def inspect(
     """
     import imucal
 
-    inspections = [
-        imucal.inspect(r, gravity_mps2=gravity, min_rest_s=min_rest_s) for r in reading.each(recordings)
-    ]
+    with working("reading"):
+        unit_data = reading.each(recordings)
+    with working("inspecting"):
+        inspections = [imucal.inspect(r, gravity_mps2=gravity, min_rest_s=min_rest_s) for r in unit_data]
     out = Output(json)
     out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
     for seen in inspections:

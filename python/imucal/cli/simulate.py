@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from imucal.cli.output import Gravity, JsonPath, Output
+from imucal.cli.working import working
 
 __all__ = ["simulate"]
 
@@ -34,8 +35,10 @@ def simulate(
     import imucal
     from imucal.document import write_json
 
-    run = imucal.simulate(program, unit=unit, rate_hz=rate_hz, gravity_mps2=gravity, seed=seed)
-    imucal.write(run.recording, output)
+    with working("simulating"):
+        run = imucal.simulate(program, unit=unit, rate_hz=rate_hz, gravity_mps2=gravity, seed=seed)
+    with working("writing"):
+        imucal.write(run.recording, output)
     if truth is not None:
         write_json(run.truth.to_dict(), truth)
     out = Output(json)
