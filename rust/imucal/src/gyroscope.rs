@@ -8,6 +8,8 @@
 //! the two rows of E_k span the plane across u_(k+1): a rotation about gravity is invisible. The nine entries are
 //! ordered row by row, `T_xx, T_xy, ... T_zz`.
 
+mod bias;
+
 use faer::Mat;
 use imucal_core::sensor::Triad;
 use imucal_core::so3::hat;
@@ -19,8 +21,9 @@ use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::observability::{self, MOVE_ERROR_RAD};
 use crate::recording::Recording;
 use crate::robust;
-use crate::segment::Rest;
-use crate::stats::{median, rms};
+use crate::stats::rms;
+
+pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 
 /// The way from one rest to the next, from the last sample of the one to the first sample of the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -60,52 +63,6 @@ impl Ends {
     pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
         self.across() * (rotation.tr_mul(&self.before) - self.after)
     }
-}
-
-/// Mean over rests with its variance, one axis each.
-#[derive(Clone, Debug)]
-pub(crate) struct GyroscopeBias {
-    /// The bias, raw units.
-    pub(crate) bias: Vector3<f64>,
-    /// Weight of each rest (rows) per axis; they sum to one. Zero for a rest that was left out.
-    pub(crate) weights: Vec<Vector3<f64>>,
-    /// Variance from one rest to the next beyond each rest's own noise, raw units squared.
-    pub(crate) between: Vector3<f64>,
-}
-
-/// The bias as the mean over all rests, each weighted by its own noise and the scatter between rests.
-pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
-    let mut result = GyroscopeBias {
-        bias: Vector3::zeros(),
-        weights: vec![Vector3::zeros(); rests.len()],
-        between: Vector3::zeros(),
-    };
-    for axis in 0..3 {
-        let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
-        // A noise-free simulation has no scatter at all.
-        let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30)).collect();
-        let centre = median(&mut means.clone());
-        let scores: Vec<f64> = means.iter().zip(&variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
-        let scale = (median(&mut scores.clone()) / 0.674_489_75).max(1.0);
-        let keep: Vec<f64> = scores.iter().map(|score| f64::from(u8::from(*score <= 6.0 * scale))).collect();
-
-        // Random-effects mean (DerSimonian and Laird): equal weights where rests differ more than their noise.
-        let inverse: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / v).collect();
-        let total: f64 = inverse.iter().sum();
-        let mean = inverse.iter().zip(&means).map(|(w, m)| w * m).sum::<f64>() / total;
-        let q: f64 = inverse.iter().zip(&means).map(|(w, m)| w * (m - mean).powi(2)).sum();
-        let free = keep.iter().sum::<f64>() - 1.0;
-        let spread = total - inverse.iter().map(|w| w * w).sum::<f64>() / total;
-        let between = if spread > 0.0 { ((q - free) / spread).max(0.0) } else { 0.0 };
-        let weights: Vec<f64> = variances.iter().zip(&keep).map(|(v, k)| k / (v + between)).collect();
-        let total: f64 = weights.iter().sum();
-        result.bias[axis] = weights.iter().zip(&means).map(|(w, m)| w * m).sum::<f64>() / total;
-        result.between[axis] = between;
-        for (target, weight) in result.weights.iter_mut().zip(weights) {
-            target[axis] = weight / total;
-        }
-    }
-    result
 }
 
 /// The fitted gyroscope.
