@@ -201,6 +201,7 @@ def calibrate(
             "direction_error_deg": without_nan(error_deg),
         }
     judges = _as_list(control)
+    _require_other_data(unit_data, judges)
 
     def made(control_set: Mapping[str, Any] | None) -> Calibration:
         return Calibration(
@@ -265,6 +266,19 @@ def _of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]
                 f"{first.accel_unit} and {first.gyro_unit}: recordings of one unit need the same raw units"
             )
     return unit_data
+
+
+def _require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
+    """A control recording must not be one that the calibration is made of."""
+    for judge in judges:
+        for recording in unit_data:
+            if np.array_equal(judge.specific_force, recording.specific_force) and np.array_equal(
+                judge.angular_rate, recording.angular_rate
+            ):
+                raise InputError(
+                    f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, which the "
+                    "calibration is made of: give another recording of the unit, or use folds"
+                )
 
 
 def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, float]:

@@ -17,9 +17,13 @@ use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::observability;
 use crate::robust;
 use crate::segment::Rest;
+use crate::stats;
 
 /// Index pairs of the six entries of a symmetric matrix, in the order of the parameters.
 pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
+
+/// Noise of a rest's mean over the smallest radius of the ellipsoid, at most. A noisy sensor has 0.001, noise alone 0.5.
+const NOISE_OVER_SIZE: f64 = 0.02;
 
 /// The fitted accelerometer and what the fit leaves.
 #[derive(Clone, Debug)]
@@ -40,7 +44,7 @@ pub(crate) fn fit(
     raw_is_si: bool,
 ) -> Result<AccelerometerFit, Error> {
     let means: Vec<Vector3<f64>> = rests.iter().map(|rest| rest.specific_force.mean).collect();
-    let start = match ellipsoid::fit(&means, gravity_mps2)? {
+    let start = match ellipsoid::fit(&means, gravity_mps2)?.filter(|start| exceeds_noise(start, rests, gravity_mps2)) {
         Some(start) => start,
         None => nominal
             .or_else(|| raw_is_si.then(|| Start { sensitivity: Matrix3::identity(), bias: Vector3::zeros() }))
@@ -63,6 +67,13 @@ pub(crate) fn fit(
             _ => return finish(rests, used, &problem, &solution),
         }
     }
+}
+
+/// Whether the ellipsoid is larger than the noise of the means: one fits the noise of a single pose, too.
+fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
+    let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.variance_of_mean.max().sqrt()).collect();
+    let noise = stats::median(&mut noise);
+    start.sensitivity.try_inverse().is_some_and(|inverse| noise * inverse.norm() < NOISE_OVER_SIZE * gravity_mps2)
 }
 
 fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution) -> Result<AccelerometerFit, Error> {

@@ -18,6 +18,11 @@ pub use outcome::{Outcome, parameter_names, parameter_values};
 /// Standard gravity, m/s^2.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
 
+/// Moves that the gyroscope's nine entries need at least, two numbers each.
+const FEWEST_MOVES: usize = 5;
+/// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
+const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
+
 /// What a calibration may be told.
 #[derive(Clone, Debug)]
 pub struct Options {
@@ -54,9 +59,46 @@ impl Default for Options {
 /// [`Error::Data`] lists faults that would make the result wrong, [`Error::NotEnoughMotion`] names what is missing,
 /// [`Error::Fit`] says why a fit has no acceptable end.
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options) -> Result<Outcome, Error> {
+    refuse(crate::check::check_shared(recordings))?;
+    let outcome = estimate(recordings, options)?;
+    refuse(recordings.first().map_or_else(Vec::new, |first| crate::check::check_gains(first, &outcome.calibration)))?;
+    Ok(outcome)
+}
+
+/// Too few moves for want of usable ones is another thing than too few moves.
+fn require_moves(usable: usize, unusable: &[crate::moves::Unusable]) -> Result<(), Error> {
+    let Some(first) = unusable.first() else {
+        return Ok(());
+    };
+    if usable >= FEWEST_MOVES {
+        return Ok(());
+    }
+    let count = |reason: &str| unusable.iter().filter(|u| u.reason == reason).count();
+    let reasons: Vec<String> = [("samples_missing", "gaps in time"), ("saturation", "saturated samples")]
+        .into_iter()
+        .filter(|(reason, _)| count(reason) > 0)
+        .map(|(reason, words)| format!("{} for {words} [{reason}]", count(reason)))
+        .collect();
+    Err(Error::NotEnoughMotion(format!(
+        "{usable} of {} moves are usable and do not determine the gyroscope, at least {FEWEST_MOVES} are needed, better 12; \
+         left out: {} (the first between rests {} and {}): record again without them",
+        usable + unusable.len(),
+        reasons.join(", "),
+        first.span.from,
+        first.span.to,
+    )))
+}
+
+fn refuse(errors: Vec<crate::check::Finding>) -> Result<(), Error> {
+    if errors.is_empty() { Ok(()) } else { Err(Error::Data(errors)) }
+}
+
+/// The estimation, in the order of the method.
+fn estimate(recordings: &[Recording<'_>], options: &Options) -> Result<Outcome, Error> {
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, unusable) = data.moves(&accelerometer);
+    require_moves(moves.len(), &unusable)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)
 }
@@ -107,10 +149,12 @@ fn check_options(recordings: &[Recording<'_>], options: &Options) -> Result<(), 
             first.name, other.name
         )));
     }
-    // Gravity on Earth is 9.76 to 9.84; the wide range leaves room for the Moon and centrifuges, not for g = 1.
-    if !(options.gravity_mps2 >= 1.5 && options.gravity_mps2 <= 100.0) {
+    // No data can tell a wrong gravity from a wrong scale, so a value that no place has is refused.
+    let [least, most] = GRAVITY_ON_EARTH_MPS2;
+    if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {
         return Err(Error::Input(format!(
-            "gravity_mps2 = {}: give local gravity in m/s^2, such as {STANDARD_GRAVITY_MPS2}",
+            "gravity_mps2 = {}: on Earth gravity is between {least} and {most} m/s^2, give that of your place or leave \
+             {STANDARD_GRAVITY_MPS2}",
             options.gravity_mps2
         )));
     }

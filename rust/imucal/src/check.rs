@@ -1,16 +1,19 @@
 //! Checks before any fit: each fault with a stable reason code, its place, its number and the way out.
 //!
-//! Three steps, as the calibration learns more: [`check_columns`] needs the columns alone, [`check_rests`] the rests,
-//! [`check_kinematics`] a first linear fit of the gyroscope. Several faults of one kind make one finding, which counts
-//! them and points at the first. Samples that are not finite are reported once and passed over everywhere else.
+//! In steps, as the calibration learns more: [`check_columns`] needs the columns alone, [`check_shared`] all recordings,
+//! [`check_rests`] the rests, [`check_kinematics`] a first linear fit of the gyroscope, [`check_gains`] the result.
+//! Several faults of one kind make one finding, which counts them and points at the first. Samples that are not finite
+//! are reported once and passed over everywhere else.
 
 mod clock;
 #[cfg(test)]
 mod example;
+mod gains;
 mod kinematics;
 mod plateau;
 mod rails;
 mod repeats;
+mod shared;
 mod stuck;
 mod units;
 mod values;
@@ -19,8 +22,10 @@ use std::fmt;
 
 use crate::recording::{RawUnit, Recording};
 
+pub use gains::check_gains;
 pub use kinematics::check_kinematics;
 pub use rails::saturated_samples;
+pub use shared::check_shared;
 pub use units::check_rests;
 
 /// How bad a finding is.

@@ -7,8 +7,10 @@ use crate::recording::Recording;
 const MIN_SAMPLES: usize = 200;
 /// A shorter recording cannot hold two rests and a move, s.
 const MIN_DURATION_S: f64 = 5.0;
-/// Rates of inertial sensors, Hz; beyond them the time unit is wrong.
+/// Rates of inertial sensors, Hz; beyond them the time unit is wrong, or moves cannot be integrated.
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
+/// Time stamps are rounded, and so is their step.
+const ROUNDING: f64 = 1e-6;
 /// Spread of the time steps relative to their median: worth knowing, and too much.
 const SPREAD: [f64; 2] = [0.2, 0.5];
 /// Share of equal time stamps above which the clock is not believed.
@@ -143,7 +145,8 @@ fn too_short(recording: &Recording) -> Option<Finding> {
 }
 
 fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
-    let plausible = |step_s: f64| (RATES_HZ[0]..=RATES_HZ[1]).contains(&(1.0 / step_s));
+    let plausible =
+        |step_s: f64| (RATES_HZ[0] * (1.0 - ROUNDING)..=RATES_HZ[1] * (1.0 + ROUNDING)).contains(&(1.0 / step_s));
     if plausible(median_s) {
         return None;
     }
@@ -151,7 +154,10 @@ fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
         .into_iter()
         .find(|(_, unit_s)| plausible(median_s * unit_s));
     let way_out = match guess {
-        Some((name, _)) => format!("the step fits another unit: name the column {name}"),
+        Some((name, _)) => format!(
+            "if the column is in another unit, its name says so: {name}; if it is in seconds, record at {:.0} Hz or more",
+            RATES_HZ[0]
+        ),
         None if plausible(median_s * 1e3) => {
             "the step is 1000 times too short: if the column is in seconds, name it time_s".into()
         }

@@ -3,7 +3,8 @@
 //! In every move gravity u turns in the body as u' = u x w. A linear fit of that gives P with w = P (raw - bias).
 //! Gyroscope axes G and accelerometer axes A (signed permutations of the true ones) make P = det(A) A G^-1, so that
 //! det P has the sign of det G alone: it shows the gyroscope's handedness. A left-handed accelerometer is seen as
-//! P = -A, a proper rotation: one axis reversed looks like a half turn of the gyroscope about that axis.
+//! P = -A, a proper rotation: one axis reversed looks like a half turn of the gyroscope about that axis, two axes
+//! exchanged like one about a diagonal that reverses all three.
 
 use nalgebra::Matrix3;
 
@@ -42,7 +43,10 @@ pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>) -> 
     } else if axes.correlation >= CLEAR && !axes.is_identity() {
         findings.push(match axes.half_turn() {
             Some(axis) => left_handed_accelerometer(recording, axis, &axes),
-            None => turned(recording, &axes),
+            None => match axes.exchanged() {
+                Some(pair) => exchanged_accelerometer(recording, pair, &axes),
+                None => turned(recording, &axes),
+            },
         });
     }
     findings
@@ -126,6 +130,27 @@ fn left_handed_accelerometer(recording: &Recording, axis: usize, axes: &SignedPe
     }
 }
 
+fn exchanged_accelerometer(recording: &Recording, [one, other]: [usize; 2], axes: &SignedPermutation) -> Finding {
+    Finding {
+        columns: names([ACCEL[one], ACCEL[other]]),
+        count: recording.len(),
+        value: axes.correlation,
+        unit: "correlation",
+        message: format!(
+            "{} and {} look exchanged, which makes the accelerometer left-handed: {} (correlation {:.2})",
+            ACCEL[one],
+            ACCEL[other],
+            axes.mapping(),
+            axes.correlation
+        ),
+        way_out: format!(
+            "exchange {} and {}; or, if the gyroscope is mounted so, exchange {} and {} and negate all three gyro columns",
+            ACCEL[one], ACCEL[other], GYRO[one], GYRO[other]
+        ),
+        ..Finding::error("left_handed_axes", recording)
+    }
+}
+
 fn turned(recording: &Recording, axes: &SignedPermutation) -> Finding {
     Finding {
         columns: names(GYRO),
@@ -187,6 +212,13 @@ impl SignedPermutation {
         let kept = (0..3).find(|&k| self.sign_of[k] > 0.0)?;
         let turned = self.sign_of.iter().filter(|sign| **sign < 0.0).count() == 2;
         (self.in_order() && turned).then_some(kept)
+    }
+
+    /// The two axes that it exchanges while it reverses all three, if it is such a half turn about a diagonal.
+    fn exchanged(&self) -> Option<[usize; 2]> {
+        let mut moved = (0..3).filter(|&k| self.column_of[k] != k);
+        let pair = [moved.next()?, moved.next()?];
+        (moved.next().is_none() && self.sign_of == [-1.0; 3]).then_some(pair)
     }
 
     /// "gyro x follows accelerometer -y" for each axis that does not follow its own.
@@ -302,6 +334,20 @@ mod tests {
             }
         }
         assert!(judge(near(fitted(&Matrix3::identity(), &Matrix3::identity()))).is_empty());
+    }
+
+    #[test]
+    fn exchanged_accelerometer_columns_are_named_and_a_mounting_is_not() {
+        let [x, y, z] = [0, 1, 2].map(|k| Vector3::ith(k, 1.0));
+        for (exchanged, columns) in [([y, x, z], [0, 1]), ([z, y, x], [0, 2]), ([x, z, y], [1, 2])] {
+            let accel = Matrix3::from_columns(&exchanged);
+            let findings = judge(near(fitted(&accel, &Matrix3::identity())));
+            assert_eq!((findings[0].code, findings[0].severity), ("left_handed_axes", Severity::Error));
+            assert_eq!(findings[0].columns, columns.map(|k| ACCEL[k]));
+        }
+        // North-east-down against east-north-up is a half turn about a diagonal, too, and a common mounting.
+        let ned = Matrix3::from_columns(&[y, x, -z]);
+        assert_eq!(judge(near(ned))[0].severity, Severity::Warning);
     }
 
     #[test]

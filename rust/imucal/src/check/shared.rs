@@ -1,0 +1,111 @@
+//! The same data given twice: standard deviations would shrink though nothing new was measured.
+
+use std::collections::HashMap;
+
+use super::{Finding, Place};
+use crate::recording::Recording;
+
+/// Rows in a row that two recordings have in common. By chance noise never repeats so long.
+const SHARED_ROWS: usize = 100;
+
+/// `recordings_overlap` for every recording that holds a stretch of an earlier one, whatever its time stamps.
+pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
+    // One recording has nothing to share, and a long table is not made for it.
+    if recordings.len() < 2 {
+        return Vec::new();
+    }
+    let mut seen: HashMap<[u64; 6], (usize, usize)> = HashMap::new();
+    let mut findings = Vec::new();
+    for (k, recording) in recordings.iter().enumerate() {
+        findings.extend(shared_with_earlier(recording, recordings, &seen));
+        for i in 0..rows(recording) {
+            seen.insert(row_bits(recording, i), (k, i));
+        }
+    }
+    findings
+}
+
+/// The first stretch whose rows follow each other in an earlier recording, too.
+fn shared_with_earlier(
+    recording: &Recording,
+    recordings: &[Recording],
+    seen: &HashMap<[u64; 6], (usize, usize)>,
+) -> Option<Finding> {
+    let (mut start, mut before) = (0, None);
+    for i in 0..rows(recording) {
+        let twin = seen.get(&row_bits(recording, i)).copied();
+        let follows = matches!((before, twin), (Some((k, j)), Some((l, m))) if k == l && j + 1 == m);
+        if !follows {
+            start = i;
+        }
+        before = twin;
+        if let Some((k, j)) = twin
+            && i + 1 - start == SHARED_ROWS
+        {
+            let place = Place::new(recording, start, i);
+            return Some(Finding {
+                place: Some(place),
+                count: SHARED_ROWS,
+                value: SHARED_ROWS as f64,
+                unit: "samples",
+                message: format!(
+                    "{SHARED_ROWS} samples in a row {place} are those of {} from sample {}",
+                    recordings[k].name,
+                    j + 1 - SHARED_ROWS
+                ),
+                way_out: "give every recording once: repeated data add no information, and the stated accuracy would be wrong"
+                    .into(),
+                ..Finding::error("recordings_overlap", recording)
+            });
+        }
+    }
+    None
+}
+
+/// Rows that every column has; columns of different lengths are another finding's matter.
+fn rows(recording: &Recording) -> usize {
+    if recording.check_lengths().is_ok() { recording.len() } else { 0 }
+}
+
+fn row_bits(recording: &Recording, i: usize) -> [u64; 6] {
+    let ([fx, fy, fz], [wx, wy, wz]) = (recording.specific_force[i], recording.angular_rate[i]);
+    [fx, fy, fz, wx, wy, wz].map(f64::to_bits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example::Columns;
+    use super::*;
+
+    #[test]
+    fn a_recording_given_twice_or_in_part_is_found_at_its_place() {
+        let columns = Columns::tumbling();
+        let whole = columns.recording();
+        let later: Vec<f64> = columns.time_s.iter().map(|t| t + 1000.0).collect();
+        let again = Recording { name: "again", time_s: &later, ..whole };
+        let cut = |range: std::ops::Range<usize>| {
+            Recording::try_new(
+                "cut",
+                &columns.time_s[range.clone()],
+                &columns.force[range.clone()],
+                &columns.rate[range],
+            )
+            .unwrap()
+        };
+        for (other, sample) in [(again, 0), (cut(700..1500), 700)] {
+            let findings = check_shared(&[whole, other]);
+            assert_eq!((findings.len(), findings[0].code), (1, "recordings_overlap"));
+            assert!(findings[0].message.ends_with(&format!("example from sample {sample}")), "{}", findings[0]);
+        }
+        assert!(check_shared(&[cut(0..1500), cut(1500..4000)]).is_empty());
+        assert!(check_shared(&[whole]).is_empty());
+    }
+
+    #[test]
+    fn rests_without_noise_are_no_copies() {
+        let still = vec![[0.0, 0.0, 9.80665]; 1000];
+        let (time, zero) = ((0..1000).map(f64::from).collect::<Vec<_>>(), vec![[0.0; 3]; 1000]);
+        let recording = Recording::try_new("still", &time, &still, &zero).unwrap();
+        assert!(check_shared(&[recording, recording]).is_empty());
+    }
+}
