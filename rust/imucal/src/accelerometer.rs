@@ -13,14 +13,12 @@ use nalgebra::{Matrix3, SVector, Vector3};
 
 use crate::ellipsoid::{self, Start};
 use crate::error::Error;
+use crate::frame::SYMMETRIC;
 use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::observability;
 use crate::robust;
 use crate::segment::Rest;
 use crate::stats;
-
-/// Index pairs of the six entries of a symmetric matrix, in the order of the parameters.
-pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
 
 /// Noise of a rest's mean over the smallest radius of the ellipsoid, at most. A noisy sensor has 0.001, noise alone 0.5.
 const NOISE_OVER_SIZE: f64 = 0.02;
@@ -50,7 +48,7 @@ pub(crate) fn fit(
             .or_else(|| raw_is_si.then(|| Start { sensitivity: Matrix3::identity(), bias: Vector3::zeros() }))
             .ok_or_else(|| Error::NotEnoughMotion(observability::too_few_poses(means.len())))?,
     };
-    observability::check_accelerometer(&means, &start, gravity_mps2)?;
+    check_design(&means, &start, gravity_mps2)?;
 
     let mut used = vec![true; rests.len()];
     let mut parameters = parameters_of(&start);
@@ -74,6 +72,20 @@ fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.variance_of_mean.max().sqrt()).collect();
     let noise = stats::median(&mut noise);
     start.sensitivity.try_inverse().is_some_and(|inverse| noise * inverse.norm() < NOISE_OVER_SIZE * gravity_mps2)
+}
+
+/// Refuses rests that leave a direction of the nine parameters open.
+fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64) -> Result<(), Error> {
+    let triad = triad_of(&parameters_of(start))?;
+    let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
+    // In parts of the sensitivity and of what gravity reads.
+    let scale = start.sensitivity.trace() / 3.0;
+    let design = Mat::from_fn(means.len(), 9, |k, j| {
+        let unit = if j < 3 { gravity_mps2 } else { 1.0 };
+        gradients[k][j] * unit * scale
+    });
+    let up: Vec<Vector3<f64>> = means.iter().map(|mean| triad.correct(*mean).normalize()).collect();
+    observability::check_accelerometer(&design, &up)
 }
 
 fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution) -> Result<AccelerometerFit, Error> {

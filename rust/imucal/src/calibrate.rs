@@ -7,7 +7,7 @@ mod unit_data;
 use crate::carry::rotate;
 use crate::error::Error;
 use crate::frame::Frame;
-use crate::gyroscope::Move;
+use crate::moves::Move;
 use crate::moves::direction_error_rad;
 use crate::recording::Recording;
 use crate::stats::rms;

@@ -7,10 +7,10 @@ use nalgebra::{Matrix3, Vector3};
 use crate::carry::rotate;
 use crate::check::{Finding, Severity, check_columns};
 use crate::error::Error;
-use crate::gyroscope::{Ends, Move};
 use crate::moves::{
     Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of, saturated_stretches,
 };
+use crate::moves::{Ends, Move};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Segments};
 use crate::stats::rms;

@@ -6,10 +6,11 @@
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
 
-use crate::accelerometer::SYMMETRIC;
 use crate::ellipsoid::square_root;
 use crate::error::Error;
 
+/// Index pairs of the six entries of a symmetric matrix, in the order of the parameters.
+pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
 /// Index pairs of the entries of a lower triangular matrix, in the order of the parameters.
 const TRIANGULAR: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1)];
 

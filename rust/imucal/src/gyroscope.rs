@@ -13,57 +13,18 @@ mod bias;
 use faer::Mat;
 use imucal_core::sensor::Triad;
 use imucal_core::so3::hat;
-use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::carry::{Carried, carry, rotate};
 use crate::error::Error;
 use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
-use crate::observability::{self, MOVE_ERROR_RAD};
+use crate::moves::{Ends, Move};
+use crate::observability;
 use crate::recording::Recording;
 use crate::robust;
 use crate::stats::rms;
 
 pub(crate) use bias::{GyroscopeBias, bias_from_rests};
-
-/// The way from one rest to the next, from the last sample of the one to the first sample of the other.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) struct Move {
-    /// Index of the recording.
-    pub(crate) recording: usize,
-    /// Index of the rest before and after, among all rests of all recordings.
-    pub(crate) from: usize,
-    pub(crate) to: usize,
-    /// First and last sample, both included.
-    pub(crate) first: usize,
-    pub(crate) last: usize,
-    /// Duration, s.
-    pub(crate) duration_s: f64,
-}
-
-/// What the residual of a move depends on beside the gyroscope.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Ends {
-    /// Direction of gravity in the body at the rest before and after the move.
-    pub(crate) before: Vector3<f64>,
-    pub(crate) after: Vector3<f64>,
-    /// Standard deviation of each component of the residual, rad.
-    pub(crate) sigma_rad: f64,
-}
-
-impl Ends {
-    /// Two rows across the direction of gravity after the move.
-    pub(crate) fn across(&self) -> Matrix2x3<f64> {
-        let u = self.after;
-        let smallest = u.iamin();
-        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest))).cross(&u).normalize();
-        Matrix2x3::from_rows(&[first.transpose(), u.cross(&first).transpose()])
-    }
-
-    /// The residual in rad: components of the carried minus the measured direction.
-    pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
-        self.across() * (rotation.tr_mul(&self.before) - self.after)
-    }
-}
 
 /// The fitted gyroscope.
 #[derive(Clone, Debug)]
@@ -189,9 +150,8 @@ impl Carrying<'_> {
             return Err(Error::Fit("the gyroscope fit left the range of numbers: check the units of the rates".into()));
         }
         let scale = triad.sensitivity().norm() / 3f64.sqrt();
-        let typical = 0.01 * scale / MOVE_ERROR_RAD;
         let design = Mat::from_fn(solution.jacobian.nrows(), 9, |row, j| {
-            solution.jacobian[(row, j)] * self.ends[self.rows[row / 2]].sigma_rad * typical
+            solution.jacobian[(row, j)] * self.ends[self.rows[row / 2]].sigma_rad * scale
         });
         let turned = self.rows.iter().map(|&k| {
             let m = &self.moves[k];

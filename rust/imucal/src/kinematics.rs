@@ -13,7 +13,7 @@
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use crate::gyroscope::Move;
+use crate::moves::Move;
 use crate::recording::Recording;
 use crate::segment::sample_interval_s;
 

@@ -3,14 +3,12 @@
 use std::ops::Range;
 
 use imucal_core::sensor::Triad;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 use crate::accelerometer::sigma_norm;
 use crate::check::{Finding, saturated_samples};
-use crate::gyroscope::{Ends, Move};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
-use crate::uncertainty::random_walk_rad;
 
 /// A step in time of more than this many sample intervals inside a move loses too much of the rotation.
 const LONGEST_STEP: f64 = 2.5;
@@ -25,6 +23,46 @@ const SPAN_S: f64 = 1.0;
 pub(crate) struct UnitRest {
     pub(crate) recording: usize,
     pub(crate) rest: Rest,
+}
+
+/// The way from one rest to the next, from the last sample of the one to the first sample of the other.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Move {
+    /// Index of the recording.
+    pub(crate) recording: usize,
+    /// Index of the rest before and after, among all rests of all recordings.
+    pub(crate) from: usize,
+    pub(crate) to: usize,
+    /// First and last sample, both included.
+    pub(crate) first: usize,
+    pub(crate) last: usize,
+    /// Duration, s.
+    pub(crate) duration_s: f64,
+}
+
+/// What the residual of a move depends on beside the gyroscope.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ends {
+    /// Direction of gravity in the body at the rest before and after the move.
+    pub(crate) before: Vector3<f64>,
+    pub(crate) after: Vector3<f64>,
+    /// Standard deviation of each component of the residual, rad.
+    pub(crate) sigma_rad: f64,
+}
+
+impl Ends {
+    /// Two rows across the direction of gravity after the move.
+    pub(crate) fn across(&self) -> Matrix2x3<f64> {
+        let u = self.after;
+        let smallest = u.iamin();
+        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest))).cross(&u).normalize();
+        Matrix2x3::from_rows(&[first.transpose(), u.cross(&first).transpose()])
+    }
+
+    /// The residual in rad: components of the carried minus the measured direction.
+    pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
+        self.across() * (rotation.tr_mul(&self.before) - self.after)
+    }
 }
 
 /// A stretch between two rests that cannot be used, and why (a reason code).
@@ -157,6 +195,12 @@ impl Directions<'_> {
         }
         (sum.normalize(), count as f64 / samples as f64, count as f64 * interval_s)
     }
+}
+
+/// Standard deviation of each direction component of a move that the gyroscope's white noise makes, rad.
+fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
+    let per_axis = (inverse * Matrix3::from_diagonal(density)).norm_squared() / 3.0;
+    (per_axis * duration_s).sqrt()
 }
 
 /// Error of the gravity direction after a move: the angle between carried and measured, rad.

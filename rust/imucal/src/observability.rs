@@ -7,15 +7,15 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use crate::accelerometer::{norm_and_gradient, parameters_of, triad_of};
-use crate::ellipsoid::Start;
 use crate::error::Error;
 use crate::lsq;
 
 /// Unmodelled error of |f| at a rest, m/s^2.
 const REST_ERROR_MPS2: f64 = 0.005;
 /// Unmodelled error of the gravity direction after a move, rad.
-pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
+const MOVE_ERROR_RAD: f64 = 0.0035;
+/// A parameter that such errors move by more than this share of the sensitivity is not determined.
+const LARGEST_SHIFT: f64 = 0.01;
 /// An axis that no rest brings this close to the vertical is said to be missing.
 const FACE_LIMIT_DEG: f64 = 40.0;
 const AXES: [&str; 3] = ["x", "y", "z"];
@@ -54,31 +54,28 @@ pub(crate) fn too_few_poses(rests: usize) -> String {
 }
 
 /// Refuses rests that leave a direction of the nine accelerometer parameters open.
-pub(crate) fn check_accelerometer(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64) -> Result<(), Error> {
-    let triad = triad_of(&parameters_of(start))?;
-    let scale = start.sensitivity.trace() / 3.0;
-    let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
-    let design = Mat::from_fn(means.len(), 9, |k, j| {
-        let typical = if j < 3 { 0.01 * gravity_mps2 } else { 0.01 };
-        gradients[k][j] * typical * scale / REST_ERROR_MPS2
-    });
-    let open = undetermined(&design)?;
+///
+/// `design` is the Jacobian of |f| in m/s^2 with respect to biases in units of what gravity reads and entries in units of the
+/// sensitivity; `up` are the directions of gravity at the rests.
+pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>]) -> Result<(), Error> {
+    let open = undetermined(design, REST_ERROR_MPS2)?;
     if open.is_empty() {
         return Ok(());
     }
-    let directions: Vec<Vector3<f64>> = means.iter().map(|mean| triad.correct(*mean).normalize()).collect();
     Err(Error::NotEnoughMotion(format!(
         "{} rests do not determine the accelerometer's {}: {}",
-        means.len(),
+        up.len(),
         names(&open, &ACCELEROMETER_WORDS),
-        missing_poses(&directions)
+        missing_poses(up)
     )))
 }
 
-/// Refuses moves that leave a direction of the nine gyroscope entries open. `design` is the Jacobian of the move
-/// residuals in rad with respect to the entries, each times `0.01 * scale`, over [`MOVE_ERROR_RAD`].
+/// Refuses moves that leave a direction of the nine gyroscope entries open.
+///
+/// `design` is the Jacobian of the move residuals in rad with respect to entries in units of the sensitivity;
+/// `turned_rad` is how far the unit turned about each axis.
 pub(crate) fn check_gyroscope(design: &Mat<f64>, turned_rad: Vector3<f64>, moves: usize) -> Result<(), Error> {
-    let open = undetermined(design)?;
+    let open = undetermined(design, MOVE_ERROR_RAD)?;
     if open.is_empty() {
         return Ok(());
     }
@@ -101,12 +98,14 @@ pub(crate) fn check_gyroscope(design: &Mat<f64>, turned_rad: Vector3<f64>, moves
     )))
 }
 
-/// Columns of `design` that take part in a direction which is not determined (singular value below one).
-pub(crate) fn undetermined(design: &Mat<f64>) -> Result<Vec<usize>, Error> {
+/// Columns of `design` that take part in a direction which an error of `typical_error` in each row may move by more than
+/// [`LARGEST_SHIFT`].
+fn undetermined(design: &Mat<f64>, typical_error: f64) -> Result<Vec<usize>, Error> {
     let (values, vectors) = lsq::singular(design)?;
+    let least = typical_error / LARGEST_SHIFT;
     let open = |j: &usize| {
         (0..values.len())
-            .filter(|&k| values[k].is_nan() || values[k] < 1.0)
+            .filter(|&k| values[k].is_nan() || values[k] < least)
             .map(|k| vectors[(*j, k)].powi(2))
             .sum::<f64>()
             > 0.05

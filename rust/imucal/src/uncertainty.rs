@@ -8,15 +8,11 @@
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
 
-use crate::accelerometer::{AccelerometerFit, SYMMETRIC};
-use crate::gyroscope::{Ends, GyroscopeBias, GyroscopeFit, Move, residual_gradient};
+use crate::accelerometer::AccelerometerFit;
+use crate::frame::SYMMETRIC;
+use crate::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
+use crate::moves::{Ends, Move};
 use crate::segment::Rest;
-
-/// Standard deviation of each direction component of a move that the gyroscope's white noise makes, rad.
-pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
-    let per_axis = (inverse * Matrix3::from_diagonal(density)).norm_squared() / 3.0;
-    (per_axis * duration_s).sqrt()
-}
 
 /// Covariance of `[accelerometer bias, its six entries, gyroscope bias, its nine entries]`, symmetric frame, 21 x 21.
 pub(crate) fn covariance(
