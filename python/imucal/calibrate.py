@@ -32,8 +32,8 @@ from imucal.recording import Recording, Source
 __all__ = ["CalibrationResult", "calibrate"]
 
 STANDARD_GRAVITY_MPS2 = 9.80665
-MOST_FOLDS = 1000
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
+MOST_FOLDS = 1000
 
 
 @dataclass(frozen=True)
