@@ -55,9 +55,12 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` as UTF-8, the way `write_atomically` does."""
+    """Write `text` as UTF-8, the way `write_atomically` does.
+
+    A file name that is no text in UTF-8 has lone surrogates; they are written as escapes, as JSON has them.
+    """
     with write_atomically(path) as file:
-        file.write(text.encode())
+        file.write(text.encode("utf-8", "backslashreplace"))
 
 
 def _mode(target: Path) -> int:

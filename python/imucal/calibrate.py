@@ -35,6 +35,7 @@ STANDARD_GRAVITY_MPS2 = 9.80665
 # Noise alone widens standard deviations by a few tens of per cent now and then; more is worth a sentence.
 WORTH_SAYING = 1.5
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
+MOST_FOLDS = 1000
 
 
 @dataclass(frozen=True)
@@ -186,6 +187,10 @@ def calibrate(
     from imucal import _core
 
     unit_data = _of_one_unit(recordings)
+    if folds is not None and not 2 <= folds <= MOST_FOLDS:
+        raise InputError(
+            f"folds is {folds}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
+        )
     body_frame = as_frame(frame)
     options = Options(
         float(gravity_mps2), body_frame, float(min_rest_s), exclude_saturated, accel_nominal, gyro_nominal
@@ -276,8 +281,8 @@ def _require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recordi
                 judge.angular_rate, recording.angular_rate
             ):
                 raise InputError(
-                    f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, which the "
-                    "calibration is made of: give another recording of the unit, or use folds"
+                    f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
+                    "which the calibration is made of: give another recording of the unit, or use folds"
                 )
 
 

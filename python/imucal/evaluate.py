@@ -160,6 +160,11 @@ def reported(
 
 def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:
     """Why these figures make a verdict poor; empty if they do not."""
+    if not figures["moves"]:
+        return [
+            f"{name}: {figures['rests']} usable rests and no usable move: the gyroscope is not judged, "
+            "record rests in different poses with moves between them"
+        ]
     chi2 = figures["chi2_per_dof"]
     if chi2 is None or chi2 <= POOR_CHI2_PER_DOF:
         return []

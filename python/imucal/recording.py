@@ -80,6 +80,9 @@ class Recording:
             if unit not in known:
                 raise InputError(f"{name}: {what} is {unit!r}: give one of {', '.join(known)}")
 
+        # A file's name need not be text in UTF-8; a message is.
+        printable = name.encode("utf-8", "backslashreplace").decode()
+
         def column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
             return as_rows(values, f"{name}: {what}", width, rows)
 
@@ -99,7 +102,7 @@ class Recording:
             },
             "accel_unit": accel_unit,
             "gyro_unit": gyro_unit,
-            "name": name,
+            "name": printable,
             "sources": tuple(sources),
         }
         for field, value in fields.items():

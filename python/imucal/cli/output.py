@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any
@@ -34,6 +35,10 @@ class Output:
     def __init__(self, json_path: str | None) -> None:
         from rich.console import Console
 
+        # A file's name, or a sigma on an old console, must not end a command that has done its work.
+        for output in (sys.stdout, sys.stderr):
+            if isinstance(output, io.TextIOWrapper):
+                output.reconfigure(errors="backslashreplace")
         self._json_path = json_path
         stream = sys.stderr if json_path == "-" else sys.stdout
         width = None if stream.isatty() else PIPE_WIDTH

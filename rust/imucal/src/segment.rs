@@ -90,12 +90,18 @@ pub struct Segments {
     pub noise_density: NoiseDensity,
 }
 
+/// Nobody waits longer for one pose, s.
+const LONGEST_MIN_REST_S: f64 = 3600.0;
+
 impl Segments {
     /// Finds the rests that last `min_rest_s` or more.
     ///
     /// # Errors
     /// [`Error::NotEnoughMotion`] if there is no rest.
     pub fn find(recording: &Recording<'_>, min_rest_s: f64) -> Result<Self, Error> {
+        if !(min_rest_s > 0.0 && min_rest_s <= LONGEST_MIN_REST_S) {
+            return Err(Error::Input(format!("min_rest_s = {min_rest_s}: give a duration in s, such as 1")));
+        }
         let dt_s = sample_interval_s(recording.time_s);
         let block_samples = ((BLOCK_S / dt_s).round() as usize).max(1);
         let (blocks, steps) = sum_blocks(recording, block_samples);

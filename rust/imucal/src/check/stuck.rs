@@ -34,7 +34,8 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
             if triad_is_dead || siblings.iter().any(|&k| moves(meanwhile, k)) {
                 stuck.push(Stuck {
                     column: names[axis],
-                    value: rows[first][axis],
+                    // Adding zero takes the sign from a negative zero.
+                    value: rows[first][axis] + 0.0,
                     unit,
                     held,
                     place: Place::new(recording, first, last),

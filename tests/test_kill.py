@@ -1,0 +1,203 @@
+"""A process that dies while it writes leaves the old file or the new one, whole, and no broken one."""
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imucal
+
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
+
+COMMAND = Path(sys.executable).with_name("imucal")
+
+# Writes the old file, then forks a child for every moment: a profiler counts the calls of the writing child
+# and kills it at the given one. The parent prints how often it found the old bytes, the new ones, and others.
+MOMENTS = """
+import os, signal, sys
+from pathlib import Path
+import numpy as np
+import imucal
+import imucal.cli.output, imucal.document, imucal.io.canonical
+import pyarrow.csv, pyarrow.parquet
+
+target = Path(sys.argv[1])
+
+def recording(value):
+    return imucal.Recording(np.arange(500) / 100, *[np.full((500, 3), value)] * 2)
+
+def write(kind, value):
+    if kind == "recording":
+        imucal.write(recording(value), target)
+    elif kind == "calibration":
+        triad = imucal.Triad(value * np.eye(3), np.zeros(3))
+        imucal.Calibration(triad, triad).save(target)
+    else:
+        imucal.document.write_json({"values": [value] * 500}, target)
+
+def in_child(work):
+    child = os.fork()
+    if child == 0:
+        try:
+            work()
+        finally:
+            os._exit(1)
+    return os.waitpid(child, 0)[1]
+
+def finished(kind, value):
+    write(kind, value)
+    os._exit(0)
+
+def killed_at(kind, moment):
+    calls = 0
+    def count(*_):
+        nonlocal calls
+        calls += 1
+        if calls == moment:
+            os.kill(os.getpid(), signal.SIGKILL)
+    sys.setprofile(count)
+    write(kind, 2.5)
+    sys.setprofile(None)
+    os._exit(0)
+
+kind = sys.argv[2]
+assert in_child(lambda: finished(kind, 2.5)) == 0
+new = target.read_bytes()
+assert in_child(lambda: finished(kind, 1.5)) == 0
+old = target.read_bytes()
+assert old != new
+# Every one of the first calls, then a sample of them up to the end.
+seen, moment = {"old": 0, "new": 0, "broken": 0}, 1
+while True:
+    status = in_child(lambda: killed_at(kind, moment))
+    found = target.read_bytes()
+    seen["old" if found == old else "new" if found == new else "broken"] += 1
+    if status == 0:
+        break
+    assert os.WTERMSIG(status) == signal.SIGKILL
+    if found == new:
+        assert in_child(lambda: finished(kind, 1.5)) == 0
+    moment += max(1, moment // int(sys.argv[3]))
+print(*seen.values())
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "kind"),
+    [
+        ("run.csv", "recording"),
+        ("run.parquet", "recording"),
+        ("cal.json", "calibration"),
+        ("result.json", "document"),
+    ],
+)
+def test_killed_at_any_call_leaves_the_old_or_the_new_file(tmp_path, name, kind):
+    target = tmp_path / name
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", MOMENTS, str(target), kind, "30"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    old, new, broken = map(int, done.stdout.split())
+    assert broken == 0
+    assert old > 20
+    assert new > 0
+    # What a killed process cannot remove is hidden, and its ending is not that of any recording.
+    others = [path.name for path in tmp_path.iterdir() if path != target]
+    assert all(other.startswith(f".{name}.") and other.endswith(".tmp") for other in others)
+
+
+@pytest.fixture(scope="module")
+def long_recording(tmp_path_factory):
+    """Long enough that reading and writing it as text takes a while."""
+    path = tmp_path_factory.mktemp("long") / "run.parquet"
+    values = np.random.default_rng(0).normal(size=(400_000, 6))
+    imucal.write(imucal.Recording(np.arange(400_000) / 1000, values[:, :3], values[:, 3:]), path)
+    return path
+
+
+def convert(source, output):
+    """The installed command at work, caught in the middle of its writing."""
+    process = subprocess.Popen(
+        [COMMAND, "convert", str(source), "-o", str(output)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    patience = time.monotonic() + 30
+    while not any(path.stat().st_size for path in output.parent.glob(f".{output.name}.*.tmp")):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < patience
+        time.sleep(0.002)
+    return process
+
+
+def test_installed_command_killed_while_it_writes(long_recording, tmp_path):
+    output = tmp_path / "out.csv"
+    output.write_text("old")
+    process = convert(long_recording, output)
+    process.kill()
+    process.communicate()
+    assert process.returncode == -signal.SIGKILL
+    assert output.read_text() == "old"
+    # The next run is not disturbed by what the killed one left.
+    subprocess.run(
+        [COMMAND, "convert", str(long_recording), "-o", str(output)], check=True, capture_output=True
+    )
+    assert len(imucal.read(output)) == 400_000
+
+
+@pytest.mark.parametrize("name", [signal.SIGINT, signal.SIGTERM], ids=lambda s: s.name)
+def test_interrupted_while_it_writes(long_recording, tmp_path, name):
+    output = tmp_path / "out.csv"
+    output.write_text("old")
+    process = convert(long_recording, output)
+    process.send_signal(name)
+    _, shown = process.communicate(timeout=30)
+    assert output.read_text() == "old"
+    assert "Traceback" not in shown
+    if name == signal.SIGINT:
+        assert process.returncode == 130
+        assert shown == "imucal: interrupted, no file is half written\n"
+        assert list(tmp_path.iterdir()) == [output]
+
+
+def test_interrupted_at_any_time(long_recording, tmp_path):
+    """From the start of the command to its end: reading, checking, fitting or writing."""
+    output = tmp_path / "out.csv"
+    program = textwrap.dedent(
+        """
+        import sys
+        from imucal.cli import main
+        print("ready", flush=True)
+        sys.exit(main())
+        """
+    )
+    codes = set()
+    for delay_s in np.linspace(0.005, 1.2, 6):
+        process = subprocess.Popen(
+            [sys.executable, "-c", program, "convert", str(long_recording), "-o", str(output)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+        )
+        process.stdout.readline()
+        time.sleep(delay_s)
+        process.send_signal(signal.SIGINT)
+        _, shown = process.communicate(timeout=60)
+        codes.add(process.returncode)
+        assert "Traceback" not in shown
+        assert [path for path in tmp_path.iterdir() if path != output] == []
+        if output.exists():
+            assert output.read_bytes().count(b"\n") == 400_001
+            output.unlink()
+    assert 130 in codes
+    assert codes <= {0, 130, -signal.SIGINT}
