@@ -1,4 +1,4 @@
-"""Rests found without an initial rest and without a threshold: noise from 1/10 to 10 times, 25 Hz to 8 kHz."""
+"""Rests without an initial rest and without a threshold: noise from 1/10 to 10 times, 25 Hz to 8 kHz."""
 
 import numpy as np
 import pytest
