@@ -42,6 +42,8 @@ MOVE: Final = (
     "duration_s",
     "direction_error_deg",
     "direction_sigma_deg",
+    "gravity_before",
+    "gravity_after",
     "excluded",
 )
 THRESHOLD: Final = ("factor", "stable_from", "stable_to", "window_s", "noise_floor")

@@ -1,0 +1,122 @@
+"""Rests without an initial rest and without a threshold: noise from 1/10 to 10 times, 25 Hz to 8 kHz."""
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal import Program, Step
+
+# Datasheet noise of the paper's sensors, rad/s/sqrt(Hz) and m/s^2/sqrt(Hz).
+DENSITY = np.array([np.radians(0.025), 126e-6 * 9.80665])
+# Ends of a rest: a window of half a second decides, in blocks of 0.05 s.
+OVERLAP_S = 0.25
+LOST_S = 0.25
+
+
+@pytest.fixture
+def run(measured):
+    """A recording with `noise` times the paper's noise, and the true rests (rests, 2)."""
+
+    def make(rate_hz, noise, seed, *, steps=None, tremor_deg=0.0, steady_rests=0):
+        steps = steps or Program.random(seed=seed, moves=8, hold_s=3.0).steps
+        truth = imucal.simulate(Program(tuple(steps)), rate_hz=rate_hz, seed=seed).truth
+        time_s = np.arange(len(truth.angular_rate)) / rate_hz
+        rate, force = truth.angular_rate, truth.specific_force
+        if tremor_deg:
+            rate, force = trembling(time_s, rate, force, truth.rests[steady_rests:], tremor_deg, seed)
+        sigma = noise * DENSITY * rate_hz**0.5
+        return measured(truth.calibration, time_s, rate, force, sigma=sigma, seed=seed), np.array(truth.rests)
+
+    return make
+
+
+def trembling(time_s, rate, force, rests, amplitude_deg, seed):
+    """Motion with a hand's tremor in these rests: small turns phi about each axis, R exp(phi)."""
+    random = np.random.default_rng(seed)
+    hertz, phase = random.uniform(3, 9, (3, 5)), random.uniform(0, 2 * np.pi, (3, 5))
+    share = random.uniform(0.5, 1, (3, 5))
+    share *= np.radians(amplitude_deg) / share.sum(axis=1, keepdims=True)
+    held = np.zeros_like(time_s)
+    for start_s, end_s in rests:
+        held = np.maximum(held, np.clip(np.minimum(time_s - start_s, end_s - time_s) / 0.2, 0, 1))
+    wave = (share * np.sin(2 * np.pi * hertz * time_s[:, None, None] + phase)).sum(axis=-1)
+    turn = held[:, None] * wave
+    return rate + np.gradient(turn, time_s, axis=0), force - np.cross(turn, force)
+
+
+def require_true_rests(inspection, true):
+    found = np.array([(rest["start_s"], rest["end_s"]) for rest in inspection.rests])
+    assert len(found) == len(true), inspection.explanation
+    outside = np.maximum(true[:, 0] - found[:, 0], found[:, 1] - true[:, 1])
+    lost = np.maximum(found[:, 0] - true[:, 0], true[:, 1] - found[:, 1])
+    assert outside.max() < OVERLAP_S
+    assert lost.max() < LOST_S
+
+
+@pytest.mark.parametrize("rate_hz", [25, 100, 400, 1000, 8000])
+@pytest.mark.parametrize("noise", [0.1, 1.0, 10.0])
+def test_on_a_stand(run, rate_hz, noise):
+    for seed in (1, 2, 3) if rate_hz <= 1000 else (1,):
+        recording, true = run(rate_hz, noise, seed)
+        require_true_rests(imucal.inspect(recording), true)
+
+
+@pytest.mark.parametrize("rate_hz", [25, 100, 400])
+@pytest.mark.parametrize("noise", [0.1, 1.0, 10.0])
+def test_in_a_hand(run, rate_hz, noise):
+    """Every rest trembles by 0.3 deg at 3 to 9 Hz."""
+    for seed in (1, 2, 3):
+        steps = Program.random(seed=seed, moves=12, hold_s=4.0).steps
+        recording, true = run(rate_hz, noise, seed, steps=steps, tremor_deg=0.3)
+        require_true_rests(imucal.inspect(recording), true)
+
+
+@pytest.mark.parametrize("rate_hz", [25, 100, 400])
+@pytest.mark.parametrize("noise", [0.1, 1.0])
+@pytest.mark.parametrize("tremor_deg", [0.1, 0.3])
+def test_in_a_hand_after_a_rest_on_the_table(run, rate_hz, noise, tremor_deg):
+    """The one quiet rest must not be all that is found: a hundred times quieter than a hand."""
+    for seed in (1, 2, 3):
+        steps = [Step((0, 0, 0), 0.0, 15.0), *Program.random(seed=seed, moves=15, hold_s=4.0).steps]
+        recording, true = run(rate_hz, noise, seed, steps=steps, tremor_deg=tremor_deg, steady_rests=1)
+        require_true_rests(imucal.inspect(recording), true)
+
+
+def test_a_static_recording_is_one_rest(run):
+    recording, true = run(100, 1.0, 1, steps=[Step((0, 0, 0), 0.0, 30.0)])
+    inspection = imucal.inspect(recording)
+    assert true.tolist() == [[0, 30]]
+    require_true_rests(inspection, true)
+    assert "1 rests do not determine" in inspection.missing
+
+
+def test_it_says_which_threshold_and_why(run):
+    recording, true = run(100, 1.0, 1)
+    inspection = imucal.inspect(recording)
+    threshold = inspection.threshold
+    assert threshold["stable_from"] <= threshold["factor"] <= threshold["stable_to"]
+    assert f"below {threshold['factor']:.1f} times the noise floor" in inspection.explanation
+    assert f"finds the same {len(true)} rests" in inspection.explanation
+    # The noise floor, one sample's standard deviation, is the one that was put in.
+    put_in = np.repeat(DENSITY, 3) * 10
+    assert threshold["noise_floor"] == pytest.approx(put_in, rel=0.15)
+    assert threshold["window_s"] == pytest.approx(0.5)
+
+
+def test_min_rest_s_decides_what_is_a_rest(run):
+    """Holds of 3 s are rests for 2.5 s and not for 4 s."""
+    recording, true = run(100, 1.0, 1)
+    require_true_rests(imucal.inspect(recording, min_rest_s=2.5), true)
+    inspection = imucal.inspect(recording, min_rest_s=4.0)
+    assert inspection.rests == ()
+    assert "no rest of 4 s or more" in inspection.explanation
+    with pytest.raises(imucal.NotEnoughMotionError, match=r"no rest of 4 s or more in \d+ samples: hold"):
+        imucal.calibrate(recording, min_rest_s=4.0)
+
+
+def test_by_the_command(run, command, tmp_path):
+    recording, true = run(100, 1.0, 1)
+    imucal.write(recording, tmp_path / "run.csv")
+    done = command("inspect", tmp_path / "run.csv")
+    assert f"{len(true)} rests" in done.stdout
+    assert "times the noise floor" in " ".join(done.stdout.split())
