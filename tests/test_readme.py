@@ -1,7 +1,9 @@
-"""The README does what it says: its `console` and `python` blocks run, in order, in one empty folder."""
+"""The pages do what they say: their commands and programs run, and print what is shown below them."""
 
+import math
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -9,36 +11,100 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
+SHARED_DATA = ROOT.parent / "shared" / "data"
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?://)([^)#]+)[^)]*\)")
+PAGES = [
+    "README.md",
+    "CONTRIBUTING.md",
+    "CHANGELOG.md",
+    *(str(path.relative_to(ROOT)) for path in sorted((ROOT / "docs").rglob("*.md"))),
+]
 
 
 def steps(markdown):
-    """Argument lists for a shell command per `$` line, and for a Python program per python block."""
+    """Argument list and lines shown below it, per `$` line and per python block."""
     for language, text in BLOCK.findall(markdown):
         if language == "python":
-            yield [sys.executable, "-c", text]
-        else:
-            commands = [line.removeprefix("$ ") for line in text.splitlines() if line.startswith("$ ")]
-            yield from (["sh", "-c", command] for command in commands)
+            yield [sys.executable, "-c", text], []
+            continue
+        command, shown = None, []
+        for line in text.splitlines():
+            if line.startswith("$ "):
+                if command is not None:
+                    yield ["sh", "-c", command], shown
+                command, shown = line.removeprefix("$ "), []
+            else:
+                shown.append(line)
+        yield ["sh", "-c", command], shown
+
+
+def run_page(page, folder):
+    """Run a page's steps in `folder`; returns how many there were."""
+    environment = {**os.environ, "PATH": str(Path(sys.executable).parent) + os.pathsep + os.environ["PATH"]}
+    ran = 0
+    for step, shown in steps((ROOT / page).read_text(encoding="utf-8")):
+        done = subprocess.run(step, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
+        assert done.returncode == 0, f"{step[-1]}\n{done.stdout}\n{done.stderr}"
+        assert_prints(done.stdout, shown, f"{page}: {step[-1]}")
+        ran += 1
+    return ran
+
+
+def assert_prints(printed, shown, where):
+    """Each line shown is printed, in order; `...` stands for any lines, nothing else may be left out."""
+    lines = [line for line in printed.splitlines() if line.strip()]
+    at, skip = 0, not shown
+    for line in shown:
+        if line.strip() == "...":
+            skip = True
+            continue
+        while skip and at < len(lines) and not alike(lines[at], line):
+            at += 1
+        assert at < len(lines), f"{where} does not print\n{line}\nbut\n{printed}"
+        assert alike(lines[at], line), f"{where} prints\n{lines[at]}\nand not\n{line}"
+        at, skip = at + 1, False
+    assert skip or at == len(lines), f"{where} also prints\n" + "\n".join(lines[at:])
+
+
+def alike(printed, shown):
+    """The same words, and numbers equal to a thousandth: another processor may round differently."""
+    words, expected = printed.split(), shown.split()
+    return len(words) == len(expected) and all(map(word_alike, words, expected))
+
+
+def word_alike(word, expected):
+    if word == expected:
+        return True
+    try:
+        return math.isclose(float(word), float(expected), rel_tol=1e-3)
+    except ValueError:
+        return False
 
 
 def test_readme_runs(tmp_path):
-    beside_python = str(Path(sys.executable).parent)
-    environment = {**os.environ, "PATH": beside_python + os.pathsep + os.environ["PATH"]}
-    ran = 0
-    for step in steps((ROOT / "README.md").read_text(encoding="utf-8")):
-        done = subprocess.run(
-            step, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=120
-        )
-        assert done.returncode == 0, f"{step[-1]}\n{done.stdout}\n{done.stderr}"
-        ran += 1
-    assert ran >= 7
+    assert run_page("README.md", tmp_path) >= 7
     for name in ("run.csv", "truth.json", "unit-0042.json", "report.html", "corrected.csv"):
         assert (tmp_path / name).stat().st_size > 0
 
 
-@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", "docs/model.md", "docs/tutorial-xsens.md"])
+def test_tutorial_prints_what_it_shows(tmp_path):
+    if not SHARED_DATA.is_dir():
+        pytest.skip(f"the recording of the tutorial is not here: {SHARED_DATA} is missing")
+    for name in ("xsens_acc.mat", "xsens_gyro.mat"):
+        shutil.copy(SHARED_DATA / "xsens_mti" / name, tmp_path)
+    assert run_page("docs/tutorial-xsens.md", tmp_path) == 6
+
+
+def test_a_page_that_shows_something_else_is_found():
+    printed = "a 1.0000 m\nb\nc\n"
+    assert_prints(printed, ["a 1.0001 m", "...", "c"], "page")
+    for shown in (["a 1.1 m", "b", "c"], ["a 1.0 m"], ["a 1.0 m", "c"], ["...", "d"]):
+        with pytest.raises(AssertionError):
+            assert_prints(printed, shown, "page")
+
+
+@pytest.mark.parametrize("page", PAGES)
 def test_links_within_the_project_lead_somewhere(page):
     path = ROOT / page
     for target in LINK.findall(path.read_text(encoding="utf-8")):

@@ -79,7 +79,11 @@ def test_calibration_page_holds_verdict_tables_and_the_three_figures(tmp_path):
     assert page.open == []
     assert page.counts["table"] == 2
     assert page.counts["figure"] == 3
-    for words in ("Good: the control record agrees.", "accel_bias_x -0.41874 0.00016 m/s^2 -0.41859 -0.9"):
+    for words in (
+        "Good: the control record agrees.",
+        "carried over a move is off by 0.061 deg rms, without calibration by 3.2 deg",
+        "accel_bias_x -0.41874 0.00016 m/s² -0.41859 -0.9",
+    ):
         assert words in page.text
 
 

@@ -51,8 +51,7 @@ def write_calibration_page(
     plots = tuple(
         (
             carried_gravity_figure(axis, rest_time_s, measured, carried_uncalibrated, carried_calibrated),
-            f"Gravity along body {axis} at the rests of the control record: measured by the accelerometer, "
-            "and carried there by the gyroscope from the first rest.",
+            f"Gravity along body {axis} at the rests of the control record.",
         )
         for axis in AXES
     )
@@ -65,9 +64,22 @@ def write_calibration_page(
         ),
         Section(
             "Gravity carried by the gyroscope",
-            text="Errors add up from rest to rest, as they do for a user. The lower plot shows what is left "
-            "after calibration.",
+            text="The gyroscope carries gravity from the first rest of the control record to every later "
+            "one, and its errors add up, as they do for a user. The upper plot compares that with what the "
+            "accelerometer measures at each rest; the lower one shows what is left after calibration.",
             figures=plots,
         ),
     ]
-    write_page(path, title, sections, verdict=verdict)
+    write_page(path, title, sections, verdict=verdict, beside=_headline(control_before, control_after))
+
+
+def _headline(before: Mapping[str, float | None], after: Mapping[str, float | None]) -> str:
+    """The one figure that tells most, if it is known."""
+    key = "gravity_direction_rms_deg"
+    uncalibrated, calibrated = before.get(key), after.get(key)
+    if uncalibrated is None or calibrated is None:
+        return ""
+    return (
+        "On the control record the direction of gravity carried over a move is off by "
+        f"{calibrated:.2g} deg rms, without calibration by {uncalibrated:.2g} deg."
+    )

@@ -32,7 +32,9 @@ class Section:
     """Each figure with its caption in plain text."""
 
 
-def write_page(path: str | Path, title: str, sections: Iterable[Section], *, verdict: str = "") -> None:
+def write_page(
+    path: str | Path, title: str, sections: Iterable[Section], *, verdict: str = "", beside: str = ""
+) -> None:
     """Write the page, atomically.
 
     Args:
@@ -40,6 +42,7 @@ def write_page(path: str | Path, title: str, sections: Iterable[Section], *, ver
         title: Heading of the page and name of its tab.
         sections: In the order shown.
         verdict: The one sentence that a hurried reader needs, shown first.
+        beside: What supports the verdict, a sentence or two.
     """
     script = ""
     body = []
@@ -47,7 +50,11 @@ def write_page(path: str | Path, title: str, sections: Iterable[Section], *, ver
         if section.figures and not script:
             script = _plotly_script()
         body.append(_section_html(section))
-    lead = f'<p class="verdict">{escape(verdict)}</p>' if verdict else ""
+    lead = "".join(
+        f'<p class="{name}">{escape(text)}</p>'
+        for name, text in (("verdict", verdict), ("beside", beside))
+        if text
+    )
     write_text(
         Path(path),
         _PAGE.format(title=escape(title), style=_STYLE, script=script, lead=lead, body="\n".join(body)),
@@ -104,6 +111,8 @@ _STYLE = """
 :root { --ink: #1a1a1a; --paper: #ffffff; --soft: #f1f3f5; --line: #c9ced4; --accent: #0072B2; }
 @media screen and (prefers-color-scheme: dark) {
   :root { --ink: #e8e8e8; --paper: #16181c; --soft: #22262c; --line: #454b54; --accent: #56B4E9; }
+  /* The blue of the figures is too dark here; plotly writes colours as rgb(). */
+  .js-plotly-plot [style*="stroke: rgb(0, 114, 178)"] { stroke: var(--accent) !important; }
 }
 * { box-sizing: border-box; }
 body { margin: 0; background: var(--paper); color: var(--ink); font: 1rem/1.5 system-ui, sans-serif; }
@@ -112,7 +121,7 @@ h1 { font-size: 1.6rem; line-height: 1.2; }
 h2 { font-size: 1.2rem; margin-top: 2rem; border-bottom: 1px solid var(--line); }
 .verdict { font-size: 1.15rem; padding: .75rem 1rem; background: var(--soft);
   border-left: .3rem solid var(--accent); }
-.table { overflow-x: auto; }
+.table { overflow-x: auto; padding-bottom: .3rem; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .9rem; }
 th, td { padding: .2rem .7rem; border-bottom: 1px solid var(--line); text-align: right; white-space: nowrap; }
 th:first-child { text-align: left; font-weight: normal; white-space: normal; }
@@ -123,6 +132,10 @@ figcaption { font-size: .9rem; margin-bottom: .5rem; }
 .js-plotly-plot .gridlayer path { stroke: var(--line) !important; }
 .js-plotly-plot .zerolinelayer path { stroke: var(--ink) !important; stroke-opacity: .4 !important; }
 .js-plotly-plot .hoverlayer text { fill: #ffffff !important; }
+@media (max-width: 30rem) {
+  th, td { padding: .2rem .4rem; }
+  thead th:first-child, tbody th { min-width: 7rem; }
+}
 @media print {
   main { max-width: none; padding: 0; }
   figure { margin: .5rem 0; }

@@ -8,8 +8,8 @@ from html import escape
 from typing import Any
 
 JUDGEMENTS = {
-    "gravity_norm_rms_mps2": "norm of gravity at rest, rms error, m/s²",
     "gravity_direction_rms_deg": "direction of gravity carried over one move, rms error, deg",
+    "gravity_norm_rms_mps2": "norm of gravity at rest, rms error, m/s²",
     "chi2_per_dof": "chi² per degree of freedom (1 = noise alone)",
     "rests": "rests judged",
     "moves": "moves judged",
@@ -45,7 +45,8 @@ def parameter_table(parameters: Iterable[Mapping[str, Any]], truth: Mapping[str,
     for parameter in parameters:
         name, value, std = str(parameter["name"]), float(parameter["value"]), parameter["std"]
         sigma = math.nan if std is None else float(std)
-        row = [name, rounded_to(value, sigma), _sigma(sigma), str(parameter["unit"])]
+        unit = str(parameter["unit"]).replace("^2", "²")
+        row = [name, rounded_to(value, sigma), _sigma(sigma), unit]
         if truth is not None:
             row += _beside_truth(value, sigma, truth.get(name))
         rows.append(row)
@@ -60,7 +61,8 @@ def judgement_table(before: Mapping[str, float | None], after: Mapping[str, floa
             `chi2_per_dof`.
         after: The same, calibrated. A key that only one of them has is shown with a dash.
     """
-    keys = list(dict.fromkeys([*after, *before]))
+    given = {*after, *before}
+    keys = [key for key in JUDGEMENTS if key in given] + sorted(given - set(JUDGEMENTS))
     rows = [
         [JUDGEMENTS.get(key, key), _significant(before.get(key)), _significant(after.get(key))]
         for key in keys

@@ -1,0 +1,231 @@
+"""Speed beside SciPy programs of the same model, one thread each: `make bench`, to docs/results/speed.md."""
+
+import importlib.util
+import os
+
+# Before NumPy is loaded: its linear algebra reads these once.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import scipy
+from scipy.spatial.transform import Rotation
+
+import imucal
+import scipy_peer
+from imucal import _core
+
+ROOT = Path(__file__).resolve().parent.parent
+SHARED = ROOT.parent / "shared"
+XSENS = SHARED / "data" / "xsens_mti"
+# A second SciPy program, by others, on the same recording; it reads counts only.
+OTHERS = SHARED / "baseline" / "scipy_calibration.py"
+REPORT = ROOT / "docs" / "results" / "speed.md"
+ROUNDS = 9
+AIM = 20.0
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is calibrated, and what the SciPy program must be told."""
+
+    name: str
+    recording: imucal.Recording
+    gravity_mps2: float
+    gyro_nominal: float
+
+
+def a_run() -> Run:
+    """The Xsens recording where it is, else a simulated run of its length."""
+    if XSENS.is_dir():
+        recording = imucal.read(XSENS / "xsens_acc.mat", XSENS / "xsens_gyro.mat", format="imu_tk")
+        return Run("the Xsens recording (512 s at 100 Hz, raw counts)", recording, 9.81744, 4770.0)
+    program = imucal.Program.random(seed=1, moves=37, max_rate_dps=60.0, move_s=3.0, hold_s=10.5)
+    recording = imucal.simulate(program, rate_hz=100.0, seed=1).recording
+    return Run(
+        f"a simulated run ({recording.duration_s:.0f} s at 100 Hz), for the Xsens files are not in {XSENS}",
+        recording,
+        9.80665,
+        1.0,
+    )
+
+
+def medians_ms(functions: dict[str, Callable[[], object]]) -> dict[str, float]:
+    """Median over rounds, each function once per round, so that a busy machine is busy for all alike."""
+    times: dict[str, list[float]] = {name: [] for name in functions}
+    for turn in range(ROUNDS + 1):
+        for name, function in functions.items():
+            start = time.perf_counter()
+            function()
+            if turn > 0:  # the first round warms up
+                times[name].append((time.perf_counter() - start) * 1e3)
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def program_of_others() -> ModuleType | None:
+    """The SciPy program beside the shared data, if it is there."""
+    spec = importlib.util.spec_from_file_location("scipy_calibration", OTHERS)
+    if not OTHERS.is_file() or spec is None or spec.loader is None:
+        return None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def calibration_lines(run: Run) -> tuple[list[str], dict[str, float]]:
+    """The two-stage fit of imucal beside SciPy programs; by program how many times longer each takes."""
+    recording, gravity = run.recording, run.gravity_mps2
+    columns = recording.time_s, recording.specific_force, recording.angular_rate
+    told = {"gravity_mps2": gravity, "gyro_nominal": run.gyro_nominal}
+    ours = imucal.calibrate(recording, gravity_mps2=gravity)
+    rests = np.array([(rest["first"], rest["end"]) for rest in ours.rests])
+    own = scipy_peer.calibrate(*columns, **told)
+    same = scipy_peer.calibrate(*columns, **told, rests=rests)
+
+    functions: dict[str, Callable[[], object]] = {
+        "imucal": lambda: imucal.calibrate(recording, gravity_mps2=gravity),
+        "scipy_peer": lambda: scipy_peer.calibrate(*columns, **told),
+        "scipy_peer, rests given": lambda: scipy_peer.calibrate(*columns, **told, rests=rests),
+    }
+    others = program_of_others() if recording.accel_unit == "lsb" else None
+    if others is not None:
+        with_time = [np.column_stack([recording.time_s, triad]) for triad in columns[1:]]
+        functions["scipy_calibration"] = lambda: others.calibrate(*with_time, use_means=True)
+    ms = medians_ms(functions)
+    times = {name: value / ms["imucal"] for name, value in ms.items()}
+    std = np.array([parameter.std for parameter in ours.parameters])
+
+    def farthest(peer: scipy_peer.PeerResult) -> str:
+        entries = peer.accel_sensitivity[scipy_peer.ROWS, scipy_peer.COLUMNS]
+        values = np.concatenate([peer.accel_bias, entries, peer.gyro_bias, peer.gyro_sensitivity.ravel()])
+        return f"{np.max(np.abs(values - [p.value for p in ours.parameters]) / std):.2f}"
+
+    programs = {
+        "imucal": ("imucal: checks, rests, both fits, 21 x 21 covariance", len(rests), ""),
+        "scipy_peer": ("SciPy, scipy_peer.py: rests, both fits, σ", len(own.rests), farthest(own)),
+        "scipy_peer, rests given": ("SciPy, scipy_peer.py: both fits, σ", len(rests), farthest(same)),
+        "scipy_calibration": ("SciPy, scipy_calibration.py: rests, both fits", 38, ""),
+    }
+    rows = [
+        f"| {what} | {ms[name]:.1f} | {times[name]:.1f} | {count} | {apart} |"
+        for name, (what, count, apart) in programs.items()
+        if name in ms
+    ]
+    return [
+        f"From arrays in memory to 21 parameters with standard deviations, on {run.name}.",
+        "",
+        "| | ms | times imucal | rests | farthest parameter from imucal's, σ |",
+        "|---|---:|---:|---:|---:|",
+        *rows,
+    ], times
+
+
+def integration_lines() -> list[str]:
+    """A million samples to one rotation."""
+    samples = 1_000_000
+    time_s = np.arange(samples) * 1e-3
+    rate = np.sin(np.outer(time_s, [1.3, 0.9, 2.1]) + np.arange(3.0)) * [1.0, 2.0, 1.5]
+
+    def with_rotation() -> Rotation:
+        step_s = np.diff(time_s)[:, None]
+        before, after = rate[:-1], rate[1:]
+        turn = step_s / 2 * (before + after) + step_s**2 / 12 * scipy_peer.cross(before, after)
+        steps = Rotation.from_rotvec(turn)
+        while len(steps) > 1:
+            odd = steps[-1:] if len(steps) % 2 else None
+            steps = steps[:-1:2] * steps[1::2]
+            if odd is not None:
+                steps = Rotation.concatenate([steps, odd])
+        return steps
+
+    def with_sum() -> np.ndarray:
+        return ((rate[:-1] + rate[1:]) * (np.diff(time_s) / 2)[:, None]).sum(axis=0)
+
+    ms = medians_ms(
+        {
+            "imucal": lambda: _core.integrate(time_s, rate),
+            "rotation": with_rotation,
+            "sum": with_sum,
+        }
+    )
+    w, x, y, z = _core.integrate(time_s, rate)
+    apart = (with_rotation().inv() * Rotation.from_quat([x, y, z, w])).magnitude()[0]
+    row = "| {} | {:.1f} | {:.1f} |".format
+    return [
+        "One million samples of angular rate to one rotation.",
+        "",
+        "| | ms | times imucal |",
+        "|---|---:|---:|",
+        row("imucal: streaming, fourth order", ms["imucal"], 1.0),
+        row(
+            "SciPy: the same steps, `Rotation` products in a tree",
+            ms["rotation"],
+            ms["rotation"] / ms["imucal"],
+        ),
+        row("NumPy: sum of the rates (no rotation, a lower bound)", ms["sum"], ms["sum"] / ms["imucal"]),
+        "",
+        f"The two rotations are {apart:.0e} rad apart.",
+    ]
+
+
+def machine() -> str:
+    """What the figures were taken on."""
+    model = platform.processor() or platform.machine()
+    try:
+        info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+        model = next(
+            line.split(":", 1)[1].strip() for line in info.splitlines() if line.startswith("model name")
+        )
+    except (OSError, StopIteration):
+        pass
+    return (
+        f"{model}, {os.cpu_count()} cores, one thread used. {platform.system()}, "
+        f"Python {platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}, "
+        f"imucal {imucal.__version__}. Medians of {ROUNDS} interleaved rounds in one process."
+    )
+
+
+def main() -> None:
+    calibration, times = calibration_lines(a_run())
+    limit = [f"* 1/{value:.1f} of {name}'s" for name, value in times.items() if name != "imucal"]
+    text = "\n".join(
+        [
+            "# Speed",
+            "",
+            "Written by `make bench`. " + machine(),
+            "",
+            "## Calibration",
+            "",
+            *calibration,
+            "",
+            f"The aim is 1/{AIM:.0f} of a SciPy program's time or less. imucal takes",
+            "",
+            *limit,
+            "",
+            "[scipy_peer.py](../../benches/scipy_peer.py) is as fast as we could make it: a product tree",
+            "over all moves at once, an analytic Jacobian for the accelerometer, a start value within 0.2 %",
+            "that imucal does not need. scipy_calibration.py is a program by others with the same two fits:",
+            "steps of Runge-Kutta, nine thresholds tried for the rests, a start value that is 30 % off.",
+            "",
+            "## Integration",
+            "",
+            *integration_lines(),
+            "",
+        ]
+    )
+    REPORT.parent.mkdir(parents=True, exist_ok=True)
+    REPORT.write_text(text, encoding="utf-8")
+    print(text)
+    print(f"written to {REPORT.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

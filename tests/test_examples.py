@@ -1,0 +1,29 @@
+"""The examples run, and print what they promise."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parent.parent / "examples"
+PROMISED = {
+    "calibrate_arrays.py": ["verdict: good", "gyro_sensitivity_zz"],
+    "judge_and_apply.py": ["verdict: good", r"calibrated:   0\.0\d\d deg", r"\|f\| at rest: 9\.80\d\d"],
+    "simulate_your_program.py": ["on the stand, 25 rests", "accel_bias_x"],
+}
+
+
+def test_every_example_is_tested():
+    assert {path.name for path in EXAMPLES.glob("*.py")} == set(PROMISED)
+
+
+@pytest.mark.parametrize("name", PROMISED)
+def test_example(name, tmp_path):
+    done = subprocess.run(
+        [sys.executable, str(EXAMPLES / name)], cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    for promised in PROMISED[name]:
+        assert re.search(promised, done.stdout), done.stdout
