@@ -1,9 +1,9 @@
 //! Rests and moves: when does the unit stand still? (model.md (11))
 //!
-//! The statistic of a half-second window is the mean over the six channels of (variance / noise floor). No initial rest
-//! and no threshold is asked for: the noise floor is that of the quietest windows, and the threshold is taken from
-//! the widest range of thresholds that all find the same number of rests. A sum of squared misfits would not do as
-//! a criterion, for fewer rests always have the smaller sum.
+//! The statistic of a half-second window is the mean over the six channels of (variance / noise floor), of samples
+//! averaged to 200 Hz where there are more. No initial rest and no threshold is asked for: the noise floor is that of the
+//! quietest windows, and the threshold is taken from the widest range of thresholds that all find the same number of
+//! rests. A sum of squared misfits would not do as a criterion, for fewer rests always have the smaller sum.
 
 mod blocks;
 mod edges;
@@ -16,7 +16,7 @@ use nalgebra::{Vector3, Vector6};
 use crate::error::Error;
 use crate::recording::{RawUnit, Recording};
 use crate::stats::median;
-use blocks::{Block, colour_factor, merge, sum_blocks};
+use blocks::{Block, Blocks, colour_factor, merge, sum_blocks};
 use edges::{calm, drift, settle, trim, unsteadiness, wanders};
 use threshold::{choose_threshold, still_stretches, window_statistic};
 
@@ -104,12 +104,12 @@ impl Segments {
         }
         let dt_s = sample_interval_s(recording.time_s);
         let block_samples = ((BLOCK_S / dt_s).round() as usize).max(1);
-        let (blocks, steps) = sum_blocks(recording, block_samples);
+        let Blocks { samples: blocks, means, averaged, steps } = sum_blocks(recording, block_samples);
         let min_blocks = ((min_rest_s / (block_samples as f64 * dt_s)).round() as usize).max(2);
         if blocks.len() < WINDOW_BLOCKS.max(min_blocks) {
             return Err(no_rest(recording, min_rest_s));
         }
-        let (statistic, floor) = window_statistic(&blocks, &steps);
+        let (statistic, floor) = window_statistic(&means, &(steps / (averaged as f64).sqrt()));
         let threshold = choose_threshold(&statistic, min_blocks);
         let gravity = gravity_size(recording, &blocks);
         let (long, short): (Vec<_>, Vec<_>) = still_stretches(&statistic, threshold.0)
@@ -143,7 +143,7 @@ impl Segments {
                 factor: threshold.0,
                 stable_from: threshold.1,
                 stable_to: threshold.2,
-                noise_floor: floor.map(f64::sqrt),
+                noise_floor: (floor * averaged as f64).map(f64::sqrt),
                 window_s: (WINDOW_BLOCKS * block_samples) as f64 * dt_s,
             },
             rests,

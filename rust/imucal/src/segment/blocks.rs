@@ -10,14 +10,30 @@ use crate::recording::Recording;
 /// Sums over [`BLOCK_S`](super::BLOCK_S) of samples, six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
+/// A block has this many means at least, if it has as many samples (0.005 s each).
+const MEANS: usize = 10;
+
 /// Blocks that are averaged before neighbours are compared, to see noise at low frequency (0.25 s).
 const GROUP_BLOCKS: usize = 5;
 
-/// One pass over the samples: block sums, and the smallest step of each channel (its resolution).
-pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> (Vec<Block>, Vector6<f64>) {
+/// The blocks of a recording, and what else one pass over the samples tells.
+pub(super) struct Blocks {
+    /// Sums of the samples.
+    pub(super) samples: Vec<Block>,
+    /// Sums of means over `averaged` samples each. The noise of single samples grows with the rate until slow motion
+    /// drowns in it; that of these means does not.
+    pub(super) means: Vec<Block>,
+    pub(super) averaged: usize,
+    /// Smallest step of each channel (its resolution).
+    pub(super) steps: Vector6<f64>,
+}
+
+/// One pass over the samples, and at high rates a second one for the means.
+pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blocks {
+    let averaged = (block_samples / MEANS).max(1);
     let mut steps = Vector6::repeat(f64::INFINITY);
     let mut last = Vector6::repeat(f64::NAN);
-    let blocks = recording
+    let (samples, means) = recording
         .angular_rate
         .chunks_exact(block_samples)
         .zip(recording.specific_force.chunks_exact(block_samples))
@@ -34,10 +50,20 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> (Ve
                 last = sample;
                 block.push(Vector3::from(*w), Vector3::from(*f));
             }
-            block
+            (block, if averaged == 1 { block } else { sum_means(rates, forces, averaged) })
         })
-        .collect();
-    (blocks, steps)
+        .unzip();
+    Blocks { samples, means, averaged, steps }
+}
+
+/// Sums of the means of `averaged` samples each.
+fn sum_means(rates: &[[f64; 3]], forces: &[[f64; 3]], averaged: usize) -> Block {
+    let mean = |rows: &[[f64; 3]]| rows.iter().map(|&row| Vector3::from(row)).sum::<Vector3<f64>>() / averaged as f64;
+    let mut block = Block::new();
+    for (rates, forces) in rates.chunks_exact(averaged).zip(forces.chunks_exact(averaged)) {
+        block.push(mean(rates), mean(forces));
+    }
+    block
 }
 
 pub(super) fn merge(blocks: &[Block]) -> Block {

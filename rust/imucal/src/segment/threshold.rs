@@ -34,12 +34,15 @@ pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f
 }
 
 /// The threshold in the widest range (on a logarithmic scale) that always finds the same number of rests, and that range.
+///
+/// Widths are weighed by the number of rests (none weighs less than nothing): one rest on a table before a unit is held by
+/// hand, a thousand times less quiet, must not be all that is found.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
     const LOWEST: f64 = 1.5;
     const STEP: f64 = 1.08;
     let loudest = statistic.iter().copied().fold(1.0, f64::max);
-    // Half way, on a logarithmic scale, between the noise and the loudest motion: above that, motion is taken for rest.
-    let highest = loudest.sqrt().max(2.0 * LOWEST);
+    // A tenth of the fastest motion, or half way to it on a logarithmic scale: above that, motion is taken for rest.
+    let highest = (loudest / 100.0).max(loudest.sqrt()).max(2.0 * LOWEST);
     let mut best = (0.0, LOWEST, LOWEST);
     let mut plateau: Option<(usize, f64)> = None;
     let mut threshold = LOWEST;
@@ -52,9 +55,9 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
             _ => threshold,
         };
         plateau = Some((rests, start));
-        let width = (threshold * STEP / start).ln();
-        if rests > 0 && width > best.0 {
-            best = (width, start, threshold);
+        let score = (threshold * STEP / start).ln() * (rests as f64 + 0.1).ln();
+        if score > best.0 {
+            best = (score, start, threshold);
         }
         threshold *= STEP;
     }
