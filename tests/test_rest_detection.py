@@ -82,6 +82,20 @@ def test_in_a_hand_after_a_rest_on_the_table(run, rate_hz, noise, tremor_deg):
         require_true_rests(imucal.inspect(recording), true)
 
 
+@pytest.mark.parametrize("tremor_deg", [0.1, 0.3])
+@pytest.mark.parametrize("seed", [2, 4, 5])
+def test_a_unit_held_by_hand_is_calibrated(run, tremor_deg, seed):
+    steps = [Step((0, 0, 0), 0.0, 15.0), *Program.random(seed=seed, moves=25, hold_s=4.0).steps]
+    recording, _ = run(100, 1.0, seed, steps=steps, tremor_deg=tremor_deg, steady_rests=1)
+    truth = imucal.simulate(Program(tuple(steps)), rate_hz=100, seed=seed).truth.calibration
+    result = imucal.calibrate(recording)
+    for ours, true in zip(result.parameters, truth.parameters, strict=True):
+        assert abs(ours.value - true.value) < 6 * ours.std, ours.name
+    # A sensitivity within 0.5 %: tremor is taken for noise, so these figures are on the safe side.
+    gyroscope = [p.std for p in result.parameters if p.name.startswith("gyro_sensitivity")]
+    assert max(gyroscope) < 5e-3
+
+
 def test_a_static_recording_is_one_rest(run):
     recording, true = run(100, 1.0, 1, steps=[Step((0, 0, 0), 0.0, 30.0)])
     inspection = imucal.inspect(recording)
