@@ -60,7 +60,7 @@ pub struct Threshold {
     pub factor: f64,
     /// The same number of rests is found from this threshold ...
     pub stable_from: f64,
-    /// ... to this one: the widest such range.
+    /// ... to this one: the widest such range, weighed by the number of rests.
     pub stable_to: f64,
     /// Noise floor of one sample: standard deviation in raw units, gyroscope x, y, z, accelerometer x, y, z.
     pub noise_floor: Vector6<f64>,
@@ -156,7 +156,7 @@ impl Threshold {
     pub fn explain(&self, rests: usize) -> String {
         format!(
             "a {:.2} s window is still below {:.1} times the noise floor; every threshold from {:.1} to {:.1} finds the \
-             same {rests} rests, the widest such range",
+             same {rests} rests, the widest range (weighed by the number of rests)",
             self.window_s, self.factor, self.stable_from, self.stable_to
         )
     }
