@@ -26,7 +26,7 @@ from imucal import _core
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
 XSENS = SHARED / "data" / "xsens_mti"
-# A second SciPy program, by others, on the same recording; it reads counts only.
+# A second SciPy program, for the same recording; it starts from counts only.
 OTHERS = SHARED / "baseline" / "scipy_calibration.py"
 REPORT = ROOT / "docs" / "results" / "speed.md"
 ROUNDS = 9
@@ -93,7 +93,7 @@ def calibration_lines(run: Run) -> tuple[list[str], dict[str, float]]:
     functions: dict[str, Callable[[], object]] = {
         "imucal": lambda: imucal.calibrate(recording, gravity_mps2=gravity),
         "scipy_peer": lambda: scipy_peer.calibrate(*columns, **told),
-        "scipy_peer, rests given": lambda: scipy_peer.calibrate(*columns, **told, rests=rests),
+        "scipy_peer with rests given": lambda: scipy_peer.calibrate(*columns, **told, rests=rests),
     }
     others = program_of_others() if recording.accel_unit == "lsb" else None
     if others is not None:
@@ -111,7 +111,7 @@ def calibration_lines(run: Run) -> tuple[list[str], dict[str, float]]:
     programs = {
         "imucal": ("imucal: checks, rests, both fits, 21 x 21 covariance", len(rests), ""),
         "scipy_peer": ("SciPy, scipy_peer.py: rests, both fits, σ", len(own.rests), farthest(own)),
-        "scipy_peer, rests given": ("SciPy, scipy_peer.py: both fits, σ", len(rests), farthest(same)),
+        "scipy_peer with rests given": ("SciPy, scipy_peer.py: both fits, σ", len(rests), farthest(same)),
         "scipy_calibration": ("SciPy, scipy_calibration.py: rests, both fits", 38, ""),
     }
     rows = [
@@ -195,7 +195,7 @@ def machine() -> str:
 
 def main() -> None:
     calibration, times = calibration_lines(a_run())
-    limit = [f"* 1/{value:.1f} of {name}'s" for name, value in times.items() if name != "imucal"]
+    limit = [f"* 1/{value:.1f} of the time of {name}" for name, value in times.items() if name != "imucal"]
     text = "\n".join(
         [
             "# Speed",
@@ -212,8 +212,9 @@ def main() -> None:
             "",
             "[scipy_peer.py](../../benches/scipy_peer.py) is as fast as we could make it: a product tree",
             "over all moves at once, an analytic Jacobian for the accelerometer, a start value within 0.2 %",
-            "that imucal does not need. scipy_calibration.py is a program by others with the same two fits:",
-            "steps of Runge-Kutta, nine thresholds tried for the rests, a start value that is 30 % off.",
+            "that imucal does not need. scipy_calibration.py, which is not in this repository, makes the",
+            "same two fits: steps of Runge-Kutta, nine thresholds tried for the rests, a start value that is",
+            "30 % off.",
             "",
             "## Integration",
             "",
