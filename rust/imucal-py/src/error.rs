@@ -1,7 +1,7 @@
 //! Errors of the library as the classes of `imucal.errors`, which Python owns.
 
-use imucal::check::{Finding, Severity};
 use imucal::error::Error;
+use imucal::finding::{Finding, Severity};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 

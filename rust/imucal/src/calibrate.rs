@@ -5,21 +5,19 @@ mod outcome;
 mod unit_data;
 
 use crate::carry::rotate;
+use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
-use crate::moves::Move;
-use crate::moves::direction_error_rad;
+use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
 use crate::stats::rms;
-use unit_data::UnitData;
+use unit_data::{UnitData, refuse_errors};
 
 pub use outcome::{Outcome, parameter_names, parameter_values};
 
 /// Standard gravity, m/s^2.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
 
-/// Moves that the gyroscope's nine entries need at least, two numbers each.
-const FEWEST_MOVES: usize = 5;
 /// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
 const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
@@ -59,48 +57,13 @@ impl Default for Options {
 /// [`Error::Data`] lists faults that would make the result wrong, [`Error::NotEnoughMotion`] names what is missing,
 /// [`Error::Fit`] says why a fit has no acceptable end.
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options) -> Result<Outcome, Error> {
-    refuse(crate::check::check_shared(recordings))?;
-    let outcome = estimate(recordings, options)?;
-    refuse(recordings.first().map_or_else(Vec::new, |first| crate::check::check_gains(first, &outcome.calibration)))?;
-    Ok(outcome)
-}
-
-/// Too few moves for want of usable ones is another thing than too few moves.
-fn require_moves(usable: usize, unusable: &[crate::moves::Unusable]) -> Result<(), Error> {
-    let Some(first) = unusable.first() else {
-        return Ok(());
-    };
-    if usable >= FEWEST_MOVES {
-        return Ok(());
-    }
-    let count = |reason: &str| unusable.iter().filter(|u| u.reason == reason).count();
-    let reasons: Vec<String> = [("samples_missing", "gaps in time"), ("saturation", "saturated samples")]
-        .into_iter()
-        .filter(|(reason, _)| count(reason) > 0)
-        .map(|(reason, words)| format!("{} for {words} [{reason}]", count(reason)))
-        .collect();
-    Err(Error::NotEnoughMotion(format!(
-        "{usable} of {} moves are usable and do not determine the gyroscope, at least {FEWEST_MOVES} are needed, better 12; \
-         left out: {} (the first between rests {} and {}): record again without them",
-        usable + unusable.len(),
-        reasons.join(", "),
-        first.span.from,
-        first.span.to,
-    )))
-}
-
-fn refuse(errors: Vec<crate::check::Finding>) -> Result<(), Error> {
-    if errors.is_empty() { Ok(()) } else { Err(Error::Data(errors)) }
-}
-
-/// The estimation, in the order of the method.
-fn estimate(recordings: &[Recording<'_>], options: &Options) -> Result<Outcome, Error> {
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, unusable) = data.moves(&accelerometer);
-    require_moves(moves.len(), &unusable)?;
+    let (moves, unusable) = data.moves(&accelerometer)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
-    Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)
+    let outcome = Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?;
+    refuse_errors(&check_gains(&recordings[0], &outcome.calibration))?;
+    Ok(outcome)
 }
 
 /// How well moves are predicted that the gyroscope's fit has not seen.
@@ -122,7 +85,7 @@ pub fn cross_validate(recordings: &[Recording<'_>], options: &Options, folds: us
     }
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, _) = data.moves(&accelerometer);
+    let (moves, _) = data.moves(&accelerometer)?;
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
         let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();

@@ -18,8 +18,7 @@ mod stuck;
 mod units;
 mod values;
 
-use std::fmt;
-
+use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
 pub use gains::check_gains;
@@ -27,59 +26,6 @@ pub use kinematics::check_kinematics;
 pub use rails::saturated_samples;
 pub use shared::check_shared;
 pub use units::check_rests;
-
-/// How bad a finding is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Severity {
-    /// Worth knowing; the calibration goes on.
-    Warning,
-    /// A calibration would be wrong: it is refused.
-    Error,
-}
-
-/// One thing that is wrong with a recording.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Finding {
-    /// Reason code: stable, lower case, for scripts.
-    pub code: &'static str,
-    /// Whether a calibration is refused.
-    pub severity: Severity,
-    /// Name of the recording.
-    pub recording: String,
-    /// The columns concerned, such as `gyro_x`; empty if the whole recording is.
-    pub columns: Vec<String>,
-    /// First and last sample concerned and their times, where there is such a place.
-    pub place: Option<Place>,
-    /// How many samples are concerned.
-    pub count: usize,
-    /// The number that decided, in `unit`.
-    pub value: f64,
-    /// Unit of `value`.
-    pub unit: &'static str,
-    /// What is wrong, where, with the number.
-    pub message: String,
-    /// What to do about it.
-    pub way_out: String,
-}
-
-/// A stretch of samples, both ends included.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Place {
-    /// Index of the first sample.
-    pub first_sample: usize,
-    /// Index of the last sample.
-    pub last_sample: usize,
-    /// Time of the first sample, s.
-    pub start_s: f64,
-    /// Time of the last sample, s.
-    pub end_s: f64,
-}
-
-impl fmt::Display for Finding {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}: {} [{}]: {}", self.recording, self.message, self.code, self.way_out)
-    }
-}
 
 /// All that can be said before rests are known; no finding means that nothing was found wrong.
 ///
@@ -94,7 +40,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
             unit: "samples",
             message: error.to_string(),
             way_out: "give columns of one length".into(),
-            ..Finding::error("lengths_differ", recording)
+            ..Finding::error("lengths_differ", recording.name)
         }];
     }
     if recording.is_empty() {
@@ -103,7 +49,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
             message: "there is no sample".into(),
             way_out: "record rests in many poses with moves between them; check that the file was written to its end"
                 .into(),
-            ..Finding::error("empty", recording)
+            ..Finding::error("empty", recording.name)
         }];
     }
     let mut findings = values::check_finite(recording);
@@ -119,34 +65,6 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
 const ACCEL: [&str; 3] = ["accel_x", "accel_y", "accel_z"];
 const GYRO: [&str; 3] = ["gyro_x", "gyro_y", "gyro_z"];
 
-impl Finding {
-    /// Whether samples at the end of the converter's range were found.
-    pub fn is_saturation(&self) -> bool {
-        self.code.ends_with("_saturation")
-    }
-
-    /// A finding that refuses the calibration, to be filled in.
-    fn error(code: &'static str, recording: &Recording) -> Self {
-        Self {
-            code,
-            severity: Severity::Error,
-            recording: recording.name.into(),
-            columns: Vec::new(),
-            place: None,
-            count: 0,
-            value: 0.0,
-            unit: "",
-            message: String::new(),
-            way_out: String::new(),
-        }
-    }
-
-    /// A finding that is only worth knowing, to be filled in.
-    fn warning(code: &'static str, recording: &Recording) -> Self {
-        Self { severity: Severity::Warning, ..Self::error(code, recording) }
-    }
-}
-
 impl Place {
     fn new(recording: &Recording, first_sample: usize, last_sample: usize) -> Self {
         Self {
@@ -154,16 +72,6 @@ impl Place {
             last_sample,
             start_s: recording.time_s[first_sample],
             end_s: recording.time_s[last_sample],
-        }
-    }
-}
-
-impl fmt::Display for Place {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if self.first_sample == self.last_sample {
-            write!(f, "at {:.2} s", self.start_s)
-        } else {
-            write!(f, "from {:.2} s to {:.2} s", self.start_s, self.end_s)
         }
     }
 }

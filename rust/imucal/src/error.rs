@@ -1,6 +1,6 @@
 //! What can go wrong. Every message says what, where, the number, and what to do about it.
 
-use crate::check::Finding;
+use crate::finding::Finding;
 
 /// Why there is no result.
 #[derive(Debug, Clone, thiserror::Error)]

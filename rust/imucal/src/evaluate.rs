@@ -5,8 +5,9 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::carry::rotate;
-use crate::check::{Finding, Severity, check_columns};
+use crate::check::check_columns;
 use crate::error::Error;
+use crate::finding::{Finding, Severity};
 use crate::moves::{
     Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of, saturated_stretches,
 };

@@ -36,6 +36,7 @@ pub mod calibrate;
 pub mod check;
 pub mod error;
 pub mod evaluate;
+pub mod finding;
 pub mod frame;
 pub mod recording;
 pub mod segment;

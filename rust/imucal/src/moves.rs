@@ -6,7 +6,8 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 use crate::accelerometer::sigma_norm;
-use crate::check::{Finding, saturated_samples};
+use crate::check::saturated_samples;
+use crate::finding::Finding;
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
 

@@ -7,10 +7,11 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::{Options, check_options};
 use crate::accelerometer::{self, AccelerometerFit};
-use crate::check::{self, Finding, Severity};
+use crate::check;
 use crate::ellipsoid::Start;
 use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
+use crate::finding::{Finding, Severity};
 use crate::gyroscope::{self, GyroscopeBias, GyroscopeFit};
 use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, UnitRest, Unusable, between, rests_of, saturated_stretches};
@@ -18,6 +19,9 @@ use crate::moves::{Ends, Move};
 use crate::recording::{RawUnit, Recording};
 use crate::segment::{NoiseDensity, Rest, Segments};
 use crate::uncertainty;
+
+/// Moves that the gyroscope's nine entries need at least, two numbers each.
+const FEWEST_MOVES: usize = 5;
 
 /// Checked recordings of one unit and the rests in them.
 pub(super) struct UnitData<'a> {
@@ -47,6 +51,7 @@ impl<'a> UnitData<'a> {
         for recording in recordings {
             findings.extend(check::check_columns(recording));
         }
+        findings.extend(check::check_shared(recordings));
         if options.exclude_saturated {
             for finding in findings.iter_mut().filter(|finding| finding.is_saturation()) {
                 finding.severity = Severity::Warning;
@@ -129,8 +134,13 @@ impl<'a> UnitData<'a> {
         Error::NotEnoughMotion(message)
     }
 
-    pub(super) fn moves(&self, accelerometer: &AccelerometerFit) -> (Vec<Move>, Vec<Unusable>) {
-        between(self.recordings, &self.rests, &accelerometer.used, &self.saturated)
+    /// The moves between neighbouring rests, and those that cannot be used; too few are refused.
+    pub(super) fn moves(&self, accelerometer: &AccelerometerFit) -> Result<(Vec<Move>, Vec<Unusable>), Error> {
+        let (moves, unusable) = between(self.recordings, &self.rests, &accelerometer.used, &self.saturated);
+        if moves.len() < FEWEST_MOVES {
+            return Err(Error::NotEnoughMotion(too_few_moves(moves.len(), &unusable)));
+        }
+        Ok((moves, unusable))
     }
 
     pub(super) fn ends(
@@ -156,14 +166,6 @@ impl<'a> UnitData<'a> {
         accelerometer: &AccelerometerFit,
         options: &Options,
     ) -> Result<Gyroscope, Error> {
-        if moves.len() < 5 {
-            return Err(Error::NotEnoughMotion(format!(
-                "{} usable moves between {} rests do not determine the gyroscope: at least 5 between different poses \
-                 are needed, better 12; move the unit about all three axes, resting in between",
-                moves.len(),
-                self.rests.len()
-            )));
-        }
         let bias = &self.bias;
         let kinematic = rate_from_gravity(self.recordings, moves, &accelerometer.triad, bias.bias);
         let mut findings = Vec::new();
@@ -230,7 +232,33 @@ impl Gyroscope {
     }
 }
 
-fn refuse_errors(findings: &[Finding]) -> Result<(), Error> {
+/// Says how many moves there are, and why others cannot be used.
+fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
+    let needed = format!("at least {FEWEST_MOVES} between different poses are needed, better 12");
+    let Some(first) = unusable.first() else {
+        return format!(
+            "{usable} usable moves between rests do not determine the gyroscope: {needed}; move the unit about all \
+             three axes, resting in between"
+        );
+    };
+    let count = |reason: &str| unusable.iter().filter(|u| u.reason == reason).count();
+    let reasons: Vec<String> = [("samples_missing", "gaps in time"), ("saturation", "saturated samples")]
+        .into_iter()
+        .filter(|(reason, _)| count(reason) > 0)
+        .map(|(reason, words)| format!("{} for {words} [{reason}]", count(reason)))
+        .collect();
+    format!(
+        "{usable} of {} moves are usable and do not determine the gyroscope: {needed}; left out: {} (the first between \
+         rests {} and {}): record again without them",
+        usable + unusable.len(),
+        reasons.join(", "),
+        first.span.from,
+        first.span.to
+    )
+}
+
+/// The findings that refuse a calibration, as an error.
+pub(super) fn refuse_errors(findings: &[Finding]) -> Result<(), Error> {
     let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
     if errors.is_empty() { Ok(()) } else { Err(Error::Data(errors)) }
 }

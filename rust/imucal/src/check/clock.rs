@@ -1,6 +1,7 @@
 //! The time column: enough of it, in order, without gaps, regular, and in the right unit.
 
-use super::{Finding, Place, Tally, names, quantile};
+use super::{Tally, names, quantile};
+use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
 /// Fewer samples than this hold no rest, no move and no noise level.
@@ -94,7 +95,7 @@ impl Steps {
             way_out:
                 "cut the recording there, sort its rows if they were shuffled, or unwrap the counter if it overflowed"
                     .into(),
-            ..Finding::error("time_not_increasing", recording)
+            ..Finding::error("time_not_increasing", recording.name)
         })
     }
 
@@ -115,7 +116,7 @@ impl Steps {
                 recording.time_s[first]
             ),
             way_out: "drop the rows that were written twice, or write time stamps of finer resolution".into(),
-            ..kind("samples_duplicated", recording)
+            ..kind("samples_duplicated", recording.name)
         })
     }
 }
@@ -140,7 +141,7 @@ fn too_short(recording: &Recording) -> Option<Finding> {
             recording.len()
         ),
         way_out: "record at least nine rests of a second or more in different poses, with moves between them".into(),
-        ..Finding::error("too_short", recording)
+        ..Finding::error("too_short", recording.name)
     })
 }
 
@@ -175,7 +176,7 @@ fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
             RATES_HZ[1]
         ),
         way_out,
-        ..Finding::error("clock_rate", recording)
+        ..Finding::error("clock_rate", recording.name)
     })
 }
 
@@ -195,7 +196,7 @@ fn irregular(recording: &Recording, spread: f64, [low_s, median_s, high_s]: [f64
         ),
         way_out: "take the time stamp from the sensor's own clock, not on arrival; or, if it samples regularly, replace time by sample number / rate"
             .into(),
-        ..kind("clock_irregular", recording)
+        ..kind("clock_irregular", recording.name)
     }
 }
 
@@ -224,14 +225,15 @@ fn missing(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Option
             gaps.samples
         ),
         way_out: "nothing to do for a few; else look for lost packets or a full buffer, and record again".into(),
-        ..Finding::warning("samples_missing", recording)
+        ..Finding::warning("samples_missing", recording.name)
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Severity, example::Columns};
+    use super::super::example::Columns;
     use super::*;
+    use crate::finding::Severity;
 
     fn codes(time_s: &[f64]) -> Vec<(&'static str, Severity)> {
         let rows = vec![[0.0; 3]; time_s.len()];

@@ -6,7 +6,8 @@
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
 
-use super::{ACCEL, Finding, GYRO, names};
+use super::{ACCEL, GYRO, names};
+use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
 /// Gain of an axis in SI units; datasheets promise 0.9 to 1.1 or better.
@@ -37,7 +38,7 @@ fn odd_gains(recording: &Recording, triad: &Triad<f64>, columns: [&str; 3], code
         message: format!("{}, where {} to {} can be", parts.join(", "), GAIN[0], GAIN[1]),
         way_out: "give every column in the unit that its name says, or as raw counts; check the time column and the sample rate for a gyroscope"
             .into(),
-        ..Finding::error(code, recording)
+        ..Finding::error(code, recording.name)
     })
 }
 

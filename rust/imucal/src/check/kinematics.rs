@@ -8,7 +8,8 @@
 
 use nalgebra::Matrix3;
 
-use super::{ACCEL, Finding, GYRO, names};
+use super::{ACCEL, GYRO, names};
+use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
 /// P of a sensor in the right unit, over 1: its errors are far smaller.
@@ -80,7 +81,7 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
         unit: "ratio",
         message: format!("the rates are {too_large:.4} times those at which gravity turns in the body"),
         way_out: way_out.into(),
-        ..Finding::error("gyro_units", recording)
+        ..Finding::error("gyro_units", recording.name)
     })
 }
 
@@ -105,7 +106,7 @@ fn left_handed_gyroscope(recording: &Recording, axes: &SignedPermutation) -> Fin
             axes.correlation
         ),
         way_out,
-        ..Finding::error("left_handed_axes", recording)
+        ..Finding::error("left_handed_axes", recording.name)
     }
 }
 
@@ -126,7 +127,7 @@ fn left_handed_accelerometer(recording: &Recording, axis: usize, axes: &SignedPe
             "negate {}; or, if the gyroscope is mounted half a turn about that axis, negate {} and {}",
             ACCEL[axis], others[0], others[1]
         ),
-        ..Finding::error("left_handed_axes", recording)
+        ..Finding::error("left_handed_axes", recording.name)
     }
 }
 
@@ -147,7 +148,7 @@ fn exchanged_accelerometer(recording: &Recording, [one, other]: [usize; 2], axes
             "exchange {} and {}; or, if the gyroscope is mounted so, exchange {} and {} and negate all three gyro columns",
             ACCEL[one], ACCEL[other], GYRO[one], GYRO[other]
         ),
-        ..Finding::error("left_handed_axes", recording)
+        ..Finding::error("left_handed_axes", recording.name)
     }
 }
 
@@ -164,7 +165,7 @@ fn turned(recording: &Recording, axes: &SignedPermutation) -> Finding {
         ),
         way_out: "nothing to do if the gyroscope is mounted so; else correct the order and the signs of the accel or gyro columns"
             .into(),
-        ..Finding::warning("axes_turned", recording)
+        ..Finding::warning("axes_turned", recording.name)
     }
 }
 
@@ -239,8 +240,9 @@ impl SignedPermutation {
 mod tests {
     use nalgebra::{SMatrix, Vector3};
 
-    use super::super::{Severity, example::Columns};
+    use super::super::example::Columns;
     use super::*;
+    use crate::finding::Severity;
 
     /// A sensor's small errors.
     fn near(p: Matrix3<f64>) -> Matrix3<f64> {

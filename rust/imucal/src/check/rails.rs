@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use super::plateau::{piles_up, plateaus};
 use super::values::{converter_step, extremes};
-use super::{ACCEL, Finding, GYRO, Tally, names, quantile, unit_name};
+use super::{ACCEL, GYRO, Tally, names, quantile, unit_name};
+use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
@@ -112,7 +113,7 @@ fn finding(
         message: parts.join("; "),
         way_out: "use a larger range, move more slowly, or pass --exclude-saturated to leave out the moves concerned"
             .into(),
-        ..Finding::error(code, recording)
+        ..Finding::error(code, recording.name)
     })
 }
 

@@ -1,6 +1,7 @@
 //! Rows held or written again.
 
-use super::{Finding, Tally};
+use super::Tally;
+use crate::finding::Finding;
 use crate::recording::Recording;
 
 /// A longer stretch of equal rows is a rest without noise, not a sample held or written again.
@@ -49,7 +50,7 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
             doubled.first_place(recording)
         ),
         way_out: "record at the rate at which the sensor gives new samples, or drop the repeated rows".into(),
-        ..Finding::warning("samples_duplicated", recording)
+        ..Finding::warning("samples_duplicated", recording.name)
     })
 }
 

@@ -2,7 +2,7 @@
 
 use std::collections::HashMap;
 
-use super::{Finding, Place};
+use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
 /// Rows in a row that two recordings have in common. By chance noise never repeats so long.
@@ -55,7 +55,7 @@ fn shared_with_earlier(
                 ),
                 way_out: "give every recording once: repeated data add no information, and the stated accuracy would be wrong"
                     .into(),
-                ..Finding::error("recordings_overlap", recording)
+                ..Finding::error("recordings_overlap", recording.name)
             });
         }
     }

@@ -1,7 +1,8 @@
 //! Axes that hold one value.
 
 use super::values::{converter_step, extremes, range};
-use super::{ACCEL, Finding, GYRO, Place, names, unit_name};
+use super::{ACCEL, GYRO, names, unit_name};
+use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
 /// Share of the recording over which an axis must stand still to be called stuck.
@@ -48,13 +49,13 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     let certain = stuck_axes(
         recording,
         &certain,
-        Finding::error("stuck_axis", recording),
+        Finding::error("stuck_axis", recording.name),
         "check the wiring, the reader's column order and the sensor's axis enable bits; the axis cannot be calibrated",
     );
     let possible = stuck_axes(
         recording,
         &possible,
-        Finding::warning("stuck_axis", recording),
+        Finding::warning("stuck_axis", recording.name),
         "nothing to do if the motion never moves this axis; else check the wiring and the sensor's axis enable bits",
     );
     certain.into_iter().chain(possible).collect()
@@ -130,8 +131,9 @@ fn moves_widely(rows: &[[f64; 3]], axis: usize) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Severity, example::Columns};
+    use super::super::example::Columns;
     use super::*;
+    use crate::finding::Severity;
 
     #[test]
     fn fine_and_coarse_data_are_not_stuck() {

@@ -3,7 +3,8 @@
 use std::ops::Range;
 
 use super::values::extremes;
-use super::{ACCEL, Finding, GYRO, Place, names, quantile};
+use super::{ACCEL, GYRO, names, quantile};
+use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
 const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
@@ -115,7 +116,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
             norm / gravity_mps2
         ),
         way_out,
-        ..Finding::error("accel_units", recording)
+        ..Finding::error("accel_units", recording.name)
     }
 }
 
@@ -148,7 +149,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
             recording.time_s[first]
         ),
         way_out: GYRO_WAY_OUT.into(),
-        ..Finding::error("gyro_units", recording)
+        ..Finding::error("gyro_units", recording.name)
     })
 }
 
@@ -166,7 +167,7 @@ fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Findin
             rate.to_degrees()
         ),
         way_out: GYRO_WAY_OUT.into(),
-        ..Finding::error("gyro_units", recording)
+        ..Finding::error("gyro_units", recording.name)
     })
 }
 
@@ -185,13 +186,13 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
         (Some(_), None) => return None,
         (Some(_), Some(rest)) => (
             rest,
-            Finding::error as fn(_, &_) -> _,
+            Finding::error as fn(_, &str) -> _,
             "with all motors at zero, body z up",
             "negate the accelerometer (a still sensor reads +g on the axis that points up), or mount the unit with z up at the stand's zero",
         ),
         (None, _) => (
             rests.first()?,
-            Finding::warning as fn(_, &_) -> _,
+            Finding::warning as fn(_, &str) -> _,
             "in the first rest",
             "if z points up there, negate the accelerometer: a still sensor reads +g on the axis that points up; if the unit lies on its head, all is well",
         ),
@@ -210,14 +211,15 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
         unit: "g",
         message: format!("accel_z reads {up:.2} g {evidence} ({place})"),
         way_out: way_out.into(),
-        ..kind("gravity_sign", recording)
+        ..kind("gravity_sign", recording.name)
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Severity, example::Columns};
+    use super::super::example::Columns;
     use super::*;
+    use crate::finding::Severity;
 
     fn scaled(force: f64, rate: f64) -> Columns {
         let mut columns = Columns::tumbling();

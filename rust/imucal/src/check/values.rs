@@ -1,6 +1,7 @@
 //! Single columns: numbers that are none, and temperature that jumps.
 
-use super::{ACCEL, Finding, GYRO, Tally, names, quantile};
+use super::{ACCEL, GYRO, Tally, names, quantile};
+use crate::finding::Finding;
 use crate::recording::Recording;
 
 /// Temperature step between neighbours, K.
@@ -28,7 +29,7 @@ pub(super) fn check_finite(recording: &Recording) -> Vec<Finding> {
         (bad_stand, &stand[..], &stand_columns[..], Finding::warning),
     ] {
         if tally.samples > 0 {
-            findings.push(not_finite(recording, tally, names, marked, kind("non_finite", recording)));
+            findings.push(not_finite(recording, tally, names, marked, kind("non_finite", recording.name)));
         }
     }
     findings
@@ -117,14 +118,15 @@ pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
             jumps.first_place(recording)
         ),
         way_out: "a sensor cannot warm up so fast: repair or drop the temperature column".into(),
-        ..Finding::warning("temperature_jump", recording)
+        ..Finding::warning("temperature_jump", recording.name)
     })
 }
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Severity, example::Columns};
+    use super::super::example::Columns;
     use super::*;
+    use crate::finding::Severity;
 
     #[test]
     fn a_clean_recording_has_nothing() {
