@@ -56,10 +56,7 @@ macro_rules! export_correct {
                 )
             };
             correct(
-                &Calibration {
-                    accelerometer,
-                    gyroscope,
-                },
+                &Calibration::new(accelerometer, gyroscope),
                 rates,
                 forces,
             );
