@@ -17,7 +17,7 @@
 //! // A gyroscope at 20 K above the calibration's temperature that drifts by 1e-4 rad/s per kelvin on x.
 //! let effect = Effect::<f64>::find("gyro_bias_temperature").expect("it is in the catalogue");
 //! let drifting = EffectValues::try_new(effect, &[1e-4, 0.0, 0.0], None)?;
-//! let surroundings = Surroundings { temperature_difference_k: 20.0, ..Surroundings::unknown() };
+//! let surroundings = Surroundings { temperature_difference_k: Some(20.0), ..Surroundings::unknown() };
 //! let state = State { angular_rate: Vector3::zeros(), specific_force: Vector3::z() * 9.80665, surroundings };
 //! assert!((drifting.at(&state) - Vector3::new(2e-3, 0.0, 0.0)).norm() < 1e-15);
 //! # Ok::<(), imucal_core::effects::EffectError>(())
@@ -59,28 +59,28 @@ pub struct State<F: RealField + Copy> {
     pub surroundings: Surroundings<F>,
 }
 
-/// What an effect may depend on besides rate and force. Whoever does not know an entry leaves it at zero: [`Effect::needs`]
-/// says which effects then do not act.
+/// What an effect may depend on besides rate and force. `None` is not known: the terms of an effect that depend on it are
+/// left out. [`Effect::needs`] says which effects that concerns.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings<F: RealField + Copy> {
     /// Derivative of the angular rate in the body frame, rad/s^2.
-    pub angular_acceleration: Vector3<F>,
+    pub angular_acceleration: Option<Vector3<F>>,
     /// Attitude: takes a vector from the body to the world, `v_w = r_wb * v_b`.
     pub rotation_world_from_body: Option<UnitQuaternion<F>>,
     /// Temperature of the sensor less the temperature that the sensitivities and biases are for, K.
-    pub temperature_difference_k: F,
+    pub temperature_difference_k: Option<F>,
     /// Time since the sensor was switched on, or since another start that the calibration is for, s.
-    pub time_s: F,
+    pub time_s: Option<F>,
 }
 
 impl<F: RealField + Copy> Surroundings<F> {
-    /// Nothing is known: all is zero, and there is no attitude.
+    /// Nothing is known.
     pub fn unknown() -> Self {
         Self {
-            angular_acceleration: Vector3::zeros(),
+            angular_acceleration: None,
             rotation_world_from_body: None,
-            temperature_difference_k: F::zero(),
-            time_s: F::zero(),
+            temperature_difference_k: None,
+            time_s: None,
         }
     }
 }
@@ -98,7 +98,7 @@ pub struct Effect<F: RealField + Copy> {
     pub plain: usize,
     /// A number that the field depends on other than linearly, such as a time constant. It is positive.
     pub shape: Option<Parameter>,
-    /// Which of the [`Surroundings`] the field depends on; it is zero while those are.
+    /// Which of the [`Surroundings`] the field depends on.
     pub needs: &'static [Need],
     /// The field times its parameters, as text.
     pub formula: &'static str,

@@ -101,13 +101,15 @@ impl<F: RealField + Copy> Effect<F> {
 }
 
 fn bias_drift<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    set_axes(Vector3::repeat(state.surroundings.time_s), columns);
+    set_axes(Vector3::repeat(state.surroundings.time_s.unwrap_or(F::zero())), columns);
 }
 
 fn bias_warmup<F: RealField + Copy>(state: &State<F>, tau: F, columns: &mut Columns<F>) {
-    set_axes(Vector3::repeat((-state.surroundings.time_s / tau).exp()), columns);
+    // Nothing is left of a warm-up whose time is not known: such a unit has most likely been on for long.
+    let left = state.surroundings.time_s.map_or(F::zero(), |time_s| (-time_s / tau).exp());
+    set_axes(Vector3::repeat(left), columns);
 }
 
 fn scale_drift<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    set_axes(state.angular_rate * state.surroundings.time_s, columns);
+    set_axes(state.angular_rate * state.surroundings.time_s.unwrap_or(F::zero()), columns);
 }

@@ -11,8 +11,7 @@
 //! A sensor at r feels `dw/dt x r + w x (w x r)` on top of the force at the origin of the body. In the size effect each axis of
 //! the accelerometer sits in a place of its own; the origin is where the x axis is.
 
-use super::set_entries;
-use super::{AXES, Alias, Columns, ENTRIES, Effect, Need, Parameter, Sensor, State, parameters};
+use super::{AXES, Alias, Columns, ENTRIES, Effect, Need, Parameter, Sensor, State, parameters, set_entries};
 use crate::so3::hat;
 use nalgebra::{Matrix3, RealField, Vector3};
 
@@ -34,7 +33,7 @@ impl<F: RealField + Copy> Effect<F> {
                 with: "gyro_time_offset",
                 told_apart_by: "turns about three axes: a delay is the same multiple of the identity for all",
             }],
-            columns: |state, _, columns| set_entries(state.surroundings.angular_acceleration, columns),
+            columns: |state, _, columns| set_entries(angular_acceleration(state), columns),
         },
         Self {
             name: "gyro_time_offset",
@@ -49,7 +48,7 @@ impl<F: RealField + Copy> Effect<F> {
                 Alias { with: "a delay of the accelerometer", told_apart_by: "nothing: only the difference is seen" },
                 Alias { with: "gyro_angular_acceleration", told_apart_by: "turns about three axes" },
             ],
-            columns: |state, _, columns| columns[0] = -state.surroundings.angular_acceleration,
+            columns: |state, _, columns| columns[0] = -angular_acceleration(state),
         },
         Self {
             name: "earth_rate",
@@ -115,8 +114,12 @@ fn size_effect<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Column
     }
 }
 
+fn angular_acceleration<F: RealField + Copy>(state: &State<F>) -> Vector3<F> {
+    state.surroundings.angular_acceleration.unwrap_or_else(Vector3::zeros)
+}
+
 /// L in `dw/dt x r + w x (w x r) = L r`.
 fn lever<F: RealField + Copy>(state: &State<F>) -> Matrix3<F> {
     let rate = hat(&state.angular_rate);
-    hat(&state.surroundings.angular_acceleration) + rate * rate
+    hat(&angular_acceleration(state)) + rate * rate
 }

@@ -91,11 +91,11 @@ const fn linear_and_square(per_kelvin: &'static str, per_square: &'static str, t
 }
 
 fn bias<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    let difference = state.surroundings.temperature_difference_k;
+    let difference = state.surroundings.temperature_difference_k.unwrap_or(F::zero());
     set_axes(Vector3::repeat(difference), columns);
     set_axes(Vector3::repeat(difference * difference), &mut columns[3..]);
 }
 
 fn scale<F: RealField + Copy>(v: &Vector3<F>, state: &State<F>, columns: &mut Columns<F>) {
-    set_axes(v * state.surroundings.temperature_difference_k, columns);
+    set_axes(v * state.surroundings.temperature_difference_k.unwrap_or(F::zero()), columns);
 }

@@ -150,7 +150,9 @@ impl<F: RealField + Copy> EffectSet<F> {
 /// Whether the change of `seen - effects` between two passes is one of the last digits.
 fn is_rounding<F: RealField + Copy>(change: Vector3<F>, seen: Vector3<F>, effects: Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
-    change.amax() <= rounding * (seen.amax() + effects.amax())
+    let limit = rounding * (seen.amax() + effects.amax());
+    // Effects that have run away to infinity have not settled.
+    change.amax() <= limit && limit.is_finite()
 }
 
 /// Why numbers do not make an effect, or an effect has no place.
@@ -202,3 +204,98 @@ impl fmt::Display for EffectError {
 }
 
 impl Error for EffectError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn values(name: &str, values: &[f64], shape: Option<f64>) -> Result<EffectValues<f64>, EffectError> {
+        EffectValues::try_new(Effect::find(name).unwrap(), values, shape)
+    }
+
+    fn still() -> State<f64> {
+        State {
+            angular_rate: Vector3::zeros(),
+            specific_force: Vector3::z() * 9.8,
+            surroundings: Surroundings::unknown(),
+        }
+    }
+
+    #[test]
+    fn what_was_given_comes_back() -> Result<(), EffectError> {
+        let warmup = values("gyro_bias_warmup", &[1.0, 2.0, 3.0], Some(60.0))?;
+        assert_eq!((warmup.effect().name, warmup.values()), ("gyro_bias_warmup", &[1.0, 2.0, 3.0][..]));
+        assert_eq!(warmup.shape(), Some(60.0));
+        assert_eq!(values("gyro_bias_drift", &[1.0, 2.0, 3.0], None)?.shape(), None);
+        Ok(())
+    }
+
+    #[test]
+    fn what_does_not_fit_the_effect_is_refused() {
+        let name = "gyro_bias_warmup";
+        for given in [0, 2, 4, 19] {
+            let count = EffectError::Count { name, plain: 3, all: 3, given };
+            assert_eq!(values(name, &[0.0; 19][..given], Some(60.0)), Err(count));
+        }
+        let not_finite = Err(EffectError::NotFinite { name });
+        assert_eq!(values(name, &[0.0, f64::NAN, 0.0], Some(60.0)), not_finite);
+        for shape in [None, Some(0.0), Some(-1.0), Some(f64::NAN), Some(f64::INFINITY)] {
+            assert_eq!(values(name, &[0.0; 3], shape), Err(EffectError::Shape { name, wanted: Some("tau") }));
+        }
+        let name = "earth_rate";
+        assert_eq!(values(name, &[0.0; 3], Some(1.0)), Err(EffectError::Shape { name, wanted: None }));
+    }
+
+    #[test]
+    fn a_set_adds_its_effects_sensor_by_sensor() -> Result<(), EffectError> {
+        let mut set = EffectSet::none();
+        assert!(set.is_empty());
+        set.push(values("gyro_g_sensitivity", &[0.0, 0.0, 1e-3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], None)?)?;
+        set.push(values("accel_scale_asymmetry", &[0.0, 0.0, 0.1], None)?)?;
+        set.push(values("accel_scale_quadratic", &[0.0, 0.0, 0.01], None)?)?;
+        assert!(set.iter().map(|member| member.effect().name).eq([
+            "gyro_g_sensitivity",
+            "accel_scale_asymmetry",
+            "accel_scale_quadratic"
+        ]));
+        let (rate, force) = set.at(&still());
+        assert!((rate - Vector3::new(9.8e-3, 0.0, 0.0)).norm() < 1e-17);
+        assert!((force - Vector3::new(0.0, 0.0, 0.98 + 0.9604)).norm() < 1e-15);
+        Ok(())
+    }
+
+    #[test]
+    fn a_full_set_takes_no_more() -> Result<(), EffectError> {
+        let (mut set, one) = (EffectSet::none(), values("gyro_time_offset", &[1e-3], None)?);
+        for _ in 0..MAX_EFFECTS {
+            set.push(one)?;
+        }
+        assert_eq!(set.push(one), Err(EffectError::Full));
+        assert_eq!(set.iter().count(), MAX_EFFECTS);
+        Ok(())
+    }
+
+    #[test]
+    fn the_inverse_is_that_of_the_quadratic_equation() -> Result<(), EffectError> {
+        // seen = w + k w^2 with k w up to a tenth: a pass shrinks the error to a fifth.
+        let (k, rate) = (0.02, Vector3::new(5.0, -4.0, 0.0));
+        let mut set = EffectSet::none();
+        set.push(values("gyro_scale_quadratic", &[k; 3], None)?)?;
+        let seen = rate + rate.component_mul(&rate) * k;
+        let (back, force) = set.remove(seen, Vector3::zeros(), &Surroundings::unknown());
+        assert!((back - rate).norm() < 1e-14, "{back:?}");
+        assert_eq!(force, Vector3::zeros());
+        Ok(())
+    }
+
+    #[test]
+    fn what_cannot_be_undone_is_not_a_number() -> Result<(), EffectError> {
+        let mut set = EffectSet::none();
+        set.push(values("gyro_scale_cubic", &[1.0; 3], None)?)?;
+        for seen in [2.0, 1e6, f64::INFINITY, f64::NAN] {
+            let (rate, force) = set.remove(Vector3::repeat(seen), Vector3::zeros(), &Surroundings::unknown());
+            assert!(rate.iter().chain(force.iter()).all(|value| value.is_nan()), "{seen}: {rate:?}");
+        }
+        Ok(())
+    }
+}
