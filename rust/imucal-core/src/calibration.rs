@@ -49,24 +49,30 @@ impl<F: RealField + Copy> Calibration<F> {
 
     /// True `(rate, force)` in the body frame, rad/s and m/s^2, of one raw sample.
     ///
-    /// Of the effects only those act that depend on nothing but rate and force: see [`correct_at`](Self::correct_at).
+    /// Of the effects only the terms act that depend on nothing but rate and force: see [`correct_at`](Self::correct_at).
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
-        self.correct_at(raw_rate, raw_force, &Surroundings::unknown())
+        if self.effects.is_empty() {
+            (self.gyroscope.correct(raw_rate), self.accelerometer.correct(raw_force))
+        } else {
+            self.correct_at(raw_rate, raw_force, &Surroundings::unknown())
+        }
     }
 
     /// True `(rate, force)` in the body frame, rad/s and m/s^2, of one raw sample in known surroundings.
     ///
     /// Both are NaN where the effects are too large to be undone: see [`EffectSet::remove`].
-    #[inline]
     pub fn correct_at(
         &self,
         raw_rate: Vector3<F>,
         raw_force: Vector3<F>,
         surroundings: &Surroundings<F>,
     ) -> (Vector3<F>, Vector3<F>) {
-        let (rate, force) = (self.gyroscope.correct(raw_rate), self.accelerometer.correct(raw_force));
-        if self.effects.is_empty() { (rate, force) } else { self.effects.remove(rate, force, surroundings) }
+        let (seen_rate, seen_force) = (self.gyroscope.correct(raw_rate), self.accelerometer.correct(raw_force));
+        if self.effects.is_empty() {
+            return (seen_rate, seen_force);
+        }
+        self.effects.remove(seen_rate, seen_force, surroundings)
     }
 }
 

@@ -122,9 +122,9 @@ impl<F: RealField + Copy> EffectSet<F> {
     /// True `(rate, force)` of what the sensors see, rad/s and m/s^2 in the body frame: the inverse of adding [`at`](Self::at).
     ///
     /// It repeats `true <- seen - effects(true)` until nothing changes but rounding. A pass shrinks the error by the largest
-    /// slope of the effects with rate and force: 0.2 % for a scale asymmetry of that size, so three or four passes are the
-    /// rule in `f32` and five or six in `f64`. Where the effects are so large that it does not settle, and that is
-    /// where a third of the motion would be an error, both are NaN.
+    /// slope of the effects with rate and force, 0.2 % for a scale asymmetry of that size: one effect of typical size takes
+    /// two or three passes in `f32` and two to seven in `f64`. Where the slope is above a third or so it does not settle in
+    /// 32 passes, and both are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,
