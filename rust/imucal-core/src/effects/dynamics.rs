@@ -28,7 +28,7 @@ impl<F: RealField + Copy> Effect<F> {
             shape: None,
             needs: &[Need::AngularAcceleration],
             formula: "D dw/dt",
-            observable: "forces during turns that speed up and slow down; from rest to rest its integral is zero",
+            observable: "forces during turns that speed up and slow down; from rest to rest it nearly integrates to zero",
             aliases: &[Alias {
                 with: "gyro_time_offset",
                 told_apart_by: "turns about three axes: a delay is the same multiple of the identity for all",
