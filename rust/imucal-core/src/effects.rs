@@ -1,7 +1,7 @@
 //! What a real sensor does beyond a sensitivity and a bias: the catalogue of effects, each defined once.
 //!
 //! ```text
-//! measured = sensitivity * (true + sum_c Phi_c(state) theta_c) + bias      model.md (13)
+//! measured = sensitivity * (true + sum_c Phi_c(state) theta_c) + bias      model.md (15)
 //! ```
 //!
 //! An [`Effect`] is a name, a sensor, parameters theta with units and typical sizes, and one function, the field Phi: the

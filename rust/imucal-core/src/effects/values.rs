@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! seen = true + sum_c Phi_c(true) theta_c
-//! true <- seen - sum_c Phi_c(true) theta_c,   starting at seen      model.md (14)
+//! true <- seen - sum_c Phi_c(true) theta_c,   starting at seen      model.md (16)
 //! ```
 
 use super::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
