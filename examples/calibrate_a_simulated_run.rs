@@ -20,7 +20,7 @@ fn main() -> Result<(), Error> {
     let triad = |sensor: &imucal::simulate::Sensor| {
         Triad::try_new(sensor.sensitivity, sensor.bias).map_err(|error| Error::Input(error.to_string()))
     };
-    let truth = Calibration { accelerometer: triad(&unit.accelerometer)?, gyroscope: triad(&unit.gyroscope)? };
+    let truth = Calibration::new(triad(&unit.accelerometer)?, triad(&unit.gyroscope)?);
     let truth = parameter_values(&truth, Frame::Symmetric);
     println!("{:<22} {:>12} {:>10} {:>12}", "parameter", "value", "1 sigma", "truth");
     for (i, name) in outcome.names.iter().enumerate() {

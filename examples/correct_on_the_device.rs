@@ -9,16 +9,16 @@ use nalgebra::{Matrix3, Vector3};
 
 /// The constants of one unit, as its calibration file has them.
 fn calibration() -> Result<Calibration<f32>, SensorError> {
-    Ok(Calibration {
-        accelerometer: Triad::try_new(
+    Ok(Calibration::new(
+        Triad::try_new(
             Matrix3::new(0.9804, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921),
             Vector3::new(-0.4187, 0.2363, 0.3942),
         )?,
-        gyroscope: Triad::try_new(
+        Triad::try_new(
             Matrix3::new(0.9771, 0.0097, -0.0060, -0.0084, 1.0309, -0.0031, 0.0087, 0.0036, 1.0030),
             Vector3::new(-0.0350, 0.0042, 0.0010),
         )?,
-    })
+    ))
 }
 
 fn main() -> Result<(), SensorError> {

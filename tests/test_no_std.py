@@ -80,6 +80,8 @@ def device(shared_library):
     library.imucal_integrate.argtypes = [column, vectors, size, column]
     library.imucal_integrate.restype = None
     samples, rests = [vectors, vectors, size], [numbers(np.uintp, 2), size]
+    library.imucal_correct_effect.argtypes = [ctypes.c_char_p, size, column, size, *samples]
+    library.imucal_correct_effect.restype = ctypes.c_int32
     library.imucal_find_rests.argtypes = [column, size, ctypes.c_double, *samples, *rests]
     library.imucal_find_rests.restype = ctypes.c_int32
     return library
@@ -191,6 +193,21 @@ def test_a_triad_without_inverse_is_refused(device):
     rate, force = random_samples(1)
     status, *_ = correct(device.imucal_correct_f64, np.float64, ACCELEROMETER, flat, rate, force)
     assert status == -1
+
+
+@pytest.mark.parametrize("count", [9, 8])
+def test_a_g_sensitivity_is_taken_away(device, count):
+    rate, force = random_samples(100)
+    g_sensitivity = np.array([[0.02, 0.06, 0.14], [-0.28, 0.004, 0.17], [-0.15, -0.17, 0.05]]) * 1e-3
+    corrected_rate, corrected_force = rate + force @ g_sensitivity.T, force.copy()
+    values, name = g_sensitivity.ravel()[:count].copy(), b"gyro_g_sensitivity"
+    status = device.imucal_correct_effect(
+        name, len(name), values, count, corrected_rate, corrected_force, len(rate)
+    )
+    assert status == (0 if count == 9 else -1)
+    if status == 0:
+        np.testing.assert_allclose(corrected_rate, rate, rtol=0, atol=1e-14)
+        assert np.array_equal(corrected_force, force)
 
 
 def test_correct_gives_the_numbers_of_python_to_the_last_bit(device):

@@ -1,50 +1,97 @@
-//! A calibrated unit: an accelerometer triad and a gyroscope triad in one body frame.
+//! A calibrated unit: an accelerometer triad and a gyroscope triad in one body frame, and what the two do not explain.
 //!
 //! ```text
-//! force = T_A^-1 (raw_force - b_A)      m/s^2
-//! rate  = T_G^-1 (raw_rate  - b_G)      rad/s
+//! raw_force = T_A (force + effects) + b_A      m/s^2
+//! raw_rate  = T_G (rate  + effects) + b_G      rad/s
 //! ```
+//!
+//! Without effects the correction is `T^-1 (raw - b)`. With them it is [`EffectSet::remove`] after that.
 //!
 //! The body frame is orthogonal and fixed to the accelerometer. Which of the two usual ones it is (`symmetric` or
 //! `triangular`) is in the sensitivities; the correction does not need to know.
 
-use crate::sensor::Triad;
+use crate::{
+    effects::{EffectSet, State, Surroundings},
+    sensor::Triad,
+};
 use nalgebra::{RealField, Vector3};
 
-/// Both triads of a unit.
+/// Both triads of a unit, and its effects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration<F: RealField + Copy> {
     /// Specific force, m/s^2.
     pub accelerometer: Triad<F>,
     /// Angular rate, rad/s.
     pub gyroscope: Triad<F>,
+    /// What the triads do not explain.
+    pub effects: EffectSet<F>,
 }
 
 impl<F: RealField + Copy> Calibration<F> {
+    /// A unit without effects.
+    pub fn new(accelerometer: Triad<F>, gyroscope: Triad<F>) -> Self {
+        Self { accelerometer, gyroscope, effects: EffectSet::none() }
+    }
+
     /// The perfect unit in SI units: raw and true are the same.
     pub fn identity() -> Self {
-        Self { accelerometer: Triad::identity(), gyroscope: Triad::identity() }
+        Self::new(Triad::identity(), Triad::identity())
+    }
+
+    /// Raw `(rate, force)`, without noise, of a true state.
+    pub fn measure(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
+        let (on_rate, on_force) = self.effects.at(state);
+        (
+            self.gyroscope.measure(state.angular_rate + on_rate),
+            self.accelerometer.measure(state.specific_force + on_force),
+        )
     }
 
     /// True `(rate, force)` in the body frame, rad/s and m/s^2, of one raw sample.
+    ///
+    /// Of the effects only the terms act that depend on nothing but rate and force: see [`correct_at`](Self::correct_at).
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
-        (self.gyroscope.correct(raw_rate), self.accelerometer.correct(raw_force))
+        if self.effects.is_empty() {
+            (self.gyroscope.correct(raw_rate), self.accelerometer.correct(raw_force))
+        } else {
+            self.correct_at(raw_rate, raw_force, &Surroundings::unknown())
+        }
+    }
+
+    /// True `(rate, force)` in the body frame, rad/s and m/s^2, of one raw sample in known surroundings.
+    ///
+    /// Both are NaN where the effects are too large to be undone: see [`EffectSet::remove`].
+    pub fn correct_at(
+        &self,
+        raw_rate: Vector3<F>,
+        raw_force: Vector3<F>,
+        surroundings: &Surroundings<F>,
+    ) -> (Vector3<F>, Vector3<F>) {
+        let (seen_rate, seen_force) = (self.gyroscope.correct(raw_rate), self.accelerometer.correct(raw_force));
+        if self.effects.is_empty() {
+            return (seen_rate, seen_force);
+        }
+        self.effects.remove(seen_rate, seen_force, surroundings)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sensor::SensorError;
-    use nalgebra::Matrix3;
+    use crate::{
+        effects::{Effect, EffectValues, MAX_PARAMETERS, Sensor},
+        sensor::SensorError,
+        so3,
+    };
+    use nalgebra::{Matrix3, convert};
 
     #[test]
     fn each_triad_corrects_its_own_sensor() -> Result<(), SensorError> {
-        let calibration = Calibration {
-            accelerometer: Triad::try_new(Matrix3::from_diagonal_element(2.0), Vector3::new(1.0, 0.0, 0.0))?,
-            gyroscope: Triad::try_new(Matrix3::from_diagonal_element(4.0), Vector3::new(0.0, 0.0, 3.0))?,
-        };
+        let calibration = Calibration::new(
+            Triad::try_new(Matrix3::from_diagonal_element(2.0), Vector3::new(1.0, 0.0, 0.0))?,
+            Triad::try_new(Matrix3::from_diagonal_element(4.0), Vector3::new(0.0, 0.0, 3.0))?,
+        );
         let (rate, force) = calibration.correct(Vector3::new(4.0, 8.0, 7.0), Vector3::new(5.0, 2.0, 6.0));
         assert_eq!(rate, Vector3::new(1.0, 2.0, 1.0));
         assert_eq!(force, Vector3::new(2.0, 1.0, 3.0));
@@ -55,5 +102,191 @@ mod tests {
     fn a_perfect_unit_changes_nothing() {
         let (rate, force) = (Vector3::new(0.1f32, 0.2, -0.3), Vector3::new(0.0, 9.8, 0.1));
         assert_eq!(Calibration::identity().correct(rate, force), (rate, force));
+    }
+
+    /// A unit with misaligned axes, in SI units for the force and in counts for the rate.
+    fn unit() -> Calibration<f64> {
+        let accelerometer = Matrix3::new(0.9804, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921);
+        let gyroscope = Matrix3::new(0.9771, 0.0097, -0.006, -0.0084, 1.0309, -0.0031, 0.0087, 0.0036, 1.003);
+        Calibration::new(
+            Triad::try_new(accelerometer, Vector3::new(-0.42, 0.24, 0.39)).unwrap(),
+            Triad::try_new(gyroscope * 4775.0, Vector3::new(32777.0, 32459.0, 32511.0)).unwrap(),
+        )
+    }
+
+    /// A unit that turns at 250 deg/s, speeds up, and is warm.
+    fn fast_state() -> State<f64> {
+        State {
+            angular_rate: Vector3::new(2.9, -2.6, 1.9),
+            specific_force: Vector3::new(6.1, -4.4, 6.5),
+            surroundings: Surroundings {
+                angular_acceleration: Some(Vector3::new(-12.0, 31.0, 8.0)),
+                rotation_world_from_body: Some(so3::exp(&Vector3::new(0.4, -1.1, 0.7))),
+                temperature_difference_k: Some(-17.0),
+                time_s: Some(240.0),
+            },
+        }
+    }
+
+    /// All parameters of the full form at `times` their typical size, with signs that change.
+    fn typical<F: RealField + Copy>(effect: &'static Effect<F>, times: f64) -> EffectValues<F> {
+        let mut values = [F::zero(); MAX_PARAMETERS];
+        for (k, (value, parameter)) in values.iter_mut().zip(effect.parameters).enumerate() {
+            let sign = if k % 3 == 1 { -1.0 } else { 1.0 };
+            *value = convert(sign * times * parameter.typical);
+        }
+        let shape = effect.shape.map(|shape| convert(shape.typical));
+        EffectValues::try_new(effect, &values[..effect.parameters.len()], shape).unwrap()
+    }
+
+    fn with(effects: &[EffectValues<f64>]) -> Calibration<f64> {
+        let mut calibration = unit();
+        for effect in effects {
+            calibration.effects.push(*effect).unwrap();
+        }
+        calibration
+    }
+
+    fn comes_back(calibration: &Calibration<f64>, state: &State<f64>) -> f64 {
+        let (raw_rate, raw_force) = calibration.measure(state);
+        let (rate, force) = calibration.correct_at(raw_rate, raw_force, &state.surroundings);
+        ((rate - state.angular_rate).norm() / state.angular_rate.norm())
+            .max((force - state.specific_force).norm() / state.specific_force.norm())
+    }
+
+    #[test]
+    fn every_effect_acts_and_is_taken_away_again() {
+        let state = fast_state();
+        for effect in Effect::catalogue() {
+            for times in [1.0, 3.0] {
+                let calibration = with(&[typical(effect, times)]);
+                assert_ne!(calibration.measure(&state), unit().measure(&state), "{}", effect.name);
+                // 1e-14 is the rounding of raw counts with an offset.
+                assert!(comes_back(&calibration, &state) < 1e-14, "{} at {times} times", effect.name);
+            }
+        }
+    }
+
+    #[test]
+    fn twelve_effects_at_once_are_taken_away_again() {
+        for first in [0, 13] {
+            let mut calibration = unit();
+            for effect in Effect::catalogue().skip(first).take(12) {
+                calibration.effects.push(typical(effect, 1.0)).unwrap();
+            }
+            assert!(comes_back(&calibration, &fast_state()) < 1e-14);
+        }
+    }
+
+    #[test]
+    fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
+        // The slope of each sensor's effect with its own quantity. The slope of a rate with force does not count: force has
+        // none with rate, or only through the lever arm, so that it is gone after two passes.
+        let step = 1e-6;
+        let slope = |effect: &'static Effect<f64>, times: f64| {
+            let (values, state) = (typical(effect, times), fast_state());
+            let column = |i| {
+                let (mut up, mut down, d) = (state, state, Vector3::ith(i, step));
+                match effect.sensor {
+                    Sensor::Gyroscope => {
+                        (up.angular_rate, down.angular_rate) = (up.angular_rate + d, down.angular_rate - d)
+                    }
+                    Sensor::Accelerometer => {
+                        (up.specific_force, down.specific_force) = (up.specific_force + d, down.specific_force - d);
+                    }
+                }
+                (values.at(&up) - values.at(&down)) / (2.0 * step)
+            };
+            Matrix3::from_columns(&[column(0), column(1), column(2)]).norm()
+        };
+        for effect in Effect::catalogue() {
+            assert!(slope(effect, 1.0) < 0.02, "{}: {}", effect.name, slope(effect, 1.0));
+            assert!(slope(effect, 3.0) < 0.06, "{}: {}", effect.name, slope(effect, 3.0));
+        }
+    }
+
+    #[test]
+    fn the_derivative_by_the_parameters_is_the_field_through_the_sensitivity() {
+        let state = fast_state();
+        for effect in Effect::catalogue() {
+            let base = typical(effect, 1.0);
+            let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
+            effect.field(&state, base.shape().unwrap_or(1.0), &mut columns);
+            for (k, parameter) in effect.parameters.iter().enumerate() {
+                // The law is linear: a large step has no error but rounding.
+                let step = 1e3 * parameter.typical;
+                let measured = |sign: f64| {
+                    let mut values = [0.0; MAX_PARAMETERS];
+                    values[..effect.parameters.len()].copy_from_slice(base.values());
+                    values[k] += sign * step;
+                    let moved =
+                        EffectValues::try_new(effect, &values[..effect.parameters.len()], base.shape()).unwrap();
+                    with(&[moved]).measure(&state)
+                };
+                let (up, down) = (measured(1.0), measured(-1.0));
+                let (difference, triad) = match effect.sensor {
+                    Sensor::Gyroscope => (up.0 - down.0, unit().gyroscope),
+                    Sensor::Accelerometer => (up.1 - down.1, unit().accelerometer),
+                };
+                let expected = triad.sensitivity() * columns[k];
+                let error = (difference / (2.0 * step) - expected).norm();
+                assert!(error < 1e-9 * expected.norm(), "{} {}: {error:e}", effect.name, parameter.name);
+            }
+        }
+    }
+
+    #[test]
+    fn f32_corrects_to_its_rounding() {
+        let state = fast_state();
+        for (single, double) in Effect::<f32>::catalogue().zip(Effect::<f64>::catalogue()) {
+            let truth = Calibration { effects: with(&[typical(double, 1.0)]).effects, ..Calibration::identity() };
+            let (raw_rate, raw_force) = truth.measure(&state);
+            let mut device = Calibration::<f32>::identity();
+            device.effects.push(typical(single, 1.0)).unwrap();
+            let surroundings = Surroundings {
+                angular_acceleration: state.surroundings.angular_acceleration.map(|value| value.cast()),
+                rotation_world_from_body: state.surroundings.rotation_world_from_body.map(|value| value.cast()),
+                temperature_difference_k: Some(-17.0),
+                time_s: Some(240.0),
+            };
+            let (rate, force) = device.correct_at(raw_rate.cast(), raw_force.cast(), &surroundings);
+            assert!((rate.cast() - state.angular_rate).norm() < 1e-6, "{}: {rate:?}", single.name);
+            assert!((force.cast() - state.specific_force).norm() < 3e-6, "{}: {force:?}", single.name);
+        }
+    }
+
+    #[test]
+    fn rest_and_zero_settle_too() {
+        // At rest an effect is larger than the rate that it acts on, and at zero force there is nothing to compare with.
+        for effect in Effect::catalogue() {
+            for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
+                let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };
+                let calibration =
+                    Calibration { effects: with(&[typical(effect, 3.0)]).effects, ..Calibration::identity() };
+                let (raw_rate, raw_force) = calibration.measure(&state);
+                let (rate, force) = calibration.correct_at(raw_rate, raw_force, &state.surroundings);
+                assert!(rate.norm() < 1e-15, "{}: {rate:?}", effect.name);
+                assert!((force - specific_force).norm() < 1e-14, "{}: {force:?}", effect.name);
+            }
+        }
+    }
+
+    #[test]
+    fn without_surroundings_the_known_effects_are_taken_away() {
+        let known = typical(Effect::find("gyro_g_sensitivity").unwrap(), 1.0);
+        let unknown = typical(Effect::find("gyro_bias_temperature").unwrap(), 1.0);
+        let state = State { surroundings: Surroundings::unknown(), ..fast_state() };
+        let (raw_rate, raw_force) = with(&[known]).measure(&state);
+        let (rate, force) = with(&[known, unknown]).correct(raw_rate, raw_force);
+        assert!((rate - state.angular_rate).norm() < 1e-13);
+        assert!((force - state.specific_force).norm() < 1e-13);
+    }
+
+    #[test]
+    fn without_effects_the_correction_is_that_of_the_triads_to_the_last_bit() {
+        let (rate, force) = (Vector3::new(31000.0, 40000.0, 32768.0), Vector3::new(0.3, -9.7, 1.1));
+        let triads = (unit().gyroscope.correct(rate), unit().accelerometer.correct(force));
+        assert_eq!(unit().correct(rate, force), triads);
+        assert_eq!(unit().correct_at(rate, force, &fast_state().surroundings), triads);
     }
 }

@@ -13,8 +13,10 @@
 //! true = sensitivity^-1 * (measured - bias)
 //! ```
 //!
-//! [`sensor`] is one triad, [`calibration`] is both, [`integrate`] turns corrected rates into a rotation, [`rest`] finds
-//! the stretches in which the unit lies still, and [`so3`] has the rotations and says their conventions.
+//! What a sensor does beyond that, such as a gyroscope that feels force, is in the catalogue of [`effects`].
+//!
+//! [`sensor`] is one triad, [`calibration`] is both with their effects, [`integrate`] turns corrected rates into a rotation,
+//! [`rest`] finds the stretches in which the unit lies still, and [`so3`] has the rotations and says their conventions.
 //! Everything is generic over the float: `f32` for a small processor, `f64` for the same numbers as on the desk.
 //!
 //! ```
@@ -24,7 +26,7 @@
 //! // The constants come from a calibration file.
 //! let accelerometer = Triad::try_new(Matrix3::identity(), Vector3::new(0.3, -0.1, 0.0))?;
 //! let gyroscope = Triad::try_new(Matrix3::from_diagonal_element(0.98), Vector3::new(0.01, 0.0, 0.0))?;
-//! let calibration = Calibration { accelerometer, gyroscope };
+//! let calibration = Calibration::new(accelerometer, gyroscope);
 //!
 //! // A turn about z at 1 rad/s for one second, sampled at 100 Hz.
 //! let raw_rate = Vector3::new(0.01, 0.0, 0.98);
@@ -51,6 +53,7 @@
 #![no_std]
 
 pub mod calibration;
+pub mod effects;
 pub mod integrate;
 pub mod rest;
 pub mod sensor;

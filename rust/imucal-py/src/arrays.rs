@@ -77,10 +77,7 @@ pub(crate) struct CalibrationArrays<'py> {
 
 impl CalibrationArrays<'_> {
     pub(crate) fn calibration(&self, py: Python<'_>) -> PyResult<Calibration<f64>> {
-        Ok(Calibration {
-            accelerometer: self.accelerometer.triad(py, "accelerometer")?,
-            gyroscope: self.gyroscope.triad(py, "gyroscope")?,
-        })
+        Ok(Calibration::new(self.accelerometer.triad(py, "accelerometer")?, self.gyroscope.triad(py, "gyroscope")?))
     }
 }
 

@@ -7,6 +7,7 @@
 use core::slice::{from_raw_parts, from_raw_parts_mut};
 use imucal_core::{
     calibration::Calibration,
+    effects::{Effect, EffectValues},
     integrate::Integrator,
     rest::{RestDetector, RestDetectorConfig},
     sensor::{SensorError, Triad},
@@ -56,10 +57,7 @@ macro_rules! export_correct {
                 )
             };
             correct(
-                &Calibration {
-                    accelerometer,
-                    gyroscope,
-                },
+                &Calibration::new(accelerometer, gyroscope),
                 rates,
                 forces,
             );
@@ -70,6 +68,33 @@ macro_rules! export_correct {
 
 export_correct!(imucal_correct_f64, f64);
 export_correct!(imucal_correct_f32, f32);
+
+/// Corrects `count` samples in place for the effect of this name alone; 0, or -1 if the values are not its parameters.
+///
+/// # Safety
+/// `name` stands for `name_length` bytes, `values` for `value_count` numbers, `rates` and `forces` for `count` samples.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn imucal_correct_effect(
+    name: *const u8,
+    name_length: usize,
+    values: *const f64,
+    value_count: usize,
+    rates: *mut [f64; 3],
+    forces: *mut [f64; 3],
+    count: usize,
+) -> i32 {
+    let (name, values) = unsafe { (from_raw_parts(name, name_length), from_raw_parts(values, value_count)) };
+    let Some(effect) = Effect::catalogue().find(|effect| effect.name.as_bytes() == name) else {
+        return -1;
+    };
+    let mut calibration = Calibration::identity();
+    let Ok(()) = EffectValues::try_new(effect, values, None).and_then(|values| calibration.effects.push(values)) else {
+        return -1;
+    };
+    let (rates, forces) = unsafe { (from_raw_parts_mut(rates, count), from_raw_parts_mut(forces, count)) };
+    correct(&calibration, rates, forces);
+    0
+}
 
 /// Integrates a move to the quaternion `[w, x, y, z]`.
 ///

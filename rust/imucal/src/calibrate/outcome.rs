@@ -77,10 +77,10 @@ impl Outcome {
                 (converted, &jacobian * covariance * jacobian.transpose())
             }
         };
-        let calibration = Calibration {
-            accelerometer: triad(sensitivities.accelerometer, *accelerometer.triad.bias())?,
-            gyroscope: triad(sensitivities.gyroscope, data.bias.bias)?,
-        };
+        let calibration = Calibration::new(
+            triad(sensitivities.accelerometer, *accelerometer.triad.bias())?,
+            triad(sensitivities.gyroscope, data.bias.bias)?,
+        );
         data.findings.extend(gyroscope.findings.iter().cloned());
         Ok(Self {
             frame: options.frame,

@@ -62,16 +62,16 @@ mod tests {
             for factor in [0.102, 0.5, 1.5, 57.3] {
                 let mut bad = good;
                 bad[axis] *= factor;
-                let accelerometer = Calibration { accelerometer: triad(bad), gyroscope: triad(good) };
+                let accelerometer = Calibration::new(triad(bad), triad(good));
                 let findings = check_gains(&columns.recording(), &accelerometer);
                 assert_eq!((findings.len(), findings[0].code), (1, "accel_units"));
                 assert_eq!(findings[0].columns, [ACCEL[axis]]);
-                let gyroscope = Calibration { accelerometer: triad(good), gyroscope: triad(bad) };
+                let gyroscope = Calibration::new(triad(good), triad(bad));
                 let findings = check_gains(&columns.recording(), &gyroscope);
                 assert_eq!((findings[0].code, findings[0].columns[0].as_str()), ("gyro_units", GYRO[axis]));
             }
         }
-        let calibration = Calibration { accelerometer: triad(good), gyroscope: triad(good) };
+        let calibration = Calibration::new(triad(good), triad(good));
         assert!(check_gains(&columns.recording(), &calibration).is_empty());
     }
 
@@ -79,7 +79,7 @@ mod tests {
     fn counts_may_have_any_gain() {
         let columns = Columns::tumbling();
         let lsb = Recording { accel_unit: RawUnit::Lsb, gyro_unit: RawUnit::Lsb, ..columns.recording() };
-        let calibration = Calibration { accelerometer: triad([400.0; 3]), gyroscope: triad([4000.0, 939.0, 939.0]) };
+        let calibration = Calibration::new(triad([400.0; 3]), triad([4000.0, 939.0, 939.0]));
         assert!(check_gains(&lsb, &calibration).is_empty());
     }
 }

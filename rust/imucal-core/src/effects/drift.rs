@@ -1,0 +1,115 @@
+//! Bias and scale that change with time.
+//!
+//! ```text
+//! *_bias_drift        k_i t
+//! *_bias_warmup       k_i exp(-t / tau)      tau is the shape
+//! gyro_scale_drift    k_i t w_i
+//! ```
+//!
+//! t is counted from the start that the calibration is for: for a warm-up that is when the sensor was switched on.
+
+use super::{
+    AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, STANDARD_GRAVITY, Sensor, State, parameters, set_axes,
+};
+use nalgebra::{RealField, Vector3};
+
+const HEAT_AND_COOL: &str = "a run that heats and cools again";
+const LONGER: &str = "a run of several time constants";
+/// The time constant of a small package that warms itself.
+const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 100.0 });
+
+impl<F: RealField + Copy> Effect<F> {
+    pub(super) const DRIFT: &'static [Self] = &[
+        Self {
+            name: "gyro_bias_drift",
+            sensor: Sensor::Gyroscope,
+            // 0.01 deg/s per 100 s.
+            parameters: &parameters(AXES, "rad/s/s", 0.01 * DEGREE / 100.0),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Time],
+            formula: "k_i t",
+            observable: "rests early and late",
+            aliases: &[
+                Alias { with: "gyro_bias_temperature", told_apart_by: HEAT_AND_COOL },
+                Alias { with: "gyro_bias_warmup", told_apart_by: LONGER },
+            ],
+            columns: bias_drift,
+        },
+        Self {
+            name: "gyro_bias_warmup",
+            sensor: Sensor::Gyroscope,
+            // 0.05 deg/s.
+            parameters: &parameters(AXES, "rad/s", 0.05 * DEGREE),
+            plain: 3,
+            shape: TAU,
+            needs: &[Need::Time],
+            formula: "k_i exp(-t / tau)",
+            observable: "rests from when it is switched on",
+            aliases: &[
+                Alias { with: "gyro_bias_temperature", told_apart_by: HEAT_AND_COOL },
+                Alias { with: "gyro_bias_drift", told_apart_by: LONGER },
+            ],
+            columns: bias_warmup,
+        },
+        Self {
+            name: "gyro_scale_drift",
+            sensor: Sensor::Gyroscope,
+            // 500 ppm per 100 s.
+            parameters: &parameters(AXES, "1/s", 500e-6 / 100.0),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Time],
+            formula: "k_i t w_i",
+            observable: "turns early and late",
+            aliases: &[Alias { with: "gyro_scale_temperature", told_apart_by: HEAT_AND_COOL }],
+            columns: scale_drift,
+        },
+        Self {
+            name: "accel_bias_drift",
+            sensor: Sensor::Accelerometer,
+            // 0.5 mg per 100 s.
+            parameters: &parameters(AXES, "m/s^2/s", 0.5e-3 * STANDARD_GRAVITY / 100.0),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Time],
+            formula: "k_i t",
+            observable: "rests of many orientations, early and late",
+            aliases: &[
+                Alias { with: "accel_bias_temperature", told_apart_by: HEAT_AND_COOL },
+                Alias { with: "accel_bias_warmup", told_apart_by: LONGER },
+            ],
+            columns: bias_drift,
+        },
+        Self {
+            name: "accel_bias_warmup",
+            sensor: Sensor::Accelerometer,
+            // 1 mg.
+            parameters: &parameters(AXES, "m/s^2", 1e-3 * STANDARD_GRAVITY),
+            plain: 3,
+            shape: TAU,
+            needs: &[Need::Time],
+            formula: "k_i exp(-t / tau)",
+            observable: "rests of many orientations from when it is switched on",
+            aliases: &[
+                Alias { with: "accel_bias_temperature", told_apart_by: HEAT_AND_COOL },
+                Alias { with: "accel_bias_drift", told_apart_by: LONGER },
+            ],
+            columns: bias_warmup,
+        },
+    ];
+}
+
+fn bias_drift<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+    set_axes(Vector3::repeat(state.surroundings.time_s.unwrap_or(F::zero())), columns);
+}
+
+fn bias_warmup<F: RealField + Copy>(state: &State<F>, tau: F, columns: &mut Columns<F>) {
+    // Nothing is left of a warm-up whose time is not known: such a unit has most likely been on for long.
+    let left = state.surroundings.time_s.map_or(F::zero(), |time_s| (-time_s / tau).exp());
+    set_axes(Vector3::repeat(left), columns);
+}
+
+fn scale_drift<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+    set_axes(state.angular_rate * state.surroundings.time_s.unwrap_or(F::zero()), columns);
+}

@@ -1,0 +1,89 @@
+//! A gyroscope that feels specific force.
+//!
+//! ```text
+//! gyro_g_sensitivity         G f
+//! gyro_g2_sensitivity        G2 (fx^2, fy^2, fz^2)     full form: + H (fy fz, fx fz, fx fy)
+//! gyro_scale_g_sensitivity   k_i w_i f_i
+//! ```
+
+use super::{
+    AXES, Alias, Columns, DEGREE, ENTRIES, Effect, STANDARD_GRAVITY, Sensor, State, cross_products, parameters,
+    set_axes, set_entries, squares,
+};
+use nalgebra::RealField;
+
+/// First the nine of the squares, which are the plain form, then the nine of the products.
+const PRODUCTS: [&str; 18] = [
+    "x_xx", "x_yy", "x_zz", "y_xx", "y_yy", "y_zz", "z_xx", "z_yy", "z_zz", "x_yz", "x_xz", "x_xy", "y_yz", "y_xz",
+    "y_xy", "z_yz", "z_xz", "z_xy",
+];
+
+impl<F: RealField + Copy> Effect<F> {
+    pub(super) const G_SENSITIVITY: &'static [Self] = &[
+        Self {
+            name: "gyro_g_sensitivity",
+            sensor: Sensor::Gyroscope,
+            // 0.1 deg/s per g.
+            parameters: &parameters(ENTRIES, "rad/s/(m/s^2)", 0.1 * DEGREE / STANDARD_GRAVITY),
+            plain: 9,
+            shape: None,
+            needs: &[],
+            formula: "G f",
+            observable: "the gyroscope's mean in rests of many orientations, and moves between them",
+            aliases: &[
+                Alias { with: "earth_rate", told_apart_by: "turns of the heading, or the latitude" },
+                Alias { with: "gyro_bias_drift", told_apart_by: "orientations that come back later" },
+            ],
+            columns: g_sensitivity,
+        },
+        Self {
+            name: "gyro_g2_sensitivity",
+            sensor: Sensor::Gyroscope,
+            // 0.0004 deg/s per g^2.
+            parameters: &parameters(
+                PRODUCTS,
+                "rad/s/(m/s^2)^2",
+                0.0004 * DEGREE / (STANDARD_GRAVITY * STANDARD_GRAVITY),
+            ),
+            plain: 9,
+            shape: None,
+            needs: &[],
+            formula: "G2 (fx^2, fy^2, fz^2) + H (fy fz, fx fz, fx fy)",
+            observable: "rests of many orientations, for six of the nine directions of G2; forces far from g for all",
+            aliases: &[Alias {
+                with: "gyro_bias",
+                told_apart_by: "forces far from g: at rest fx^2 + fy^2 + fz^2 does not change",
+            }],
+            columns: g2_sensitivity,
+        },
+        Self {
+            name: "gyro_scale_g_sensitivity",
+            sensor: Sensor::Gyroscope,
+            // 0.1 % per g.
+            parameters: &parameters(AXES, "1/(m/s^2)", 0.001 / STANDARD_GRAVITY),
+            plain: 3,
+            shape: None,
+            needs: &[],
+            formula: "k_i w_i f_i",
+            observable: "turns about an axis that points up, down and across",
+            aliases: &[Alias {
+                with: "gyro_scale",
+                told_apart_by: "turns about an axis that points down as well as up",
+            }],
+            columns: scale_g_sensitivity,
+        },
+    ];
+}
+
+fn g_sensitivity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+    set_entries(state.specific_force, columns);
+}
+
+fn g2_sensitivity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+    set_entries(squares(&state.specific_force), columns);
+    set_entries(cross_products(&state.specific_force), &mut columns[9..]);
+}
+
+fn scale_g_sensitivity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+    set_axes(state.angular_rate.component_mul(&state.specific_force), columns);
+}

@@ -1,0 +1,101 @@
+//! Bias and scale that change with temperature.
+//!
+//! ```text
+//! *_bias_temperature    k_i dT      full form: + q_i dT^2
+//! *_scale_temperature   k_i dT v_i
+//! ```
+//!
+//! dT is counted from the temperature that sensitivity and bias are for. v is the rate or the force.
+
+use super::{
+    AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, STANDARD_GRAVITY, Sensor, State, parameters, set_axes,
+};
+use nalgebra::{RealField, Vector3};
+
+const HEAT_AND_COOL: &str = "a run that heats and cools again";
+/// The temperature difference, K, at which the typical quadratic term is as large as the typical linear one.
+const BEND_K: f64 = 50.0;
+/// 0.015 deg/s per kelvin.
+const GYROSCOPE: f64 = 0.015 * DEGREE;
+/// 0.2 mg per kelvin.
+const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY;
+
+impl<F: RealField + Copy> Effect<F> {
+    pub(super) const TEMPERATURE: &'static [Self] = &[
+        Self {
+            name: "gyro_bias_temperature",
+            sensor: Sensor::Gyroscope,
+            parameters: &linear_and_square("rad/s/K", "rad/s/K^2", GYROSCOPE),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Temperature],
+            formula: "k_i dT + q_i dT^2",
+            observable: "rests at several temperatures",
+            aliases: &[
+                Alias { with: "gyro_bias_drift", told_apart_by: HEAT_AND_COOL },
+                Alias { with: "gyro_bias_warmup", told_apart_by: HEAT_AND_COOL },
+            ],
+            columns: bias,
+        },
+        Self {
+            name: "gyro_scale_temperature",
+            sensor: Sensor::Gyroscope,
+            // 300 ppm per kelvin.
+            parameters: &parameters(AXES, "1/K", 300e-6),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Temperature],
+            formula: "k_i dT w_i",
+            observable: "turns at several temperatures",
+            aliases: &[Alias { with: "gyro_scale_drift", told_apart_by: HEAT_AND_COOL }],
+            columns: |state, _, columns| scale(&state.angular_rate, state, columns),
+        },
+        Self {
+            name: "accel_bias_temperature",
+            sensor: Sensor::Accelerometer,
+            parameters: &linear_and_square("m/s^2/K", "m/s^2/K^2", ACCELEROMETER),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Temperature],
+            formula: "k_i dT + q_i dT^2",
+            observable: "rests of many orientations at several temperatures",
+            aliases: &[
+                Alias { with: "accel_bias_drift", told_apart_by: HEAT_AND_COOL },
+                Alias { with: "accel_bias_warmup", told_apart_by: HEAT_AND_COOL },
+            ],
+            columns: bias,
+        },
+        Self {
+            name: "accel_scale_temperature",
+            sensor: Sensor::Accelerometer,
+            // 100 ppm per kelvin.
+            parameters: &parameters(AXES, "1/K", 100e-6),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Temperature],
+            formula: "k_i dT f_i",
+            observable: "rests of many orientations at several temperatures",
+            aliases: &[Alias {
+                with: "accel_bias_temperature",
+                told_apart_by: "each axis up and down at each temperature",
+            }],
+            columns: |state, _, columns| scale(&state.specific_force, state, columns),
+        },
+    ];
+}
+
+const fn linear_and_square(per_kelvin: &'static str, per_square: &'static str, typical: f64) -> [Parameter; 6] {
+    let [x, y, z] = parameters(AXES, per_kelvin, typical);
+    let [xx, yy, zz] = parameters(["x_square", "y_square", "z_square"], per_square, typical / BEND_K);
+    [x, y, z, xx, yy, zz]
+}
+
+fn bias<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+    let difference = state.surroundings.temperature_difference_k.unwrap_or(F::zero());
+    set_axes(Vector3::repeat(difference), columns);
+    set_axes(Vector3::repeat(difference * difference), &mut columns[3..]);
+}
+
+fn scale<F: RealField + Copy>(v: &Vector3<F>, state: &State<F>, columns: &mut Columns<F>) {
+    set_axes(v * state.surroundings.temperature_difference_k.unwrap_or(F::zero()), columns);
+}

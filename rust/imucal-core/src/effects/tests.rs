@@ -1,0 +1,223 @@
+//! Every row of the catalogue against numbers worked out by hand.
+
+use super::*;
+use crate::so3;
+use core::f64::consts::FRAC_PI_2;
+
+/// Small whole numbers, so that the expected values below can be followed on paper.
+fn state() -> State<f64> {
+    State {
+        angular_rate: Vector3::new(0.5, -2.0, 3.0),
+        specific_force: Vector3::new(4.0, -1.0, 8.0),
+        surroundings: Surroundings {
+            angular_acceleration: Some(Vector3::new(10.0, 20.0, -5.0)),
+            // The body's x axis points along the world's y axis.
+            rotation_world_from_body: Some(so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2))),
+            temperature_difference_k: Some(10.0),
+            time_s: Some(50.0),
+        },
+    }
+}
+
+const TAU_S: f64 = 25.0;
+/// exp(-50 / 25).
+const LEFT: f64 = 0.135_335_283_236_612_7;
+
+/// The field at [`state`] times the parameters 1, 2, 3, ... after the formulas of the catalogue, by hand.
+const BY_HAND: [(&str, [f64; 3]); 25] = [
+    ("gyro_g_sensitivity", [26.0, 59.0, 92.0]),
+    ("gyro_g2_sensitivity", [210.0 + 224.0, 453.0 + 284.0, 696.0 + 344.0]),
+    ("gyro_scale_g_sensitivity", [2.0, 4.0, 72.0]),
+    ("gyro_scale_quadratic", [0.25, 8.0, 27.0]),
+    ("gyro_scale_cubic", [0.125, -16.0, 81.0]),
+    ("gyro_scale_asymmetry", [0.5, 4.0, 9.0]),
+    ("gyro_cross_axis_quadratic", [-6.0, -22.5, -39.0]),
+    ("accel_scale_quadratic", [16.0, 2.0, 192.0]),
+    ("accel_scale_cubic", [64.0, -2.0, 1536.0]),
+    ("accel_scale_asymmetry", [4.0, 2.0, 24.0]),
+    ("accel_cross_axis_quadratic", [213.0, 728.0, 472.0]),
+    ("gyro_bias_temperature", [10.0 + 400.0, 20.0 + 500.0, 30.0 + 600.0]),
+    ("gyro_scale_temperature", [5.0, -40.0, 90.0]),
+    ("accel_bias_temperature", [410.0, 520.0, 630.0]),
+    ("accel_scale_temperature", [40.0, -20.0, 240.0]),
+    ("gyro_bias_drift", [50.0, 100.0, 150.0]),
+    ("gyro_bias_warmup", [LEFT, 2.0 * LEFT, 3.0 * LEFT]),
+    ("gyro_scale_drift", [25.0, -200.0, 450.0]),
+    ("accel_bias_drift", [50.0, 100.0, 150.0]),
+    ("accel_bias_warmup", [LEFT, 2.0 * LEFT, 3.0 * LEFT]),
+    ("gyro_angular_acceleration", [35.0, 110.0, 185.0]),
+    ("gyro_time_offset", [-10.0, -20.0, 5.0]),
+    ("earth_rate", [2.0, -1.0, 3.0]),
+    // dw/dt x r = (70, -35, 0), w x (w x r) = (-10.5, -37.5, -23.25) for r = (1, 2, 3).
+    ("accel_lever_arm", [59.5, -72.5, -23.25]),
+    // The y axis at (1, 2, 3) as above; the z axis at (4, 5, 6): -30 - 49.5.
+    ("accel_size_effect", [0.0, -72.5, -79.5]),
+];
+
+/// Number of parameters of the plain and of the full form, and unit and typical size of the first and of the last.
+type Numbers = (&'static str, usize, usize, (&'static str, f64), (&'static str, f64));
+const NUMBERS: [Numbers; 25] = [
+    ("gyro_g_sensitivity", 9, 9, ("rad/s/(m/s^2)", 1.779741e-4), ("rad/s/(m/s^2)", 1.779741e-4)),
+    ("gyro_g2_sensitivity", 9, 18, ("rad/s/(m/s^2)^2", 7.259321e-8), ("rad/s/(m/s^2)^2", 7.259321e-8)),
+    ("gyro_scale_g_sensitivity", 3, 3, ("1/(m/s^2)", 1.019716e-4), ("1/(m/s^2)", 1.019716e-4)),
+    ("gyro_scale_quadratic", 3, 3, ("s/rad", 4.583662e-4), ("s/rad", 4.583662e-4)),
+    ("gyro_scale_cubic", 3, 3, ("s^2/rad^2", 2.626245e-4), ("s^2/rad^2", 2.626245e-4)),
+    ("gyro_scale_asymmetry", 3, 3, ("1", 2e-3), ("1", 2e-3)),
+    ("gyro_cross_axis_quadratic", 9, 9, ("s/rad", 1e-4), ("s/rad", 1e-4)),
+    ("accel_scale_quadratic", 3, 3, ("1/(m/s^2)", 2.039432e-4), ("1/(m/s^2)", 2.039432e-4)),
+    ("accel_scale_cubic", 3, 3, ("1/(m/s^2)^2", 2.079642e-5), ("1/(m/s^2)^2", 2.079642e-5)),
+    ("accel_scale_asymmetry", 3, 3, ("1", 1e-3), ("1", 1e-3)),
+    ("accel_cross_axis_quadratic", 15, 15, ("1/(m/s^2)", 1.019716e-4), ("1/(m/s^2)", 1.019716e-4)),
+    ("gyro_bias_temperature", 3, 6, ("rad/s/K", 2.617994e-4), ("rad/s/K^2", 5.235988e-6)),
+    ("gyro_scale_temperature", 3, 3, ("1/K", 3e-4), ("1/K", 3e-4)),
+    ("accel_bias_temperature", 3, 6, ("m/s^2/K", 1.961330e-3), ("m/s^2/K^2", 3.922660e-5)),
+    ("accel_scale_temperature", 3, 3, ("1/K", 1e-4), ("1/K", 1e-4)),
+    ("gyro_bias_drift", 3, 3, ("rad/s/s", 1.745329e-6), ("rad/s/s", 1.745329e-6)),
+    ("gyro_bias_warmup", 3, 3, ("rad/s", 8.726646e-4), ("rad/s", 8.726646e-4)),
+    ("gyro_scale_drift", 3, 3, ("1/s", 5e-6), ("1/s", 5e-6)),
+    ("accel_bias_drift", 3, 3, ("m/s^2/s", 4.903325e-5), ("m/s^2/s", 4.903325e-5)),
+    ("accel_bias_warmup", 3, 3, ("m/s^2", 9.806650e-3), ("m/s^2", 9.806650e-3)),
+    ("gyro_angular_acceleration", 9, 9, ("s", 1e-4), ("s", 1e-4)),
+    ("gyro_time_offset", 1, 1, ("s", 2e-3), ("s", 2e-3)),
+    ("earth_rate", 3, 3, ("rad/s", 7.292115e-5), ("rad/s", 7.292115e-5)),
+    ("accel_lever_arm", 3, 3, ("m", 0.02), ("m", 0.02)),
+    ("accel_size_effect", 6, 6, ("m", 0.002), ("m", 0.002)),
+];
+
+/// The effect with all of its parameters, the first one 1, then 2, 3, ...
+fn counting<F: RealField + Copy>(effect: &'static Effect<F>) -> EffectValues<F> {
+    let values: [F; MAX_PARAMETERS] = core::array::from_fn(|k| nalgebra::convert(k as f64 + 1.0));
+    let shape = effect.shape.map(|_| nalgebra::convert(TAU_S));
+    EffectValues::try_new(effect, &values[..effect.parameters.len()], shape).unwrap()
+}
+
+fn sensor_by_name(effect: &Effect<f64>) -> Sensor {
+    if effect.name.starts_with("accel_") { Sensor::Accelerometer } else { Sensor::Gyroscope }
+}
+
+#[test]
+fn every_field_is_what_its_formula_gives_by_hand() {
+    assert!(Effect::<f64>::catalogue().map(|effect| effect.name).eq(BY_HAND.iter().map(|row| row.0)));
+    for (effect, (name, expected)) in Effect::catalogue().zip(BY_HAND) {
+        let got = counting(effect).at(&state());
+        assert!((got - Vector3::from(expected)).amax() < 1e-14 * got.amax(), "{name}: {got:?} for {expected:?}");
+        assert_eq!(effect.sensor, sensor_by_name(effect), "{name}");
+    }
+}
+
+#[test]
+fn counts_units_and_typical_sizes_are_those_of_the_datasheets() {
+    for (effect, (name, plain, all, first, last)) in Effect::<f64>::catalogue().zip(NUMBERS) {
+        assert_eq!((effect.name, effect.plain, effect.parameters.len()), (name, plain, all));
+        for (parameter, (unit, typical)) in [(effect.parameters[0], first), (effect.parameters[all - 1], last)] {
+            assert_eq!(parameter.unit, unit, "{name}");
+            assert!((parameter.typical / typical - 1.0).abs() < 1e-6, "{name}: {parameter:?}");
+        }
+    }
+}
+
+#[test]
+fn names_are_unique_and_lead_to_their_rows() {
+    for effect in Effect::<f64>::catalogue() {
+        assert_eq!(Effect::<f64>::find(effect.name).map(|found| found.formula), Some(effect.formula));
+        assert_eq!(Effect::<f64>::catalogue().filter(|other| *other == effect).count(), 1, "{}", effect.name);
+        for parameter in effect.parameters {
+            let same = effect.parameters.iter().filter(|other| other.name == parameter.name);
+            assert_eq!(same.count(), 1, "{}: {}", effect.name, parameter.name);
+        }
+    }
+    assert_eq!(Effect::<f64>::find("gyro_g"), None);
+    assert_eq!(Effect::<f64>::find(""), None);
+}
+
+#[test]
+fn aliases_are_effects_or_what_the_model_has_besides_them() {
+    let others = ["gyro_bias", "gyro_scale", "accel_scale", "a delay of the accelerometer"];
+    for effect in Effect::<f64>::catalogue() {
+        for alias in effect.aliases {
+            let known = Effect::<f64>::find(alias.with).is_some() || others.contains(&alias.with);
+            assert!(known && alias.with != effect.name, "{}: {}", effect.name, alias.with);
+        }
+    }
+}
+
+#[test]
+fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
+    for effect in Effect::<f64>::catalogue() {
+        let known = counting(effect).at(&state());
+        for need in [Need::AngularAcceleration, Need::Attitude, Need::Temperature, Need::Time] {
+            let mut without = state();
+            match need {
+                Need::AngularAcceleration => without.surroundings.angular_acceleration = None,
+                Need::Attitude => without.surroundings.rotation_world_from_body = None,
+                Need::Temperature => without.surroundings.temperature_difference_k = None,
+                Need::Time => without.surroundings.time_s = None,
+            }
+            let changes = counting(effect).at(&without) != known;
+            assert_eq!(changes, effect.needs.contains(&need), "{}: {need:?}", effect.name);
+        }
+    }
+}
+
+#[test]
+fn terms_with_an_unknown_factor_are_left_out() {
+    let unknown = State { surroundings: Surroundings::unknown(), ..state() };
+    for effect in Effect::<f64>::catalogue().filter(|effect| !effect.needs.is_empty()) {
+        let expected = match effect.name {
+            // w x (w x r) is still known.
+            "accel_lever_arm" => Vector3::new(-10.5, -37.5, -23.25),
+            "accel_size_effect" => Vector3::new(0.0, -37.5, -49.5),
+            _ => Vector3::zeros(),
+        };
+        assert_eq!(counting(effect).at(&unknown), expected, "{}", effect.name);
+    }
+}
+
+#[test]
+fn the_plain_form_is_the_full_one_with_the_rest_zero() {
+    for effect in Effect::<f64>::catalogue() {
+        let mut values = [0.0; MAX_PARAMETERS];
+        values[..effect.plain].copy_from_slice(&counting(effect).values()[..effect.plain]);
+        let shape = effect.shape.map(|_| TAU_S);
+        let plain = EffectValues::try_new(effect, &values[..effect.plain], shape).unwrap();
+        let full = EffectValues::try_new(effect, &values[..effect.parameters.len()], shape).unwrap();
+        assert_eq!(plain.at(&state()), full.at(&state()), "{}", effect.name);
+    }
+}
+
+#[test]
+fn f32_gives_the_numbers_of_f64() {
+    let wide = state();
+    let narrow = State {
+        angular_rate: wide.angular_rate.cast::<f32>(),
+        specific_force: wide.specific_force.cast(),
+        surroundings: Surroundings {
+            angular_acceleration: wide.surroundings.angular_acceleration.map(|value| value.cast()),
+            rotation_world_from_body: wide.surroundings.rotation_world_from_body.map(|value| value.cast()),
+            temperature_difference_k: Some(10.0),
+            time_s: Some(50.0),
+        },
+    };
+    for (single, double) in Effect::<f32>::catalogue().zip(Effect::<f64>::catalogue()) {
+        let (got, expected) = (counting(single).at(&narrow).cast::<f64>(), counting(double).at(&wide));
+        assert!((got - expected).amax() < 5e-7 * expected.amax(), "{}: {got:?}, {expected:?}", single.name);
+    }
+}
+
+#[test]
+fn a_row_of_ones_own_is_an_effect_like_the_others() {
+    static RUB: Effect<f64> = Effect {
+        name: "gyro_rub",
+        sensor: Sensor::Gyroscope,
+        parameters: &[Parameter { name: "c", unit: "rad/s", typical: 1e-3 }],
+        plain: 1,
+        shape: None,
+        needs: &[],
+        formula: "c sign(wz) along z",
+        observable: "turns about z of both signs",
+        aliases: &[],
+        columns: |state, _, columns| columns[0] = Vector3::z() * state.angular_rate.z.signum(),
+    };
+    let values = EffectValues::try_new(&RUB, &[2e-3], None).unwrap();
+    assert_eq!(values.at(&state()), Vector3::new(0.0, 0.0, 2e-3));
+}
