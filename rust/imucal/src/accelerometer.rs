@@ -100,10 +100,13 @@ fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution
     Ok(AccelerometerFit { triad, used, gain, report: solution.report() })
 }
 
+/// No standard deviation of |f| is finer than this, m/s^2: a noise-free simulation has no scatter at all.
+const FINEST_MPS2: f64 = 1e-5;
+
 /// Standard deviation of |f| over one rest, from the scatter of its samples, m/s^2.
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
     let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
-    v.component_mul(&v).dot(&rest.specific_force.variance_of_mean).sqrt()
+    v.component_mul(&v).dot(&rest.specific_force.variance_of_mean).sqrt().max(FINEST_MPS2)
 }
 
 pub(crate) fn parameters_of(start: &Start) -> Vec<f64> {
@@ -149,11 +152,9 @@ impl Norms {
         let triad = triad_of(parameters)?;
         let rest_of_row: Vec<usize> = (0..rests.len()).filter(|&k| used[k]).collect();
         let sigma: Vec<f64> = rest_of_row.iter().map(|&k| sigma_norm(rests[k], &triad)).collect();
-        // A noise-free simulation has no scatter: equal weights then, of a size that leaves numbers in range.
-        let floor = 1e-9 * gravity_mps2;
         Ok(Self {
             means: rest_of_row.iter().map(|&k| rests[k].specific_force.mean).collect(),
-            sigma: sigma.into_iter().map(|sigma| sigma.max(floor)).collect(),
+            sigma,
             rest_of_row,
             gravity_mps2,
         })

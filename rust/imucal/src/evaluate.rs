@@ -117,7 +117,8 @@ pub struct Evaluation {
 /// take it without a calibration (the identity for SI units); it only serves the comparison in `carried`.
 ///
 /// # Errors
-/// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest.
+/// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest, [`Error::Input`] for a
+/// calibration with effects.
 pub fn evaluate(
     calibration: &Calibration<f64>,
     uncalibrated: &Triad<f64>,
@@ -125,6 +126,11 @@ pub fn evaluate(
     gravity_mps2: f64,
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
+    if !calibration.effects.is_empty() {
+        let message =
+            "a calibration with effects cannot be judged: take the effects out, or correct the recording first";
+        return Err(Error::Input(message.into()));
+    }
     let mut findings: Vec<Finding> = recordings.iter().flat_map(check_columns).collect();
     // A control record judges what is there: saturated moves are left out of the figures and said, not refused.
     let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
@@ -192,7 +198,7 @@ pub(crate) fn figures(
 ) -> Figures {
     let rests: Vec<&RestReport> = rests.iter().filter(|rest| rest.excluded.is_none()).collect();
     let moves: Vec<&MoveReport> = moves.iter().filter(|m| m.excluded.is_none()).collect();
-    let norms = rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2.max(1e-9));
+    let norms = rests.iter().map(|rest| rest.norm_error_mps2 / rest.norm_sigma_mps2);
     let chi2: f64 = norms.chain(move_residuals.iter().copied()).map(|z| z * z).sum();
     let count = rests.len() + move_residuals.len();
     Figures {

@@ -14,10 +14,11 @@ use crate::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
 /// A step in time of more than this many sample intervals inside a move loses too much of the rotation.
 const LONGEST_STEP: f64 = 2.5;
 
-/// A rest whose scatter is this many times the noise floor (in variance) is held by a hand, not by a table.
-const UNSTEADY: f64 = 2.0;
 /// How much of an unsteady rest, next to the move, gives the direction of gravity, s.
 const SPAN_S: f64 = 1.0;
+const TENTHS: usize = 10;
+/// The integration of a sampled rate is no finer than this; without noise it alone is left.
+const FINEST_RAD: f64 = 2e-5;
 
 /// One rest of one of the recordings.
 #[derive(Clone, Copy, Debug)]
@@ -131,10 +132,10 @@ pub(crate) struct Directions<'a> {
 /// A direction and the variance of each of its components.
 struct Direction {
     up: Vector3<f64>,
-    /// From the accelerometer's mean over the whole rest, which also serves the accelerometer's fit.
-    variance: f64,
-    /// From everything else.
-    extra_variance: f64,
+    /// From the mean over the whole rest, which also serves the accelerometer's fit.
+    shared_variance: f64,
+    /// From noise that nothing else sees.
+    own_variance: f64,
 }
 
 impl Directions<'_> {
@@ -145,9 +146,8 @@ impl Directions<'_> {
             .map(|m| {
                 let (before, after) = (self.direction(m.from, true), self.direction(m.to, false));
                 let walk = random_walk_rad(&self.noise[m.recording].angular_rate, self.gyroscope_inverse, m.duration_s);
-                let own = walk * walk + before.extra_variance + after.extra_variance;
-                // A noise-free simulation: equal weights, of a size that leaves numbers in range.
-                let sigma_rad = (own + before.variance + after.variance).sqrt().max(1e-9);
+                let own = walk * walk + before.own_variance + after.own_variance;
+                let sigma_rad = (own + before.shared_variance + after.shared_variance).sqrt().max(FINEST_RAD);
                 (Ends { before: before.up, after: after.up, sigma_rad }, own.sqrt())
             })
             .unzip()
@@ -160,16 +160,17 @@ impl Directions<'_> {
         let force = self.accelerometer.correct(mean.mean);
         let noise = self.accelerometer.inverse() * Matrix3::from_diagonal(&mean.variance_of_mean.map(f64::sqrt));
         let variance = noise.norm_squared() / 3.0 / force.norm_squared();
-        if rest.unsteadiness < UNSTEADY {
-            return Direction { up: force.normalize(), variance, extra_variance: 0.0 };
+        if rest.is_steady() {
+            return Direction { up: force.normalize(), shared_variance: variance, own_variance: 0.0 };
         }
-        let (up, share, span_s) = self.tremor_free(k, at_end);
+        let (up, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope_inverse, span_s);
         // The mean over a span of a random walk that is zero at its end has a third of the walk's variance.
-        Direction { up, variance, extra_variance: variance * (1.0 / share - 1.0) + walk * walk / 3.0 }
+        Direction { up, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 }
     }
 
-    /// Mean of the last or first second of a rest, each sample turned by the gyroscope to the attitude at the end of it.
+    /// Mean of the last or first second of a rest, each sample turned by the gyroscope to the attitude at the end of it,
+    /// the variance of that mean from the scatter of its tenths (rad^2), and the span, s.
     ///
     /// A hand that holds a pose trembles: the plain mean is not where the move starts. The mean rate of the rest is
     /// taken for the gyroscope's bias, so that a bias that depends on the pose does no harm.
@@ -179,22 +180,34 @@ impl Directions<'_> {
         let samples = rest.end - rest.first;
         let interval_s = (rest.end_s - rest.start_s) / (samples - 1).max(1) as f64;
         let count = ((SPAN_S / interval_s).round() as usize).clamp(1, samples);
+        let tenth = (count / TENTHS).max(1);
         // Outwards from the end of the rest that the move touches.
         let index = |i: usize| if at_end { rest.end - 1 - i } else { rest.first + i };
-        let sign = if at_end { 1.0 } else { -1.0 };
+        let step = if at_end { interval_s } else { -interval_s };
+        let rate = |i: usize| {
+            let raw = Vector3::from(recording.angular_rate[index(i)]);
+            self.gyroscope_inverse * (raw - rest.angular_rate.mean)
+        };
         let mut turn = Vector3::zeros();
-        let mut sum = Vector3::zeros();
-        for i in 0..count {
-            let rate =
-                self.gyroscope_inverse * (Vector3::from(recording.angular_rate[index(i)]) - rest.angular_rate.mean);
-            let step = rate * (sign * interval_s);
-            // Half a step at each end: the sample at the boundary itself is not turned.
-            turn += if i == 0 { step * 0.5 } else { step };
-            let force = self.accelerometer.correct(Vector3::from(recording.specific_force[index(i)]));
-            let turn_here = if i == 0 { Vector3::zeros() } else { turn - step * 0.5 };
-            sum += force - turn_here.cross(&force);
+        let mut last_rate = rate(0);
+        let mut means = Vec::with_capacity(TENTHS);
+        for group in 0..(count / tenth) {
+            let mut sum = Vector3::zeros();
+            for i in group * tenth..(group + 1) * tenth {
+                let here = rate(i);
+                if i > 0 {
+                    turn += (last_rate + here) * (step / 2.0);
+                }
+                last_rate = here;
+                let force = self.accelerometer.correct(Vector3::from(recording.specific_force[index(i)]));
+                sum += force - turn.cross(&force);
+            }
+            means.push(sum / tenth as f64);
         }
-        (sum.normalize(), count as f64 / samples as f64, count as f64 * interval_s)
+        let groups = means.len() as f64;
+        let mean = means.iter().sum::<Vector3<f64>>() / groups;
+        let scatter = means.iter().map(|group| (group - mean).norm_squared()).sum::<f64>() / (groups - 1.0).max(1.0);
+        (mean.normalize(), scatter / 3.0 / groups / mean.norm_squared(), count as f64 * interval_s)
     }
 }
 

@@ -16,13 +16,15 @@ use nalgebra::{Vector3, Vector6};
 use crate::error::Error;
 use crate::recording::{RawUnit, Recording};
 use crate::stats::median;
-use blocks::{Block, Blocks, colour_factor, merge, sum_blocks};
+use blocks::{Block, Blocks, colour_factor, merge, noise_variance, sum_blocks};
 use edges::{calm, drift, settle, trim, unsteadiness, wanders};
 use threshold::{choose_threshold, still_stretches, window_statistic};
 
 /// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
 const BLOCK_S: f64 = 0.05;
 const WINDOW_BLOCKS: usize = 10;
+/// A rest whose scatter is this many times the noise floor (in variance) is held by a hand.
+const UNSTEADY: f64 = 2.0;
 
 /// Mean of a triad over a rest, in raw units.
 #[derive(Clone, Copy, Debug)]
@@ -53,6 +55,13 @@ pub struct Rest {
     pub angular_rate: RestMean,
 }
 
+impl Rest {
+    /// Whether the unit lies on something firm; if not, a hand holds it, and its tremor is seen.
+    pub fn is_steady(&self) -> bool {
+        self.unsteadiness < UNSTEADY
+    }
+}
+
 /// The threshold that was chosen, and why.
 #[derive(Clone, Debug)]
 pub struct Threshold {
@@ -68,7 +77,7 @@ pub struct Threshold {
     pub window_s: f64,
 }
 
-/// White-noise densities from the rests, in raw units per sqrt(Hz).
+/// White-noise densities from the steady rests, or from the noise floor where a hand holds the unit throughout, in raw units per sqrt(Hz).
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseDensity {
     /// Accelerometer x, y, z.
@@ -119,31 +128,37 @@ impl Segments {
         if long.is_empty() {
             return Err(no_rest(recording, min_rest_s));
         }
-        let colour = colour_factor(&blocks, &long);
+        // A table and a hand have noise of different kinds.
+        let (steady, held): (Vec<_>, Vec<_>) =
+            long.iter().cloned().partition(|range| unsteadiness(range, &statistic) < UNSTEADY);
+        let (steady_colour, held_colour) = (colour_factor(&blocks, &steady), colour_factor(&blocks, &held));
         let rests: Vec<Rest> = long
             .iter()
-            .map(|range| Rest {
-                unsteadiness: unsteadiness(range, &statistic).max(drift(&blocks[range.clone()], &colour)),
-                ..rest(recording, &blocks[range.clone()], range.start, &colour)
+            .map(|range| {
+                let tremor = unsteadiness(range, &statistic);
+                let colour = if tremor < UNSTEADY { &steady_colour } else { &held_colour };
+                Rest {
+                    unsteadiness: tremor.max(drift(&blocks[range.clone()], colour)),
+                    ..rest(recording, &blocks[range.clone()], range.start, colour)
+                }
             })
             .collect();
-        let variances: Vec<Vector6<f64>> = long.iter().map(|r| merge(&blocks[r.clone()]).variance()).collect();
-        let density = |channel: usize| {
-            let typical = median(&mut variances.iter().map(|v| v[channel]).collect::<Vec<f64>>());
-            (typical * colour[channel] * dt_s).sqrt()
-        };
+        let sample_variance = floor * averaged as f64;
+        let density = noise_variance(&blocks, &steady, &steady_colour)
+            .unwrap_or(sample_variance)
+            .map(|variance| (variance * dt_s).sqrt());
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         Ok(Self {
             noise_density: NoiseDensity {
-                angular_rate: Vector3::from_fn(|i, _| density(i)),
-                specific_force: Vector3::from_fn(|i, _| density(3 + i)),
+                angular_rate: density.fixed_rows::<3>(0).into(),
+                specific_force: density.fixed_rows::<3>(3).into(),
             },
             too_short: short.into_iter().map(samples).collect(),
             threshold: Threshold {
                 factor: threshold.0,
                 stable_from: threshold.1,
                 stable_to: threshold.2,
-                noise_floor: (floor * averaged as f64).map(f64::sqrt),
+                noise_floor: sample_variance.map(f64::sqrt),
                 window_s: (WINDOW_BLOCKS * block_samples) as f64 * dt_s,
             },
             rests,

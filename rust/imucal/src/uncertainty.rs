@@ -89,7 +89,10 @@ fn gyroscope_rows(
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];
             by_parameters += by_direction * direction_by_parameters;
-            subtract(map, 3 * rest, &(by_direction * by_mean));
+            // A hand-held rest has its direction from a part of it, whose noise is in the move's own.
+            if rests[rest].is_steady() {
+                subtract(map, 3 * rest, &(by_direction * by_mean));
+            }
         }
         subtract(map, 6 * k + 2 * index, &gain);
     }

@@ -6,6 +6,7 @@ use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
 
 use crate::recording::Recording;
+use crate::stats::median;
 
 /// Sums over [`BLOCK_S`](super::BLOCK_S) of samples, six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;
@@ -90,4 +91,12 @@ pub(super) fn colour_factor(blocks: &[Block], rests: &[Range<usize>]) -> Vector6
     }
     // With fewer than 20 pairs the estimate says nothing: white noise is assumed.
     sum.map(|total| if count >= 20.0 && total > 0.0 { total / count } else { 1.0 })
+}
+
+/// Variance of one sample of white noise with the same density at low frequency; `None` without rests.
+pub(super) fn noise_variance(blocks: &[Block], rests: &[Range<usize>], colour: &Vector6<f64>) -> Option<Vector6<f64>> {
+    let variances: Vec<Vector6<f64>> = rests.iter().map(|range| merge(&blocks[range.clone()]).variance()).collect();
+    let typical =
+        |channel: usize| median(&mut variances.iter().map(|variance| variance[channel]).collect::<Vec<f64>>());
+    (!rests.is_empty()).then(|| Vector6::from_fn(|channel, _| typical(channel) * colour[channel]))
 }
