@@ -54,7 +54,7 @@ pub(crate) fn fit(
     let mut parameters = parameters_of(&start);
     loop {
         let problem = Norms::new(rests, &used, gravity_mps2, &parameters)?;
-        let solution = lsq::minimize(&problem, &parameters)?;
+        let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
         if solution.termination == Termination::NotFinite {
             return Err(Error::Fit("the accelerometer fit left the range of numbers: check units and gravity".into()));
         }

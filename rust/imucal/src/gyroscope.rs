@@ -39,34 +39,15 @@ pub(crate) struct GyroscopeFit {
     pub(crate) report: FitReport,
 }
 
-/// Fits the nine entries from each start value and keeps the best; moves that contradict all others are left out.
-pub(crate) fn fit(
+/// A first estimate from the start value with the smallest misfit; from the others too if that ends far from the data.
+pub(crate) fn first_estimate(
     recordings: &[Recording<'_>],
     moves: &[Move],
     ends: &[Ends],
     bias: Vector3<f64>,
     starts: &[Matrix3<f64>],
-) -> Result<GyroscopeFit, Error> {
-    let mut used = vec![true; moves.len()];
-    let mut problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
-    let mut solution = minimize_from_best(&problem, starts)?;
-    loop {
-        let triad = triad_of(&solution.parameters, bias)?;
-        problem.check(&triad, &solution)?;
-        let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 2);
-        match robust::worst_outlier(&scores, 2) {
-            Some(item) if robust::may_exclude(&used, 9) => {
-                used[problem.rows[item]] = false;
-                problem.rows.remove(item);
-                solution = lsq::minimize(&problem, &solution.parameters)?;
-            }
-            _ => return finish(&problem, used, triad, solution),
-        }
-    }
-}
-
-/// Fits from the start value with the smallest misfit; from the others too if that ends far from the data.
-fn minimize_from_best(problem: &Carrying<'_>, starts: &[Matrix3<f64>]) -> Result<Solution, Error> {
+) -> Result<Triad<f64>, Error> {
+    let problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
     let mut starts: Vec<(f64, Vec<f64>)> = starts
         .iter()
         .map(|start| start.transpose().as_slice().to_vec())
@@ -75,7 +56,7 @@ fn minimize_from_best(problem: &Carrying<'_>, starts: &[Matrix3<f64>]) -> Result
     starts.sort_by(|a, b| a.0.total_cmp(&b.0));
     let mut best: Option<Solution> = None;
     for (_, start) in &starts {
-        let solution = lsq::minimize(problem, start)?;
+        let solution = lsq::minimize(&problem, start, lsq::ROUGH)?;
         if best.as_ref().is_none_or(|best| solution.chi2 < best.chi2) {
             best = Some(solution);
         }
@@ -83,7 +64,36 @@ fn minimize_from_best(problem: &Carrying<'_>, starts: &[Matrix3<f64>]) -> Result
             break;
         }
     }
-    best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))
+    let best = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
+    // Whether the moves determine all entries is for the fit to judge: here the scale may still be far off.
+    triad_of(&best.parameters, bias)
+}
+
+/// Fits the nine entries from a first estimate; moves that contradict all others are left out.
+pub(crate) fn fit(
+    recordings: &[Recording<'_>],
+    moves: &[Move],
+    ends: &[Ends],
+    first: &Triad<f64>,
+) -> Result<GyroscopeFit, Error> {
+    let bias = *first.bias();
+    let mut used = vec![true; moves.len()];
+    let mut problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
+    let mut parameters = first.sensitivity().transpose().as_slice().to_vec();
+    loop {
+        let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
+        let triad = triad_of(&solution.parameters, bias)?;
+        problem.check(&triad, &solution)?;
+        let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 2);
+        match robust::worst_outlier(&scores, 2) {
+            Some(item) if robust::may_exclude(&used, 9) => {
+                used[problem.rows[item]] = false;
+                problem.rows.remove(item);
+                parameters = solution.parameters;
+            }
+            _ => return finish(&problem, used, triad, solution),
+        }
+    }
 }
 
 fn finish(
@@ -153,11 +163,11 @@ impl Carrying<'_> {
         let design = Mat::from_fn(solution.jacobian.nrows(), 9, |row, j| {
             solution.jacobian[(row, j)] * self.ends[self.rows[row / 2]].sigma_rad * scale
         });
-        let turned = self.rows.iter().map(|&k| {
-            let m = &self.moves[k];
-            carry(&self.recordings[m.recording], m.first, m.last, triad).turned_rad
-        });
-        observability::check_gyroscope(&design, turned.sum(), self.rows.len())
+        let turned = || -> Vector3<f64> {
+            let of_move = |m: &Move| carry(&self.recordings[m.recording], m.first, m.last, triad).turned_rad;
+            self.rows.iter().map(|&k| of_move(&self.moves[k])).sum()
+        };
+        observability::check_gyroscope(&design, turned, self.rows.len())
     }
 }
 

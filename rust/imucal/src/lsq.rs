@@ -70,14 +70,16 @@ impl Solution {
     }
 }
 
-/// A step shorter than this, relative to the parameters (both scaled by D), is the last one: with a good model the
-/// error that it leaves is smaller by orders of magnitude.
-const STEP_TOLERANCE: f64 = 1e-10;
+/// Tolerance of a result: a step shorter than this, relative to the parameters (both scaled by D), is the last one. With a
+/// good model the error that it leaves is smaller by orders of magnitude.
+pub(crate) const EXACT: f64 = 1e-10;
+/// Tolerance of a start value.
+pub(crate) const ROUGH: f64 = 1e-3;
 const ITERATION_LIMIT: u64 = 200;
 
-/// Minimises the sum of squares from `start`.
-pub(crate) fn minimize<R: Residuals>(problem: &R, start: &[f64]) -> Result<Solution, Error> {
-    let solver = LevenbergMarquardt::new(problem.count(), start.len());
+/// Minimises the sum of squares from `start`, to a relative step of `tolerance`.
+pub(crate) fn minimize<R: Residuals>(problem: &R, start: &[f64], tolerance: f64) -> Result<Solution, Error> {
+    let solver = LevenbergMarquardt::new(problem.count(), start.len(), tolerance);
     let outcome = Executor::new(problem, solver)
         .configure(|state| state.param(start.to_vec()).max_iters(ITERATION_LIMIT))
         .timer(false)
@@ -161,13 +163,14 @@ struct LevenbergMarquardt {
     trial_jacobian: Mat<f64>,
     scale: Vec<f64>,
     chi2: f64,
+    tolerance: f64,
     lambda: f64,
     growth: f64,
     termination: Option<Termination>,
 }
 
 impl LevenbergMarquardt {
-    fn new(m: usize, n: usize) -> Self {
+    fn new(m: usize, n: usize, tolerance: f64) -> Self {
         Self {
             residuals: Mat::zeros(m, 1),
             jacobian: Mat::zeros(m, n),
@@ -175,6 +178,7 @@ impl LevenbergMarquardt {
             trial_jacobian: Mat::zeros(m, n),
             scale: vec![0.0; n],
             chi2: f64::INFINITY,
+            tolerance,
             lambda: 1e-4,
             growth: 2.0,
             termination: None,
@@ -245,8 +249,13 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
     ) -> Result<(FitState, Option<KV>), argmin::core::Error> {
         let current = state.take_param().unwrap_or_default();
         let (step, predicted) = self.step();
-        let negligible = self.length(&step) <= STEP_TOLERANCE * self.length(&current);
+        let negligible = self.length(&step) <= self.tolerance * self.length(&current);
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
+        if negligible {
+            // To evaluate it would cost as much as any other step and change residuals by rounding.
+            self.termination = Some(Termination::Converged);
+            return Ok((state.param(trial).cost(self.chi2), None));
+        }
         let (residuals, jacobian) = (&mut self.trial_residuals, &mut self.trial_jacobian);
         problem.problem("evaluations", |p| {
             p.evaluate(&trial, residuals, jacobian);
@@ -268,7 +277,7 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
             self.lambda *= self.growth;
             self.growth *= 2.0;
         }
-        if negligible || (!accepted && self.lambda > 1e16) {
+        if !accepted && self.lambda > 1e16 {
             self.termination = Some(Termination::Converged);
         }
         let next = if accepted { trial } else { current };
@@ -308,7 +317,7 @@ mod tests {
     #[test]
     fn finds_the_minimum_in_any_unit() {
         for unit in [1e-6, 1.0, 1e6] {
-            let solution = minimize(&Rosenbrock(unit), &[-1.2 * unit, 1.0]).unwrap();
+            let solution = minimize(&Rosenbrock(unit), &[-1.2 * unit, 1.0], EXACT).unwrap();
             assert_eq!(solution.termination, Termination::Converged);
             assert!((solution.parameters[0] / unit - 1.0).abs() < 1e-12);
             assert!((solution.parameters[1] - 1.0).abs() < 1e-12);
@@ -318,7 +327,7 @@ mod tests {
 
     #[test]
     fn a_start_that_is_not_finite_is_said() {
-        let solution = minimize(&Rosenbrock(1.0), &[f64::NAN, 1.0]).unwrap();
+        let solution = minimize(&Rosenbrock(1.0), &[f64::NAN, 1.0], EXACT).unwrap();
         assert_eq!(solution.termination, Termination::NotFinite);
     }
 

@@ -73,12 +73,17 @@ pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>]) -> Res
 /// Refuses moves that leave a direction of the nine gyroscope entries open.
 ///
 /// `design` is the Jacobian of the move residuals in rad with respect to entries in units of the sensitivity;
-/// `turned_rad` is how far the unit turned about each axis.
-pub(crate) fn check_gyroscope(design: &Mat<f64>, turned_rad: Vector3<f64>, moves: usize) -> Result<(), Error> {
+/// `turned_rad` says how far the unit turned about each axis, and is only asked where something is missing.
+pub(crate) fn check_gyroscope(
+    design: &Mat<f64>,
+    turned_rad: impl FnOnce() -> Vector3<f64>,
+    moves: usize,
+) -> Result<(), Error> {
     let open = undetermined(design, MOVE_ERROR_RAD)?;
     if open.is_empty() {
         return Ok(());
     }
+    let turned_rad = turned_rad();
     let largest = turned_rad.max();
     // Entry (i, j) acts on turns about axis j: an idle axis leaves its whole column open.
     let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;

@@ -186,9 +186,9 @@ impl<'a> UnitData<'a> {
         }
         // The weights need the scale, the scale needs a fit: the second round starts at the first one's result.
         let (ends, _) = self.ends(moves, accelerometer, &inverse(&starts[0])?);
-        let first = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &starts)?;
-        let (ends, random_walk_rad) = self.ends(moves, accelerometer, first.triad.inverse());
-        let fit = gyroscope::fit(self.recordings, moves, &ends, bias.bias, &[*first.triad.sensitivity()])?;
+        let first = gyroscope::first_estimate(self.recordings, moves, &ends, bias.bias, &starts)?;
+        let (ends, random_walk_rad) = self.ends(moves, accelerometer, first.inverse());
+        let fit = gyroscope::fit(self.recordings, moves, &ends, &first)?;
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
 }

@@ -4,7 +4,7 @@
 use super::values::range;
 
 /// Equal samples in a row that make a plateau.
-const PLATEAU: usize = 3;
+pub(super) const PLATEAU: usize = 3;
 /// A plateau must drop on both sides by this many steps of the converter: a rounded peak drops by one or two.
 const EDGE_STEPS: f64 = 3.0;
 /// Meanwhile another axis of the triad changes by this many of its steps: a rest without noise does not.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::plateau::{piles_up, plateaus};
+use super::plateau::{PLATEAU, piles_up, plateaus};
 use super::values::{converter_step, extremes};
 use super::{ACCEL, GYRO, Tally, names, quantile, unit_name};
 use crate::finding::Finding;
@@ -130,13 +130,6 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
     let signed = low < 0.0;
     // Counts without sign have their zero somewhere in the middle.
     let zero = if signed || unit == RawUnit::Si { 0.0 } else { 0.5 * (low + high) };
-    let reach = (low - zero).abs().max((high - zero).abs());
-    let mut norms: Vec<f64> = rows
-        .iter()
-        .map(|row| row.iter().map(|v| (v - zero).powi(2)).sum::<f64>().sqrt())
-        .filter(|norm| norm.is_finite())
-        .collect();
-    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile(&mut norms, 0.5));
     let is_16_bit_end = |v: f64| {
         unit == RawUnit::Lsb
             && if signed {
@@ -145,6 +138,17 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
                 high > 32768.0 && (v == 0.0 || v == 65535.0)
             }
     };
+    // The usual case needs no further passes: nothing stays at an end of its range.
+    if !ends.iter().flatten().any(|&end| is_16_bit_end(end)) && !stays_at_end(rows, &ends) {
+        return [[None; 2]; 3];
+    }
+    let reach = (low - zero).abs().max((high - zero).abs());
+    let mut norms: Vec<f64> = rows
+        .iter()
+        .map(|row| row.iter().map(|v| (v - zero).powi(2)).sum::<f64>().sqrt())
+        .filter(|norm| norm.is_finite())
+        .collect();
+    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile(&mut norms, 0.5));
     let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
     let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
         let [low, high] = ends[axis];
@@ -173,6 +177,17 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
         }
     }
     rails
+}
+
+/// Whether any axis takes one of its extreme values often enough in a row for a plateau.
+fn stays_at_end(rows: &[[f64; 3]], ends: &[[f64; 2]; 3]) -> bool {
+    (0..3).any(|axis| {
+        let mut held = 0;
+        rows.iter().any(|row| {
+            held = if ends[axis].contains(&row[axis]) { held + 1 } else { 0 };
+            held >= PLATEAU
+        })
+    })
 }
 
 #[cfg(test)]
