@@ -126,8 +126,7 @@ Figures outside the band that holds {100 * BAND:.0f} % of perfect estimators are
 {(1 - BAND) * checked:.1f} would be.
 RMSE / bound is {np.min(efficiency):.3f} to {np.max(efficiency):.3f}, median {np.median(efficiency):.3f}.
 Over all parameters (error / σ)² is {pooled:.3f} +- {pooled_error:.3f} (1 σ): the stated σ are
-{100 * (1 / np.sqrt(pooled) - 1):+.1f} % off. They err on the large side
-because they are widened where the residuals of a run exceed its noise, by chance or not, and never narrowed.
+{100 * (1 / np.sqrt(pooled) - 1):+.1f} % off.
 The largest |error| / σ of all {runs * len(names)} is {np.max(np.abs(score)):.2f}.
 """
     rule = "|---|---|" + "---:|" * (header.count("|") - 3)

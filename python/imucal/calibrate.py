@@ -32,8 +32,6 @@ from imucal.recording import Recording, Source
 __all__ = ["CalibrationResult", "calibrate"]
 
 STANDARD_GRAVITY_MPS2 = 9.80665
-# Noise alone widens standard deviations by a few tens of per cent now and then; more is worth a sentence.
-WORTH_SAYING = 1.5
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 MOST_FOLDS = 1000
 
@@ -118,7 +116,7 @@ class CalibrationResult:
             f"standard deviations of the {sensor} are widened {self.fit[sensor]['inflation']:.1f} times: "
             "by so much its residuals exceed what noise explains"
             for sensor in ("accelerometer", "gyroscope")
-            if self.fit[sensor]["inflation"] > WORTH_SAYING
+            if self.fit[sensor]["inflation"] > 1
         ]
         return tuple(notes)
 

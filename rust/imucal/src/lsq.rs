@@ -36,7 +36,7 @@ pub struct FitReport {
     pub chi2: f64,
     /// Residuals less parameters.
     pub degrees_of_freedom: usize,
-    /// By how much standard deviations were widened because the residuals exceed the noise; 1 if they do not.
+    /// By how much standard deviations were widened because the residuals exceed the noise by more than chance; else 1.
     pub inflation: f64,
     /// Iterations of the solver.
     pub iterations: u64,
@@ -60,10 +60,13 @@ impl Solution {
     /// What people are told about the fit.
     pub(crate) fn report(&self) -> FitReport {
         let degrees_of_freedom = self.residuals.nrows().saturating_sub(self.parameters.len());
+        // chi2 / dof scatters about one by sqrt(2 / dof); widening whatever exceeds one would make every sigma too large.
+        let reduced = self.chi2 / degrees_of_freedom.max(1) as f64;
+        let by_chance = 1.0 + 3.0 * (2.0 / degrees_of_freedom.max(1) as f64).sqrt();
         FitReport {
             chi2: self.chi2,
             degrees_of_freedom,
-            inflation: (self.chi2 / degrees_of_freedom.max(1) as f64).sqrt().max(1.0),
+            inflation: if reduced > by_chance { reduced.sqrt() } else { 1.0 },
             iterations: self.iterations,
             termination: self.termination,
         }
