@@ -142,10 +142,7 @@ pub fn evaluate(
         recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
     let saturated = saturated_stretches(recordings, &findings);
     let rests = rests_of(&segments);
-    let usable: Vec<bool> = rests
-        .iter()
-        .map(|r| !saturated[r.recording].iter().any(|s| s.start < r.rest.end && s.end > r.rest.first))
-        .collect();
+    let usable: Vec<bool> = rests.iter().map(|rest| !rest.is_saturated(&saturated)).collect();
     let (moves, unusable) = between(recordings, &rests, &usable, &saturated);
     let noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
     let gyroscope = &calibration.gyroscope;

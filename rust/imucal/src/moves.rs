@@ -88,6 +88,18 @@ pub(crate) fn saturated_stretches(recordings: &[Recording<'_>], findings: &[Find
     recordings.iter().map(|recording| if found { saturated_samples(recording) } else { Vec::new() }).collect()
 }
 
+/// Whether any of the samples `range` of a recording is saturated.
+fn touches(saturated: &[Range<usize>], range: &Range<usize>) -> bool {
+    saturated.iter().any(|s| s.start < range.end && s.end > range.start)
+}
+
+impl UnitRest {
+    /// Whether any sample of the rest is saturated, given the stretches of each recording.
+    pub(crate) fn is_saturated(&self, saturated: &[Vec<Range<usize>>]) -> bool {
+        touches(&saturated[self.recording], &(self.rest.first..self.rest.end))
+    }
+}
+
 /// The moves between neighbouring usable rests, and those that a gap or saturated samples spoil.
 pub(crate) fn between(
     recordings: &[Recording<'_>],
@@ -107,7 +119,7 @@ pub(crate) fn between(
         let time_s = &recordings[recording].time_s[first..=last];
         let span = Move { recording, from, to, first, last, duration_s: time_s[time_s.len() - 1] - time_s[0] };
         let interval_s = sample_interval_s(time_s);
-        if saturated[recording].iter().any(|range| range.start <= last && range.end > first) {
+        if touches(&saturated[recording], &(first..last + 1)) {
             unusable.push(Unusable { span, reason: "saturation" });
         } else if time_s.windows(2).any(|t| t[1] - t[0] > LONGEST_STEP * interval_s) {
             unusable.push(Unusable { span, reason: "samples_missing" });

@@ -14,8 +14,7 @@ use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable
 use crate::finding::{Finding, Severity};
 use crate::gyroscope::{self, GyroscopeBias, GyroscopeFit};
 use crate::kinematics::rate_from_gravity;
-use crate::moves::{Directions, UnitRest, Unusable, between, rests_of, saturated_stretches};
-use crate::moves::{Ends, Move};
+use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
 use crate::segment::{NoiseDensity, Rest, Segments};
 use crate::uncertainty;
@@ -73,8 +72,8 @@ impl<'a> UnitData<'a> {
         let excluded = rests
             .iter()
             .zip(&bias.weights)
-            .map(|(r, weight)| {
-                if saturated[r.recording].iter().any(|s| s.start < r.rest.end && s.end > r.rest.first) {
+            .map(|(rest, weight)| {
+                if rest.is_saturated(&saturated) {
                     Some("saturation")
                 } else if weight.min() == 0.0 {
                     // Its mean rate is far from all others': a slow, even turn looks like a rest.
