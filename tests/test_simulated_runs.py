@@ -93,8 +93,8 @@ def test_two_recordings_of_one_unit_are_better_than_one():
     together = imucal.calibrate([random.recording, grid.recording])
     assert np.abs(errors_in_sigma(together, random.truth.calibration)).max() < WORST
     gain = np.array([b.std / a.std for a, b in zip(alone.parameters, together.parameters, strict=True)])
-    # 236 rests instead of 46: sqrt(46 / 236) = 0.44 for the nine of the accelerometer and the gyroscope's bias if all
-    # poses told the same; the grid crowds at its poles, so some gain less.
+    # 236 rests instead of 46: sqrt(46 / 236) = 0.44 for the nine of the accelerometer and the gyroscope's
+    # bias if all poses told the same; the grid crowds at its poles, so some gain less.
     assert gain[:12].mean() == pytest.approx(0.44, abs=0.06)
     assert gain[:12].max() < 0.6
     # Its moves say little more of the gyroscope; standard deviations follow the scatter of the residuals.
