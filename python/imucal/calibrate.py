@@ -27,11 +27,10 @@ from imucal.evaluate import (
     reported,
 )
 from imucal.finding import Finding
-from imucal.recording import Recording, Source
+from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
 
 __all__ = ["CalibrationResult", "calibrate"]
 
-STANDARD_GRAVITY_MPS2 = 9.80665
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 MOST_FOLDS = 1000
 

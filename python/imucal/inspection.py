@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from imucal.calibrate import STANDARD_GRAVITY_MPS2, calibrate
+from imucal.calibrate import calibrate
 from imucal.document import without_nan
 from imucal.errors import ImucalError
 from imucal.evaluate import MIN_REST_S, THRESHOLD, fields_of
 from imucal.finding import Finding
-from imucal.recording import Recording
+from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
 
 __all__ = ["Inspection", "inspect"]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,7 +17,10 @@ from numpy.typing import ArrayLike
 from imucal.arrays import FloatArray, as_rows
 from imucal.errors import InputError
 
-__all__ = ["AccelUnit", "GyroUnit", "Recording", "Source"]
+__all__ = ["STANDARD_GRAVITY_MPS2", "AccelUnit", "GyroUnit", "Recording", "Source"]
+
+# What datasheets mean by g.
+STANDARD_GRAVITY_MPS2: Final = 9.80665
 
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]

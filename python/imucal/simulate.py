@@ -12,12 +12,11 @@ from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Triad
 from imucal.document import read_json, write_json
 from imucal.errors import FormatError, InputError
-from imucal.recording import Recording
+from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
 
 __all__ = ["Program", "Simulation", "Step", "Truth", "simulate"]
 
 SCHEMA: Final = "imucal.program/1"
-STANDARD_GRAVITY_MPS2: Final = 9.80665
 UNIT_NAMES: Final = ("paper", "ideal")
 
 

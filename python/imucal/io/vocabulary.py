@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from imucal.errors import FormatError, InputError
 from imucal.io.source import Table
-from imucal.recording import Recording, Source
+from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
 
 __all__ = ["NAMES", "SKIP", "column_names", "is_canonical", "recording_from_table"]
 
@@ -30,7 +30,6 @@ NAMES = (
 )
 SKIP = ("-", "skip")
 
-STANDARD_GRAVITY_MPS2 = 9.80665
 DEGREE_RAD = math.pi / 180.0
 
 TICKS_PER_S = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}

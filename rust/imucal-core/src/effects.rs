@@ -183,8 +183,6 @@ impl<F: RealField + Copy> Effect<F> {
 }
 
 const DEGREE: f64 = core::f64::consts::PI / 180.0;
-/// Standard gravity, m/s^2: the g of the datasheets.
-const STANDARD_GRAVITY: f64 = 9.80665;
 
 /// One parameter for each sensor axis.
 const AXES: [&str; 3] = ["x", "y", "z"];

@@ -58,3 +58,6 @@ pub mod integrate;
 pub mod rest;
 pub mod sensor;
 pub mod so3;
+
+/// Standard gravity, m/s^2: what datasheets mean by g.
+pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;

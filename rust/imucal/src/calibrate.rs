@@ -4,6 +4,8 @@
 mod outcome;
 mod unit_data;
 
+pub use imucal_core::STANDARD_GRAVITY_MPS2;
+
 use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
@@ -14,9 +16,6 @@ use crate::stats::rms;
 use unit_data::{UnitData, refuse_errors};
 
 pub use outcome::{Outcome, parameter_names, parameter_values};
-
-/// Standard gravity, m/s^2.
-pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
 
 /// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
 const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];

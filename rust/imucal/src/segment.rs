@@ -11,6 +11,7 @@ mod threshold;
 
 use std::ops::Range;
 
+use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::{Vector3, Vector6};
 
 use crate::error::Error;
@@ -186,7 +187,7 @@ pub fn sample_interval_s(time_s: &[f64]) -> f64 {
 /// Size of gravity in raw units, or a number that is certainly not much smaller: counts may have an offset.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
-        return crate::calibrate::STANDARD_GRAVITY_MPS2;
+        return STANDARD_GRAVITY_MPS2;
     }
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for window in blocks.chunks_exact(WINDOW_BLOCKS) {

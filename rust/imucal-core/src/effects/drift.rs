@@ -8,9 +8,8 @@
 //!
 //! t is counted from the start that the calibration is for: for a warm-up that is when the sensor was switched on.
 
-use super::{
-    AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, STANDARD_GRAVITY, Sensor, State, parameters, set_axes,
-};
+use super::{AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, State, parameters, set_axes};
+use crate::STANDARD_GRAVITY_MPS2;
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
@@ -69,7 +68,7 @@ impl<F: RealField + Copy> Effect<F> {
             name: "accel_bias_drift",
             sensor: Sensor::Accelerometer,
             // 0.5 mg per 100 s.
-            parameters: &parameters(AXES, "m/s^2/s", 0.5e-3 * STANDARD_GRAVITY / 100.0),
+            parameters: &parameters(AXES, "m/s^2/s", 0.5e-3 * STANDARD_GRAVITY_MPS2 / 100.0),
             plain: 3,
             shape: None,
             needs: &[Need::Time],
@@ -85,7 +84,7 @@ impl<F: RealField + Copy> Effect<F> {
             name: "accel_bias_warmup",
             sensor: Sensor::Accelerometer,
             // 1 mg.
-            parameters: &parameters(AXES, "m/s^2", 1e-3 * STANDARD_GRAVITY),
+            parameters: &parameters(AXES, "m/s^2", 1e-3 * STANDARD_GRAVITY_MPS2),
             plain: 3,
             shape: TAU,
             needs: &[Need::Time],

@@ -7,9 +7,10 @@
 //! ```
 
 use super::{
-    AXES, Alias, Columns, DEGREE, ENTRIES, Effect, STANDARD_GRAVITY, Sensor, State, cross_products, parameters,
-    set_axes, set_entries, squares,
+    AXES, Alias, Columns, DEGREE, ENTRIES, Effect, Sensor, State, cross_products, parameters, set_axes, set_entries,
+    squares,
 };
+use crate::STANDARD_GRAVITY_MPS2;
 use nalgebra::RealField;
 
 /// First the nine of the squares, which are the plain form, then the nine of the products.
@@ -24,7 +25,7 @@ impl<F: RealField + Copy> Effect<F> {
             name: "gyro_g_sensitivity",
             sensor: Sensor::Gyroscope,
             // 0.1 deg/s per g.
-            parameters: &parameters(ENTRIES, "rad/s/(m/s^2)", 0.1 * DEGREE / STANDARD_GRAVITY),
+            parameters: &parameters(ENTRIES, "rad/s/(m/s^2)", 0.1 * DEGREE / STANDARD_GRAVITY_MPS2),
             plain: 9,
             shape: None,
             needs: &[],
@@ -43,7 +44,7 @@ impl<F: RealField + Copy> Effect<F> {
             parameters: &parameters(
                 PRODUCTS,
                 "rad/s/(m/s^2)^2",
-                0.0004 * DEGREE / (STANDARD_GRAVITY * STANDARD_GRAVITY),
+                0.0004 * DEGREE / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2),
             ),
             plain: 9,
             shape: None,
@@ -60,7 +61,7 @@ impl<F: RealField + Copy> Effect<F> {
             name: "gyro_scale_g_sensitivity",
             sensor: Sensor::Gyroscope,
             // 0.1 % per g.
-            parameters: &parameters(AXES, "1/(m/s^2)", 0.001 / STANDARD_GRAVITY),
+            parameters: &parameters(AXES, "1/(m/s^2)", 0.001 / STANDARD_GRAVITY_MPS2),
             plain: 3,
             shape: None,
             needs: &[],

@@ -11,9 +11,9 @@
 //! product but the square of the axis itself, which is its quadratic scale: fifteen.
 
 use super::{
-    AXES, Alias, Columns, DEGREE, Effect, STANDARD_GRAVITY, Sensor, State, cross_products, parameters, set_axes,
-    set_entries, squares,
+    AXES, Alias, Columns, DEGREE, Effect, Sensor, State, cross_products, parameters, set_axes, set_entries, squares,
 };
+use crate::STANDARD_GRAVITY_MPS2;
 use nalgebra::{RealField, Vector3};
 
 const GYROSCOPE_PRODUCTS: [&str; 9] = ["x_yz", "x_xz", "x_xy", "y_yz", "y_xz", "y_xy", "z_yz", "z_xz", "z_xy"];
@@ -82,7 +82,7 @@ impl<F: RealField + Copy> Effect<F> {
             name: "accel_scale_quadratic",
             sensor: Sensor::Accelerometer,
             // 2e-3 per g.
-            parameters: &parameters(AXES, "1/(m/s^2)", 2e-3 / STANDARD_GRAVITY),
+            parameters: &parameters(AXES, "1/(m/s^2)", 2e-3 / STANDARD_GRAVITY_MPS2),
             plain: 3,
             shape: None,
             needs: &[],
@@ -101,7 +101,7 @@ impl<F: RealField + Copy> Effect<F> {
             name: "accel_scale_cubic",
             sensor: Sensor::Accelerometer,
             // 2e-3 per g^2.
-            parameters: &parameters(AXES, "1/(m/s^2)^2", 2e-3 / (STANDARD_GRAVITY * STANDARD_GRAVITY)),
+            parameters: &parameters(AXES, "1/(m/s^2)^2", 2e-3 / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2)),
             plain: 3,
             shape: None,
             needs: &[],
@@ -127,7 +127,7 @@ impl<F: RealField + Copy> Effect<F> {
             name: "accel_cross_axis_quadratic",
             sensor: Sensor::Accelerometer,
             // 1e-3 per g.
-            parameters: &parameters(ACCELEROMETER_PRODUCTS, "1/(m/s^2)", 1e-3 / STANDARD_GRAVITY),
+            parameters: &parameters(ACCELEROMETER_PRODUCTS, "1/(m/s^2)", 1e-3 / STANDARD_GRAVITY_MPS2),
             plain: 15,
             shape: None,
             needs: &[],

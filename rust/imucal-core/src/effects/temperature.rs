@@ -7,9 +7,8 @@
 //!
 //! dT is counted from the temperature that sensitivity and bias are for. v is the rate or the force.
 
-use super::{
-    AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, STANDARD_GRAVITY, Sensor, State, parameters, set_axes,
-};
+use super::{AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, State, parameters, set_axes};
+use crate::STANDARD_GRAVITY_MPS2;
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
@@ -18,7 +17,7 @@ const BEND_K: f64 = 50.0;
 /// 0.015 deg/s per kelvin.
 const GYROSCOPE: f64 = 0.015 * DEGREE;
 /// 0.2 mg per kelvin.
-const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY;
+const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY_MPS2;
 
 impl<F: RealField + Copy> Effect<F> {
     pub(super) const TEMPERATURE: &'static [Self] = &[

@@ -2,12 +2,13 @@
 
 use std::ops::Range;
 
+use imucal_core::STANDARD_GRAVITY_MPS2;
+
 use super::values::extremes;
 use super::{ACCEL, GYRO, names, quantile};
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
 /// |f| over g at rest that bias and scale of a sensor can explain.
 const AT_REST: [f64; 2] = [0.75, 1.25];
 /// Median |f| over g of a whole recording, moves included.

@@ -1,11 +1,9 @@
 //! The simulated unit: what its two triads do to specific force and angular rate.
 
+use imucal_core::STANDARD_GRAVITY_MPS2;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::error::Error;
-
-/// Standard gravity, m/s^2: what datasheets mean by g.
-const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
 
 /// An accelerometer and a gyroscope on one board.
 #[derive(Clone, Copy, Debug, PartialEq)]
