@@ -5,10 +5,12 @@
 
 use imucal::error::Error;
 use imucal::recording::{RawUnit, Recording};
+use imucal::calibrate::UserField;
 use imucal_core::calibration::Calibration;
+use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
-use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::error::ToPython;
@@ -78,6 +80,37 @@ pub(crate) struct CalibrationArrays<'py> {
 impl CalibrationArrays<'_> {
     pub(crate) fn calibration(&self, py: Python<'_>) -> PyResult<Calibration<f64>> {
         Ok(Calibration::new(self.accelerometer.triad(py, "accelerometer")?, self.gyroscope.triad(py, "gyroscope")?))
+    }
+}
+
+/// A user's own effect, sample by sample.
+#[derive(FromPyObject)]
+pub(crate) struct UserFieldArrays<'py> {
+    name: String,
+    sensor: String,
+    typical: Vec<f64>,
+    /// (N, 3, p) for each recording.
+    columns: Vec<PyReadonlyArray3<'py, f64>>,
+}
+
+impl UserFieldArrays<'_> {
+    /// The field as the library takes it, borrowed.
+    pub(crate) fn view(&self, py: Python<'_>) -> PyResult<UserField<'_>> {
+        let sensor = match self.sensor.as_str() {
+            "accelerometer" => Ok(Sensor::Accelerometer),
+            "gyroscope" => Ok(Sensor::Gyroscope),
+            other => Err(Error::Input(format!("{}: sensor is {other:?}: give accelerometer or gyroscope", self.name))),
+        };
+        let columns = self.columns.iter().map(|array| match array.as_slice() {
+            Ok(values) if array.is_c_contiguous() => Ok(values),
+            _ => Err(Error::Input(format!("the field of {} is not in C order", self.name))).to_python(py),
+        });
+        Ok(UserField {
+            name: &self.name,
+            sensor: sensor.to_python(py)?,
+            typical: self.typical.clone(),
+            columns: columns.collect::<PyResult<_>>()?,
+        })
     }
 }
 

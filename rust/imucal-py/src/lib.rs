@@ -12,21 +12,22 @@ mod simulation;
 #[pyo3::pymodule]
 mod _core {
     use imucal as library;
-    use imucal::calibrate::Options;
+    use imucal::calibrate::{EffectChoice, Options};
     use imucal::check;
     use imucal::error::Error;
     use imucal::frame::{self, Frame, Sensitivities};
     use imucal::segment::Segments;
+    use imucal_core::effects::Effect;
     use imucal_core::integrate::Integrator;
     use imucal_core::so3;
     use nalgebra::Vector3;
     use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
     use pyo3::prelude::*;
 
-    use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, column, matrix, rows, to_rows};
+    use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, UserFieldArrays, column, matrix, rows, to_rows};
     use super::error::{ToPython, finding};
     #[pymodule_export]
-    use super::results::{Carried, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold};
+    use super::results::{Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold};
     #[pymodule_export]
     use super::simulation::{Simulation, grid_program, random_program, simulate};
 
@@ -46,26 +47,37 @@ mod _core {
 
     /// Options of a calibration from keyword arguments.
     #[derive(FromPyObject)]
-    struct CalibrateOptions {
+    struct CalibrateOptions<'py> {
         gravity_mps2: f64,
         frame: String,
         min_rest_s: f64,
         exclude_saturated: bool,
         accel_nominal: Option<f64>,
         gyro_nominal: Option<f64>,
+        /// Name, and whether the full form is asked for.
+        effects: Vec<(String, bool)>,
+        user_fields: Vec<UserFieldArrays<'py>>,
     }
 
-    impl CalibrateOptions {
-        fn options(&self) -> Result<Options, Error> {
+    impl CalibrateOptions<'_> {
+        fn options(&self, py: Python<'_>) -> PyResult<Options<'_>> {
+            let effects = self.effects.iter().map(|(name, full)| effect_choice(name, *full)).collect::<Result<_, _>>();
             Ok(Options {
                 gravity_mps2: self.gravity_mps2,
-                frame: frame_named(&self.frame)?,
+                frame: frame_named(&self.frame).to_python(py)?,
                 min_rest_s: self.min_rest_s,
                 exclude_saturated: self.exclude_saturated,
                 accel_nominal: self.accel_nominal,
                 gyro_nominal: self.gyro_nominal,
+                effects: effects.to_python(py)?,
+                user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
             })
         }
+    }
+
+    fn effect_choice(name: &str, full: bool) -> Result<EffectChoice, Error> {
+        let effect = Effect::find(name).ok_or_else(|| Error::Input(format!("there is no effect {name:?}")))?;
+        Ok(EffectChoice { effect, full })
     }
 
     /// Calibrates one unit from its recordings.
@@ -73,9 +85,9 @@ mod _core {
     fn calibrate(
         py: Python<'_>,
         recordings: Vec<RecordingColumns<'_>>,
-        options: CalibrateOptions,
+        options: CalibrateOptions<'_>,
     ) -> PyResult<Outcome> {
-        let options = options.options().to_python(py)?;
+        let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let outcome = py.detach(|| library::calibrate::calibrate(&recordings, &options)).to_python(py)?;
         Outcome::new(py, outcome)
@@ -86,10 +98,10 @@ mod _core {
     fn cross_validate<'py>(
         py: Python<'py>,
         recordings: Vec<RecordingColumns<'py>>,
-        options: CalibrateOptions,
+        options: CalibrateOptions<'py>,
         folds: usize,
     ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
-        let options = options.options().to_python(py)?;
+        let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let result = py.detach(|| library::calibrate::cross_validate(&recordings, &options, folds)).to_python(py)?;
         Ok((result.gravity_direction_rms_deg, PyArray1::from_vec(py, result.direction_error_deg)))

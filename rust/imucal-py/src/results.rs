@@ -169,6 +169,22 @@ impl From<imucal::FitReport> for FitReport {
     }
 }
 
+/// An effect as it was estimated.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct EffectEstimate {
+    name: String,
+    values: Py<PyArray1<f64>>,
+    shape: Option<f64>,
+    statistic: f64,
+}
+
+impl EffectEstimate {
+    fn new(py: Python<'_>, e: &calibrate::TermEstimate) -> PyResult<Py<Self>> {
+        let values = PyArray1::from_slice(py, &e.values).unbind();
+        Py::new(py, Self { name: e.name.clone(), values, shape: e.shape, statistic: e.statistic })
+    }
+}
+
 /// A calibration and all that is known about it.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Outcome {
@@ -186,21 +202,24 @@ pub(crate) struct Outcome {
     gyro_noise_density: Vector,
     accelerometer_fit: Py<FitReport>,
     gyroscope_fit: Py<FitReport>,
+    joint_fit: Option<Py<FitReport>>,
+    effects: Vec<Py<EffectEstimate>>,
     figures: Py<Figures>,
     findings: Vec<Py<PyAny>>,
 }
 
 impl Outcome {
     pub(crate) fn new(py: Python<'_>, o: calibrate::Outcome) -> PyResult<Self> {
-        let covariance: Vec<f64> = o.covariance.into_flattened();
+        let size = o.values.len();
+        let covariance: Vec<f64> = o.covariance.concat();
         Ok(Self {
             accel_sensitivity: matrix(py, o.calibration.accelerometer.sensitivity())?,
             accel_bias: vector(py, o.calibration.accelerometer.bias()),
             gyro_sensitivity: matrix(py, o.calibration.gyroscope.sensitivity())?,
             gyro_bias: vector(py, o.calibration.gyroscope.bias()),
-            names: o.names.to_vec(),
+            names: o.names,
             values: PyArray1::from_slice(py, &o.values).unbind(),
-            covariance: PyArray1::from_vec(py, covariance).reshape([o.values.len(), o.values.len()])?.unbind(),
+            covariance: PyArray1::from_vec(py, covariance).reshape([size, size])?.unbind(),
             rests: o.rests.iter().map(|rest| Rest::new(py, rest)).collect::<PyResult<_>>()?,
             moves: o.moves.iter().map(|m| Move::new(py, m)).collect::<PyResult<_>>()?,
             thresholds: o.thresholds.iter().map(|t| Threshold::new(py, t)).collect::<PyResult<_>>()?,
@@ -208,6 +227,8 @@ impl Outcome {
             gyro_noise_density: vector(py, &o.noise_density.angular_rate),
             accelerometer_fit: Py::new(py, FitReport::from(o.accelerometer_fit))?,
             gyroscope_fit: Py::new(py, FitReport::from(o.gyroscope_fit))?,
+            joint_fit: o.joint_fit.map(|fit| Py::new(py, FitReport::from(fit))).transpose()?,
+            effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: Py::new(py, Figures::from(o.figures))?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
         })

@@ -10,6 +10,7 @@ use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
+pub use crate::joint::{EffectChoice, TermEstimate, UserField};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
 use crate::stats::rms;
@@ -22,7 +23,7 @@ const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
 /// What a calibration may be told.
 #[derive(Clone, Debug)]
-pub struct Options {
+pub struct Options<'a> {
     /// Local gravity, m/s^2. Every accelerometer scale is in proportion to it.
     pub gravity_mps2: f64,
     /// Body frame of the result.
@@ -35,9 +36,13 @@ pub struct Options {
     pub accel_nominal: Option<f64>,
     /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s.
     pub gyro_nominal: Option<f64>,
+    /// Effects of the catalogue to estimate together with the base parameters.
+    pub effects: Vec<EffectChoice>,
+    /// A user's own effects, as columns.
+    pub user_fields: Vec<UserField<'a>>,
 }
 
-impl Default for Options {
+impl Default for Options<'_> {
     fn default() -> Self {
         Self {
             gravity_mps2: STANDARD_GRAVITY_MPS2,
@@ -46,6 +51,8 @@ impl Default for Options {
             exclude_saturated: false,
             accel_nominal: None,
             gyro_nominal: None,
+            effects: Vec::new(),
+            user_fields: Vec::new(),
         }
     }
 }
@@ -55,12 +62,17 @@ impl Default for Options {
 /// # Errors
 /// [`Error::Data`] lists faults that would make the result wrong, [`Error::NotEnoughMotion`] names what is missing,
 /// [`Error::Fit`] says why a fit has no acceptable end.
-pub fn calibrate(recordings: &[Recording<'_>], options: &Options) -> Result<Outcome, Error> {
+pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, unusable) = data.moves(&accelerometer)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
-    let outcome = Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?;
+    let outcome = if options.effects.is_empty() && options.user_fields.is_empty() {
+        Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?
+    } else {
+        let joint = data.fit_jointly(&moves, &accelerometer, &gyroscope.fit.triad, options)?;
+        Outcome::joint(data, &accelerometer, &gyroscope, &joint, &unusable, options)?
+    };
     refuse_errors(&check_gains(&recordings[0], &outcome.calibration))?;
     Ok(outcome)
 }
@@ -78,19 +90,30 @@ pub struct CrossValidation {
 ///
 /// # Errors
 /// As [`calibrate`]; [`Error::Input`] for fewer than two folds.
-pub fn cross_validate(recordings: &[Recording<'_>], options: &Options, folds: usize) -> Result<CrossValidation, Error> {
+pub fn cross_validate(recordings: &[Recording<'_>], options: &Options<'_>, folds: usize) -> Result<CrossValidation, Error> {
     if folds < 2 {
         return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
     }
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, _) = data.moves(&accelerometer)?;
+    let with_effects = !options.effects.is_empty() || !options.user_fields.is_empty();
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
         let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();
         let fit = data.fit_gyroscope(&seen, &accelerometer, options)?.fit;
+        let held_out = (fold..moves.len()).step_by(folds);
+        if with_effects {
+            let joint = data.fit_jointly(&seen, &accelerometer, &fit.triad, options)?;
+            let judged: Vec<Move> = held_out.clone().map(|k| moves[k]).collect();
+            let predicted = data.predict(&joint, &judged, &accelerometer, options)?;
+            for (k, (ends, rotation)) in held_out.zip(&predicted) {
+                direction_error_deg[k] = direction_error_rad(ends, rotation).to_degrees();
+            }
+            continue;
+        }
         let (ends, _) = data.ends(&moves, &accelerometer, fit.triad.inverse());
-        for k in (fold..moves.len()).step_by(folds) {
+        for k in held_out {
             let m = &moves[k];
             let rotation = rotate(&recordings[m.recording], m.first, m.last, &fit.triad);
             direction_error_deg[k] = direction_error_rad(&ends[k], &rotation).to_degrees();
@@ -100,7 +123,7 @@ pub fn cross_validate(recordings: &[Recording<'_>], options: &Options, folds: us
 }
 
 /// Refuses what cannot be meant.
-fn check_options(recordings: &[Recording<'_>], options: &Options) -> Result<(), Error> {
+fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<(), Error> {
     let Some(first) = recordings.first() else {
         return Err(Error::Input("no recording was given".into()));
     };
@@ -119,6 +142,11 @@ fn check_options(recordings: &[Recording<'_>], options: &Options) -> Result<(), 
              {STANDARD_GRAVITY_MPS2}",
             options.gravity_mps2
         )));
+    }
+    if options.frame != Frame::Symmetric && !(options.effects.is_empty() && options.user_fields.is_empty()) {
+        return Err(Error::Input(
+            "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out".into(),
+        ));
     }
     for (name, nominal) in [("accel_nominal", options.accel_nominal), ("gyro_nominal", options.gyro_nominal)] {
         if let Some(value) = nominal

@@ -103,7 +103,7 @@ fn horner(coefficients: &[f64; 7], x: f64) -> f64 {
 
 /// `exp(phi)` and the left Jacobian, `I + a [phi]x + b [phi]x^2` and `I + b [phi]x + c [phi]x^2`.
 #[inline]
-fn exp_and_left_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
+pub(crate) fn exp_and_left_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
     let t2 = phi.norm_squared();
     let (a, b, c) = if t2 < 0.25 {
         // sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3: the next terms are below 2^-53 for t < 1/2.

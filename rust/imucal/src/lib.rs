@@ -38,6 +38,7 @@ pub mod error;
 pub mod evaluate;
 pub mod finding;
 pub mod frame;
+pub mod joint;
 pub mod recording;
 pub mod segment;
 pub mod simulate;

@@ -17,6 +17,9 @@ const LONGEST_STEP: f64 = 2.5;
 /// How much of an unsteady rest, next to the move, gives the direction of gravity, s.
 const SPAN_S: f64 = 1.0;
 const TENTHS: usize = 10;
+/// A hand makes the gyroscope scatter by more than this many times its noise, and by more than this rate, rad/s.
+const TREMBLING: f64 = 1.5;
+const STILL_RADPS: f64 = 1e-3;
 /// The integration of a sampled rate is no finer than this; without noise it alone is left.
 const FINEST_RAD: f64 = 2e-5;
 
@@ -141,13 +144,17 @@ pub(crate) struct Directions<'a> {
     pub(crate) gyroscope_inverse: &'a Matrix3<f64>,
 }
 
-/// A direction and the variance of each of its components.
-struct Direction {
-    up: Vector3<f64>,
-    /// From the mean over the whole rest, which also serves the accelerometer's fit.
-    shared_variance: f64,
-    /// From noise that nothing else sees.
-    own_variance: f64,
+/// What the accelerometer reads at one end of a move, and the variance of each component of the direction.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct End {
+    /// Raw units.
+    pub(crate) raw: Vector3<f64>,
+    /// Whether it is the mean over the whole rest.
+    pub(crate) steady: bool,
+    /// From the mean over the whole rest, which also serves the accelerometer's fit, rad^2.
+    pub(crate) shared_variance: f64,
+    /// From noise that nothing else sees, rad^2.
+    pub(crate) own_variance: f64,
 }
 
 impl Directions<'_> {
@@ -156,29 +163,57 @@ impl Directions<'_> {
         moves
             .iter()
             .map(|m| {
-                let (before, after) = (self.direction(m.from, true), self.direction(m.to, false));
+                let [before, after] = self.readings(m, false);
                 let walk = random_walk_rad(&self.noise[m.recording].angular_rate, self.gyroscope_inverse, m.duration_s);
                 let own = walk * walk + before.own_variance + after.own_variance;
                 let sigma_rad = (own + before.shared_variance + after.shared_variance).sqrt().max(FINEST_RAD);
-                (Ends { before: before.up, after: after.up, sigma_rad }, own.sqrt())
+                let up = |end: &End| self.accelerometer.correct(end.raw).normalize();
+                (Ends { before: up(&before), after: up(&after), sigma_rad }, own.sqrt())
             })
             .unzip()
     }
 
-    /// Gravity at the last (`at_end`) or first sample of a rest.
-    fn direction(&self, k: usize, at_end: bool) -> Direction {
+    /// What the accelerometer reads before and after a move.
+    ///
+    /// Where `sensors_drift` may explain that a reading wanders, the gyroscope alone says whether a hand holds the unit.
+    pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
+        let steady = |k: usize| self.rests[k].rest.is_steady() || (sensors_drift && !self.trembles(k));
+        [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
+    }
+
+    /// Whether the gyroscope feels a hand: more than its noise within a tenth of a second.
+    fn trembles(&self, k: usize) -> bool {
+        let UnitRest { recording, rest } = &self.rests[k];
+        let rates = &self.recordings[*recording].angular_rate[rest.first..rest.end];
+        let interval_s = (rest.end_s - rest.start_s) / (rates.len() - 1).max(1) as f64;
+        let noise = self.noise[*recording].angular_rate / interval_s.sqrt();
+        let window = ((0.1 / interval_s).round() as usize).clamp(2, rates.len());
+        let (mut squares, mut count) = (Vector3::zeros(), 0.0);
+        for window in rates.chunks_exact(window) {
+            let mean: Vector3<f64> = window.iter().map(|w| Vector3::from(*w)).sum::<Vector3<f64>>() / window.len() as f64;
+            squares += window.iter().map(|w| (Vector3::from(*w) - mean).map(|v| v * v)).sum::<Vector3<f64>>();
+            count += (window.len() - 1) as f64;
+        }
+        let scatter = (self.gyroscope_inverse * (squares / count).map(f64::sqrt)).abs();
+        let floor = (self.gyroscope_inverse * noise).abs().map(|n| (n * TREMBLING).max(STILL_RADPS));
+        (0..3).any(|axis| scatter[axis] > floor[axis])
+    }
+
+    /// The reading of gravity at the last (`at_end`) or first sample of a rest.
+    fn reading(&self, k: usize, at_end: bool, steady: bool) -> End {
         let UnitRest { recording, rest } = &self.rests[k];
         let mean = &rest.specific_force;
         let force = self.accelerometer.correct(mean.mean);
         let noise = self.accelerometer.inverse() * Matrix3::from_diagonal(&mean.variance_of_mean.map(f64::sqrt));
         let variance = noise.norm_squared() / 3.0 / force.norm_squared();
-        if rest.is_steady() {
-            return Direction { up: force.normalize(), shared_variance: variance, own_variance: 0.0 };
+        if steady {
+            return End { raw: mean.mean, steady: true, shared_variance: variance, own_variance: 0.0 };
         }
-        let (up, scatter, span_s) = self.tremor_free(k, at_end);
+        let (force, scatter, span_s) = self.tremor_free(k, at_end);
         let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope_inverse, span_s);
         // The mean over a span of a random walk that is zero at its end has a third of the walk's variance.
-        Direction { up, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 }
+        let raw = self.accelerometer.measure(force);
+        End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 }
     }
 
     /// Mean of the last or first second of a rest, each sample turned by the gyroscope to the attitude at the end of it,
@@ -219,12 +254,12 @@ impl Directions<'_> {
         let groups = means.len() as f64;
         let mean = means.iter().sum::<Vector3<f64>>() / groups;
         let scatter = means.iter().map(|group| (group - mean).norm_squared()).sum::<f64>() / (groups - 1.0).max(1.0);
-        (mean.normalize(), scatter / 3.0 / groups / mean.norm_squared(), count as f64 * interval_s)
+        (mean, scatter / 3.0 / groups / mean.norm_squared(), count as f64 * interval_s)
     }
 }
 
 /// Standard deviation of each direction component of a move that the gyroscope's white noise makes, rad.
-fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
+pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
     let per_axis = (inverse * Matrix3::from_diagonal(density)).norm_squared() / 3.0;
     (per_axis * duration_s).sqrt()
 }

@@ -5,6 +5,9 @@
 
 use crate::error::Error;
 
+/// The temperature that sensitivities and biases are for, degC; effects of temperature act on the difference to it.
+pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
+
 /// The unit in which a triad's samples are given. Physical units (g, deg/s, ...) are converted to SI on reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RawUnit {

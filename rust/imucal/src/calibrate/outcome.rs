@@ -1,6 +1,8 @@
 //! The result of a calibration.
 
+use faer::Mat;
 use imucal_core::calibration::Calibration;
+use imucal_core::effects::{Effect, EffectValues};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
@@ -8,9 +10,10 @@ use super::Options;
 use super::unit_data::{Gyroscope, UnitData};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
-use crate::evaluate::{Figures, MoveReport, RestReport, figures};
+use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
+use crate::joint::{JointFit, TermEstimate};
 use crate::lsq::FitReport;
 use crate::moves::Unusable;
 use crate::segment::{NoiseDensity, Segments, Threshold};
@@ -23,12 +26,14 @@ pub struct Outcome {
     pub calibration: Calibration<f64>,
     /// The body frame.
     pub frame: Frame,
-    /// Names of the 21 parameters.
-    pub names: [String; 21],
+    /// Effects, in the order in which they were asked for, those of the catalogue first.
+    pub effects: Vec<TermEstimate>,
+    /// Names of the parameters: 21, then those of the effects.
+    pub names: Vec<String>,
     /// Their values, in the same order, raw units.
-    pub values: [f64; 21],
+    pub values: Vec<f64>,
     /// Their covariance, row by row.
-    pub covariance: Vec<[f64; 21]>,
+    pub covariance: Vec<Vec<f64>>,
     /// Every rest found.
     pub rests: Vec<RestReport>,
     /// Every stretch between neighbouring rests.
@@ -41,6 +46,8 @@ pub struct Outcome {
     pub accelerometer_fit: FitReport,
     /// The gyroscope's fit.
     pub gyroscope_fit: FitReport,
+    /// The joint fit, where effects were asked for; the two others are its start then.
+    pub joint_fit: Option<FitReport>,
     /// How well the calibration explains its own data.
     pub figures: Figures,
     /// Warnings about the data.
@@ -54,7 +61,7 @@ impl Outcome {
         accelerometer: &AccelerometerFit,
         gyroscope: &Gyroscope,
         unusable: &[Unusable],
-        options: &Options,
+        options: &Options<'_>,
     ) -> Result<Self, Error> {
         let rests = data.rest_reports(accelerometer, options.gravity_mps2);
         let mut moves = gyroscope.move_reports(unusable);
@@ -84,20 +91,83 @@ impl Outcome {
         data.findings.extend(gyroscope.findings.iter().cloned());
         Ok(Self {
             frame: options.frame,
-            names: parameter_names(options.frame),
-            values: parameter_values(&calibration, options.frame),
-            covariance: (0..21).map(|i| std::array::from_fn(|j| covariance[(i, j)])).collect(),
+            effects: Vec::new(),
+            names: parameter_names(options.frame).into(),
+            values: parameter_values(&calibration, options.frame).into(),
+            covariance: rows(&covariance),
             rests,
             moves,
             noise_density: noise_density(&data.segments, &calibration),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
             accelerometer_fit: accelerometer.report,
             gyroscope_fit: gyroscope.fit.report,
+            joint_fit: None,
             figures,
             findings: data.findings,
             calibration,
         })
     }
+
+    /// The result of the joint fit; `accelerometer` and `gyroscope` are what it started from.
+    pub(super) fn joint(
+        mut data: UnitData<'_>,
+        accelerometer: &AccelerometerFit,
+        gyroscope: &Gyroscope,
+        joint: &JointFit,
+        unusable: &[Unusable],
+        options: &Options<'_>,
+    ) -> Result<Self, Error> {
+        let mut rests = data.rest_reports(accelerometer, options.gravity_mps2);
+        for (report, norm) in rests.iter_mut().zip(&joint.norms) {
+            if let Some(norm) = norm {
+                (report.norm_error_mps2, report.norm_sigma_mps2) = *norm;
+            }
+        }
+        let judged = gyroscope.moves.iter().zip(&joint.moves);
+        let mut moves: Vec<MoveReport> = judged.map(|(m, (ends, r))| move_report(m, ends, r, None)).collect();
+        moves.extend(unusable.iter().map(|u| unusable_report(&u.span, u.reason)));
+        moves.sort_by_key(|report| (report.recording, report.first));
+        let residuals: Vec<f64> = joint
+            .moves
+            .iter()
+            .flat_map(|(ends, rotation)| <[f64; 2]>::from(ends.residual(rotation) / ends.sigma_rad))
+            .collect();
+        let mut calibration = Calibration::new(joint.model.accelerometer, joint.model.gyroscope);
+        let (mut names, mut values) = (Vec::from(parameter_names(Frame::Symmetric)), Vec::new());
+        values.extend(parameter_values(&calibration, Frame::Symmetric));
+        for estimate in &joint.terms {
+            names.extend(estimate.parameter_names.iter().cloned());
+            values.extend(estimate.values.iter().chain(&estimate.shape));
+            if let Some(effect) = Effect::find(&estimate.name).filter(|_| estimate.in_catalogue) {
+                let member = EffectValues::try_new(effect, &estimate.values, estimate.shape);
+                let taken = member.and_then(|member| calibration.effects.push(member));
+                taken.map_err(|error| Error::Fit(error.to_string()))?;
+            }
+        }
+        let parameters = values.len();
+        data.findings.extend(gyroscope.findings.iter().cloned());
+        Ok(Self {
+            frame: Frame::Symmetric,
+            effects: joint.terms.clone(),
+            names,
+            values,
+            covariance: rows(&joint.covariance),
+            figures: figures(&rests, &moves, &residuals, parameters - 3),
+            rests,
+            moves,
+            noise_density: noise_density(&data.segments, &calibration),
+            thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
+            accelerometer_fit: accelerometer.report,
+            gyroscope_fit: gyroscope.fit.report,
+            joint_fit: Some(joint.report),
+            findings: data.findings,
+            calibration,
+        })
+    }
+}
+
+fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
+    (0..matrix.nrows()).map(|i| (0..matrix.ncols()).map(|j| matrix[(i, j)]).collect()).collect()
 }
 
 /// Median over the recordings, in SI units of the calibrated sensors.

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use faer::Mat;
+use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use super::{Options, check_options};
@@ -13,6 +14,7 @@ use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::finding::{Finding, Severity};
 use crate::gyroscope::{self, GyroscopeBias, GyroscopeFit};
+use crate::joint::{self, JointFit, Prepared, Terms};
 use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
@@ -44,7 +46,7 @@ pub(super) struct Gyroscope {
 }
 
 impl<'a> UnitData<'a> {
-    pub(super) fn try_new(recordings: &'a [Recording<'a>], options: &Options) -> Result<Self, Error> {
+    pub(super) fn try_new(recordings: &'a [Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         check_options(recordings, options)?;
         let mut findings = Vec::new();
         for recording in recordings {
@@ -90,7 +92,7 @@ impl<'a> UnitData<'a> {
         self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
     }
 
-    pub(super) fn fit_accelerometer(&self, options: &Options) -> Result<AccelerometerFit, Error> {
+    pub(super) fn fit_accelerometer(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
         let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.excluded[k].is_none()).collect();
         let rests: Vec<&Rest> = clean.iter().map(|&k| &self.rests[k].rest).collect();
         let nominal = options
@@ -113,7 +115,7 @@ impl<'a> UnitData<'a> {
     }
 
     /// Stretches that are a little too short to be rests are worth a word where rests are missing.
-    fn with_short_rests(&self, error: Error, options: &Options) -> Error {
+    fn with_short_rests(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(message) = error else {
             return error;
         };
@@ -163,7 +165,7 @@ impl<'a> UnitData<'a> {
         &self,
         moves: &[Move],
         accelerometer: &AccelerometerFit,
-        options: &Options,
+        options: &Options<'_>,
     ) -> Result<Gyroscope, Error> {
         let bias = &self.bias;
         let kinematic = rate_from_gravity(self.recordings, moves, &accelerometer.triad, bias.bias);
@@ -193,6 +195,67 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
+    /// The joint fit of both triads and the effects that are asked for.
+    pub(super) fn fit_jointly(
+        &self,
+        moves: &[Move],
+        accelerometer: &AccelerometerFit,
+        gyroscope: &Triad<f64>,
+        options: &Options<'_>,
+    ) -> Result<JointFit, Error> {
+        self.prepared(moves, accelerometer, gyroscope, options, |prepared| {
+            let terms = self.terms(options)?;
+            joint::fit(prepared, &terms, &accelerometer.triad, gyroscope)
+        })
+    }
+
+    /// Directions and rotations of moves that a joint fit has not seen.
+    pub(super) fn predict(
+        &self,
+        fit: &JointFit,
+        moves: &[Move],
+        accelerometer: &AccelerometerFit,
+        options: &Options<'_>,
+    ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
+        self.prepared(moves, accelerometer, &fit.model.gyroscope, options, |prepared| {
+            joint::predict(prepared, &self.terms(options)?, &fit.model)
+        })
+    }
+
+    fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
+        let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
+        Terms::try_new(&options.effects, &options.user_fields, &samples)
+    }
+
+    fn prepared<T>(
+        &self,
+        moves: &[Move],
+        accelerometer: &AccelerometerFit,
+        gyroscope: &Triad<f64>,
+        options: &Options<'_>,
+        work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let noise: Vec<NoiseDensity> = self.segments.iter().map(|segments| segments.noise_density).collect();
+        let directions = Directions {
+            recordings: self.recordings,
+            rests: &self.rests,
+            noise: &noise,
+            accelerometer: &accelerometer.triad,
+            gyroscope_inverse: gyroscope.inverse(),
+        };
+        let drifts = joint::may_drift(options);
+        let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, drifts)).collect();
+        work(&Prepared {
+            recordings: self.recordings,
+            rests: &self.rests,
+            used: &accelerometer.used,
+            moves,
+            ends: &ends,
+            noise: &noise,
+            gravity_mps2: options.gravity_mps2,
+        })
+    }
+
     pub(super) fn rest_reports(&self, accelerometer: &AccelerometerFit, gravity_mps2: f64) -> Vec<RestReport> {
         let report = |k: usize| {
             let contradicts = (!accelerometer.used[k]).then_some("contradicts_other_rests");

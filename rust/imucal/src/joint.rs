@@ -1,0 +1,204 @@
+//! One maximum-likelihood estimate of both triads and of chosen effects (model.md (17) to (20)).
+//!
+//! ```text
+//! rest norms   |f_k| - g
+//! rest rates   mean(w_k) - b - T mean(Phi)_k theta
+//! moves        E_k (R_k^T u_k - u_(k+1))
+//! in the move  R(t) f(t) - g u_k,   where an effect acts only while the unit turns
+//! ```
+//!
+//! with f, u and w freed of the effects. What residuals share, the error of a rest's mean, is in their covariance
+//! ([`whiten`]); a random walk inside a move is whitened by its innovations ([`inside`]). Weights follow from the result and
+//! the result from the weights, so both are repeated until neither changes.
+
+mod attitude;
+mod inside;
+mod model;
+mod pass;
+mod problem;
+mod report;
+mod terms;
+mod weights;
+mod whiten;
+
+#[cfg(test)]
+mod tests;
+
+pub use terms::{EffectChoice, UserField};
+
+pub(crate) use model::BASE;
+pub(crate) use problem::Prepared;
+pub(crate) use report::JointFit;
+pub use report::TermEstimate;
+pub(crate) use terms::Terms;
+
+use faer::Mat;
+use imucal_core::effects::Need;
+use imucal_core::sensor::Triad;
+use nalgebra::Matrix3;
+
+use crate::calibrate::Options;
+use crate::error::Error;
+use crate::lsq::{self, Solution, Termination};
+use crate::moves::Ends;
+use crate::recording::Recording;
+use model::Model;
+use problem::Joint;
+use weights::Weights;
+
+/// Ten typical effects must move chi2 by one, in every direction of an effect's parameters.
+const LEAST_CHANGE: f64 = 0.1;
+/// Weights and result have settled when no parameter moves by more than this share of its standard deviation.
+const SETTLED: f64 = 1e-3;
+const MOST_ROUNDS: usize = 8;
+/// Start values of a time constant, as shares of the recording's length.
+const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
+
+/// Whether an effect that is asked for lets a sensor at rest drift.
+pub(crate) fn may_drift(options: &Options<'_>) -> bool {
+    let drifts = |choice: &EffectChoice| choice.effect.needs.iter().any(|n| matches!(n, Need::Time | Need::Temperature));
+    options.effects.iter().any(drifts) || !options.user_fields.is_empty()
+}
+
+/// Estimates all parameters, starting from two triads and no effects.
+pub(crate) fn fit(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    accelerometer: &Triad<f64>,
+    gyroscope: &Triad<f64>,
+) -> Result<JointFit, Error> {
+    check_columns(prepared.recordings, terms)?;
+    let mut parameters = Model::parameters(accelerometer, gyroscope, &start_values(terms));
+    let mut problem = Joint::new(prepared, terms, &parameters)?;
+    let mut iterations = 0;
+    check_determined(&problem, terms, &parameters)?;
+    choose_shapes(&mut problem, terms, &mut parameters)?;
+    for round in 0..MOST_ROUNDS {
+        let found = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
+        if found.termination == Termination::NotFinite {
+            return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
+        }
+        iterations += found.iterations;
+        let settled = round > 0 && largest_move(&parameters, &found) < SETTLED;
+        if settled || round + 1 == MOST_ROUNDS {
+            return JointFit::new(&problem, terms, found, iterations);
+        }
+        parameters.clone_from(&found.parameters);
+        problem.weights = Weights::of(prepared, terms, &parameters, Some((&found, &problem.weights.scales)))?;
+    }
+    Err(Error::Fit("the joint fit made no step".into()))
+}
+
+/// Directions and rotations of moves with a model that is known.
+pub(crate) fn predict(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    model: &Model,
+) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
+    let parameters = Model::parameters(&model.accelerometer, &model.gyroscope, &model.values);
+    let weights = Weights::of(prepared, terms, &parameters, None)?;
+    let linear = prepared.linearise(terms, &parameters)?;
+    Ok(report::moves_of(&linear, &weights))
+}
+
+/// The largest change of a parameter in units of its standard deviation.
+fn largest_move(before: &[f64], found: &Solution) -> f64 {
+    let covariance = lsq::covariance(&found.jacobian);
+    let change = |p: usize| (found.parameters[p] - before[p]).abs() / covariance[(p, p)].sqrt();
+    (0..before.len()).map(change).fold(0.0, f64::max)
+}
+
+/// No effect at all; time constants are typical.
+fn start_values(terms: &Terms<'_>) -> Vec<f64> {
+    let mut values = vec![0.0; terms.count];
+    for term in terms.all.iter().filter(|term| term.has_shape()) {
+        values[term.first + term.linear] = term.typical()[term.linear];
+    }
+    values
+}
+
+/// An effect needs the columns that it depends on.
+fn check_columns(recordings: &[Recording<'_>], terms: &Terms<'_>) -> Result<(), Error> {
+    for term in &terms.all {
+        let needs = |need| term.effect().is_some_and(|effect| effect.needs.contains(&need));
+        if needs(Need::Temperature)
+            && let Some(recording) = recordings.iter().find(|recording| recording.temperature_degc.is_none())
+        {
+            return Err(Error::Input(format!(
+                "{} depends on temperature and {} has no temp_degc column: record it, or leave the effect out",
+                term.name(),
+                recording.name
+            )));
+        }
+        if needs(Need::Attitude) && recordings.len() > 1 {
+            return Err(Error::Input(format!(
+                "{} needs the heading, which is not known from one recording to the next: give one recording",
+                term.name()
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// Refuses an effect that these recordings do not show, with the words of the catalogue.
+fn check_determined(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<(), Error> {
+    let jacobian = problem.whitened(parameters)?.1;
+    for term in &terms.all {
+        // Without an effect its time constant has no derivative, and the other terms must not stand in for this one.
+        let own = BASE + term.first..BASE + term.first + term.linear;
+        let others = (BASE..BASE + terms.count).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
+        let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();
+        let typical = term.typical();
+        let first = order.len() - term.linear;
+        let columns = Mat::from_fn(jacobian.nrows(), order.len(), |row, c| {
+            let size = if c < first { 1.0 } else { typical[c - first] };
+            jacobian[(row, order[c])] * size
+        });
+        let r = columns.qr().thin_R().to_owned();
+        let seen = Mat::from_fn(term.linear, term.linear, |i, j| r[(first + i, first + j)]);
+        let (values, _) = lsq::singular(&seen)?;
+        let open = values.iter().filter(|value| **value < LEAST_CHANGE).count();
+        if open > 0 {
+            return Err(Error::NotEnoughMotion(not_determined(term, open)));
+        }
+    }
+    Ok(())
+}
+
+fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
+    let mut message = format!(
+        "{open} of {} directions of {} are not determined by these recordings: ten times its typical size would not be seen",
+        term.linear,
+        term.name()
+    );
+    if let Some(effect) = term.effect() {
+        message += &format!("; it needs {}", effect.observable);
+        for alias in effect.aliases {
+            message += &format!("; {} is told apart by {}", alias.with, alias.told_apart_by);
+        }
+    }
+    message
+}
+
+/// Tries time constants with the linear parameters free, and keeps the best one.
+fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
+    for term in terms.all.iter().filter(|term| term.has_shape()) {
+        let place = BASE + term.first + term.linear;
+        let longest_s = problem.prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
+        let mut best: Option<(f64, Vec<f64>)> = None;
+        for share in SHAPE_SHARES {
+            let mut start = parameters.clone();
+            start[place] = share * longest_s;
+            problem.fixed = vec![place];
+            let found = lsq::minimize(&*problem, &start, lsq::ROUGH)?;
+            if best.as_ref().is_none_or(|(chi2, _)| found.chi2 < *chi2) {
+                best = Some((found.chi2, found.parameters));
+            }
+        }
+        problem.fixed.clear();
+        if let Some((_, found)) = best {
+            *parameters = found;
+        }
+    }
+    Ok(())
+}

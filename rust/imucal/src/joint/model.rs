@@ -1,0 +1,93 @@
+//! The list of all parameters and the sensor model that it stands for.
+//!
+//! Order: accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row by
+//! row), then the terms'.
+
+use std::ops::Range;
+
+use imucal_core::effects::Surroundings;
+use imucal_core::sensor::Triad;
+use nalgebra::{SMatrix, Vector3};
+
+use crate::accelerometer;
+use crate::error::Error;
+use crate::frame::SYMMETRIC;
+use crate::gyroscope;
+use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
+
+/// Number of base parameters.
+pub(crate) const BASE: usize = 21;
+pub(crate) const ACCEL: Range<usize> = 0..9;
+pub(crate) const GYRO_BIAS: Range<usize> = 9..12;
+pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
+
+/// Both triads and the values of the terms.
+#[derive(Clone, Debug)]
+pub(crate) struct Model {
+    pub(crate) accelerometer: Triad<f64>,
+    pub(crate) gyroscope: Triad<f64>,
+    pub(crate) values: Vec<f64>,
+}
+
+impl Model {
+    pub(crate) fn of(parameters: &[f64]) -> Result<Self, Error> {
+        let bias = Vector3::from_column_slice(&parameters[GYRO_BIAS]);
+        Ok(Self {
+            accelerometer: accelerometer::triad_of(&parameters[ACCEL])?,
+            gyroscope: gyroscope::triad_of(&parameters[GYRO_SENSITIVITY], bias)?,
+            values: parameters[BASE..].to_vec(),
+        })
+    }
+
+    pub(crate) fn parameters(accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, values: &[f64]) -> Vec<f64> {
+        let entries = SYMMETRIC.map(|(i, j)| accelerometer.sensitivity()[(i, j)]);
+        let rows = gyroscope.sensitivity().transpose();
+        let base = accelerometer.bias().iter().chain(&entries).chain(gyroscope.bias().iter()).chain(rows.iter());
+        base.chain(values).copied().collect()
+    }
+}
+
+/// Derivative of the seen force `T^-1 (m - b)` by the accelerometer's nine parameters.
+pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64>) -> SMatrix<f64, 3, 9> {
+    let inverse = accelerometer.inverse();
+    let mut columns = SMatrix::<f64, 3, 9>::zeros();
+    columns.fixed_columns_mut::<3>(0).copy_from(&-inverse);
+    for (p, (i, j)) in SYMMETRIC.into_iter().enumerate() {
+        let mut column = -inverse.column(i) * seen[j];
+        if i != j {
+            column -= inverse.column(j) * seen[i];
+        }
+        columns.set_column(3 + p, &column);
+    }
+    columns
+}
+
+/// Temperature and time of a sample, as the effects see them.
+pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundings<f64> {
+    Surroundings {
+        temperature_difference_k: recording.temperature_degc.map(|t| t[index] - REFERENCE_TEMPERATURE_DEGC),
+        time_s: Some(recording.time_s[index] - recording.time_s[0]),
+        ..Surroundings::unknown()
+    }
+}
+
+/// A rest is cut into this many parts: within each the surroundings are their mean.
+const PARTS: usize = 16;
+
+/// Temperature and time through a rest.
+pub(crate) fn moments(recording: &Recording<'_>, range: Range<usize>) -> Vec<Surroundings<f64>> {
+    let parts = PARTS.min(range.len()).max(1);
+    let edge = |part: usize| range.start + range.len() * part / parts;
+    let mean = |values: &[f64], part: usize| {
+        let values = &values[edge(part)..edge(part + 1)];
+        // Differences keep the digits of a large clock.
+        values[0] + values.iter().map(|value| value - values[0]).sum::<f64>() / values.len() as f64
+    };
+    (0..parts)
+        .map(|part| Surroundings {
+            temperature_difference_k: recording.temperature_degc.map(|t| mean(t, part) - REFERENCE_TEMPERATURE_DEGC),
+            time_s: Some(mean(recording.time_s, part) - recording.time_s[0]),
+            ..Surroundings::unknown()
+        })
+        .collect()
+}

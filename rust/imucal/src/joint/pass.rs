@@ -1,0 +1,292 @@
+//! One pass over the samples of a move: the rotation, how every parameter turns it, and the force inside the move.
+//!
+//! A change of the parameters turns the attitude at time t on the side of the move's start, `R(t) <- exp(turn(t)) R(t)`:
+//!
+//! ```text
+//! w = v - sum Phi theta,   v = T^-1 (m - b),   phi = h s(w) + h^2/12 (w_0 x w_1)
+//! s(w) = (-w_(-1) + 13 w_0 + 13 w_1 - w_2) / 24: the mean of the cubic through four samples
+//! d_turn_d_p = sum_k A_k (h s(d) + h^2/12 ([w0]x d1 - [w1]x d0)),   A_k = R_k J_l(phi_k),   d = d_w_d_p
+//! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
+//! ```
+//!
+//! The error of a smooth motion falls with the fourth power of the sample interval; straight lines between the samples
+//! leave one of the second, for the rate's curvature does not cancel where the attitude changes.
+//!
+//! The slope of the effects with the rate itself is left out of d: it is below a per cent, and the residual is exact.
+
+use imucal_core::effects::{Need, Sensor};
+use imucal_core::integrate::increment;
+use imucal_core::so3::hat;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, surroundings};
+use super::terms::{Sample, Terms};
+use crate::carry::exp_and_left_jacobian;
+use crate::moves::Move;
+use crate::recording::Recording;
+
+/// Length of a block inside a move, s.
+const BLOCK_S: f64 = 0.04;
+
+/// What a pass gives.
+pub(crate) struct Pass {
+    /// `v_start = rotation * v_end`.
+    pub(crate) rotation: Matrix3<f64>,
+    /// d_turn_d_p at the end for every parameter; zero for the accelerometer's.
+    pub(crate) turn: Vec<Vector3<f64>>,
+    /// Empty unless asked for.
+    pub(crate) blocks: Vec<Block>,
+}
+
+/// A short stretch inside a move.
+pub(crate) struct Block {
+    /// From the start of the move to the centre, s.
+    pub(crate) time_s: f64,
+    pub(crate) duration_s: f64,
+    /// Mean of the corrected force, turned to the body frame at the start of the move, m/s^2.
+    pub(crate) force: Vector3<f64>,
+    /// Its derivative by every parameter.
+    pub(crate) jacobian: Vec<Vector3<f64>>,
+}
+
+/// Running sums of d_turn_d_p.
+#[derive(Clone)]
+struct Sums {
+    sensitivity: [Matrix3<f64>; 3],
+    bias: Matrix3<f64>,
+    effects: Vec<Vector3<f64>>,
+}
+
+impl Sums {
+    fn zero(count: usize) -> Self {
+        Self { sensitivity: [Matrix3::zeros(); 3], bias: Matrix3::zeros(), effects: vec![Vector3::zeros(); count] }
+    }
+
+    fn add(&mut self, other: &Self) {
+        for (sum, term) in self.sensitivity.iter_mut().zip(&other.sensitivity) {
+            *sum += term;
+        }
+        self.bias += other.bias;
+        for (sum, term) in self.effects.iter_mut().zip(&other.effects) {
+            *sum += term;
+        }
+    }
+
+    /// d_turn_d_p for every parameter, divided by `count`.
+    fn turn(&self, model: &Model, terms: &Terms<'_>, count: f64) -> Vec<Vector3<f64>> {
+        let inverse = model.gyroscope.inverse();
+        let mut turn = vec![Vector3::zeros(); BASE + terms.count];
+        for i in 0..3 {
+            let column = inverse.column(i) / -count;
+            turn[GYRO_BIAS.start + i] = self.bias * column;
+            for j in 0..3 {
+                turn[GYRO_SENSITIVITY.start + 3 * i + j] = self.sensitivity[j] * column;
+            }
+        }
+        for (p, sum) in self.effects.iter().enumerate() {
+            turn[BASE + p] = sum / -count;
+        }
+        turn
+    }
+}
+
+/// Where a pass goes, and what it is to give.
+pub(crate) struct Route<'a> {
+    pub(crate) recording: &'a Recording<'a>,
+    pub(crate) span: &'a Move,
+    /// Attitude at the start, where an effect needs it.
+    pub(crate) rotation_world_from_start: Option<UnitQuaternion<f64>>,
+    pub(crate) with_blocks: bool,
+}
+
+/// A block in the making.
+struct Gathered {
+    samples: usize,
+    force: Vector3<f64>,
+    by_parameters: nalgebra::SMatrix<f64, 3, 9>,
+    effects: Vec<Vector3<f64>>,
+    sums: Sums,
+    start_s: f64,
+}
+
+impl Gathered {
+    fn new(count: usize, start_s: f64) -> Self {
+        Self {
+            samples: 0,
+            force: Vector3::zeros(),
+            by_parameters: nalgebra::SMatrix::zeros(),
+            effects: vec![Vector3::zeros(); count],
+            sums: Sums::zero(count),
+            start_s,
+        }
+    }
+
+    fn finish(&self, model: &Model, terms: &Terms<'_>, end_s: f64, move_start_s: f64) -> Block {
+        let count = self.samples as f64;
+        let force = self.force / count;
+        // Turning the start of the move by phi moves the force by phi x force.
+        let mut jacobian: Vec<Vector3<f64>> =
+            self.sums.turn(model, terms, count).iter().map(|turn| turn.cross(&force)).collect();
+        for p in ACCEL {
+            jacobian[p] = self.by_parameters.column(p) / count;
+        }
+        for (p, column) in self.effects.iter().enumerate() {
+            if terms.sensors[p] == Sensor::Accelerometer {
+                jacobian[BASE + p] = column / -count;
+            }
+        }
+        Block { time_s: (self.start_s + end_s) / 2.0 - move_start_s, duration_s: end_s - self.start_s, force, jacobian }
+    }
+}
+
+/// The samples of a move after correction, with one more on either side.
+struct Corrected {
+    rate: Vec<Vector3<f64>>,
+    force: Vec<Vector3<f64>>,
+    seen_rate: Vec<Vector3<f64>>,
+    seen_force: Vec<Vector3<f64>>,
+    /// One after the other, as many for each sample as there are parameters of effects.
+    columns: Vec<Vector3<f64>>,
+}
+
+/// Weights of four samples in the mean over the step between the two in the middle.
+const CUBIC: [f64; 4] = [-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0];
+/// Where steps differ by more than this share, straight lines are safer.
+const UNEVEN: f64 = 0.01;
+/// Each pass shrinks the error of the angular acceleration by the delay of the gyroscope over the time in which it changes.
+const SLOPE_PASSES: usize = 5;
+
+impl Route<'_> {
+    pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
+        let (recording, span) = (self.recording, self.span);
+        let (first, last) = (span.first, span.last);
+        let corrected = self.correct(model, terms);
+        let mut rotation = Matrix3::identity();
+        let mut sums = Sums::zero(terms.count);
+        let mut blocks = Vec::new();
+        let block_samples = ((BLOCK_S * (last - first) as f64 / span.duration_s).round() as usize).max(1);
+        let start_s = recording.time_s[first];
+        let mut gathered = Gathered::new(terms.count, start_s);
+        for i in first..last {
+            let h = recording.time_s[i + 1] - recording.time_s[i];
+            let (k, four) = self.four(i);
+            let mean = |values: &[Vector3<f64>], stride: usize, offset: usize| {
+                let weighted = k.iter().zip(four).map(|(&k, weight)| values[k * stride + offset] * weight);
+                weighted.sum::<Vector3<f64>>()
+            };
+            let (k0, k1) = (k[1], k[2]);
+            let (w0, w1) = (corrected.rate[k0], corrected.rate[k1]);
+            let phi = mean(&corrected.rate, 1, 0) * h + w0.cross(&w1) * (h * h / 12.0);
+            let (exp, left_jacobian) = exp_and_left_jacobian(&phi);
+            let a = rotation * left_jacobian;
+            let coning = h * h / 12.0;
+            let (a0, a1) = (a * hat(&w0) * coning, a * hat(&w1) * coning);
+            let (v0, v1, v) = (corrected.seen_rate[k0], corrected.seen_rate[k1], mean(&corrected.seen_rate, 1, 0));
+            for j in 0..3 {
+                sums.sensitivity[j] += a * (h * v[j]) + a0 * v1[j] - a1 * v0[j];
+            }
+            sums.bias += a * h + a0 - a1;
+            for (p, sum) in sums.effects.iter_mut().enumerate() {
+                if terms.sensors[p] == Sensor::Gyroscope {
+                    let column = |k: usize| corrected.columns[k * terms.count + p];
+                    *sum += a * (mean(&corrected.columns, terms.count, p) * h) + a0 * column(k1) - a1 * column(k0);
+                }
+            }
+            rotation *= exp;
+            if self.with_blocks {
+                let seen = force_by_parameters(&model.accelerometer, &corrected.seen_force[k1]);
+                gathered.samples += 1;
+                gathered.force += rotation * corrected.force[k1];
+                gathered.by_parameters += rotation * seen;
+                let columns = &corrected.columns[k1 * terms.count..(k1 + 1) * terms.count];
+                for (sum, column) in gathered.effects.iter_mut().zip(columns) {
+                    *sum += rotation * column;
+                }
+                gathered.sums.add(&sums);
+                if gathered.samples == block_samples {
+                    blocks.push(gathered.finish(model, terms, recording.time_s[i + 1], start_s));
+                    gathered = Gathered::new(terms.count, recording.time_s[i + 1]);
+                }
+            }
+        }
+        Pass { rotation, turn: sums.turn(model, terms, 1.0), blocks }
+    }
+
+    /// The samples that are corrected: those of the move, and one on either side where there is one.
+    fn reach(&self) -> std::ops::Range<usize> {
+        self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
+    }
+
+    /// Places of the samples around the step after sample `i`, counted from the start of the reach, and their weights.
+    fn four(&self, i: usize) -> ([usize; 4], [f64; 4]) {
+        let reach = self.reach();
+        let here = i - reach.start;
+        let time = &self.recording.time_s;
+        if i == 0 || i + 2 >= reach.end {
+            return ([here, here, here + 1, here + 1], [0.0, 0.5, 0.5, 0.0]);
+        }
+        let h = time[i + 1] - time[i];
+        let even = |step: f64| (step - h).abs() <= UNEVEN * h;
+        let smooth = even(time[i] - time[i - 1]) && even(time[i + 2] - time[i + 1]);
+        ([here - 1, here, here + 1, here + 2], if smooth { CUBIC } else { [0.0, 0.5, 0.5, 0.0] })
+    }
+
+    /// The samples of the reach, freed of the effects.
+    fn correct(&self, model: &Model, terms: &Terms<'_>) -> Corrected {
+        let reach = self.reach();
+        let triads = |i: usize| {
+            let rate = model.gyroscope.correct(Vector3::from(self.recording.angular_rate[i]));
+            (rate, model.accelerometer.correct(Vector3::from(self.recording.specific_force[i])))
+        };
+        let (seen_rate, seen_force): (Vec<_>, Vec<_>) = reach.clone().map(triads).unzip();
+        let mut all = Corrected {
+            rate: seen_rate.clone(),
+            force: seen_force.clone(),
+            seen_rate,
+            seen_force,
+            columns: vec![Vector3::zeros(); reach.len() * terms.count],
+        };
+        // An angular acceleration is that of the corrected rate, which is only known afterwards.
+        let passes = if terms.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
+        for _ in 0..passes {
+            let slopes = if passes > 1 { slopes(&self.recording.time_s[reach.clone()], &all.rate) } else { Vec::new() };
+            self.correct_once(&mut all, &slopes, model, terms);
+        }
+        all
+    }
+
+    fn correct_once(&self, all: &mut Corrected, slopes: &[Vector3<f64>], model: &Model, terms: &Terms<'_>) {
+        let mut attitude = self.rotation_world_from_start;
+        for (k, index) in self.reach().enumerate() {
+            let mut around = surroundings(self.recording, index);
+            around.angular_acceleration = slopes.get(k).copied();
+            if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
+                let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
+                // Without its own rate yet, the sample takes the seen one less what the effects were just before.
+                let rate = all.seen_rate[k] - (all.seen_rate[k - 1] - all.rate[k - 1]);
+                *attitude *= UnitQuaternion::from_scaled_axis(increment(&all.rate[k - 1], &rate, h));
+            }
+            around.rotation_world_from_body = attitude;
+            let sample = Sample { recording: self.span.recording, index };
+            let columns = &mut all.columns[k * terms.count..(k + 1) * terms.count];
+            let (seen_rate, seen_force) = (all.seen_rate[k], all.seen_force[k]);
+            (all.rate[k], all.force[k]) = terms.remove(&model.values, seen_rate, seen_force, &around, sample, columns);
+        }
+    }
+}
+
+/// Derivative of a rate by time: central differences, of the fourth order where five steps are even.
+fn slopes(time_s: &[f64], rate: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+    let last = rate.len() - 1;
+    let slope = |k: usize| {
+        let (left, right) = (k.saturating_sub(1), (k + 1).min(last));
+        let plain = (rate[right] - rate[left]) / (time_s[right] - time_s[left]);
+        if k < 2 || k + 2 > last {
+            return plain;
+        }
+        let h = (time_s[k + 2] - time_s[k - 2]) / 4.0;
+        let even = (k - 2..k + 2).all(|i| (time_s[i + 1] - time_s[i] - h).abs() <= UNEVEN * h);
+        if even { (rate[k - 2] - rate[k - 1] * 8.0 + rate[k + 1] * 8.0 - rate[k + 2]) / (12.0 * h) } else { plain }
+    };
+    (0..rate.len()).map(slope).collect()
+}

@@ -1,0 +1,301 @@
+//! The residuals of the joint fit and their derivatives.
+
+use faer::Mat;
+use imucal_core::effects::{Need, Sensor, Surroundings};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::attitude;
+use super::inside::{self, EndDirection};
+use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
+use super::pass::{Pass, Route};
+use super::terms::Terms;
+use super::weights::Weights;
+use crate::error::Error;
+use crate::lsq::Residuals;
+use crate::moves::{End, Ends, Move, UnitRest};
+use crate::recording::Recording;
+use crate::segment::NoiseDensity;
+
+/// What the fit is made of.
+pub(crate) struct Prepared<'a> {
+    pub(crate) recordings: &'a [Recording<'a>],
+    pub(crate) rests: &'a [UnitRest],
+    /// Which rests take part.
+    pub(crate) used: &'a [bool],
+    pub(crate) moves: &'a [Move],
+    /// Before and after each move.
+    pub(crate) ends: &'a [[End; 2]],
+    pub(crate) noise: &'a [NoiseDensity],
+    pub(crate) gravity_mps2: f64,
+}
+
+/// A rest at given parameters.
+pub(crate) struct AtRest {
+    pub(crate) force: Vector3<f64>,
+    /// Derivative of the force by every parameter.
+    force_jacobian: Vec<Vector3<f64>>,
+    /// Derivative of the force by the accelerometer's mean.
+    by_mean: Matrix3<f64>,
+    /// What the effects add to the rate, and their columns.
+    on_rate: Vector3<f64>,
+    columns: Vec<Vector3<f64>>,
+}
+
+/// A residual, its derivatives by the parameters and by the means of the rests.
+pub(crate) struct Line {
+    pub(crate) residual: f64,
+    pub(crate) jacobian: Vec<f64>,
+    pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
+    pub(crate) source: Source,
+}
+
+/// What a line is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Source {
+    Norm(usize),
+    Move(usize),
+}
+
+/// One move at given parameters.
+pub(crate) struct AtMove {
+    pub(crate) pass: Pass,
+    pub(crate) before: EndDirection,
+    pub(crate) after: EndDirection,
+}
+
+/// All residuals at given parameters, not whitened.
+pub(crate) struct Linear {
+    pub(crate) lines: Vec<Line>,
+    /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
+    pub(crate) rates: Vec<(usize, [Line; 3])>,
+    pub(crate) moves: Vec<AtMove>,
+}
+
+/// The joint problem.
+pub(crate) struct Joint<'a> {
+    pub(crate) prepared: &'a Prepared<'a>,
+    terms: &'a Terms<'a>,
+    pub(crate) weights: Weights,
+    /// Parameters that stay where they start.
+    pub(crate) fixed: Vec<usize>,
+    rows: usize,
+}
+
+impl<'a> Joint<'a> {
+    pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
+        let weights = Weights::of(prepared, terms, parameters, None)?;
+        let linear = prepared.linearise(terms, parameters)?;
+        let inside: usize = if acts_in_motion(terms) { linear.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
+        let rows = linear.lines.len() + 3 * linear.rates.len() + inside;
+        Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
+    }
+
+    /// Whitened residuals and Jacobian: first the lines, then the rates, then what is inside the moves.
+    pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
+        let n = parameters.len();
+        let linear = self.prepared.linearise(self.terms, parameters)?;
+        let head = linear.lines.len();
+        let mut lines = Mat::from_fn(head, n + 1, |i, p| {
+            let line = &linear.lines[i];
+            if p < n { line.jacobian[p] } else { line.residual }
+        });
+        self.weights.whitening.apply(&mut lines);
+        let mut all = Mat::zeros(self.rows, n + 1);
+        all.as_mut().subrows_mut(0, head).copy_from(&lines);
+        let mut row = head;
+        for (rest, rates) in &linear.rates {
+            for (axis, line) in rates.iter().enumerate() {
+                let sigma = self.weights.rate_sigma[*rest][axis];
+                for p in 0..n {
+                    all[(row, p)] = line.jacobian[p] / sigma;
+                }
+                all[(row, n)] = line.residual / sigma;
+                row += 1;
+            }
+        }
+        if acts_in_motion(self.terms) {
+            for (k, m) in linear.moves.iter().enumerate() {
+                let noise = &self.weights.inside[k];
+                inside::innovations(&m.pass, &m.before, &m.after, noise, self.prepared.gravity_mps2, |z| {
+                    for (p, value) in z.iter().enumerate() {
+                        all[(row, p)] = *value;
+                    }
+                    row += 1;
+                });
+            }
+        }
+        for &p in &self.fixed {
+            all.col_mut(p).fill(0.0);
+        }
+        Ok((all.subcols(n, 1).to_owned(), all.subcols(0, n).to_owned()))
+    }
+}
+
+impl Residuals for Joint<'_> {
+    fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
+        match self.whitened(parameters) {
+            Ok((r, j)) => (*residuals, *jacobian) = (r, j),
+            Err(_) => residuals.fill(f64::NAN), // the solver takes a shorter step
+        }
+    }
+
+    fn count(&self) -> usize {
+        self.rows
+    }
+}
+
+/// Whether residuals inside the moves are needed: an effect acts on what changes while the unit turns.
+pub(crate) fn acts_in_motion(terms: &Terms<'_>) -> bool {
+    terms.needs(Need::AngularAcceleration)
+}
+
+impl Prepared<'_> {
+    /// Residuals and derivatives at these parameters.
+    pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
+        let model = Model::of(parameters)?;
+        let with_attitude = terms.needs(Need::Attitude);
+        let mut rests: Vec<Option<AtRest>> = (0..self.rests.len()).map(|_| None).collect();
+        let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
+        let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
+        let mut next_move = 0;
+        for k in (0..self.rests.len()).filter(|&k| self.used[k]) {
+            let mean = self.rests[k].rest.specific_force.mean;
+            let mut at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
+            if with_attitude && attitudes[k].is_none() {
+                attitudes[k] = Some(attitude::first(&at_rest.force.normalize()));
+                at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
+            }
+            while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
+                let ends = &self.ends[next_move];
+                let route = Route {
+                    recording: &self.recordings[m.recording],
+                    span: m,
+                    rotation_world_from_start: attitudes[k],
+                    with_blocks: acts_in_motion(terms),
+                };
+                let pass = route.pass(&model, terms);
+                let direction = |rest: usize, end: &End| {
+                    self.at_rest(rest, &end.raw, attitudes[k], &model, terms).direction()
+                };
+                let (before, after) = (direction(k, &ends[0]), direction(m.to, &ends[1]));
+                attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &pass.rotation, &after.up));
+                moves.push(AtMove { pass, before, after });
+                next_move += 1;
+            }
+            rests[k] = Some(at_rest);
+        }
+        Ok(self.lines(&model, terms, &rests, moves))
+    }
+
+    /// The unit at a rest, `reading` being the mean of its accelerometer.
+    fn at_rest(
+        &self,
+        k: usize,
+        reading: &Vector3<f64>,
+        attitude: Option<UnitQuaternion<f64>>,
+        model: &Model,
+        terms: &Terms<'_>,
+    ) -> AtRest {
+        let UnitRest { recording, rest } = &self.rests[k];
+        let seen = model.accelerometer.correct(*reading);
+        let around: Vec<Surroundings<f64>> = moments(&self.recordings[*recording], rest.first..rest.end)
+            .into_iter()
+            .map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment })
+            .collect();
+        let mut columns = vec![Vector3::zeros(); terms.count];
+        let (on_rate, force) =
+            terms.at_rest(&model.values, seen, &around, *recording, rest.first..rest.end, &mut columns);
+        let mut force_jacobian = vec![Vector3::zeros(); BASE + terms.count];
+        let by_parameters = force_by_parameters(&model.accelerometer, &seen);
+        for p in ACCEL {
+            force_jacobian[p] = by_parameters.column(p).into_owned();
+        }
+        for (p, column) in columns.iter().enumerate() {
+            if terms.sensors[p] == Sensor::Accelerometer {
+                force_jacobian[BASE + p] = -column;
+            }
+        }
+        AtRest { force, force_jacobian, by_mean: *model.accelerometer.inverse(), on_rate, columns }
+    }
+
+    fn lines(&self, model: &Model, terms: &Terms<'_>, rests: &[Option<AtRest>], moves: Vec<AtMove>) -> Linear {
+        let n = BASE + terms.count;
+        let (mut lines, mut rates) = (Vec::new(), Vec::new());
+        let mut next_move = 0;
+        for (k, at_rest) in rests.iter().enumerate() {
+            let Some(at_rest) = at_rest else { continue };
+            let up = at_rest.force.normalize();
+            lines.push(Line {
+                residual: at_rest.force.norm() - self.gravity_mps2,
+                jacobian: at_rest.force_jacobian.iter().map(|column| up.dot(column)).collect(),
+                by_means: vec![(k, at_rest.by_mean.tr_mul(&up))],
+                source: Source::Norm(k),
+            });
+            while self.moves.get(next_move).is_some_and(|m| m.from == k) {
+                if !acts_in_motion(terms) {
+                    lines.extend(self.move_lines(next_move, &moves[next_move], rests));
+                }
+                next_move += 1;
+            }
+            rates.push((k, self.rate_lines(k, at_rest, model, n, terms)));
+        }
+        Linear { lines, rates, moves }
+    }
+
+    /// Components of the carried minus the measured direction, across the latter.
+    fn move_lines(&self, index: usize, at_move: &AtMove, rests: &[Option<AtRest>]) -> [Line; 2] {
+        let m = &self.moves[index];
+        let AtMove { pass, before, after } = at_move;
+        let carried = pass.rotation.tr_mul(&before.up);
+        let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
+        let residual = across * (carried - after.up);
+        let columns: Vec<_> = (0..before.jacobian.len())
+            .map(|p| {
+                let by_turn = pass.rotation.tr_mul(&before.up.cross(&pass.turn[p]));
+                across * (by_turn + pass.rotation.tr_mul(&before.jacobian[p]) - after.jacobian[p])
+            })
+            .collect();
+        let by_mean = |rest: usize, end: &End| -> Option<Matrix3<f64>> {
+            let at_rest = rests[rest].as_ref().filter(|_| end.steady)?;
+            let up = at_rest.force.normalize();
+            Some((Matrix3::identity() - up * up.transpose()) * at_rest.by_mean / at_rest.force.norm())
+        };
+        let [end_before, end_after] = &self.ends[index];
+        let from = by_mean(m.from, end_before).map(|by| (m.from, across * pass.rotation.transpose() * by));
+        let to = by_mean(m.to, end_after).map(|by| (m.to, -across * by));
+        [0, 1].map(|c| Line {
+            residual: residual[c],
+            jacobian: columns.iter().map(|column| column[c]).collect(),
+            by_means: from.iter().chain(&to).map(|(rest, by)| (*rest, by.row(c).transpose())).collect(),
+            source: Source::Move(index),
+        })
+    }
+
+    fn rate_lines(&self, k: usize, at_rest: &AtRest, model: &Model, n: usize, terms: &Terms<'_>) -> [Line; 3] {
+        let sensitivity = model.gyroscope.sensitivity();
+        let seen = self.rests[k].rest.angular_rate.mean;
+        let residual = seen - model.gyroscope.measure(at_rest.on_rate);
+        [0, 1, 2].map(|axis| {
+            let mut jacobian = vec![0.0; n];
+            jacobian[GYRO_BIAS.start + axis] = -1.0;
+            for j in 0..3 {
+                jacobian[GYRO_SENSITIVITY.start + 3 * axis + j] = -at_rest.on_rate[j];
+            }
+            for (p, column) in at_rest.columns.iter().enumerate() {
+                if terms.sensors[p] == Sensor::Gyroscope {
+                    jacobian[BASE + p] = -sensitivity.row(axis).transpose().dot(column);
+                }
+            }
+            Line { residual: residual[axis], jacobian, by_means: Vec::new(), source: Source::Norm(k) }
+        })
+    }
+}
+
+impl AtRest {
+    /// Direction of gravity and its derivatives.
+    fn direction(&self) -> EndDirection {
+        let up = self.force.normalize();
+        let across = (Matrix3::identity() - up * up.transpose()) / self.force.norm();
+        EndDirection { up, jacobian: self.force_jacobian.iter().map(|column| across * column).collect() }
+    }
+}

@@ -1,0 +1,103 @@
+//! What the joint fit says.
+
+use faer::Mat;
+use nalgebra::Matrix3;
+
+use super::model::{BASE, Model};
+use super::problem::{AtMove, Joint, Linear, Source};
+use super::terms::Terms;
+use super::weights::Weights;
+use crate::error::Error;
+use crate::lsq::{self, FitReport, Solution};
+use crate::moves::Ends;
+
+/// The joint fit and what it leaves.
+pub(crate) struct JointFit {
+    pub(crate) model: Model,
+    /// Of all parameters, symmetric frame.
+    pub(crate) covariance: Mat<f64>,
+    pub(crate) report: FitReport,
+    /// Error of |f| at each rest and the standard deviation that noise explains, m/s^2; `None` for rests not used.
+    pub(crate) norms: Vec<Option<(f64, f64)>>,
+    /// Directions of gravity and rotation of each move.
+    pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,
+    pub(crate) terms: Vec<TermEstimate>,
+}
+
+/// One effect as it was estimated.
+#[derive(Clone, Debug)]
+pub struct TermEstimate {
+    /// Its name.
+    pub name: String,
+    /// Linear parameters.
+    pub values: Vec<f64>,
+    /// Time constant or the like.
+    pub shape: Option<f64>,
+    /// Names of all its parameters, `<effect>_<parameter>`, the shape's last; a user's are numbered from 0.
+    pub parameter_names: Vec<String>,
+    /// Whether it is of the catalogue.
+    pub in_catalogue: bool,
+    /// `theta^T C^-1 theta` of its linear parameters: chi2 with as many degrees of freedom where the effect is absent.
+    pub statistic: f64,
+}
+
+impl JointFit {
+    pub(crate) fn new(
+        problem: &Joint<'_>,
+        terms: &Terms<'_>,
+        solution: Solution,
+        iterations: u64,
+    ) -> Result<Self, Error> {
+        let model = Model::of(&solution.parameters)?;
+        let linear = problem.prepared.linearise(terms, &solution.parameters)?;
+        let covariance = lsq::covariance(&solution.jacobian);
+        let mut norms = vec![None; problem.prepared.rests.len()];
+        let sigma = |k: usize| crate::accelerometer::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer);
+        for line in &linear.lines {
+            if let Source::Norm(k) = line.source {
+                norms[k] = Some((line.residual, sigma(k)));
+            }
+        }
+        let estimates = terms
+            .all
+            .iter()
+            .map(|term| {
+                let own = BASE + term.first..BASE + term.first + term.linear;
+                let block = Mat::from_fn(term.linear, term.linear, |i, j| covariance[(own.start + i, own.start + j)]);
+                TermEstimate {
+                    name: term.name().to_owned(),
+                    values: solution.parameters[own.clone()].to_vec(),
+                    shape: term.has_shape().then(|| solution.parameters[own.end]),
+                    parameter_names: term.parameter_names(),
+                    in_catalogue: term.effect().is_some(),
+                    statistic: wald(&block, &solution.parameters[own]),
+                }
+            })
+            .collect();
+        let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
+        let scales = &problem.weights.scales;
+        let report = FitReport {
+            chi2: solution.chi2,
+            degrees_of_freedom,
+            inflation: scales.norms.max(scales.moves).max(scales.inside),
+            iterations,
+            termination: solution.termination,
+        };
+        let moves = moves_of(&linear, &problem.weights);
+        Ok(Self { model, covariance, report, norms, moves, terms: estimates })
+    }
+}
+
+/// Directions of gravity, what noise explains of their error, and the rotation of each move.
+pub(crate) fn moves_of(linear: &Linear, weights: &Weights) -> Vec<(Ends, Matrix3<f64>)> {
+    let ends = |m: &AtMove, sigma_rad: f64| Ends { before: m.before.up, after: m.after.up, sigma_rad };
+    linear.moves.iter().zip(&weights.move_sigma_rad).map(|(m, sigma)| (ends(m, *sigma), m.pass.rotation)).collect()
+}
+
+/// `theta^T C^-1 theta`.
+fn wald(covariance: &Mat<f64>, theta: &[f64]) -> f64 {
+    use faer::prelude::Solve;
+    let right = Mat::from_fn(theta.len(), 1, |i, _| theta[i]);
+    let solved = covariance.col_piv_qr().solve(&right);
+    (0..theta.len()).map(|i| theta[i] * solved[(i, 0)]).sum()
+}

@@ -1,0 +1,298 @@
+//! What joins the base parameters: effects of the catalogue and fields that a user gives as columns.
+//!
+//! ```text
+//! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
+//! ```
+//!
+//! A term has its parameters side by side in the list of all; a shape, such as a time constant, is the last of them. The
+//! column of a shape is `d(Phi theta)/d(shape)`, so that every column is the derivative of what the sensor sees.
+
+use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
+use nalgebra::Vector3;
+
+use crate::error::Error;
+
+/// An effect of the catalogue that is to be estimated.
+#[derive(Clone, Copy, Debug)]
+pub struct EffectChoice {
+    /// The row of the catalogue.
+    pub effect: &'static Effect<f64>,
+    /// Its full form instead of the plain one.
+    pub full: bool,
+}
+
+/// A field that is given sample by sample: the effect of a user.
+#[derive(Clone, Debug)]
+pub struct UserField<'a> {
+    /// What messages call it.
+    pub name: &'a str,
+    /// The sensor that it acts on.
+    pub sensor: Sensor,
+    /// Typical size of each parameter.
+    pub typical: Vec<f64>,
+    /// One slice for each recording: (N, 3, p), C order.
+    pub columns: Vec<&'a [f64]>,
+}
+
+/// Relative step of the difference quotient by a shape: its square is the error.
+const SHAPE_STEP: f64 = 1e-4;
+/// Passes of the fixed point; one shrinks the error by the slope of the effects, a per cent or less.
+const MOST_PASSES: usize = 24;
+
+/// One term.
+#[derive(Clone, Debug)]
+pub(crate) struct Term<'a> {
+    kind: Kind<'a>,
+    pub(crate) sensor: Sensor,
+    /// Number of linear parameters.
+    pub(crate) linear: usize,
+    /// Place of the first parameter among those of all terms.
+    pub(crate) first: usize,
+}
+
+#[derive(Clone, Debug)]
+enum Kind<'a> {
+    Catalogue(&'static Effect<f64>),
+    User(&'a UserField<'a>),
+}
+
+impl Term<'_> {
+    pub(crate) fn name(&self) -> &str {
+        match self.kind {
+            Kind::Catalogue(effect) => effect.name,
+            Kind::User(field) => field.name,
+        }
+    }
+
+    /// The row of the catalogue, if it is one.
+    pub(crate) fn effect(&self) -> Option<&'static Effect<f64>> {
+        match self.kind {
+            Kind::Catalogue(effect) => Some(effect),
+            Kind::User(_) => None,
+        }
+    }
+
+    pub(crate) fn has_shape(&self) -> bool {
+        self.effect().is_some_and(|effect| effect.shape.is_some())
+    }
+
+    /// Number of parameters, with the shape.
+    pub(crate) fn count(&self) -> usize {
+        self.linear + usize::from(self.has_shape())
+    }
+
+    /// `<effect>_<parameter>` of each parameter; a user's are numbered.
+    pub(crate) fn parameter_names(&self) -> Vec<String> {
+        let full = |name: &str| format!("{}_{name}", self.name());
+        match self.kind {
+            Kind::User(_) => (0..self.linear).map(|k| full(&k.to_string())).collect(),
+            Kind::Catalogue(effect) => {
+                effect.parameters[..self.linear].iter().chain(&effect.shape).map(|p| full(p.name)).collect()
+            }
+        }
+    }
+
+    /// Typical size of each parameter, the shape being the last.
+    pub(crate) fn typical(&self) -> Vec<f64> {
+        match self.kind {
+            Kind::User(field) => field.typical.clone(),
+            Kind::Catalogue(effect) => {
+                effect.parameters[..self.linear].iter().chain(&effect.shape).map(|parameter| parameter.typical).collect()
+            }
+        }
+    }
+}
+
+/// Where a state comes from: user fields are looked up there.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sample {
+    pub(crate) recording: usize,
+    pub(crate) index: usize,
+}
+
+/// All terms of a fit.
+#[derive(Clone, Debug)]
+pub(crate) struct Terms<'a> {
+    pub(crate) all: Vec<Term<'a>>,
+    /// Number of parameters of all terms.
+    pub(crate) count: usize,
+    /// The sensor of each parameter.
+    pub(crate) sensors: Vec<Sensor>,
+}
+
+impl<'a> Terms<'a> {
+    pub(crate) fn try_new(choices: &[EffectChoice], fields: &'a [UserField<'a>], samples: &[usize]) -> Result<Self, Error> {
+        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new() };
+        for choice in choices {
+            let effect = choice.effect;
+            let linear = if choice.full { effect.parameters.len() } else { effect.plain };
+            terms.push(Kind::Catalogue(effect), effect.sensor, linear)?;
+        }
+        for field in fields {
+            let width = 3 * field.typical.len();
+            let fits = field.columns.len() == samples.len()
+                && field.columns.iter().zip(samples).all(|(columns, samples)| columns.len() == samples * width);
+            if !fits || width == 0 || field.typical.len() > MAX_PARAMETERS {
+                return Err(Error::Input(format!(
+                    "the field of {} does not have (samples, 3, {}) numbers for each recording, with 1 to {MAX_PARAMETERS} \
+                     parameters",
+                    field.name,
+                    field.typical.len()
+                )));
+            }
+            terms.push(Kind::User(field), field.sensor, field.typical.len())?;
+        }
+        Ok(terms)
+    }
+
+    fn push(&mut self, kind: Kind<'a>, sensor: Sensor, linear: usize) -> Result<(), Error> {
+        let term = Term { kind, sensor, linear, first: self.count };
+        if self.all.iter().any(|other| other.name() == term.name()) {
+            return Err(Error::Input(format!("{} is asked for twice: name each effect once", term.name())));
+        }
+        self.count += term.count();
+        self.sensors.resize(self.count, sensor);
+        self.all.push(term);
+        Ok(())
+    }
+
+    /// Sets one column for each parameter, at a true state.
+    #[inline]
+    fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, columns: &mut [Vector3<f64>]) {
+        let mut room: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+        for term in &self.all {
+            let own = &mut columns[term.first..term.first + term.count()];
+            match term.kind {
+                Kind::User(field) => {
+                    let p = term.linear;
+                    let row = &field.columns[sample.recording][3 * p * sample.index..3 * p * (sample.index + 1)];
+                    for (k, column) in own.iter_mut().enumerate() {
+                        *column = Vector3::new(row[k], row[p + k], row[2 * p + k]);
+                    }
+                }
+                Kind::Catalogue(effect) => {
+                    let shape = if effect.shape.is_some() { values[term.first + term.linear] } else { 1.0 };
+                    effect.field(state, shape, &mut room);
+                    own[..term.linear].copy_from_slice(&room[..term.linear]);
+                    if effect.shape.is_some() {
+                        let linear = &values[term.first..term.first + term.linear];
+                        own[term.linear] = shape_column(effect, linear, shape, state);
+                    }
+                }
+            }
+        }
+    }
+
+    /// What all terms together add to the rate and to the force.
+    #[inline]
+    fn sums(&self, values: &[f64], columns: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
+        let (mut on_rate, mut on_force) = (Vector3::zeros(), Vector3::zeros());
+        for term in &self.all {
+            let range = term.first..term.first + term.linear;
+            let sum: Vector3<f64> = columns[range.clone()].iter().zip(&values[range]).map(|(c, v)| c * *v).sum();
+            match term.sensor {
+                Sensor::Gyroscope => on_rate += sum,
+                _ => on_force += sum,
+            }
+        }
+        (on_rate, on_force)
+    }
+
+    /// True rate and force of what the sensors see, and the columns at that state.
+    pub(crate) fn remove(
+        &self,
+        values: &[f64],
+        seen_rate: Vector3<f64>,
+        seen_force: Vector3<f64>,
+        surroundings: &Surroundings<f64>,
+        sample: Sample,
+        columns: &mut [Vector3<f64>],
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
+        for _ in 0..MOST_PASSES {
+            self.columns_at(values, &state, sample, columns);
+            let (on_rate, on_force) = self.sums(values, columns);
+            let (rate, force) = (seen_rate - on_rate, seen_force - on_force);
+            let change = (rate - state.angular_rate).amax() + (force - state.specific_force).amax();
+            (state.angular_rate, state.specific_force) = (rate, force);
+            if change <= 1e-15 * (1.0 + seen_force.amax()) {
+                break;
+            }
+        }
+        (state.angular_rate, state.specific_force)
+    }
+
+    /// Mean columns over a rest, where the rate is zero and the force does not change, and that force.
+    ///
+    /// `moments` are the surroundings through the rest; a user's field is the mean over the samples `range`.
+    pub(crate) fn at_rest(
+        &self,
+        values: &[f64],
+        seen_force: Vector3<f64>,
+        moments: &[Surroundings<f64>],
+        recording: usize,
+        range: std::ops::Range<usize>,
+        columns: &mut [Vector3<f64>],
+    ) -> (Vector3<f64>, Vector3<f64>) {
+        let mut force = seen_force;
+        let mut one = vec![Vector3::zeros(); self.count];
+        let step = (range.len() / moments.len().max(1)).max(1);
+        let mut on_rate = Vector3::zeros();
+        for _ in 0..MOST_PASSES {
+            columns.fill(Vector3::zeros());
+            for (k, surroundings) in moments.iter().enumerate() {
+                let state = State { angular_rate: Vector3::zeros(), specific_force: force, surroundings: *surroundings };
+                let index = (range.start + k * step + step / 2).min(range.end - 1);
+                self.columns_at(values, &state, Sample { recording, index }, &mut one);
+                for (sum, column) in columns.iter_mut().zip(&one) {
+                    *sum += column / moments.len() as f64;
+                }
+            }
+            self.user_means(recording, &range, columns);
+            let on_force;
+            (on_rate, on_force) = self.sums(values, columns);
+            let change = (seen_force - on_force - force).amax();
+            force = seen_force - on_force;
+            if change <= 1e-15 * (1.0 + seen_force.amax()) {
+                break;
+            }
+        }
+        (on_rate, force)
+    }
+
+    /// A user's field may change from sample to sample: its mean is over all of them.
+    fn user_means(&self, recording: usize, range: &std::ops::Range<usize>, columns: &mut [Vector3<f64>]) {
+        for term in &self.all {
+            if let Kind::User(field) = term.kind {
+                let p = term.linear;
+                let rows = &field.columns[recording][3 * p * range.start..3 * p * range.end];
+                let own = &mut columns[term.first..term.first + p];
+                own.fill(Vector3::zeros());
+                for row in rows.chunks_exact(3 * p) {
+                    for (k, column) in own.iter_mut().enumerate() {
+                        *column += Vector3::new(row[k], row[p + k], row[2 * p + k]);
+                    }
+                }
+                for column in own {
+                    *column /= range.len() as f64;
+                }
+            }
+        }
+    }
+
+    /// Whether any term depends on what `need` names.
+    pub(crate) fn needs(&self, need: imucal_core::effects::Need) -> bool {
+        self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.needs.contains(&need)))
+    }
+}
+
+/// `d(Phi theta)/d(shape)` by a central difference.
+fn shape_column(effect: &Effect<f64>, linear: &[f64], shape: f64, state: &State<f64>) -> Vector3<f64> {
+    let sum = |shape: f64| {
+        let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+        effect.field(state, shape, &mut columns);
+        columns.iter().zip(linear).map(|(column, value)| column * *value).sum::<Vector3<f64>>()
+    };
+    let step = SHAPE_STEP * shape;
+    (sum(shape + step) - sum(shape - step)) / (2.0 * step)
+}

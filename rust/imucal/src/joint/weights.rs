@@ -1,0 +1,196 @@
+//! How far each residual can be trusted (model.md (19)).
+//!
+//! White noise is that of the recording's own rests. Where residuals scatter by more than it explains and more than chance,
+//! the excess is estimated from them: a variance from rest to rest for the rates, a factor for norms, moves and what is
+//! inside the moves.
+
+use faer::Mat;
+use nalgebra::{Matrix3, Vector3};
+
+use super::inside::InsideNoise;
+use super::model::Model;
+use super::problem::{Linear, Prepared, Source, acts_in_motion};
+use super::terms::Terms;
+use super::whiten::{Shares, Whitening};
+use crate::error::Error;
+use crate::lsq::{self, Solution};
+use crate::moves::random_walk_rad;
+
+/// No standard deviation is finer: a noise-free simulation has no scatter at all.
+const FINEST_MPS2: f64 = 1e-5;
+const FINEST_RAD: f64 = 2e-5;
+const FINEST_RADPS: f64 = 1e-6;
+
+/// Weights of all residuals.
+pub(crate) struct Weights {
+    pub(crate) whitening: Whitening,
+    /// Standard deviation of the mean rate at each rest, raw units.
+    pub(crate) rate_sigma: Vec<Vector3<f64>>,
+    /// One for each move.
+    pub(crate) inside: Vec<InsideNoise>,
+    /// Standard deviation of each component of a move's direction that noise explains, rad.
+    pub(crate) move_sigma_rad: Vec<f64>,
+    pub(crate) scales: Scales,
+}
+
+/// By how much residuals exceed what noise explains; 1 where they do not.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scales {
+    pub(crate) norms: f64,
+    pub(crate) moves: f64,
+    pub(crate) inside: f64,
+}
+
+impl Weights {
+    /// Weights at these parameters; `found` is the last fit, if there was one, with the scales that it was made with.
+    pub(crate) fn of(
+        prepared: &Prepared<'_>,
+        terms: &Terms<'_>,
+        parameters: &[f64],
+        found: Option<(&Solution, &Scales)>,
+    ) -> Result<Self, Error> {
+        let model = Model::of(parameters)?;
+        let linear = prepared.linearise(terms, parameters)?;
+        let leverages = found.map(|(solution, _)| lsq::leverages(&solution.jacobian));
+        let scales = match (found, &leverages) {
+            (Some((solution, before)), Some(leverages)) => before.refined(&linear, solution, leverages),
+            _ => Scales::NONE,
+        };
+        let head = linear.lines.len();
+        let free = |axis: usize| {
+            let spent = leverages.as_ref().map_or(1.0, |h| (0..linear.rates.len()).map(|k| h[head + 3 * k + axis]).sum());
+            linear.rates.len() as f64 - spent
+        };
+        let own: Vec<f64> = linear.lines.iter().map(|line| own_variance(prepared, &model, line.source, &scales)).collect();
+        let shares: Vec<Shares> = linear
+            .lines
+            .iter()
+            .map(|line| {
+                let scale = if matches!(line.source, Source::Norm(_)) { scales.norms } else { 1.0 };
+                line.by_means.iter().flat_map(|(rest, by)| share(prepared, *rest, by, scale)).collect()
+            })
+            .collect();
+        Ok(Self {
+            whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
+            rate_sigma: rate_sigmas(prepared, &model, &linear, [0, 1, 2].map(free)),
+            inside: if acts_in_motion(terms) { inside_noise(prepared, &model, &scales) } else { Vec::new() },
+            move_sigma_rad: (0..prepared.moves.len()).map(|k| move_sigma_rad(prepared, &model, k)).collect(),
+            scales,
+        })
+    }
+}
+
+/// Standard deviation of each component of a move's direction that noise explains, rad.
+fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
+    let shared: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
+    (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
+}
+
+/// What the error of a rest's mean does to a line.
+fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
+    let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
+    [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
+}
+
+/// The variance that a line shares with no other.
+fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
+    match source {
+        Source::Norm(_) => FINEST_MPS2 * FINEST_MPS2,
+        Source::Move(k) => {
+            let m = &prepared.moves[k];
+            let density = &prepared.noise[m.recording].angular_rate;
+            let walk = random_walk_rad(density, model.gyroscope.inverse(), m.duration_s);
+            let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
+            (walk * walk + ends) * scales.moves * scales.moves + FINEST_RAD * FINEST_RAD
+        }
+    }
+}
+
+/// Standard deviations of the mean rates, with the scatter from rest to rest beyond their own noise (Paule and Mandel,
+/// J. Res. NBS 87, 1982, 377-385): with it, chi2 is what is free.
+fn rate_sigmas(prepared: &Prepared<'_>, model: &Model, linear: &Linear, free: [f64; 3]) -> Vec<Vector3<f64>> {
+    let finest = model.gyroscope.sensitivity().norm() / 3f64.sqrt() * FINEST_RADPS;
+    let mut sigmas = vec![Vector3::repeat(f64::INFINITY); prepared.rests.len()];
+    for axis in 0..3 {
+        let seen: Vec<(f64, f64)> = linear
+            .rates
+            .iter()
+            .map(|(k, lines)| {
+                let variance = prepared.rests[*k].rest.angular_rate.variance_of_mean[axis];
+                (lines[axis].residual.powi(2), variance + finest * finest)
+            })
+            .collect();
+        let between = excess_variance(&seen, free[axis]);
+        for ((k, _), (_, variance)) in linear.rates.iter().zip(&seen) {
+            sigmas[*k][axis] = (variance + between).sqrt();
+        }
+    }
+    sigmas
+}
+
+/// The variance that has to be added to each for the sum of `square / variance` to be `free`; zero if none has.
+fn excess_variance(seen: &[(f64, f64)], free: f64) -> f64 {
+    let chi2 = |between: f64| seen.iter().map(|(square, variance)| square / (variance + between)).sum::<f64>();
+    if free <= 0.0 || chi2(0.0) <= free {
+        return 0.0;
+    }
+    let (mut low, mut high) = (0.0, seen.iter().map(|(square, _)| square).sum::<f64>() / free);
+    // Monotonic, and each step halves the interval: 60 leave nothing but rounding.
+    for _ in 0..60 {
+        let middle = (low + high) / 2.0;
+        if chi2(middle) > free { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// The noise inside each move, in SI units.
+fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<InsideNoise> {
+    let squared = |inverse: &Matrix3<f64>, density: &Vector3<f64>| {
+        (inverse * Matrix3::from_diagonal(density)).norm_squared() / 3.0
+    };
+    prepared
+        .moves
+        .iter()
+        .zip(prepared.ends)
+        .map(|(m, [before, after])| {
+            let noise = &prepared.noise[m.recording];
+            let finest = FINEST_RAD * FINEST_RAD;
+            InsideNoise {
+                start: before.own_variance + before.shared_variance + finest,
+                end: after.own_variance + after.shared_variance + finest,
+                walk: squared(model.gyroscope.inverse(), &noise.angular_rate) + finest / m.duration_s,
+                force: squared(model.accelerometer.inverse(), &noise.specific_force) * scales.inside * scales.inside
+                    + FINEST_MPS2 * FINEST_MPS2,
+            }
+        })
+        .collect()
+}
+
+impl Scales {
+    pub(crate) const NONE: Self = Self { norms: 1.0, moves: 1.0, inside: 1.0 };
+
+    /// The scales with which each group's chi2 is what chance leaves.
+    fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64]) -> Self {
+        let lines = &linear.lines;
+        let inside = lines.len() + 3 * linear.rates.len();
+        let norm = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Norm(_));
+        let a_move = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Move(_));
+        Self {
+            norms: refine(self.norms, &solution.residuals, leverages, norm),
+            moves: refine(self.moves, &solution.residuals, leverages, a_move),
+            inside: refine(self.inside, &solution.residuals, leverages, |row| row >= inside),
+        }
+    }
+}
+
+/// `scale`, changed so that the chosen rows scatter by one; 1 if noise alone may explain them.
+fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(usize) -> bool) -> f64 {
+    let rows: Vec<usize> = (0..residuals.nrows()).filter(|&row| chosen(row)).collect();
+    let free = rows.len() as f64 - rows.iter().map(|&row| leverages[row]).sum::<f64>();
+    if free < 1.0 {
+        return scale;
+    }
+    let reduced = scale * scale * rows.iter().map(|&row| residuals[(row, 0)].powi(2)).sum::<f64>() / free;
+    let by_chance = 1.0 + 3.0 * (2.0 / free).sqrt();
+    if reduced > by_chance { reduced.sqrt() } else { 1.0 }
+}

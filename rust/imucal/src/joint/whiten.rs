@@ -1,0 +1,86 @@
+//! Whitening of residuals that share errors.
+//!
+//! ```text
+//! C = diag(own) + sum_e sigma_e^2 j_e j_e^T,   C = L L^T,   r <- L^-1 r,   J <- L^-1 J           model.md (19)
+//! ```
+//!
+//! Neighbouring rows share the errors of the rest between them, so C has a narrow band and L as well.
+
+use faer::Mat;
+
+/// How one residual depends on errors that others see, too: index of the error and standard deviation times derivative.
+pub(crate) type Shares = Vec<(usize, f64)>;
+
+/// The lower factor of a covariance, row by row from the first entry that is not zero.
+pub(crate) struct Whitening {
+    rows: Vec<(usize, Vec<f64>)>,
+}
+
+impl Whitening {
+    /// `own` are variances that a row shares with no other; they are positive.
+    pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
+        // The first row that sees an error bounds how far back a row reaches.
+        let mut first_row_of = vec![usize::MAX; error_count];
+        let mut rows: Vec<(usize, Vec<f64>)> = Vec::with_capacity(own.len());
+        for (i, seen) in shares.iter().enumerate() {
+            for &(error, _) in seen {
+                first_row_of[error] = first_row_of[error].min(i);
+            }
+            let first = seen.iter().map(|&(error, _)| first_row_of[error]).min().unwrap_or(i);
+            let mut row: Vec<f64> = (first..=i)
+                .map(|j| product(seen, &shares[j]) + if i == j { own[i] } else { 0.0 })
+                .collect();
+            for j in first..i {
+                let (start, other) = &rows[j];
+                let from = first.max(*start);
+                let dot: f64 = (from..j).map(|k| row[k - first] * other[k - start]).sum();
+                row[j - first] = (row[j - first] - dot) / other[j - start];
+            }
+            let square: f64 = row[..i - first].iter().map(|v| v * v).sum();
+            // The own variance is what is left at least, up to rounding.
+            row[i - first] = (row[i - first] - square).max(0.5 * own[i]).sqrt();
+            rows.push((first, row));
+        }
+        Self { rows }
+    }
+
+    /// Solves `L x = column` in place.
+    pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
+        for c in 0..matrix.ncols() {
+            let column = matrix.col_as_slice_mut(c);
+            for (i, (first, row)) in self.rows.iter().enumerate() {
+                let (before, last) = row.split_at(i - first);
+                let dot: f64 = before.iter().zip(&column[*first..i]).map(|(a, b)| a * b).sum();
+                column[i] = (column[i] - dot) / last[0];
+            }
+        }
+    }
+}
+
+fn product(a: &Shares, b: &Shares) -> f64 {
+    a.iter().map(|&(error, left)| left * b.iter().filter(|(e, _)| *e == error).map(|(_, right)| right).sum::<f64>()).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_factor_times_its_transpose_is_the_covariance() {
+        let shares: Vec<Shares> =
+            vec![vec![(0, 1.0)], vec![(0, -2.0), (1, 0.5)], vec![(1, 3.0)], vec![], vec![(1, 1.0), (2, 4.0)]];
+        let own = [0.1, 0.2, 0.3, 0.4, 0.5];
+        let whitening = Whitening::new(&own, &shares, 3);
+        let covariance = Mat::from_fn(5, 5, |i, j| product(&shares[i], &shares[j]) + if i == j { own[i] } else { 0.0 });
+        // L^-1 C L^-T is the identity.
+        let mut half = covariance.clone();
+        whitening.apply(&mut half);
+        let mut whole = half.transpose().to_owned();
+        whitening.apply(&mut whole);
+        for i in 0..5 {
+            for j in 0..5 {
+                assert!((whole[(i, j)] - f64::from(u8::from(i == j))).abs() < 1e-13, "{i} {j} {}", whole[(i, j)]);
+            }
+        }
+    }
+}
