@@ -153,8 +153,11 @@ struct Corrected {
 const CUBIC: [f64; 4] = [-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0];
 /// Where steps differ by more than this share, straight lines are safer.
 const UNEVEN: f64 = 0.01;
-/// Each pass shrinks the error of the angular acceleration by the delay of the gyroscope over the time in which it changes.
-const SLOPE_PASSES: usize = 5;
+/// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
+/// delay of the gyroscope over the time in which the rate changes, a fiftieth, and adds noise where the delay is long.
+const SLOPE_PASSES: usize = 2;
+/// Samples that are closer add more noise than sharpness, s.
+const SLOPE_STEP_S: f64 = 2e-3;
 
 impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
@@ -246,7 +249,6 @@ impl Route<'_> {
             seen_force,
             columns: vec![Vector3::zeros(); reach.len() * terms.count],
         };
-        // An angular acceleration is that of the corrected rate, which is only known afterwards.
         let passes = if terms.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
         for _ in 0..passes {
             let slopes = if passes > 1 { slopes(&self.recording.time_s[reach.clone()], &all.rate) } else { Vec::new() };
@@ -275,18 +277,22 @@ impl Route<'_> {
     }
 }
 
-/// Derivative of a rate by time: central differences, of the fourth order where five steps are even.
+/// Derivative of a rate by time: central differences of the fourth order over [`SLOPE_STEP_S`] or one sample, whichever is
+/// longer, and of the second order at the ends and where steps are uneven.
 fn slopes(time_s: &[f64], rate: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
     let last = rate.len() - 1;
+    let interval_s = (time_s[last] - time_s[0]) / last.max(1) as f64;
+    let m = ((SLOPE_STEP_S / interval_s).round() as usize).max(1);
     let slope = |k: usize| {
         let (left, right) = (k.saturating_sub(1), (k + 1).min(last));
         let plain = (rate[right] - rate[left]) / (time_s[right] - time_s[left]);
-        if k < 2 || k + 2 > last {
+        if k < 2 * m || k + 2 * m > last {
             return plain;
         }
-        let h = (time_s[k + 2] - time_s[k - 2]) / 4.0;
-        let even = (k - 2..k + 2).all(|i| (time_s[i + 1] - time_s[i] - h).abs() <= UNEVEN * h);
-        if even { (rate[k - 2] - rate[k - 1] * 8.0 + rate[k + 1] * 8.0 - rate[k + 2]) / (12.0 * h) } else { plain }
+        let h = (time_s[k + 2 * m] - time_s[k - 2 * m]) / (4 * m) as f64;
+        let even = (k - 2 * m..k + 2 * m).all(|i| (time_s[i + 1] - time_s[i] - h).abs() <= UNEVEN * h);
+        let wide = rate[k - 2 * m] - rate[k - m] * 8.0 + rate[k + m] * 8.0 - rate[k + 2 * m];
+        if even { wide / (12.0 * m as f64 * h) } else { plain }
     };
     (0..rate.len()).map(slope).collect()
 }
