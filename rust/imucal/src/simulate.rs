@@ -2,7 +2,9 @@
 //!
 //! * [`program`]: what the motors are told to do; the paper's two programs, or any list of steps.
 //! * [`profile`]: how they do it, in closed form, with limited jerk.
-//! * [`gimbal`]: from three motor angles to attitude, angular rate and specific force in the body frame.
+//! * [`gimbal`]: from three motor angles to the attitude.
+//! * [`stand`]: what is wrong with the stand; [`tumble`]: a run by hand; [`motion`]: any of these as a function of time.
+//! * [`earth`]: gravity and the rate of the Earth at a place.
 //! * [`mod@unit`]: sensitivity, bias, noise and counts; the paper's unit.
 //!
 //! Motion and truth are exact functions of time: nothing is integrated, so truth does not depend on the sample rate.
@@ -18,18 +20,27 @@
 //! # Ok::<(), imucal::error::Error>(())
 //! ```
 
+mod attitude;
+pub mod earth;
 pub mod gimbal;
+pub mod motion;
 pub mod profile;
 pub mod program;
 mod sensor;
+pub mod stand;
 mod stream;
+pub mod tumble;
 pub mod unit;
 
+pub use motion::{Moment, Motion};
 pub use program::{Grid, Program, RandomMoves, Step};
+pub use stand::Stand;
+pub use tumble::{HandMoves, Tumble};
 pub use unit::{Converter, Sensor, Unit};
 
 use crate::error::Error;
 use crate::recording::{RawUnit, Recording};
+use nalgebra::Vector3;
 use sensor::Sampler;
 use stream::Stream;
 
@@ -105,23 +116,24 @@ pub fn simulate(
         stand_rad: Vec::with_capacity(samples),
         rests: program.rests(),
     };
-    let mut motors = program.motors(0.0);
-    let mut motion = gimbal::body_motion(&motors);
+    let motion = Motion::Stand { program: program.clone(), stand: Stand::perfect() };
+    motion.check()?;
+    let mut moment = motion.at(0.0);
+    let mut still_until = motion.still_until(0.0);
     for i in 0..samples {
         let time_s = i as f64 / rate_hz;
-        let now = program.motors(time_s);
-        // Most of a program is rest: only motors that moved need their sines and cosines again.
-        if now != motors {
-            motors = now;
-            motion = gimbal::body_motion(&motors);
+        // Most of a program is rest, where nothing changes.
+        if still_until.is_none_or(|until_s| time_s > until_s) {
+            moment = motion.at(time_s);
+            still_until = motion.still_until(time_s);
         }
-        let force = motion.up * gravity_mps2;
+        let force = moment.rotation_world_from_body.inverse_transform_vector(&(Vector3::z() * gravity_mps2));
         run.time_s.push(time_s);
         run.specific_force.push(accelerometer.measure(&force));
-        run.angular_rate.push(gyroscope.measure(&motion.angular_rate));
+        run.angular_rate.push(gyroscope.measure(&moment.angular_rate));
         run.true_specific_force.push(force.into());
-        run.true_angular_rate.push(motion.angular_rate.into());
-        run.stand_rad.push(motors.angle_rad.into());
+        run.true_angular_rate.push(moment.angular_rate.into());
+        run.stand_rad.push(moment.stand.map_or([0.0; 3], |stand| stand.angle_rad.into()));
     }
     Ok(run)
 }

@@ -10,6 +10,8 @@ use rand_chacha::ChaCha8Rng;
 pub(super) enum Stream {
     /// Turns of a random program.
     Program,
+    /// Poses and tremor of a run by hand.
+    Tumble,
     /// White noise of one accelerometer axis.
     AccelerometerNoise(u8),
     /// White noise of one gyroscope axis.
@@ -20,6 +22,7 @@ impl Stream {
     pub(super) fn generator(self, seed: u64) -> ChaCha8Rng {
         let number = match self {
             Self::Program => 0,
+            Self::Tumble => 64,
             Self::AccelerometerNoise(axis) => 1 + u64::from(axis),
             Self::GyroscopeNoise(axis) => 4 + u64::from(axis),
         };
