@@ -4,6 +4,7 @@
 //! with the interpreter released; errors become the classes of `imucal.errors` (`error`).
 
 mod arrays;
+mod effects;
 mod error;
 mod results;
 mod simulation;
@@ -17,7 +18,6 @@ mod _core {
     use imucal::error::Error;
     use imucal::frame::{self, Frame, Sensitivities};
     use imucal::segment::Segments;
-    use imucal_core::effects::Effect;
     use imucal_core::integrate::Integrator;
     use imucal_core::so3;
     use nalgebra::Vector3;
@@ -25,6 +25,9 @@ mod _core {
     use pyo3::prelude::*;
 
     use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, UserFieldArrays, column, matrix, rows, to_rows};
+    #[pymodule_export]
+    use super::effects::{Effect, effect_field, effects};
+    use super::effects::find;
     use super::error::{ToPython, finding};
     #[pymodule_export]
     use super::results::{Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold};
@@ -35,6 +38,10 @@ mod _core {
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
+    /// The temperature, degC, from which the effects of temperature count.
+    #[pymodule_export]
+    const REFERENCE_TEMPERATURE_DEGC: f64 = library::recording::REFERENCE_TEMPERATURE_DEGC;
+
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
     fn frame_named(name: &str) -> Result<Frame, Error> {
@@ -43,6 +50,13 @@ mod _core {
             "triangular" => Ok(Frame::Triangular),
             _ => Err(Error::Input(format!("frame is {name:?}: give symmetric or triangular"))),
         }
+    }
+
+    fn require_same_length(time: usize, rate: usize) -> Result<(), Error> {
+        if time == rate {
+            return Ok(());
+        }
+        Err(Error::Input(format!("time_s has {time} rows, angular_rate {rate}")))
     }
 
     /// Options of a calibration from keyword arguments.
@@ -61,7 +75,8 @@ mod _core {
 
     impl CalibrateOptions<'_> {
         fn options(&self, py: Python<'_>) -> PyResult<Options<'_>> {
-            let effects = self.effects.iter().map(|(name, full)| effect_choice(name, *full)).collect::<Result<_, _>>();
+            let choice = |(name, full): &(String, bool)| Ok(EffectChoice { effect: find(name)?, full: *full });
+            let effects = self.effects.iter().map(choice).collect::<Result<_, Error>>();
             Ok(Options {
                 gravity_mps2: self.gravity_mps2,
                 frame: frame_named(&self.frame).to_python(py)?,
@@ -73,11 +88,6 @@ mod _core {
                 user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
             })
         }
-    }
-
-    fn effect_choice(name: &str, full: bool) -> Result<EffectChoice, Error> {
-        let effect = Effect::find(name).ok_or_else(|| Error::Input(format!("there is no effect {name:?}")))?;
-        Ok(EffectChoice { effect, full })
     }
 
     /// Calibrates one unit from its recordings.
@@ -114,15 +124,26 @@ mod _core {
         calibration: CalibrationArrays<'_>,
         uncalibrated: TriadArrays<'_>,
         recordings: Vec<RecordingColumns<'_>>,
+        corrected: Option<Vec<RecordingColumns<'_>>>,
         gravity_mps2: f64,
         min_rest_s: f64,
     ) -> PyResult<Evaluation> {
         let calibration = calibration.calibration(py)?;
         let uncalibrated = uncalibrated.triad(py, "uncalibrated gyroscope")?;
         let recordings = RecordingColumns::views(py, &recordings)?;
-        let evaluation = py
-            .detach(|| library::evaluate::evaluate(&calibration, &uncalibrated, &recordings, gravity_mps2, min_rest_s))
-            .to_python(py)?;
+        let corrected = corrected.as_ref().map(|columns| RecordingColumns::views(py, columns)).transpose()?;
+        let work = || match &corrected {
+            None => library::evaluate::evaluate(&calibration, &uncalibrated, &recordings, gravity_mps2, min_rest_s),
+            Some(corrected) => library::evaluate::evaluate_corrected(
+                &calibration,
+                &uncalibrated,
+                &recordings,
+                corrected,
+                gravity_mps2,
+                min_rest_s,
+            ),
+        };
+        let evaluation = py.detach(work).to_python(py)?;
         Evaluation::new(py, evaluation)
     }
 
@@ -177,6 +198,32 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
+    /// Corrects a recording with what it says of time, temperature and angular acceleration.
+    #[pyfunction]
+    fn correct_recording<'py>(
+        py: Python<'py>,
+        calibration: CalibrationArrays<'py>,
+        recording: RecordingColumns<'py>,
+    ) -> PyResult<(Rows<'py>, Rows<'py>)> {
+        let calibration = calibration.calibration(py)?;
+        let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+        let (rate, force) = py.detach(|| library::correct::correct(&views[0], &calibration));
+        Ok((to_rows(py, rate)?, to_rows(py, force)?))
+    }
+
+    /// Derivative of angular rate by time, rad/s^2, (N, 3); no rows for a single sample.
+    #[pyfunction]
+    fn angular_acceleration<'py>(
+        py: Python<'py>,
+        time_s: PyReadonlyArray1<'py, f64>,
+        angular_rate: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Rows<'py>> {
+        let time = column(py, &time_s, "time_s")?;
+        let rate = rows(py, &angular_rate, "angular_rate")?;
+        require_same_length(time.len(), rate.len()).to_python(py)?;
+        to_rows(py, py.detach(|| library::correct::angular_acceleration(time, rate)))
+    }
+
     /// The sensitivities of both triads in another body frame: `(accelerometer, gyroscope)`.
     #[pyfunction]
     fn convert_frame<'py>(
@@ -204,10 +251,7 @@ mod _core {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let time = column(py, &time_s, "time_s")?;
         let rate = rows(py, &angular_rate, "angular_rate")?;
-        if time.len() != rate.len() {
-            let message = format!("time_s has {} rows, angular_rate {}", time.len(), rate.len());
-            return Err(Error::Input(message)).to_python(py);
-        }
+        require_same_length(time.len(), rate.len()).to_python(py)?;
         let rotation = py.detach(|| {
             let mut integrator = Integrator::new();
             let mut last = time.first().copied().unwrap_or(0.0);

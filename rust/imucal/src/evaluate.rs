@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::carry::rotate;
 use crate::check::check_columns;
+use crate::correct::correct;
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
 use crate::moves::{
@@ -46,9 +47,9 @@ pub struct RestReport {
     pub end_s: f64,
     /// Scatter in half a second over the noise floor (a ratio of variances): near 1 on a table, more in a hand.
     pub unsteadiness: f64,
-    /// Mean of the accelerometer, raw units.
+    /// Mean of the accelerometer: raw units, or SI where a calibration with effects is judged.
     pub mean_specific_force: Vector3<f64>,
-    /// Mean of the gyroscope, raw units.
+    /// Mean of the gyroscope, likewise.
     pub mean_angular_rate: Vector3<f64>,
     /// |f| - g after correction, m/s^2.
     pub norm_error_mps2: f64,
@@ -117,8 +118,7 @@ pub struct Evaluation {
 /// take it without a calibration (the identity for SI units); it only serves the comparison in `carried`.
 ///
 /// # Errors
-/// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest, [`Error::Input`] for a
-/// calibration with effects.
+/// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest.
 pub fn evaluate(
     calibration: &Calibration<f64>,
     uncalibrated: &Triad<f64>,
@@ -126,11 +126,46 @@ pub fn evaluate(
     gravity_mps2: f64,
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
-    if !calibration.effects.is_empty() {
-        let message =
-            "a calibration with effects cannot be judged: take the effects out, or correct the recording first";
-        return Err(Error::Input(message.into()));
+    if calibration.effects.is_empty() {
+        return judge(calibration, uncalibrated, recordings, None, gravity_mps2, min_rest_s);
     }
+    let columns: Vec<_> = recordings.iter().map(|recording| correct(recording, calibration)).collect();
+    let corrected: Vec<Recording<'_>> = recordings
+        .iter()
+        .zip(&columns)
+        .map(|(recording, (angular_rate, specific_force))| Recording { angular_rate, specific_force, ..*recording })
+        .collect();
+    judge(calibration, uncalibrated, recordings, Some(&corrected), gravity_mps2, min_rest_s)
+}
+
+/// As [`evaluate`], with the recordings as they are after correction, in SI units: for effects that the caller took away.
+///
+/// # Errors
+/// As [`evaluate`], and [`Error::Input`] if `corrected` does not have a recording of the same length for each.
+pub fn evaluate_corrected(
+    calibration: &Calibration<f64>,
+    uncalibrated: &Triad<f64>,
+    recordings: &[Recording<'_>],
+    corrected: &[Recording<'_>],
+    gravity_mps2: f64,
+    min_rest_s: f64,
+) -> Result<Evaluation, Error> {
+    let lengths = |recordings: &[Recording<'_>]| recordings.iter().map(Recording::len).collect::<Vec<_>>();
+    if lengths(recordings) != lengths(corrected) {
+        return Err(Error::Input("each recording needs its corrected one, with as many samples".into()));
+    }
+    judge(calibration, uncalibrated, recordings, Some(corrected), gravity_mps2, min_rest_s)
+}
+
+/// Faults and rests are looked for in what was recorded; the figures are those of the corrected samples, if there are any.
+fn judge(
+    calibration: &Calibration<f64>,
+    uncalibrated: &Triad<f64>,
+    recordings: &[Recording<'_>],
+    corrected: Option<&[Recording<'_>]>,
+    gravity_mps2: f64,
+    min_rest_s: f64,
+) -> Result<Evaluation, Error> {
     let mut findings: Vec<Finding> = recordings.iter().flat_map(check_columns).collect();
     // A control record judges what is there: saturated moves are left out of the figures and said, not refused.
     let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
@@ -138,30 +173,36 @@ pub fn evaluate(
         findings.retain(fatal);
         return Err(Error::Data(findings));
     }
-    let segments: Vec<Segments> =
+    let mut segments: Vec<Segments> =
         recordings.iter().map(|recording| Segments::find(recording, min_rest_s)).collect::<Result<_, _>>()?;
     let saturated = saturated_stretches(recordings, &findings);
+    let (judged, triads) = match corrected {
+        None => (recordings, Calibration::new(calibration.accelerometer, calibration.gyroscope)),
+        Some(corrected) => {
+            for (segments, corrected) in segments.iter_mut().zip(corrected) {
+                segments.correct(corrected, calibration);
+            }
+            (corrected, Calibration::identity())
+        }
+    };
     let rests = rests_of(&segments);
     let usable: Vec<bool> = rests.iter().map(|rest| !rest.is_saturated(&saturated)).collect();
     let (moves, unusable) = between(recordings, &rests, &usable, &saturated);
     let noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
-    let gyroscope = &calibration.gyroscope;
     let directions = Directions {
-        recordings,
+        recordings: judged,
         rests: &rests,
         noise: &noise,
-        accelerometer: &calibration.accelerometer,
-        gyroscope_inverse: gyroscope.inverse(),
+        accelerometer: &triads.accelerometer,
+        gyroscope_inverse: triads.gyroscope.inverse(),
     };
     let (ends, _) = directions.ends_of(&moves);
     let rotations: Vec<Matrix3<f64>> =
-        moves.iter().map(|m| rotate(&recordings[m.recording], m.first, m.last, gyroscope)).collect();
+        moves.iter().map(|m| rotate(&judged[m.recording], m.first, m.last, &triads.gyroscope)).collect();
     let rest_reports: Vec<RestReport> = rests
         .iter()
         .zip(&usable)
-        .map(|(rest, usable)| {
-            rest_report(rest, &calibration.accelerometer, gravity_mps2, (!usable).then_some("saturation"))
-        })
+        .map(|(rest, usable)| rest_report(rest, &triads.accelerometer, gravity_mps2, (!usable).then_some("saturation")))
         .collect();
     let mut move_reports: Vec<MoveReport> =
         moves.iter().zip(&ends).zip(&rotations).map(|((m, e), c)| move_report(m, e, c, None)).collect();
@@ -178,7 +219,7 @@ pub fn evaluate(
     Ok(Evaluation {
         figures: figures(&rest_reports, &move_reports, &residuals, 0),
         carried: (0..recordings.len())
-            .map(|index| carried_gravity(index, recordings, &rests, calibration, uncalibrated))
+            .map(|index| carried_gravity(index, [&recordings[index], &judged[index]], &rests, &triads, uncalibrated))
             .collect(),
         rests: rest_reports,
         moves: move_reports,
@@ -264,28 +305,28 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
 /// Gravity carried from the first rest through the whole recording: errors add up, as they do for a user.
 fn carried_gravity(
     index: usize,
-    recordings: &[Recording<'_>],
+    [recorded, judged]: [&Recording<'_>; 2],
     rests: &[UnitRest],
-    calibration: &Calibration<f64>,
+    triads: &Calibration<f64>,
     uncalibrated: &Triad<f64>,
 ) -> CarriedGravity {
     let rests: Vec<_> = rests.iter().filter(|rest| rest.recording == index).map(|rest| rest.rest).collect();
     let measured: Vec<Vector3<f64>> =
-        rests.iter().map(|rest| calibration.accelerometer.correct(rest.specific_force.mean)).collect();
-    let through = |gyroscope: &Triad<f64>| {
+        rests.iter().map(|rest| triads.accelerometer.correct(rest.specific_force.mean)).collect();
+    let through = |recording: &Recording<'_>, gyroscope: &Triad<f64>| {
         let mut up = measured[0];
         let mut carried_up = vec![up];
         for pair in rests.windows(2) {
             let middle = |k: usize| (pair[k].first + pair[k].end) / 2;
-            up = rotate(&recordings[index], middle(0), middle(1), gyroscope).tr_mul(&up);
+            up = rotate(recording, middle(0), middle(1), gyroscope).tr_mul(&up);
             carried_up.push(up);
         }
         carried_up
     };
     CarriedGravity {
         time_s: rests.iter().map(|rest| (rest.start_s + rest.end_s) / 2.0).collect(),
-        uncalibrated: through(uncalibrated),
-        calibrated: through(&calibration.gyroscope),
+        uncalibrated: through(recorded, uncalibrated),
+        calibrated: through(judged, &triads.gyroscope),
         measured,
     }
 }

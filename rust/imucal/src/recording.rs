@@ -5,7 +5,7 @@
 
 use crate::error::Error;
 
-/// The temperature that sensitivities and biases are for, degC; effects of temperature act on the difference to it.
+/// The temperature, degC, that sensitivities and biases are for: the effects of temperature count from here.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
 /// The unit in which a triad's samples are given. Physical units (g, deg/s, ...) are converted to SI on reading.

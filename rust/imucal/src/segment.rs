@@ -12,7 +12,9 @@ mod threshold;
 use std::ops::Range;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
-use nalgebra::{Vector3, Vector6};
+use imucal_core::calibration::Calibration;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3, Vector6};
 
 use crate::error::Error;
 use crate::recording::{RawUnit, Recording};
@@ -175,6 +177,30 @@ impl Threshold {
              same {rests} rests, the widest range (weighed by the number of rests)",
             self.window_s, self.factor, self.stable_from, self.stable_to
         )
+    }
+}
+
+impl Segments {
+    /// Means and noise of the corrected samples instead of the raw ones, SI units.
+    pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
+        let rows = |rows: &[[f64; 3]]| rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len() as f64;
+        let turned = |triad: &Triad<f64>, std: Vector3<f64>| {
+            (triad.inverse() * Matrix3::from_diagonal(&std)).map(|v| v * v).column_sum()
+        };
+        for rest in &mut self.rests {
+            let range = rest.first..rest.end;
+            rest.specific_force.mean = rows(&corrected.specific_force[range.clone()]);
+            rest.angular_rate.mean = rows(&corrected.angular_rate[range]);
+            for (mean, triad) in [
+                (&mut rest.specific_force, &calibration.accelerometer),
+                (&mut rest.angular_rate, &calibration.gyroscope),
+            ] {
+                mean.variance_of_mean = turned(triad, mean.variance_of_mean.map(f64::sqrt));
+            }
+        }
+        let noise = &mut self.noise_density;
+        noise.specific_force = turned(&calibration.accelerometer, noise.specific_force).map(f64::sqrt);
+        noise.angular_rate = turned(&calibration.gyroscope, noise.angular_rate).map(f64::sqrt);
     }
 }
 

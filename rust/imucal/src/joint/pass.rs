@@ -155,7 +155,7 @@ const CUBIC: [f64; 4] = [-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0];
 const UNEVEN: f64 = 0.01;
 /// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
 /// delay of the gyroscope over the time in which the rate changes, a fiftieth, and adds noise where the delay is long.
-const SLOPE_PASSES: usize = 2;
+const SLOPE_PASSES: usize = 3;
 /// Samples that are closer add more noise than sharpness, s.
 const SLOPE_STEP_S: f64 = 2e-3;
 

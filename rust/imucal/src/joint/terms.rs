@@ -125,6 +125,12 @@ impl<'a> Terms<'a> {
         let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new() };
         for choice in choices {
             let effect = choice.effect;
+            if effect.sensor == Sensor::Encoder {
+                return Err(Error::Input(format!(
+                    "{} is an error of the stand, not of the unit: it can be simulated, and is not estimated yet",
+                    effect.name
+                )));
+            }
             let linear = if choice.full { effect.parameters.len() } else { effect.plain };
             terms.push(Kind::Catalogue(effect), effect.sensor, linear)?;
         }
