@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime, timezone
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Frame, Parameter, Provenance, Triad, as_frame
 from imucal.document import without_nan
+from imucal.effects import EffectValues, State, UserEffect, find
 from imucal.errors import InputError
 from imucal.evaluate import (
     FIGURES,
@@ -29,10 +30,25 @@ from imucal.evaluate import (
 from imucal.finding import Finding
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
 
+if TYPE_CHECKING:
+    from imucal import _core
+
 __all__ = ["CalibrationResult", "calibrate"]
 
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 MOST_FOLDS = 1000
+# A field that depends on the corrected state changes by less each time, by the size of the effects or so.
+MOST_FIELD_ROUNDS = 6
+
+
+@dataclass(frozen=True, eq=False)
+class UserField:
+    """A user's effect as the library takes it: its field, (N, 3, p), at each sample of each recording."""
+
+    name: str
+    sensor: str
+    typical: tuple[float, ...]
+    columns: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True)
@@ -45,6 +61,8 @@ class Options:
     exclude_saturated: bool
     accel_nominal: float | None
     gyro_nominal: float | None
+    effects: tuple[tuple[str, bool], ...] = ()
+    user_fields: tuple[UserField, ...] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,11 +129,15 @@ class CalibrationResult:
             for move in self.moves
             if move["excluded"] is not None
         ]
+        if "joint" in self.fit:
+            widened = [("in the joint fit", self.fit["joint"]["inflation"])]
+        else:
+            widened = [(f"of the {s}", self.fit[s]["inflation"]) for s in ("accelerometer", "gyroscope")]
         notes += [
-            f"standard deviations of the {sensor} are widened {self.fit[sensor]['inflation']:.1f} times: "
-            "by so much its residuals exceed what noise explains"
-            for sensor in ("accelerometer", "gyroscope")
-            if self.fit[sensor]["inflation"] > 1
+            f"standard deviations {which} are widened {times:.1f} times: by so much residuals exceed what noise "
+            "explains"
+            for which, times in widened
+            if times > 1
         ]
         return tuple(notes)
 
@@ -164,6 +186,7 @@ def calibrate(
     exclude_saturated: bool = False,
     accel_nominal: float | None = None,
     gyro_nominal: float | None = None,
+    effects: Sequence[str | UserEffect] = (),
     folds: int | None = None,
     serial_number: str | None = None,
 ) -> CalibrationResult:
@@ -176,6 +199,8 @@ def calibrate(
     exclude_saturated  leave out rests and moves with saturated samples instead of refusing the recording
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s, for recordings in
                        counts; without it start values come from the data
+    effects            what to estimate together with the 21 parameters: names of the catalogue, `NAME:full` for the
+                       full form of an effect that has two, and effects of one's own
     folds              also fit that many times, each time without a part of the moves, and judge on that part
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
@@ -189,10 +214,15 @@ def calibrate(
             f"folds is {folds}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
         )
     body_frame = as_frame(frame)
+    wanted, own = _asked_for(effects)
     options = Options(
-        float(gravity_mps2), body_frame, float(min_rest_s), exclude_saturated, accel_nominal, gyro_nominal
+        float(gravity_mps2), body_frame, float(min_rest_s), exclude_saturated, accel_nominal, gyro_nominal, wanted
     )
+    raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
     outcome = _core.calibrate(unit_data, options)
+    if own:
+        options, outcome = _with_user_effects(unit_data, options, own, outcome)
+    carried = tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects)
     figures = fields_of(outcome.figures, FIGURES)
     held_out = None
     if folds is not None:
@@ -210,16 +240,19 @@ def calibrate(
             accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
             gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
             frame=body_frame,
-            accel_unit=unit_data[0].accel_unit,
-            gyro_unit=unit_data[0].gyro_unit,
+            accel_unit=raw_units[0],
+            gyro_unit=raw_units[1],
             gravity_mps2=gravity_mps2,
+            effects=carried,
+            user_effects=own,
             covariance=outcome.covariance,
-            covariance_names=tuple(outcome.names),
+            covariance_names=_names(outcome, own),
             noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
             temperature_range_degc=_temperature_range(unit_data),
             fit={
                 "accelerometer": fields_of(outcome.accelerometer_fit, FIT),
                 "gyroscope": fields_of(outcome.gyroscope_fit, FIT),
+                **_joint(outcome),
                 "rest_thresholds": [fields_of(threshold, THRESHOLD) for threshold in outcome.thresholds],
             },
             calibration_set=figures,
@@ -247,6 +280,81 @@ def calibrate(
         control=judged,
         reasons=tuple(reasons),
     )
+
+
+def _asked_for(
+    effects: Sequence[str | UserEffect],
+) -> tuple[tuple[tuple[str, bool], ...], tuple[UserEffect, ...]]:
+    """Names of the catalogue with whether their full form is meant, and the user's own effects."""
+    if isinstance(effects, str):
+        raise InputError(f"effects is the string {effects!r}: give a list of names")
+    wanted = []
+    for effect in effects:
+        if isinstance(effect, UserEffect):
+            continue
+        name, colon, form = effect.partition(":")
+        row = find(name)
+        if colon and (form != "full" or row.plain == len(row.parameters)):
+            forms = f"{name}:full" if row.plain < len(row.parameters) else name
+            raise InputError(f"{effect!r} is no form of {name}: give {forms}")
+        wanted.append((name, bool(colon)))
+    return tuple(wanted), tuple(effect for effect in effects if isinstance(effect, UserEffect))
+
+
+def _with_user_effects(
+    unit_data: Sequence[Recording], options: Options, own: tuple[UserEffect, ...], outcome: _core.Outcome
+) -> tuple[Options, _core.Outcome]:
+    """Estimate with the fields of `own`, which may depend on the corrected state: repeated until they settle."""
+    from imucal import _core
+
+    columns: list[list[FloatArray]] = []
+    for _ in range(MOST_FIELD_ROUNDS):
+        current = Calibration(
+            Triad(outcome.accel_sensitivity, outcome.accel_bias),
+            Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
+            accel_unit=unit_data[0].accel_unit,
+            gyro_unit=unit_data[0].gyro_unit,
+            effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
+            user_effects=own,
+        )
+        corrected = [current.apply_recording(recording) for recording in unit_data]
+        states = [State.of(c, c.angular_rate, c.specific_force) for c in corrected]
+        before, columns = columns, [[effect.columns(state) for state in states] for effect in own]
+        if before and all(
+            np.allclose(old, new, rtol=1e-9, atol=0.0)
+            for olds, news in zip(before, columns, strict=True)
+            for old, new in zip(olds, news, strict=True)
+        ):
+            break
+        options = replace(
+            options,
+            user_fields=tuple(
+                UserField(
+                    effect.name,
+                    effect.sensor,
+                    tuple(parameter.typical for parameter in effect.parameters),
+                    tuple(np.ascontiguousarray(column) for column in field),
+                )
+                for effect, field in zip(own, columns, strict=True)
+            ),
+        )
+        outcome = _core.calibrate(unit_data, options)
+    return options, outcome
+
+
+def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ...]:
+    """Names of all parameters; the library numbers those of a user's effect."""
+    count = sum(len(effect.parameters) for effect in own)
+    names = outcome.names[: len(outcome.names) - count]
+    return (*names, *(f"{effect.name}_{p.name}" for effect in own for p in effect.parameters))
+
+
+def _joint(outcome: _core.Outcome) -> dict[str, Any]:
+    """How the joint fit went, and how far each effect stands out, where effects were asked for."""
+    if outcome.joint_fit is None:
+        return {}
+    effects = [{"name": e.name, "statistic": e.statistic, "dof": len(e.values)} for e in outcome.effects]
+    return {"joint": fields_of(outcome.joint_fit, FIT), "effects": effects}
 
 
 def _as_list(recordings: Recording | Sequence[Recording] | None) -> list[Recording]:

@@ -114,8 +114,11 @@ def evaluate(
         calibration.require_raw_units(recording)
     uncalibrated = as_it_comes(calibration)
     gravity = calibration.gravity_mps2
-    before = _core.evaluate(uncalibrated, uncalibrated.gyroscope, judges, gravity, min_rest_s)
-    outcome = _core.evaluate(calibration, uncalibrated.gyroscope, judges, gravity, min_rest_s)
+    corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
+    before = _core.evaluate(uncalibrated, uncalibrated.gyroscope, judges, None, gravity, min_rest_s)
+    outcome = _core.evaluate(
+        calibration.without_user_effects(), uncalibrated.gyroscope, judges, corrected, gravity, min_rest_s
+    )
     figures = fields_of(outcome.figures, FIGURES)
     return Evaluation(
         figures=figures,

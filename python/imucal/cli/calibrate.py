@@ -46,6 +46,15 @@ def calibrate(
             "--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; from the data if not given."
         ),
     ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effect",
+            metavar="NAME",
+            help="Estimate this effect too (`imucal effects` lists them; NAME:full for the full form); may be "
+            "given again.",
+        ),
+    ] = None,
     folds: Annotated[
         int | None, typer.Option("--folds", help="Also judge on held-out moves, in this many folds.")
     ] = None,
@@ -79,6 +88,7 @@ def calibrate(
             exclude_saturated=exclude_saturated,
             accel_nominal=accel_nominal,
             gyro_nominal=gyro_nominal,
+            effects=effect or [],
             folds=folds,
             serial_number=serial_number,
         )

@@ -3,9 +3,9 @@
 //! rust-numpy's `as_slice` takes Fortran order for contiguous and hands it over column by column, so every array is
 //! checked for C order here; the Python side converts beforehand, and a caller who does not is told.
 
+use imucal::calibrate::UserField;
 use imucal::error::Error;
 use imucal::recording::{RawUnit, Recording};
-use imucal::calibrate::UserField;
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;

@@ -24,13 +24,17 @@ mod _core {
     use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
     use pyo3::prelude::*;
 
-    use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, UserFieldArrays, column, matrix, rows, to_rows};
+    use super::arrays::{
+        CalibrationArrays, RecordingColumns, TriadArrays, UserFieldArrays, column, matrix, rows, to_rows,
+    };
+    use super::effects::find;
     #[pymodule_export]
     use super::effects::{Effect, effect_field, effects};
-    use super::effects::find;
     use super::error::{ToPython, finding};
     #[pymodule_export]
-    use super::results::{Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold};
+    use super::results::{
+        Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold,
+    };
     #[pymodule_export]
     use super::simulation::{Simulation, grid_program, random_program, simulate};
 

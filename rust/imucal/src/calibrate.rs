@@ -90,7 +90,11 @@ pub struct CrossValidation {
 ///
 /// # Errors
 /// As [`calibrate`]; [`Error::Input`] for fewer than two folds.
-pub fn cross_validate(recordings: &[Recording<'_>], options: &Options<'_>, folds: usize) -> Result<CrossValidation, Error> {
+pub fn cross_validate(
+    recordings: &[Recording<'_>],
+    options: &Options<'_>,
+    folds: usize,
+) -> Result<CrossValidation, Error> {
     if folds < 2 {
         return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
     }
@@ -145,7 +149,8 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     }
     if options.frame != Frame::Symmetric && !(options.effects.is_empty() && options.user_fields.is_empty()) {
         return Err(Error::Input(
-            "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out".into(),
+            "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out"
+                .into(),
         ));
     }
     for (name, nominal) in [("accel_nominal", options.accel_nominal), ("gyro_nominal", options.gyro_nominal)] {

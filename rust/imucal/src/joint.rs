@@ -8,7 +8,7 @@
 //! ```
 //!
 //! with f, u and w freed of the effects. What residuals share, the error of a rest's mean, is in their covariance
-//! ([`whiten`]); a random walk inside a move is whitened by its innovations ([`inside`]). Weights follow from the result and
+//! (`whiten`); a random walk inside a move is whitened by its innovations (`inside`). Weights follow from the result and
 //! the result from the weights, so both are repeated until neither changes.
 
 mod attitude;
@@ -56,7 +56,8 @@ const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
 /// Whether an effect that is asked for lets a sensor at rest drift.
 pub(crate) fn may_drift(options: &Options<'_>) -> bool {
-    let drifts = |choice: &EffectChoice| choice.effect.needs.iter().any(|n| matches!(n, Need::Time | Need::Temperature));
+    let drifts =
+        |choice: &EffectChoice| choice.effect.needs.iter().any(|n| matches!(n, Need::Time | Need::Temperature));
     options.effects.iter().any(drifts) || !options.user_fields.is_empty()
 }
 
@@ -76,7 +77,9 @@ pub(crate) fn fit(
     for round in 0..MOST_ROUNDS {
         let found = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
         if found.termination == Termination::NotFinite {
-            return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
+            return Err(Error::Fit(
+                "the joint fit left the range of numbers: leave effects out, or check units".into(),
+            ));
         }
         iterations += found.iterations;
         let settled = round > 0 && largest_move(&parameters, &found) < SETTLED;
@@ -146,7 +149,8 @@ fn check_determined(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) 
     for term in &terms.all {
         // Without an effect its time constant has no derivative, and the other terms must not stand in for this one.
         let own = BASE + term.first..BASE + term.first + term.linear;
-        let others = (BASE..BASE + terms.count).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
+        let others =
+            (BASE..BASE + terms.count).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();
         let typical = term.typical();
         let first = order.len() - term.linear;
@@ -184,7 +188,8 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;
-        let longest_s = problem.prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
+        let longest_s =
+            problem.prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
         let mut best: Option<(f64, Vec<f64>)> = None;
         for share in SHAPE_SHARES {
             let mut start = parameters.clone();

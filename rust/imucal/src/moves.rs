@@ -190,7 +190,8 @@ impl Directions<'_> {
         let window = ((0.1 / interval_s).round() as usize).clamp(2, rates.len());
         let (mut squares, mut count) = (Vector3::zeros(), 0.0);
         for window in rates.chunks_exact(window) {
-            let mean: Vector3<f64> = window.iter().map(|w| Vector3::from(*w)).sum::<Vector3<f64>>() / window.len() as f64;
+            let mean: Vector3<f64> =
+                window.iter().map(|w| Vector3::from(*w)).sum::<Vector3<f64>>() / window.len() as f64;
             squares += window.iter().map(|w| (Vector3::from(*w) - mean).map(|v| v * v)).sum::<Vector3<f64>>();
             count += (window.len() - 1) as f64;
         }

@@ -183,7 +183,8 @@ impl Threshold {
 impl Segments {
     /// Means and noise of the corrected samples instead of the raw ones, SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
-        let rows = |rows: &[[f64; 3]]| rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len() as f64;
+        let rows =
+            |rows: &[[f64; 3]]| rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| {
             (triad.inverse() * Matrix3::from_diagonal(&std)).map(|v| v * v).column_sum()
         };

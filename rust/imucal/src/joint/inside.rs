@@ -107,9 +107,7 @@ mod tests {
     #[test]
     fn innovations_whiten_a_random_walk_seen_through_noise() {
         let (n, start, walk, white) = (6, 0.3, 0.2, 0.5);
-        let covariance = |i: usize, j: usize| {
-            start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 }
-        };
+        let covariance = |i: usize, j: usize| start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 };
         let seen: Vec<f64> = (0..n).map(|i| ((i * i) as f64).sin()).collect();
         let factor = Mat::from_fn(n, n, covariance).llt(faer::Side::Lower).unwrap().L().to_owned();
         let mut filter = Filter { state: vec![0.0], variance: start };

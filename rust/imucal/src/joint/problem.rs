@@ -85,7 +85,8 @@ impl<'a> Joint<'a> {
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
         let weights = Weights::of(prepared, terms, parameters, None)?;
         let linear = prepared.linearise(terms, parameters)?;
-        let inside: usize = if acts_in_motion(terms) { linear.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
+        let inside: usize =
+            if acts_in_motion(terms) { linear.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
         let rows = linear.lines.len() + 3 * linear.rates.len() + inside;
         Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
     }
@@ -174,9 +175,8 @@ impl Prepared<'_> {
                     with_blocks: acts_in_motion(terms),
                 };
                 let pass = route.pass(&model, terms);
-                let direction = |rest: usize, end: &End| {
-                    self.at_rest(rest, &end.raw, attitudes[k], &model, terms).direction()
-                };
+                let direction =
+                    |rest: usize, end: &End| self.at_rest(rest, &end.raw, attitudes[k], &model, terms).direction();
                 let (before, after) = (direction(k, &ends[0]), direction(m.to, &ends[1]));
                 attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &pass.rotation, &after.up));
                 moves.push(AtMove { pass, before, after });

@@ -96,9 +96,11 @@ impl Term<'_> {
     pub(crate) fn typical(&self) -> Vec<f64> {
         match self.kind {
             Kind::User(field) => field.typical.clone(),
-            Kind::Catalogue(effect) => {
-                effect.parameters[..self.linear].iter().chain(&effect.shape).map(|parameter| parameter.typical).collect()
-            }
+            Kind::Catalogue(effect) => effect.parameters[..self.linear]
+                .iter()
+                .chain(&effect.shape)
+                .map(|parameter| parameter.typical)
+                .collect(),
         }
     }
 }
@@ -121,7 +123,11 @@ pub(crate) struct Terms<'a> {
 }
 
 impl<'a> Terms<'a> {
-    pub(crate) fn try_new(choices: &[EffectChoice], fields: &'a [UserField<'a>], samples: &[usize]) -> Result<Self, Error> {
+    pub(crate) fn try_new(
+        choices: &[EffectChoice],
+        fields: &'a [UserField<'a>],
+        samples: &[usize],
+    ) -> Result<Self, Error> {
         let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new() };
         for choice in choices {
             let effect = choice.effect;
@@ -247,7 +253,8 @@ impl<'a> Terms<'a> {
         for _ in 0..MOST_PASSES {
             columns.fill(Vector3::zeros());
             for (k, surroundings) in moments.iter().enumerate() {
-                let state = State { angular_rate: Vector3::zeros(), specific_force: force, surroundings: *surroundings };
+                let state =
+                    State { angular_rate: Vector3::zeros(), specific_force: force, surroundings: *surroundings };
                 let index = (range.start + k * step + step / 2).min(range.end - 1);
                 self.columns_at(values, &state, Sample { recording, index }, &mut one);
                 for (sum, column) in columns.iter_mut().zip(&one) {

@@ -77,9 +77,15 @@ fn every_effect_comes_back() {
             Ok(outcome) => {
                 let found = &outcome.effects[0];
                 let size = truth.values().iter().fold(0.0f64, |m, v| m.max(v.abs()));
-                let worst = found.values.iter().zip(truth.values()).map(|(f, t)| (f - t).abs() / size).fold(0.0, f64::max);
+                let worst =
+                    found.values.iter().zip(truth.values()).map(|(f, t)| (f - t).abs() / size).fold(0.0, f64::max);
                 let shape = found.shape.map_or(0.0, |s| s / 80.0 - 1.0);
-                println!("{}: {worst:.1e} shape {shape:.1e} its {} chi2 {:.1e}", effect.name, outcome.joint_fit.unwrap().iterations, outcome.joint_fit.unwrap().chi2);
+                println!(
+                    "{}: {worst:.1e} shape {shape:.1e} its {} chi2 {:.1e}",
+                    effect.name,
+                    outcome.joint_fit.unwrap().iterations,
+                    outcome.joint_fit.unwrap().chi2
+                );
             }
         }
     }
@@ -94,7 +100,13 @@ fn diagnose() {
     let segments = crate::segment::Segments::find(&recording, 1.0).unwrap();
     println!("{:?}", segments.threshold);
     for (rest, (a, b)) in segments.rests.iter().zip(program.rests()).take(8) {
-        println!("{:.4} {:.4}  {:.1e} {:?}", rest.start_s - a, rest.end_s - b, rest.unsteadiness, rest.specific_force.variance_of_mean.map(f64::sqrt));
+        println!(
+            "{:.4} {:.4}  {:.1e} {:?}",
+            rest.start_s - a,
+            rest.end_s - b,
+            rest.unsteadiness,
+            rest.specific_force.variance_of_mean.map(f64::sqrt)
+        );
     }
     let outcome = estimate(&r, effect).unwrap();
     for (m, rest) in outcome.moves.iter().zip(&outcome.rests).take(8) {

@@ -58,10 +58,12 @@ impl Weights {
         };
         let head = linear.lines.len();
         let free = |axis: usize| {
-            let spent = leverages.as_ref().map_or(1.0, |h| (0..linear.rates.len()).map(|k| h[head + 3 * k + axis]).sum());
+            let spent =
+                leverages.as_ref().map_or(1.0, |h| (0..linear.rates.len()).map(|k| h[head + 3 * k + axis]).sum());
             linear.rates.len() as f64 - spent
         };
-        let own: Vec<f64> = linear.lines.iter().map(|line| own_variance(prepared, &model, line.source, &scales)).collect();
+        let own: Vec<f64> =
+            linear.lines.iter().map(|line| own_variance(prepared, &model, line.source, &scales)).collect();
         let shares: Vec<Shares> = linear
             .lines
             .iter()

@@ -27,9 +27,8 @@ impl Whitening {
                 first_row_of[error] = first_row_of[error].min(i);
             }
             let first = seen.iter().map(|&(error, _)| first_row_of[error]).min().unwrap_or(i);
-            let mut row: Vec<f64> = (first..=i)
-                .map(|j| product(seen, &shares[j]) + if i == j { own[i] } else { 0.0 })
-                .collect();
+            let mut row: Vec<f64> =
+                (first..=i).map(|j| product(seen, &shares[j]) + if i == j { own[i] } else { 0.0 }).collect();
             for j in first..i {
                 let (start, other) = &rows[j];
                 let from = first.max(*start);
@@ -58,7 +57,9 @@ impl Whitening {
 }
 
 fn product(a: &Shares, b: &Shares) -> f64 {
-    a.iter().map(|&(error, left)| left * b.iter().filter(|(e, _)| *e == error).map(|(_, right)| right).sum::<f64>()).sum()
+    a.iter()
+        .map(|&(error, left)| left * b.iter().filter(|(e, _)| *e == error).map(|(_, right)| right).sum::<f64>())
+        .sum()
 }
 
 #[cfg(test)]
