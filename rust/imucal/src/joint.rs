@@ -12,6 +12,7 @@
 //! the result from the weights, so both are repeated until neither changes.
 
 mod attitude;
+mod encoders;
 mod inside;
 mod model;
 mod pass;
@@ -26,7 +27,7 @@ mod tests;
 
 pub use terms::{EffectChoice, UserField};
 
-pub(crate) use model::BASE;
+pub(crate) use encoders::Encoders;
 pub(crate) use problem::Prepared;
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;
@@ -42,7 +43,7 @@ use crate::error::Error;
 use crate::lsq::{self, Solution, Termination};
 use crate::moves::Ends;
 use crate::recording::Recording;
-use model::Model;
+use model::{BASE, Model};
 use problem::Joint;
 use weights::Weights;
 
@@ -69,7 +70,13 @@ pub(crate) fn fit(
     gyroscope: &Triad<f64>,
 ) -> Result<JointFit, Error> {
     check_columns(prepared.recordings, terms)?;
-    let mut parameters = Model::parameters(accelerometer, gyroscope, &start_values(terms));
+    let start = Model {
+        accelerometer: *accelerometer,
+        gyroscope: *gyroscope,
+        values: start_values(terms),
+        stand: start_stand(prepared, accelerometer),
+    };
+    let mut parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
     check_determined(&problem, terms, &parameters)?;
@@ -98,7 +105,7 @@ pub(crate) fn predict(
     terms: &Terms<'_>,
     model: &Model,
 ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
-    let parameters = Model::parameters(&model.accelerometer, &model.gyroscope, &model.values);
+    let parameters = model.parameters();
     let weights = Weights::of(prepared, terms, &parameters, None)?;
     let linear = prepared.linearise(terms, &parameters)?;
     Ok(report::moves_of(&linear, &weights))
@@ -109,6 +116,21 @@ fn largest_move(before: &[f64], found: &Solution) -> f64 {
     let covariance = lsq::covariance(&found.jacobian);
     let change = |p: usize| (found.parameters[p] - before[p]).abs() / covariance[(p, p)].sqrt();
     (0..before.len()).map(change).fold(0.0, f64::max)
+}
+
+/// How the unit is mounted on the stand; the rest of it is taken for perfect.
+fn start_stand(prepared: &Prepared<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
+    let Some(encoders) = &prepared.encoders else { return Vec::new() };
+    let used = (0..prepared.rests.len()).filter(|&k| prepared.used[k]);
+    let (angles, up): (Vec<_>, Vec<_>) = used
+        .map(|k| {
+            let mean = prepared.rests[k].rest.specific_force.mean;
+            (*encoders.mean(k), accelerometer.correct(mean).normalize())
+        })
+        .unzip();
+    let mut stand = vec![0.0; encoders::STAND_PARAMETERS];
+    stand[..3].copy_from_slice(encoders::mount_rotation(&angles, &up).as_slice());
+    stand
 }
 
 /// No effect at all; time constants are typical.
@@ -149,8 +171,7 @@ fn check_determined(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) 
     for term in &terms.all {
         // Without an effect its time constant has no derivative, and the other terms must not stand in for this one.
         let own = BASE + term.first..BASE + term.first + term.linear;
-        let others =
-            (BASE..BASE + terms.count).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
+        let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();
         let typical = term.typical();
         let first = order.len() - term.linear;

@@ -151,7 +151,7 @@ impl Outcome {
             effects: joint.terms.clone(),
             names,
             values,
-            covariance: rows(&joint.covariance),
+            covariance: rows(&joint.covariance.submatrix(0, 0, parameters, parameters).to_owned()),
             figures: figures(&rests, &moves, &residuals, parameters - 3),
             rests,
             moves,

@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use faer::Mat;
+use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
@@ -14,7 +15,7 @@ use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::finding::{Finding, Severity};
 use crate::gyroscope::{self, GyroscopeBias, GyroscopeFit};
-use crate::joint::{self, JointFit, Prepared, Terms};
+use crate::joint::{self, Encoders, JointFit, Prepared, Terms};
 use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
@@ -244,6 +245,7 @@ impl UnitData<'_> {
             gyroscope_inverse: gyroscope.inverse(),
         };
         let drifts = joint::may_drift(options);
+        let with_encoders = options.effects.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
         let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, drifts)).collect();
         work(&Prepared {
             recordings: self.recordings,
@@ -253,6 +255,7 @@ impl UnitData<'_> {
             ends: &ends,
             noise: &noise,
             gravity_mps2: options.gravity_mps2,
+            encoders: with_encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
         })
     }
 

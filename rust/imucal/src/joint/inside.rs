@@ -52,7 +52,7 @@ pub(crate) fn innovations(
     let mut z = vec![0.0; n + 1];
     for (channel, d) in [start.up, first, start.up.cross(&first)].iter().enumerate() {
         let across = channel > 0;
-        let mut filter = Filter { state: vec![0.0; n + 1], variance: if across { g2 * noise.start } else { 0.0 } };
+        let mut filter = Filter::new(n, if across { g2 * noise.start } else { 0.0 });
         let walk = if across { g2 * noise.walk } else { 0.0 };
         let mut last_s = 0.0;
         for block in &pass.blocks {
@@ -60,7 +60,7 @@ pub(crate) fn innovations(
                 z[p] = d.dot(&(block.jacobian[p] - start.jacobian[p] * gravity_mps2));
             }
             z[n] = d.dot(&(block.force - start.up * gravity_mps2));
-            filter.variance += walk * (block.time_s - last_s);
+            filter.walk(walk * (block.time_s - last_s));
             last_s = block.time_s;
             filter.innovate(&mut z, noise.force / block.duration_s);
             push(&z);
@@ -79,14 +79,24 @@ pub(crate) fn innovations(
 }
 
 /// A scalar random walk seen through white noise, for a residual and all its derivatives at once.
-struct Filter {
+pub(super) struct Filter {
     state: Vec<f64>,
     variance: f64,
 }
 
 impl Filter {
+    /// For a residual and `parameters` derivatives; `variance` is that of the walk at its start.
+    pub(super) fn new(parameters: usize, variance: f64) -> Self {
+        Self { state: vec![0.0; parameters + 1], variance }
+    }
+
+    /// The walk goes on by this variance.
+    pub(super) fn walk(&mut self, variance: f64) {
+        self.variance += variance;
+    }
+
     /// Replaces what is seen by its innovation over its standard deviation.
-    fn innovate(&mut self, seen: &mut [f64], white_variance: f64) {
+    pub(super) fn innovate(&mut self, seen: &mut [f64], white_variance: f64) {
         let total = self.variance + white_variance;
         let gain = self.variance / total;
         for (value, state) in seen.iter_mut().zip(&mut self.state) {
@@ -110,11 +120,11 @@ mod tests {
         let covariance = |i: usize, j: usize| start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 };
         let seen: Vec<f64> = (0..n).map(|i| ((i * i) as f64).sin()).collect();
         let factor = Mat::from_fn(n, n, covariance).llt(faer::Side::Lower).unwrap().L().to_owned();
-        let mut filter = Filter { state: vec![0.0], variance: start };
+        let mut filter = Filter::new(0, start);
         let mut whitened: Vec<f64> = Vec::new();
         for (i, value) in seen.iter().enumerate() {
             if i > 0 {
-                filter.variance += walk;
+                filter.walk(walk);
             }
             let mut z = [*value];
             filter.innovate(&mut z, white);

@@ -1,7 +1,7 @@
 //! The list of all parameters and the sensor model that it stands for.
 //!
 //! Order: accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row by
-//! row), then the terms'.
+//! row), then the terms', then the stand's.
 
 use std::ops::Range;
 
@@ -9,6 +9,7 @@ use imucal_core::effects::Surroundings;
 use imucal_core::sensor::Triad;
 use nalgebra::{SMatrix, Vector3};
 
+use super::terms::Terms;
 use crate::accelerometer;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
@@ -27,23 +28,27 @@ pub(crate) struct Model {
     pub(crate) accelerometer: Triad<f64>,
     pub(crate) gyroscope: Triad<f64>,
     pub(crate) values: Vec<f64>,
+    /// Parameters of the stand; empty where it is not needed.
+    pub(crate) stand: Vec<f64>,
 }
 
 impl Model {
-    pub(crate) fn of(parameters: &[f64]) -> Result<Self, Error> {
+    pub(crate) fn of(parameters: &[f64], terms: &Terms<'_>) -> Result<Self, Error> {
         let bias = Vector3::from_column_slice(&parameters[GYRO_BIAS]);
         Ok(Self {
             accelerometer: accelerometer::triad_of(&parameters[ACCEL])?,
             gyroscope: gyroscope::triad_of(&parameters[GYRO_SENSITIVITY], bias)?,
-            values: parameters[BASE..].to_vec(),
+            values: parameters[BASE..BASE + terms.count].to_vec(),
+            stand: parameters[BASE + terms.count..].to_vec(),
         })
     }
 
-    pub(crate) fn parameters(accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, values: &[f64]) -> Vec<f64> {
-        let entries = SYMMETRIC.map(|(i, j)| accelerometer.sensitivity()[(i, j)]);
-        let rows = gyroscope.sensitivity().transpose();
-        let base = accelerometer.bias().iter().chain(&entries).chain(gyroscope.bias().iter()).chain(rows.iter());
-        base.chain(values).copied().collect()
+    pub(crate) fn parameters(&self) -> Vec<f64> {
+        let entries = SYMMETRIC.map(|(i, j)| self.accelerometer.sensitivity()[(i, j)]);
+        let rows = self.gyroscope.sensitivity().transpose();
+        let base =
+            self.accelerometer.bias().iter().chain(&entries).chain(self.gyroscope.bias().iter()).chain(rows.iter());
+        base.chain(&self.values).chain(&self.stand).copied().collect()
     }
 }
 

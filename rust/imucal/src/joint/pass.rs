@@ -14,6 +14,8 @@
 //!
 //! The slope of the effects with the rate itself is left out of d: it is below a per cent, and the residual is exact.
 
+use std::ops::Range;
+
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::integrate::increment;
 use imucal_core::so3::hat;
@@ -36,6 +38,8 @@ pub(crate) struct Pass {
     pub(crate) turn: Vec<Vector3<f64>>,
     /// Empty unless asked for.
     pub(crate) blocks: Vec<Block>,
+    /// The rotation at every sample of the move; empty unless asked for.
+    pub(crate) attitudes: Vec<Matrix3<f64>>,
 }
 
 /// A short stretch inside a move.
@@ -43,6 +47,10 @@ pub(crate) struct Block {
     /// From the start of the move to the centre, s.
     pub(crate) time_s: f64,
     pub(crate) duration_s: f64,
+    /// Its samples, counted from the first of the move.
+    pub(crate) samples: Range<usize>,
+    /// Mean of d_turn_d_p.
+    pub(crate) turn: Vec<Vector3<f64>>,
     /// Mean of the corrected force, turned to the body frame at the start of the move, m/s^2.
     pub(crate) force: Vector3<f64>,
     /// Its derivative by every parameter.
@@ -75,7 +83,7 @@ impl Sums {
     /// d_turn_d_p for every parameter, divided by `count`.
     fn turn(&self, model: &Model, terms: &Terms<'_>, count: f64) -> Vec<Vector3<f64>> {
         let inverse = model.gyroscope.inverse();
-        let mut turn = vec![Vector3::zeros(); BASE + terms.count];
+        let mut turn = vec![Vector3::zeros(); terms.total()];
         for i in 0..3 {
             let column = inverse.column(i) / -count;
             turn[GYRO_BIAS.start + i] = self.bias * column;
@@ -101,6 +109,7 @@ pub(crate) struct Route<'a> {
 
 /// A block in the making.
 struct Gathered {
+    first: usize,
     samples: usize,
     force: Vector3<f64>,
     by_parameters: nalgebra::SMatrix<f64, 3, 9>,
@@ -110,8 +119,9 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn new(count: usize, start_s: f64) -> Self {
+    fn new(count: usize, first: usize, start_s: f64) -> Self {
         Self {
+            first,
             samples: 0,
             force: Vector3::zeros(),
             by_parameters: nalgebra::SMatrix::zeros(),
@@ -125,8 +135,8 @@ impl Gathered {
         let count = self.samples as f64;
         let force = self.force / count;
         // Turning the start of the move by phi moves the force by phi x force.
-        let mut jacobian: Vec<Vector3<f64>> =
-            self.sums.turn(model, terms, count).iter().map(|turn| turn.cross(&force)).collect();
+        let turn = self.sums.turn(model, terms, count);
+        let mut jacobian: Vec<Vector3<f64>> = turn.iter().map(|turn| turn.cross(&force)).collect();
         for p in ACCEL {
             jacobian[p] = self.by_parameters.column(p) / count;
         }
@@ -135,7 +145,14 @@ impl Gathered {
                 jacobian[BASE + p] = column / -count;
             }
         }
-        Block { time_s: (self.start_s + end_s) / 2.0 - move_start_s, duration_s: end_s - self.start_s, force, jacobian }
+        Block {
+            time_s: (self.start_s + end_s) / 2.0 - move_start_s,
+            duration_s: end_s - self.start_s,
+            samples: self.first..self.first + self.samples,
+            turn,
+            force,
+            jacobian,
+        }
     }
 }
 
@@ -169,7 +186,8 @@ impl Route<'_> {
         let mut blocks = Vec::new();
         let block_samples = ((BLOCK_S * (last - first) as f64 / span.duration_s).round() as usize).max(1);
         let start_s = recording.time_s[first];
-        let mut gathered = Gathered::new(terms.count, start_s);
+        let mut gathered = Gathered::new(terms.count, 1, start_s);
+        let mut attitudes = Vec::new();
         for i in first..last {
             let h = recording.time_s[i + 1] - recording.time_s[i];
             let (k, four) = self.four(i);
@@ -195,8 +213,12 @@ impl Route<'_> {
                     *sum += a * (mean(&corrected.columns, terms.count, p) * h) + a0 * column(k1) - a1 * column(k0);
                 }
             }
+            if self.with_blocks && attitudes.is_empty() {
+                attitudes.push(rotation);
+            }
             rotation *= exp;
             if self.with_blocks {
+                attitudes.push(rotation);
                 let seen = force_by_parameters(&model.accelerometer, &corrected.seen_force[k1]);
                 gathered.samples += 1;
                 gathered.force += rotation * corrected.force[k1];
@@ -208,15 +230,15 @@ impl Route<'_> {
                 gathered.sums.add(&sums);
                 if gathered.samples == block_samples {
                     blocks.push(gathered.finish(model, terms, recording.time_s[i + 1], start_s));
-                    gathered = Gathered::new(terms.count, recording.time_s[i + 1]);
+                    gathered = Gathered::new(terms.count, i + 2 - first, recording.time_s[i + 1]);
                 }
             }
         }
-        Pass { rotation, turn: sums.turn(model, terms, 1.0), blocks }
+        Pass { rotation, turn: sums.turn(model, terms, 1.0), blocks, attitudes }
     }
 
     /// The samples that are corrected: those of the move, and one on either side where there is one.
-    fn reach(&self) -> std::ops::Range<usize> {
+    fn reach(&self) -> Range<usize> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
@@ -251,7 +273,11 @@ impl Route<'_> {
         };
         let passes = if terms.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
         for _ in 0..passes {
-            let slopes = if passes > 1 { slopes(&self.recording.time_s[reach.clone()], &all.rate) } else { Vec::new() };
+            let slopes = if passes > 1 {
+                slopes(&self.recording.time_s[reach.clone()], &all.rate, SLOPE_STEP_S)
+            } else {
+                Vec::new()
+            };
             self.correct_once(&mut all, &slopes, model, terms);
         }
         all
@@ -277,12 +303,12 @@ impl Route<'_> {
     }
 }
 
-/// Derivative of a rate by time: central differences of the fourth order over [`SLOPE_STEP_S`] or one sample, whichever is
-/// longer, and of the second order at the ends and where steps are uneven.
-fn slopes(time_s: &[f64], rate: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+/// Derivative of a rate by time: central differences of the fourth order over `step_s` or one sample, whichever is longer, and
+/// of the second order at the ends and where steps are uneven.
+pub(super) fn slopes(time_s: &[f64], rate: &[Vector3<f64>], step_s: f64) -> Vec<Vector3<f64>> {
     let last = rate.len() - 1;
     let interval_s = (time_s[last] - time_s[0]) / last.max(1) as f64;
-    let m = ((SLOPE_STEP_S / interval_s).round() as usize).max(1);
+    let m = ((step_s / interval_s).round() as usize).max(1);
     let slope = |k: usize| {
         let (left, right) = (k.saturating_sub(1), (k + 1).min(last));
         let plain = (rate[right] - rate[left]) / (time_s[right] - time_s[left]);

@@ -1,10 +1,13 @@
 //! The residuals of the joint fit and their derivatives.
 
+use std::ops::Range;
+
 use faer::Mat;
 use imucal_core::effects::{Need, Sensor, Surroundings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::attitude;
+use super::encoders::{self, EncoderMove, Encoders, StandModel};
 use super::inside::{self, EndDirection};
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
 use super::pass::{Pass, Route};
@@ -27,6 +30,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
+    /// Where an effect of the encoders is to be estimated.
+    pub(crate) encoders: Option<Encoders>,
 }
 
 /// A rest at given parameters.
@@ -69,6 +74,29 @@ pub(crate) struct Linear {
     /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
     pub(crate) rates: Vec<(usize, [Line; 3])>,
     pub(crate) moves: Vec<AtMove>,
+    /// Direction of gravity at the rests that take part.
+    directions: Vec<(usize, EndDirection)>,
+    in_motion: bool,
+    encoders: bool,
+}
+
+/// Rows of the whitened residuals beyond the lines and the rates.
+pub(crate) struct Groups {
+    pub(crate) inside: Range<usize>,
+    pub(crate) stand_rests: Range<usize>,
+    pub(crate) stand_moves: Range<usize>,
+}
+
+impl Linear {
+    pub(crate) fn groups(&self) -> Groups {
+        let start = self.lines.len() + 3 * self.rates.len();
+        let inside: usize = if self.in_motion { self.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
+        let rests = if self.encoders { 2 * self.directions.len() } else { 0 };
+        let count = |m: &AtMove| encoders::count(&m.pass, !self.in_motion);
+        let moves: usize = if self.encoders { self.moves.iter().map(count).sum() } else { 0 };
+        let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
+        Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
+    }
 }
 
 /// The joint problem.
@@ -85,9 +113,7 @@ impl<'a> Joint<'a> {
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
         let weights = Weights::of(prepared, terms, parameters, None)?;
         let linear = prepared.linearise(terms, parameters)?;
-        let inside: usize =
-            if acts_in_motion(terms) { linear.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
-        let rows = linear.lines.len() + 3 * linear.rates.len() + inside;
+        let rows = linear.groups().stand_moves.end;
         Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
     }
 
@@ -125,10 +151,47 @@ impl<'a> Joint<'a> {
                 });
             }
         }
+        if let Some(encoders) = &self.prepared.encoders {
+            self.stand_rows(encoders, &linear, parameters, |z, sigma| {
+                for (p, value) in z.iter().enumerate() {
+                    all[(row, p)] = *value / sigma;
+                }
+                row += 1;
+            })?;
+        }
         for &p in &self.fixed {
             all.col_mut(p).fill(0.0);
         }
         Ok((all.subcols(n, 1).to_owned(), all.subcols(0, n).to_owned()))
+    }
+}
+
+impl Joint<'_> {
+    /// Residuals against the stand; `push` takes each with its standard deviation.
+    fn stand_rows(
+        &self,
+        encoders: &Encoders,
+        linear: &Linear,
+        parameters: &[f64],
+        mut push: impl FnMut(&[f64], f64),
+    ) -> Result<(), Error> {
+        let (prepared, terms) = (self.prepared, self.terms);
+        let model = Model::of(parameters, terms)?;
+        let stand = StandModel::of(&model.stand);
+        for (k, direction) in &linear.directions {
+            let angles = encoders.at_rest(*k, &prepared.rests[*k], &model.values, terms);
+            for z in encoders::rest_rows(&angles, terms, &stand, parameters, direction) {
+                push(&z, self.weights.stand_sigma_rad);
+            }
+        }
+        for ((m, at_move), noise) in prepared.moves.iter().zip(&linear.moves).zip(&self.weights.encoders) {
+            let angles = encoders.in_move(&prepared.recordings[m.recording], m, &model.values, terms);
+            let rest = encoders.at_rest(m.from, &prepared.rests[m.from], &model.values, terms);
+            let seen = EncoderMove { span: m, angles: &angles, rest: &rest, stand: &stand };
+            let ends = [&at_move.before, &at_move.after];
+            seen.innovations(&at_move.pass, terms, parameters, ends, noise, |z| push(z, 1.0));
+        }
+        Ok(())
     }
 }
 
@@ -153,7 +216,7 @@ pub(crate) fn acts_in_motion(terms: &Terms<'_>) -> bool {
 impl Prepared<'_> {
     /// Residuals and derivatives at these parameters.
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
-        let model = Model::of(parameters)?;
+        let model = Model::of(parameters, terms)?;
         let with_attitude = terms.needs(Need::Attitude);
         let mut rests: Vec<Option<AtRest>> = (0..self.rests.len()).map(|_| None).collect();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
@@ -172,7 +235,7 @@ impl Prepared<'_> {
                     recording: &self.recordings[m.recording],
                     span: m,
                     rotation_world_from_start: attitudes[k],
-                    with_blocks: acts_in_motion(terms),
+                    with_blocks: acts_in_motion(terms) || terms.with_encoders(),
                 };
                 let pass = route.pass(&model, terms);
                 let direction =
@@ -205,7 +268,7 @@ impl Prepared<'_> {
         let mut columns = vec![Vector3::zeros(); terms.count];
         let (on_rate, force) =
             terms.at_rest(&model.values, seen, &around, *recording, rest.first..rest.end, &mut columns);
-        let mut force_jacobian = vec![Vector3::zeros(); BASE + terms.count];
+        let mut force_jacobian = vec![Vector3::zeros(); terms.total()];
         let by_parameters = force_by_parameters(&model.accelerometer, &seen);
         for p in ACCEL {
             force_jacobian[p] = by_parameters.column(p).into_owned();
@@ -219,7 +282,8 @@ impl Prepared<'_> {
     }
 
     fn lines(&self, model: &Model, terms: &Terms<'_>, rests: &[Option<AtRest>], moves: Vec<AtMove>) -> Linear {
-        let n = BASE + terms.count;
+        let n = terms.total();
+        let mut directions = Vec::new();
         let (mut lines, mut rates) = (Vec::new(), Vec::new());
         let mut next_move = 0;
         for (k, at_rest) in rests.iter().enumerate() {
@@ -232,14 +296,16 @@ impl Prepared<'_> {
                 source: Source::Norm(k),
             });
             while self.moves.get(next_move).is_some_and(|m| m.from == k) {
-                if !acts_in_motion(terms) {
+                if !acts_in_motion(terms) && !terms.with_encoders() {
                     lines.extend(self.move_lines(next_move, &moves[next_move], rests));
                 }
                 next_move += 1;
             }
+            directions.push((k, at_rest.direction()));
             rates.push((k, self.rate_lines(k, at_rest, model, n, terms)));
         }
-        Linear { lines, rates, moves }
+        let (in_motion, encoders) = (acts_in_motion(terms), terms.with_encoders());
+        Linear { lines, rates, moves, directions, in_motion, encoders }
     }
 
     /// Components of the carried minus the measured direction, across the latter.

@@ -48,7 +48,7 @@ impl JointFit {
         solution: Solution,
         iterations: u64,
     ) -> Result<Self, Error> {
-        let model = Model::of(&solution.parameters)?;
+        let model = Model::of(&solution.parameters, terms)?;
         let linear = problem.prepared.linearise(terms, &solution.parameters)?;
         let covariance = lsq::covariance(&solution.jacobian);
         let mut norms = vec![None; problem.prepared.rests.len()];
@@ -79,7 +79,7 @@ impl JointFit {
         let report = FitReport {
             chi2: solution.chi2,
             degrees_of_freedom,
-            inflation: scales.norms.max(scales.moves).max(scales.inside),
+            inflation: scales.largest(),
             iterations,
             termination: solution.termination,
         };

@@ -10,6 +10,8 @@
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
 use nalgebra::Vector3;
 
+use super::encoders::STAND_PARAMETERS;
+use super::model::BASE;
 use crate::error::Error;
 
 /// An effect of the catalogue that is to be estimated.
@@ -131,12 +133,6 @@ impl<'a> Terms<'a> {
         let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new() };
         for choice in choices {
             let effect = choice.effect;
-            if effect.sensor == Sensor::Encoder {
-                return Err(Error::Input(format!(
-                    "{} is an error of the stand, not of the unit: it can be simulated, and is not estimated yet",
-                    effect.name
-                )));
-            }
             let linear = if choice.full { effect.parameters.len() } else { effect.plain };
             terms.push(Kind::Catalogue(effect), effect.sensor, linear)?;
         }
@@ -170,7 +166,7 @@ impl<'a> Terms<'a> {
 
     /// Sets one column for each parameter, at a true state.
     #[inline]
-    fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, columns: &mut [Vector3<f64>]) {
+    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, columns: &mut [Vector3<f64>]) {
         let mut room: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
         for term in &self.all {
             let own = &mut columns[term.first..term.first + term.count()];
@@ -195,19 +191,27 @@ impl<'a> Terms<'a> {
         }
     }
 
+    /// What the terms of a sensor together add.
+    #[inline]
+    pub(super) fn sum_of(&self, sensor: Sensor, values: &[f64], columns: &[Vector3<f64>]) -> Vector3<f64> {
+        let own = self.all.iter().filter(|term| term.sensor == sensor).map(|term| term.first..term.first + term.linear);
+        own.flatten().map(|p| columns[p] * values[p]).sum()
+    }
+
     /// What all terms together add to the rate and to the force.
     #[inline]
     fn sums(&self, values: &[f64], columns: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
-        let (mut on_rate, mut on_force) = (Vector3::zeros(), Vector3::zeros());
-        for term in &self.all {
-            let range = term.first..term.first + term.linear;
-            let sum: Vector3<f64> = columns[range.clone()].iter().zip(&values[range]).map(|(c, v)| c * *v).sum();
-            match term.sensor {
-                Sensor::Gyroscope => on_rate += sum,
-                _ => on_force += sum,
-            }
-        }
-        (on_rate, on_force)
+        (self.sum_of(Sensor::Gyroscope, values, columns), self.sum_of(Sensor::Accelerometer, values, columns))
+    }
+
+    /// Whether an effect of the encoders is to be estimated, and the stand along with it.
+    pub(crate) fn with_encoders(&self) -> bool {
+        self.all.iter().any(|term| term.sensor == Sensor::Encoder)
+    }
+
+    /// Number of all parameters: the base, the terms', and those of the stand if it is needed.
+    pub(crate) fn total(&self) -> usize {
+        BASE + self.count + if self.with_encoders() { STAND_PARAMETERS } else { 0 }
     }
 
     /// True rate and force of what the sensors see, and the columns at that state.

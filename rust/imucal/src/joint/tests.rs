@@ -1,6 +1,6 @@
 //! Every effect, simulated alone and without noise, comes back.
 
-use imucal_core::effects::{Effect, EffectSet, EffectValues, Sensor, State, Surroundings};
+use imucal_core::effects::{Effect, EffectSet, EffectValues, State, Surroundings};
 use nalgebra::Vector3;
 
 use super::EffectChoice;
@@ -16,6 +16,7 @@ struct Run {
     force: Vec<[f64; 3]>,
     rate: Vec<[f64; 3]>,
     temperature: Vec<f64>,
+    stand: Vec<[f64; 3]>,
 }
 
 /// The paper's program and unit with one effect, 1 kHz, no noise, heated and cooled.
@@ -25,8 +26,14 @@ fn run(values: &EffectValues<f64>) -> Run {
     let mut effects = EffectSet::none();
     effects.push(*values).unwrap();
     let samples = (program.duration_s() * 1000.0) as usize;
-    let motion = Motion::Stand { program, stand: Stand::perfect() };
-    let mut run = Run { time_s: vec![], force: vec![], rate: vec![], temperature: vec![] };
+    let stand = Stand {
+        mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),
+        base_tilt_rad: [0.01, -0.02],
+        non_orthogonality_rad: [0.005, -0.003],
+        ..Stand::perfect()
+    };
+    let motion = Motion::Stand { program, stand: stand.clone() };
+    let mut run = Run { time_s: vec![], force: vec![], rate: vec![], temperature: vec![], stand: vec![] };
     for i in 0..samples {
         let time_s = i as f64 / 1000.0;
         let moment = motion.at(time_s);
@@ -48,12 +55,13 @@ fn run(values: &EffectValues<f64>) -> Run {
         run.force.push(seen(&unit.accelerometer, state.specific_force + on_force));
         run.rate.push(seen(&unit.gyroscope, state.angular_rate + on_rate));
         run.temperature.push(temperature_degc);
+        run.stand.push(stand.read_encoders(&moment.stand.unwrap(), &effects, Vector3::zeros()).into());
     }
     run
 }
 
-fn typical(effect: &'static Effect<f64>) -> EffectValues<f64> {
-    let values: Vec<f64> = effect.parameters[..effect.plain]
+fn typical(effect: &'static Effect<f64>, count: usize) -> EffectValues<f64> {
+    let values: Vec<f64> = effect.parameters[..count]
         .iter()
         .enumerate()
         .map(|(k, parameter)| parameter.typical * if k % 2 == 0 { 1.0 } else { -0.7 })
@@ -61,55 +69,73 @@ fn typical(effect: &'static Effect<f64>) -> EffectValues<f64> {
     EffectValues::try_new(effect, &values, effect.shape.map(|_| 80.0)).unwrap()
 }
 
-fn estimate(run: &Run, effect: &'static Effect<f64>) -> Result<Outcome, Error> {
+fn estimate(run: &Run, effect: &'static Effect<f64>, full: bool) -> Result<Outcome, Error> {
     let mut recording = Recording::try_new("run", &run.time_s, &run.force, &run.rate).unwrap();
     recording.temperature_degc = Some(&run.temperature);
-    let options = Options { effects: vec![EffectChoice { effect, full: false }], ..Options::default() };
+    recording.stand_rad = Some(&run.stand);
+    let options = Options { effects: vec![EffectChoice { effect, full }], ..Options::default() };
     calibrate(&[recording], &options)
+}
+
+/// Largest error of the linear parameters as a share of the largest of them, and that of the shape.
+fn errors(outcome: &Outcome, truth: &EffectValues<f64>) -> (f64, f64) {
+    let found = &outcome.effects[0];
+    let size = truth.values().iter().fold(0.0, |largest: f64, v| largest.max(v.abs()));
+    let pairs = found.values.iter().zip(truth.values());
+    let values = pairs.map(|(found, truth)| (found - truth).abs() / size).fold(0.0, f64::max);
+    let shape = found.shape.zip(truth.shape()).map_or(0.0, |(found, truth)| (found / truth - 1.0).abs());
+    (values, shape)
+}
+
+/// North is not known to gravity: of the Earth's rate its size and its vertical part are.
+fn without_heading(values: &[f64]) -> [f64; 2] {
+    [values[0].hypot(values[1]), values[2]]
 }
 
 #[test]
 fn every_effect_comes_back() {
-    for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor != Sensor::Encoder) {
-        let truth = typical(effect);
-        match estimate(&run(&truth), effect) {
-            Err(error) => println!("{}: {error}", effect.name),
-            Ok(outcome) => {
-                let found = &outcome.effects[0];
-                let size = truth.values().iter().fold(0.0f64, |m, v| m.max(v.abs()));
-                let worst =
-                    found.values.iter().zip(truth.values()).map(|(f, t)| (f - t).abs() / size).fold(0.0, f64::max);
-                let shape = found.shape.map_or(0.0, |s| s / 80.0 - 1.0);
-                println!(
-                    "{}: {worst:.1e} shape {shape:.1e} its {} chi2 {:.1e}",
-                    effect.name,
-                    outcome.joint_fit.unwrap().iterations,
-                    outcome.joint_fit.unwrap().chi2
-                );
-            }
+    for effect in Effect::<f64>::catalogue().filter(|effect| effect.name != "gyro_g2_sensitivity") {
+        let truth = typical(effect, effect.plain);
+        let outcome = estimate(&run(&truth), effect, false).unwrap();
+        if effect.name == "earth_rate" {
+            let (found, truth) = (without_heading(&outcome.effects[0].values), without_heading(truth.values()));
+            assert!((0..2).all(|i| (found[i] / truth[i] - 1.0).abs() < 1e-5), "{found:?} {truth:?}");
+            continue;
         }
+        let (values, shape) = errors(&outcome, &truth);
+        println!("{}: {values:.1e} {shape:.1e}", effect.name);
+        assert!(values < 1e-5 && shape < 1e-5, "{}: {values:e} {shape:e}", effect.name);
     }
 }
 
 #[test]
-fn diagnose() {
-    let effect = Effect::find("gyro_g_sensitivity").unwrap();
-    let r = run(&typical(effect));
-    let program = Program::random(&RandomMoves::default(), 1).unwrap();
-    let recording = Recording::try_new("run", &r.time_s, &r.force, &r.rate).unwrap();
-    let segments = crate::segment::Segments::find(&recording, 1.0).unwrap();
-    println!("{:?}", segments.threshold);
-    for (rest, (a, b)) in segments.rests.iter().zip(program.rests()).take(8) {
-        println!(
-            "{:.4} {:.4}  {:.1e} {:?}",
-            rest.start_s - a,
-            rest.end_s - b,
-            rest.unsteadiness,
-            rest.specific_force.variance_of_mean.map(f64::sqrt)
-        );
+fn full_forms_come_back() {
+    for name in ["gyro_bias_temperature", "accel_bias_temperature", "encoder_eccentricity"] {
+        let effect = Effect::find(name).unwrap();
+        let truth = typical(effect, effect.parameters.len());
+        let (values, _) = errors(&estimate(&run(&truth), effect, true).unwrap(), &truth);
+        assert!(values < 1e-5, "{name}: {values:e}");
     }
-    let outcome = estimate(&r, effect).unwrap();
-    for (m, rest) in outcome.moves.iter().zip(&outcome.rests).take(8) {
-        println!("{:.2e} rad, {:.2e} m/s2", m.direction_error_deg.to_radians(), rest.norm_error_mps2);
+}
+
+/// At rest the squares of the three forces add up to g^2: three of nine directions are a bias. Forces other than g would
+/// tell them apart, and a stand has none.
+#[test]
+fn what_a_stand_does_not_show_is_refused_with_the_reason() {
+    let effect = Effect::find("gyro_g2_sensitivity").unwrap();
+    let error = estimate(&run(&typical(effect, effect.plain)), effect, false).unwrap_err();
+    let Error::NotEnoughMotion(message) = error else { panic!("{error}") };
+    assert!(message.starts_with("3 of 9 directions of gyro_g2_sensitivity"), "{message}");
+    assert!(message.contains("gyro_bias is told apart by forces far from g"), "{message}");
+}
+
+#[test]
+fn an_effect_needs_its_columns() {
+    let r = run(&typical(Effect::find("gyro_bias_drift").unwrap(), 3));
+    let recording = Recording::try_new("run", &r.time_s, &r.force, &r.rate).unwrap();
+    for (name, column) in [("accel_bias_temperature", "temp_degc"), ("encoder_backlash", "stand_1")] {
+        let effects = vec![EffectChoice { effect: Effect::find(name).unwrap(), full: false }];
+        let error = calibrate(&[recording], &Options { effects, ..Options::default() }).unwrap_err();
+        assert!(matches!(&error, Error::Input(message) if message.contains(column)), "{error}");
     }
 }

@@ -7,6 +7,7 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
+use super::encoders::{EncoderNoise, Encoders};
 use super::inside::InsideNoise;
 use super::model::Model;
 use super::problem::{Linear, Prepared, Source, acts_in_motion};
@@ -14,7 +15,8 @@ use super::terms::Terms;
 use super::whiten::{Shares, Whitening};
 use crate::error::Error;
 use crate::lsq::{self, Solution};
-use crate::moves::random_walk_rad;
+use crate::moves::{End, Move, random_walk_rad};
+use crate::stats::median;
 
 /// No standard deviation is finer: a noise-free simulation has no scatter at all.
 const FINEST_MPS2: f64 = 1e-5;
@@ -28,6 +30,10 @@ pub(crate) struct Weights {
     pub(crate) rate_sigma: Vec<Vector3<f64>>,
     /// One for each move.
     pub(crate) inside: Vec<InsideNoise>,
+    /// Standard deviation of the stand's direction of gravity against the measured one, rad, for each rest.
+    pub(crate) stand_sigma_rad: f64,
+    /// One for each move.
+    pub(crate) encoders: Vec<EncoderNoise>,
     /// Standard deviation of each component of a move's direction that noise explains, rad.
     pub(crate) move_sigma_rad: Vec<f64>,
     pub(crate) scales: Scales,
@@ -39,6 +45,8 @@ pub(crate) struct Scales {
     pub(crate) norms: f64,
     pub(crate) moves: f64,
     pub(crate) inside: f64,
+    pub(crate) stand_rests: f64,
+    pub(crate) stand_moves: f64,
 }
 
 impl Weights {
@@ -49,7 +57,7 @@ impl Weights {
         parameters: &[f64],
         found: Option<(&Solution, &Scales)>,
     ) -> Result<Self, Error> {
-        let model = Model::of(parameters)?;
+        let model = Model::of(parameters, terms)?;
         let linear = prepared.linearise(terms, parameters)?;
         let leverages = found.map(|(solution, _)| lsq::leverages(&solution.jacobian));
         let scales = match (found, &leverages) {
@@ -76,6 +84,8 @@ impl Weights {
             whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
             rate_sigma: rate_sigmas(prepared, &model, &linear, [0, 1, 2].map(free)),
             inside: if acts_in_motion(terms) { inside_noise(prepared, &model, &scales) } else { Vec::new() },
+            stand_sigma_rad: stand_sigma_rad(prepared, &scales),
+            encoders: encoder_noise(prepared, &model, &scales, !acts_in_motion(terms)),
             move_sigma_rad: (0..prepared.moves.len()).map(|k| move_sigma_rad(prepared, &model, k)).collect(),
             scales,
         })
@@ -168,19 +178,52 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
         .collect()
 }
 
+/// What noise of accelerometer and encoders leaves of the direction at a rest: the typical of all ends of moves.
+fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
+    let mut shared: Vec<f64> =
+        prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();
+    let reading = prepared.encoders.as_ref().map_or(0.0, Encoders::variance);
+    ((median(&mut shared) + reading) * scales.stand_rests * scales.stand_rests + FINEST_RAD * FINEST_RAD).sqrt()
+}
+
+/// The noise of the encoders inside each move.
+fn encoder_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales, with_end: bool) -> Vec<EncoderNoise> {
+    let Some(encoders) = &prepared.encoders else { return Vec::new() };
+    let finest = FINEST_RAD * FINEST_RAD;
+    let reading = encoders.variance() * scales.stand_moves * scales.stand_moves + finest;
+    let noise = |(m, [_, after]): (&Move, &[End; 2])| {
+        let walk = random_walk_rad(&prepared.noise[m.recording].angular_rate, model.gyroscope.inverse(), 1.0);
+        EncoderNoise {
+            reading,
+            walk: walk * walk + finest / m.duration_s,
+            end: with_end.then_some(after.own_variance + after.shared_variance + finest),
+        }
+    };
+    prepared.moves.iter().zip(prepared.ends).map(noise).collect()
+}
+
 impl Scales {
-    pub(crate) const NONE: Self = Self { norms: 1.0, moves: 1.0, inside: 1.0 };
+    /// The largest.
+    pub(crate) fn largest(&self) -> f64 {
+        [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves].into_iter().fold(1.0, f64::max)
+    }
+
+    pub(crate) const NONE: Self = Self { norms: 1.0, moves: 1.0, inside: 1.0, stand_rests: 1.0, stand_moves: 1.0 };
 
     /// The scales with which each group's chi2 is what chance leaves.
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64]) -> Self {
         let lines = &linear.lines;
-        let inside = lines.len() + 3 * linear.rates.len();
+        let groups = linear.groups();
         let norm = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Norm(_));
         let a_move = |row: usize| row < lines.len() && matches!(lines[row].source, Source::Move(_));
+        let refined =
+            |scale: f64, chosen: &dyn Fn(usize) -> bool| refine(scale, &solution.residuals, leverages, chosen);
         Self {
-            norms: refine(self.norms, &solution.residuals, leverages, norm),
-            moves: refine(self.moves, &solution.residuals, leverages, a_move),
-            inside: refine(self.inside, &solution.residuals, leverages, |row| row >= inside),
+            norms: refined(self.norms, &norm),
+            moves: refined(self.moves, &a_move),
+            inside: refined(self.inside, &|row| groups.inside.contains(&row)),
+            stand_rests: refined(self.stand_rests, &|row| groups.stand_rests.contains(&row)),
+            stand_moves: refined(self.stand_moves, &|row| groups.stand_moves.contains(&row)),
         }
     }
 }

@@ -18,12 +18,12 @@ use std::f64::consts::TAU;
 
 use imucal_core::effects::{EffectSet, StandState, State, Surroundings};
 use imucal_core::so3;
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::attitude::Attitude;
 use super::gimbal;
 use super::motion::Moment;
-use super::profile::Course;
+use super::profile::{Course, MotorState};
 use super::program::Phase;
 use crate::error::Error;
 
@@ -85,6 +85,12 @@ impl Stand {
             }
             None => read_rad,
         }
+    }
+
+    /// Attitude of the unit at rest, `v_world = r_wb * v_body`.
+    pub fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
+        let motors = MotorState::still(*angle_rad);
+        self.moment(&Phase { motors, direction: Vector3::zeros(), turn: None }).rotation_world_from_body
     }
 
     /// What the unit undergoes in this phase of a program.
