@@ -14,6 +14,7 @@ from typing import Any
 
 from imucal.calibrate import CalibrationResult, calibrate
 from imucal.calibration import Calibration, Parameter, Provenance, Triad
+from imucal.effects import Effect, EffectParameter, EffectValues, State, UserEffect
 from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEnoughMotionError
 from imucal.evaluate import Evaluation, evaluate
 from imucal.finding import Finding, Place
@@ -25,6 +26,9 @@ from imucal.simulate import Program, Simulation, Step, Truth, simulate
 __all__ = [
     "Calibration",
     "CalibrationResult",
+    "Effect",
+    "EffectParameter",
+    "EffectValues",
     "Evaluation",
     "Finding",
     "FitError",
@@ -40,9 +44,11 @@ __all__ = [
     "Recording",
     "Simulation",
     "Source",
+    "State",
     "Step",
     "Triad",
     "Truth",
+    "UserEffect",
     "__version__",
     "calibrate",
     "evaluate",

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from imucal.finding import Finding
 
 __all__ = [
+    "REFERENCE_TEMPERATURE_DEGC",
     "Carried",
+    "Effect",
     "Evaluation",
     "Figures",
     "FitReport",
@@ -20,10 +22,14 @@ __all__ = [
     "Simulation",
     "Threshold",
     "__version__",
+    "angular_acceleration",
     "calibrate",
     "convert_frame",
     "correct",
+    "correct_recording",
     "cross_validate",
+    "effect_field",
+    "effects",
     "evaluate",
     "grid_program",
     "inspect",
@@ -34,6 +40,7 @@ __all__ = [
 ]
 
 __version__: str
+REFERENCE_TEMPERATURE_DEGC: float
 
 _Array = NDArray[np.float64]
 _Step = tuple[Sequence[float], float, float]
@@ -62,11 +69,35 @@ class _Triad(Protocol):
     @property
     def bias(self) -> _Array: ...
 
+class _EffectValues(Protocol):
+    @property
+    def name(self) -> str: ...
+    @property
+    def values(self) -> _Array: ...
+    @property
+    def shape(self) -> float | None: ...
+
 class _Calibration(Protocol):
     @property
     def accelerometer(self) -> _Triad: ...
     @property
     def gyroscope(self) -> _Triad: ...
+    @property
+    def effects(self) -> Sequence[_EffectValues]: ...
+
+class _State(Protocol):
+    @property
+    def angular_rate(self) -> _Array: ...
+    @property
+    def specific_force(self) -> _Array: ...
+    @property
+    def time_s(self) -> _Array: ...
+    @property
+    def angular_acceleration(self) -> _Array | None: ...
+    @property
+    def temperature_degc(self) -> _Array | None: ...
+    @property
+    def rotation_wxyz(self) -> _Array | None: ...
 
 class _Options(Protocol):
     @property
@@ -81,6 +112,27 @@ class _Options(Protocol):
     def accel_nominal(self) -> float | None: ...
     @property
     def gyro_nominal(self) -> float | None: ...
+
+@final
+class Effect:
+    @property
+    def name(self) -> str: ...
+    @property
+    def sensor(self) -> str: ...
+    @property
+    def parameters(self) -> list[tuple[str, str, float]]: ...
+    @property
+    def plain(self) -> int: ...
+    @property
+    def shape(self) -> tuple[str, str, float] | None: ...
+    @property
+    def needs(self) -> list[str]: ...
+    @property
+    def formula(self) -> str: ...
+    @property
+    def observable(self) -> str: ...
+    @property
+    def aliases(self) -> list[tuple[str, str]]: ...
 
 @final
 class Figures:
@@ -281,6 +333,10 @@ def inspect(recording: _Recording, gravity_mps2: float, min_rest_s: float) -> In
 def correct(
     calibration: _Calibration, angular_rate: _Array, specific_force: _Array
 ) -> tuple[_Array, _Array]: ...
+def correct_recording(calibration: _Calibration, recording: _Recording) -> tuple[_Array, _Array]: ...
+def angular_acceleration(time_s: _Array, angular_rate: _Array) -> _Array: ...
+def effects() -> list[Effect]: ...
+def effect_field(name: str, shape: float | None, state: _State) -> _Array: ...
 def convert_frame(
     accel_sensitivity: _Array, gyro_sensitivity: _Array, frame: str
 ) -> tuple[_Array, _Array]: ...

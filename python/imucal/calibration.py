@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, as_matrix, as_rows
 from imucal.document import Node, plain, read_json, write_json
+from imucal.effects import EffectValues
 from imucal.errors import FormatError, InputError
 from imucal.recording import AccelUnit, GyroUnit, Recording, Source
 
@@ -108,6 +109,7 @@ class Calibration:
     accel_unit: AccelUnit = "m/s^2"
     gyro_unit: GyroUnit = "rad/s"
     gravity_mps2: float = 9.80665
+    effects: tuple[EffectValues, ...] = ()
     covariance: FloatArray | None = None
     covariance_names: tuple[str, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)

@@ -11,6 +11,7 @@ use nalgebra::{Matrix3, Vector3};
 use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
+use crate::effects::EffectArrays;
 use crate::error::ToPython;
 
 /// The columns of an `imucal.Recording`, taken by attribute.
@@ -73,11 +74,16 @@ impl TriadArrays<'_> {
 pub(crate) struct CalibrationArrays<'py> {
     accelerometer: TriadArrays<'py>,
     gyroscope: TriadArrays<'py>,
+    effects: Vec<EffectArrays<'py>>,
 }
 
 impl CalibrationArrays<'_> {
     pub(crate) fn calibration(&self, py: Python<'_>) -> PyResult<Calibration<f64>> {
-        Ok(Calibration::new(self.accelerometer.triad(py, "accelerometer")?, self.gyroscope.triad(py, "gyroscope")?))
+        Ok(Calibration {
+            accelerometer: self.accelerometer.triad(py, "accelerometer")?,
+            gyroscope: self.gyroscope.triad(py, "gyroscope")?,
+            effects: EffectArrays::set(py, &self.effects)?,
+        })
     }
 }
 

@@ -4,6 +4,7 @@
 //! with the interpreter released; errors become the classes of `imucal.errors` (`error`).
 
 mod arrays;
+mod effects;
 mod error;
 mod results;
 mod simulation;
@@ -24,6 +25,8 @@ mod _core {
     use pyo3::prelude::*;
 
     use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, column, matrix, rows, to_rows};
+    #[pymodule_export]
+    use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};
     #[pymodule_export]
     use super::results::{Carried, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold};
@@ -34,6 +37,10 @@ mod _core {
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
+    /// The temperature, degC, from which the effects of temperature count.
+    #[pymodule_export]
+    const REFERENCE_TEMPERATURE_DEGC: f64 = library::recording::REFERENCE_TEMPERATURE_DEGC;
+
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
     fn frame_named(name: &str) -> Result<Frame, Error> {
@@ -42,6 +49,13 @@ mod _core {
             "triangular" => Ok(Frame::Triangular),
             _ => Err(Error::Input(format!("frame is {name:?}: give symmetric or triangular"))),
         }
+    }
+
+    fn require_same_length(time: usize, rate: usize) -> Result<(), Error> {
+        if time == rate {
+            return Ok(());
+        }
+        Err(Error::Input(format!("time_s has {time} rows, angular_rate {rate}")))
     }
 
     /// Options of a calibration from keyword arguments.
@@ -165,6 +179,32 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
+    /// Corrects a recording with what it says of time, temperature and angular acceleration.
+    #[pyfunction]
+    fn correct_recording<'py>(
+        py: Python<'py>,
+        calibration: CalibrationArrays<'py>,
+        recording: RecordingColumns<'py>,
+    ) -> PyResult<(Rows<'py>, Rows<'py>)> {
+        let calibration = calibration.calibration(py)?;
+        let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+        let (rate, force) = py.detach(|| library::correct::correct(&views[0], &calibration));
+        Ok((to_rows(py, rate)?, to_rows(py, force)?))
+    }
+
+    /// Derivative of angular rate by time, rad/s^2, (N, 3); no rows for a single sample.
+    #[pyfunction]
+    fn angular_acceleration<'py>(
+        py: Python<'py>,
+        time_s: PyReadonlyArray1<'py, f64>,
+        angular_rate: PyReadonlyArray2<'py, f64>,
+    ) -> PyResult<Rows<'py>> {
+        let time = column(py, &time_s, "time_s")?;
+        let rate = rows(py, &angular_rate, "angular_rate")?;
+        require_same_length(time.len(), rate.len()).to_python(py)?;
+        to_rows(py, py.detach(|| library::correct::angular_acceleration(time, rate)))
+    }
+
     /// The sensitivities of both triads in another body frame: `(accelerometer, gyroscope)`.
     #[pyfunction]
     fn convert_frame<'py>(
@@ -192,10 +232,7 @@ mod _core {
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let time = column(py, &time_s, "time_s")?;
         let rate = rows(py, &angular_rate, "angular_rate")?;
-        if time.len() != rate.len() {
-            let message = format!("time_s has {} rows, angular_rate {}", time.len(), rate.len());
-            return Err(Error::Input(message)).to_python(py);
-        }
+        require_same_length(time.len(), rate.len()).to_python(py)?;
         let rotation = py.detach(|| {
             let mut integrator = Integrator::new();
             let mut last = time.first().copied().unwrap_or(0.0);

@@ -34,6 +34,7 @@
 
 pub mod calibrate;
 pub mod check;
+pub mod correct;
 pub mod error;
 pub mod evaluate;
 pub mod finding;

@@ -1,0 +1,182 @@
+//! The catalogue of effects for Python: its rows, its fields, and effects with numbers on their way in.
+
+use imucal::error::Error;
+use imucal::recording::REFERENCE_TEMPERATURE_DEGC;
+use imucal_core::effects::{self as library, Columns, EffectSet, MAX_PARAMETERS, State, Surroundings};
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::prelude::*;
+
+use crate::arrays::{column, rows};
+use crate::error::ToPython;
+
+/// Name, unit and typical size.
+type ParameterTuple = (&'static str, &'static str, f64);
+
+/// One row of the catalogue.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Effect {
+    name: &'static str,
+    sensor: &'static str,
+    parameters: Vec<ParameterTuple>,
+    plain: usize,
+    shape: Option<ParameterTuple>,
+    needs: Vec<&'static str>,
+    formula: &'static str,
+    observable: &'static str,
+    /// What it is mistaken for, and what tells them apart.
+    aliases: Vec<(&'static str, &'static str)>,
+}
+
+impl From<&library::Effect<f64>> for Effect {
+    fn from(effect: &library::Effect<f64>) -> Self {
+        let parameter = |p: &library::Parameter| (p.name, p.unit, p.typical);
+        Self {
+            name: effect.name,
+            sensor: match effect.sensor {
+                library::Sensor::Accelerometer => "accelerometer",
+                library::Sensor::Gyroscope => "gyroscope",
+            },
+            parameters: effect.parameters.iter().map(parameter).collect(),
+            plain: effect.plain,
+            shape: effect.shape.as_ref().map(parameter),
+            needs: effect.needs.iter().map(need).collect(),
+            formula: effect.formula,
+            observable: effect.observable,
+            aliases: effect.aliases.iter().map(|alias| (alias.with, alias.told_apart_by)).collect(),
+        }
+    }
+}
+
+fn need(need: &library::Need) -> &'static str {
+    match need {
+        library::Need::AngularAcceleration => "angular_acceleration",
+        library::Need::Attitude => "attitude",
+        library::Need::Temperature => "temperature",
+        library::Need::Time => "time",
+    }
+}
+
+/// The rows of the catalogue.
+#[pyfunction]
+pub(crate) fn effects() -> Vec<Effect> {
+    library::Effect::<f64>::catalogue().map(Effect::from).collect()
+}
+
+fn find(name: &str) -> Result<&'static library::Effect<f64>, Error> {
+    library::Effect::find(name).ok_or_else(|| {
+        Error::Input(format!("the effect {name:?} is not in the catalogue: imucal.effects.catalogue() lists it"))
+    })
+}
+
+/// An `imucal.EffectValues`, taken by attribute.
+#[derive(FromPyObject)]
+pub(crate) struct EffectArrays<'py> {
+    name: String,
+    values: PyReadonlyArray1<'py, f64>,
+    shape: Option<f64>,
+}
+
+impl EffectArrays<'_> {
+    /// The effects of a unit as the library takes them.
+    pub(crate) fn set(py: Python<'_>, effects: &[Self]) -> PyResult<EffectSet<f64>> {
+        let mut set = EffectSet::none();
+        for effect in effects {
+            let values = column(py, &effect.values, &format!("the values of {}", effect.name))?;
+            let row = find(&effect.name).to_python(py)?;
+            library::EffectValues::try_new(row, values, effect.shape)
+                .and_then(|values| set.push(values))
+                .map_err(|error| Error::Input(error.to_string()))
+                .to_python(py)?;
+        }
+        Ok(set)
+    }
+}
+
+/// An `imucal.effects.State`, taken by attribute: rows are samples, None is not known.
+#[derive(FromPyObject)]
+pub(crate) struct StateArrays<'py> {
+    angular_rate: PyReadonlyArray2<'py, f64>,
+    specific_force: PyReadonlyArray2<'py, f64>,
+    angular_acceleration: Option<PyReadonlyArray2<'py, f64>>,
+    time_s: PyReadonlyArray1<'py, f64>,
+    temperature_degc: Option<PyReadonlyArray1<'py, f64>>,
+    rotation_wxyz: Option<PyReadonlyArray2<'py, f64>>,
+}
+
+impl StateArrays<'_> {
+    fn states(&self, py: Python<'_>) -> PyResult<Vec<State<f64>>> {
+        let rate = rows(py, &self.angular_rate, "angular_rate")?;
+        let force = rows(py, &self.specific_force, "specific_force")?;
+        let time_s = column(py, &self.time_s, "time_s")?;
+        let acceleration = match &self.angular_acceleration {
+            Some(values) => Some(rows(py, values, "angular_acceleration")?),
+            None => None,
+        };
+        let temperature_degc = match &self.temperature_degc {
+            Some(values) => Some(column(py, values, "temperature_degc")?),
+            None => None,
+        };
+        let rotation = match &self.rotation_wxyz {
+            Some(values) => Some(quaternions(py, values, "rotation_wxyz")?),
+            None => None,
+        };
+        let lengths = [
+            ("specific_force", Some(force.len())),
+            ("time_s", Some(time_s.len())),
+            ("angular_acceleration", acceleration.map(<[_]>::len)),
+            ("temperature_degc", temperature_degc.map(<[_]>::len)),
+            ("rotation_wxyz", rotation.map(<[_]>::len)),
+        ];
+        if let Some((name, len)) = lengths.iter().find(|(_, len)| len.is_some_and(|len| len != rate.len())) {
+            let message = format!("{name} has {} rows, angular_rate {}", len.unwrap_or(0), rate.len());
+            return Err(Error::Input(message)).to_python(py);
+        }
+        let state = |i: usize| {
+            let mut surroundings = Surroundings::unknown();
+            surroundings.time_s = Some(time_s[i]);
+            surroundings.angular_acceleration = acceleration.map(|values| values[i].into());
+            surroundings.temperature_difference_k = temperature_degc.map(|degc| degc[i] - REFERENCE_TEMPERATURE_DEGC);
+            surroundings.rotation_world_from_body = rotation.map(|wxyz| {
+                let [w, x, y, z] = wxyz[i];
+                UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
+            });
+            State { angular_rate: rate[i].into(), specific_force: force[i].into(), surroundings }
+        };
+        Ok((0..rate.len()).map(state).collect())
+    }
+}
+
+/// (N, 4) in C order without a copy.
+fn quaternions<'a>(py: Python<'_>, array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a [[f64; 4]]> {
+    match array.as_slice() {
+        Ok(values) if array.is_c_contiguous() && array.shape()[1] == 4 => Ok(values.as_chunks::<4>().0),
+        _ => Err(Error::Input(format!("{name} is not (N, 4) in C order"))).to_python(py),
+    }
+}
+
+/// The field of an effect, (N, 3, p), at each sample of a state.
+#[pyfunction]
+pub(crate) fn effect_field<'py>(
+    py: Python<'py>,
+    name: &str,
+    shape: Option<f64>,
+    state: StateArrays<'py>,
+) -> PyResult<Bound<'py, PyArray3<f64>>> {
+    let effect = find(name).to_python(py)?;
+    let count = effect.parameters.len();
+    // The values do not matter here, whether the shape fits does.
+    let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
+    checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
+    let states = state.states(py)?;
+    let field = py.detach(|| {
+        let mut field = Vec::with_capacity(states.len() * 3 * count);
+        for state in &states {
+            let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+            effect.field(state, shape.unwrap_or(1.0), &mut columns);
+            field.extend((0..3).flat_map(|axis| columns[..count].iter().map(move |column| column[axis])));
+        }
+        field
+    });
+    field.into_pyarray(py).reshape([states.len(), 3, count])
+}
