@@ -1,9 +1,9 @@
 """Effects with numbers: as people give them, and in files.
 
-    {"gyro_g_sensitivity": 1e-4}                                   all parameters alike
-    {"gyro_bias_drift": [1e-6, 0, 0]}                              one by one, in the order of the catalogue
-    {"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
-    {"gyro_bias_warmup": "typical"}                                what ordinary MEMS sensors have
+{"gyro_g_sensitivity": 1e-4}                                   all parameters alike
+{"gyro_bias_drift": [1e-6, 0, 0]}                              one by one, in the order of the catalogue
+{"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
+{"gyro_bias_warmup": "typical"}                                what ordinary MEMS sensors have
 """
 
 from __future__ import annotations
@@ -119,8 +119,9 @@ def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> Eff
     if isinstance(definition, Disturbance):
         if len(found.values) != plain or shape is not None:
             raise InputError(
-                f"{name} has {plain} numbers and no shape ({', '.join(p.name for p in definition.parameters)}): "
-                f"{len(found.values)} numbers and the shape {shape} were given"
+                f"{name} has {plain} numbers and no shape: {len(found.values)} numbers"
+                + (f" and the shape {shape}" if shape is not None else "")
+                + f" were given: give {', '.join(p.name for p in definition.parameters)}"
             )
     else:
         check_values(definition, found)

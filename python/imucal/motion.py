@@ -1,7 +1,7 @@
 """Motions that a simulated unit undergoes: a program on a stand, turned by hand, or still.
 
-Angles are in degrees and small lengths in millimetres where people give them, the unit in the name; the same seed
-gives the same motion.
+Angles are in degrees and small lengths in millimetres where people give them, the unit in the name; the same
+seed gives the same motion.
 """
 
 from __future__ import annotations
@@ -183,7 +183,9 @@ def motion_of(
     unfit = [option for option in options if option not in known.get(name or "", ())]
     if unfit:
         having = [motion for motion, names in known.items() if unfit[0] in names]
-        raise InputError(f"{unfit[0]} is an option of {' and '.join(having)}: leave it out, or give that motion")
+        raise InputError(
+            f"{unfit[0]} is an option of {' and '.join(having)}: leave it out, or give that motion"
+        )
     if name is not None:
         motion: Motion = named[name](**options)
         return motion
@@ -206,11 +208,8 @@ def motion_from(node: Node) -> Motion:
     if kind == "static":
         w, x, y, z = node.get("rotation_wxyz").array(4).tolist()
         return Static(node.get("duration_s").number(), (w, x, y, z))
-    numbers = {
-        field.name: node.get(field.name).number() for field in dataclasses.fields(Tumble) if field.name != "seed"
-    }
-    seed, poses = node.get("seed").whole(), node.get("poses").whole()
-    return Tumble(seed, **{**numbers, "poses": poses})
+    numbers = {name: node.get(name).number() for name in ("hold_s", "move_s", "tremor_deg", "translation_mm")}
+    return Tumble(node.get("seed").whole(), node.get("poses").whole(), **numbers)
 
 
 def program_of(node: Node) -> Program:

@@ -26,7 +26,7 @@ LINK: Final = ("missing_share", "duplicated_share", "clock_rate_error", "clock_j
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The motion, the unit with its errors, the place, the temperature, the faults, and the seed of the noise.
+    """The motion, the unit with its errors, the place, the temperature, the faults, the seed of the noise.
 
     effects             of the catalogue, besides the unit's own and those of the stand's encoders
     user_effects        definitions of the user's own effects, and their numbers
@@ -82,7 +82,9 @@ class Setup:
             self, unit=Unit(), effects=(), user_effects=(), missing_share=0.0, duplicated_share=0.0
         )
 
-    def for_core(self, added_force: FloatArray | None = None, added_rate: FloatArray | None = None) -> CoreSetup:
+    def for_core(
+        self, added_force: FloatArray | None = None, added_rate: FloatArray | None = None
+    ) -> CoreSetup:
         """The setup as the compiled library reads it."""
         return CoreSetup(
             motion=self.motion.in_si(),
@@ -143,7 +145,8 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
     missing = [values.name for values in own if values.name not in definitions]
     if missing:
         raise InputError(
-            f"{node.file}: the definition of the effect {missing[0]} is not in the file: give it in user_effects"
+            f"{node.file}: the definition of the effect {missing[0]} is not in the file: give it in "
+            "user_effects"
         )
     knots = node.get("temperature")
     count = len(knots.get("time_s").items())
@@ -192,7 +195,7 @@ def _ranged(limit: float) -> Callable[[Sensor], Sensor]:
 
 def _trembling(setup: Setup, tremor_rad: FloatArray) -> Setup:
     if not isinstance(setup.motion, Tumble):
-        raise InputError("rest_not_still is the tremor of a hand: give the motion tumble, whose rests can have it")
+        raise InputError("rest_not_still is the tremor of a hand: give the motion tumble, or leave it out")
     motion = dataclasses.replace(setup.motion, tremor_deg=math.degrees(tremor_rad[0]))
     return dataclasses.replace(setup, motion=motion)
 

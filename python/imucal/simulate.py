@@ -3,7 +3,7 @@
     run = imucal.simulate("random", unit="bmi088", effects={"gyro_g_sensitivity": 1e-4}, seed=7)
     run.recording, run.truth
 
-The motion, the unit, its effects and its faults are one `Setup`; the truth keeps it, and `repeat` runs it again.
+The motion, the unit, its effects and its faults are one `Setup`; the truth keeps it, `repeat` runs it again.
 """
 
 from __future__ import annotations
@@ -64,21 +64,22 @@ def simulate(
 ) -> Simulation:
     """Run a motion with a unit; the same arguments give the same bytes.
 
-    program       "random" (the paper's gyroscope program, its moves drawn from `seed`), "grid" (its accelerometer
-                  program), "tumble" (by hand), "static", a Program, Tumble or Static, or the path of a program file
+    program       "random" (the paper's gyroscope program, its moves drawn from `seed`), "grid" (its
+                  accelerometer program), "tumble" (by hand), "static", a Program, Tumble or Static, or the
+                  path of a program file
     seed          of the noise, and of the random program and the tumble
     unit          a name out of `unit_names()`, "random:NAME:SEED", a Unit, or the path of a unit file
-    effects       name -> numbers (see `imucal.effect_values`): effects of the catalogue, noise, faults, and the
-                  user's own; they replace those of the unit that have the same name
+    effects       name -> numbers (see `imucal.effect_values`): effects of the catalogue, noise, faults, and
+                  the user's own; they replace those of the unit that have the same name
     user_effects  definitions of the user's own effects in `effects`
-    auxiliary     name -> (N,) values at the samples, or a function of their times in s: recorded along, and what
-                  user effects may depend on
-    stand         errors of the stand: a Stand, "cheap" or "cheap:SEED", or the path of a stand file; None takes
-                  the program's own
+    auxiliary     name -> (N,) values at the samples, or a function of their times in s: recorded along, and
+                  what user effects may depend on
+    stand         errors of the stand: a Stand, "cheap" or "cheap:SEED", or the path of a stand file; None
+                  takes the program's own
     gravity_mps2  local gravity; None takes that of `latitude_deg` and `height_m`, or the standard
-    latitude_deg  where the Earth's rate is that of this latitude, an effect earth_rate; None is no Earth's rate
-    temperature   a Temperature, degC, "warmup:20:35:300", "cycle:10:50:1200", or a CSV file; it is recorded if
-                  it is given or an effect depends on it
+    latitude_deg  adds the Earth's rate at this latitude, the effect earth_rate; None adds none
+    temperature   a Temperature, degC, "warmup:20:35:300", "cycle:10:50:1200", or a CSV file; it is recorded
+                  if it is given or an effect depends on it
     clock_rate_error  by how much the unit's clock is fast, relative
     filter_hz     bandwidth of the low-pass filter before sampling, or "datasheet"
     averaging     samples are means over the sampling interval
@@ -110,7 +111,10 @@ def simulate(
 
 
 def repeat(
-    truth: str | os.PathLike[str], *, user_effects: Sequence[UserEffect] = (), auxiliary: Auxiliary | None = None
+    truth: str | os.PathLike[str],
+    *,
+    user_effects: Sequence[UserEffect] = (),
+    auxiliary: Auxiliary | None = None,
 ) -> Simulation:
     """Run the setup of a truth file again: the same bytes, if the version is the same.
 
@@ -127,13 +131,15 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, keep_temperature: bool
     """Run a setup."""
     from imucal import _core
 
+    samples: dict[str, FloatArray] = {}
+    sampled_s = np.zeros(0)
     added: dict[str, FloatArray | None] = {}
-    columns: dict[str, tuple[FloatArray, FloatArray]] = {}
     if setup.user_effects or auxiliary:
         # Once without noise: what a user's effect depends on is the truth.
         truth = _core.simulate(setup.noise_free().for_core())
-        columns = {name: (truth.time_s, _column(name, values, truth.time_s)) for name, values in (auxiliary or {}).items()}
-        added = _added(setup, truth, {name: values for name, (_, values) in columns.items()})
+        sampled_s = truth.time_s
+        samples = {name: _column(name, given, sampled_s) for name, given in (auxiliary or {}).items()}
+        added = _added(setup, truth, samples)
     core = _core.simulate(setup.for_core(**added))
     recording = Recording(
         core.time_s,
@@ -142,7 +148,7 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, keep_temperature: bool
         temperature_degc=core.temperature_degc if keep_temperature or setup.needs_temperature else None,
         stand_rad=core.stand_rad,
         # Lost samples are lost here, too.
-        auxiliary={name: np.interp(core.time_s, time_s, values) for name, (time_s, values) in columns.items()},
+        auxiliary={name: np.interp(core.time_s, sampled_s, given) for name, given in samples.items()},
         name=f"simulated-{setup.seed}",
     )
     return Simulation(recording, truth_of(setup, core, recording))
@@ -168,8 +174,12 @@ def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dic
     return added
 
 
-def _column(name: str, values: ArrayLike | Callable[[FloatArray], ArrayLike], time_s: FloatArray) -> FloatArray:
-    return as_rows(values(time_s) if callable(values) else values, f"auxiliary[{name!r}]", None, len(time_s))
+def _column(
+    name: str, given: ArrayLike | Callable[[FloatArray], ArrayLike], time_s: FloatArray
+) -> FloatArray:
+    """An auxiliary column, one value for each sample before any is lost."""
+    values = given(time_s) if callable(given) else given
+    return as_rows(values, f"auxiliary[{name!r}]", None, len(time_s))
 
 
 def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Unit:
@@ -186,7 +196,9 @@ def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Uni
             raise InputError(f"filter_hz is {bandwidth!r}: give a bandwidth in Hz, or datasheet")
         if bandwidth is None:
             bandwidth = sensor.filter_hz
-        sensors[name] = dataclasses.replace(sensor, filter_hz=bandwidth, averaging=averaging or sensor.averaging)
+        sensors[name] = dataclasses.replace(
+            sensor, filter_hz=bandwidth, averaging=averaging or sensor.averaging
+        )
     return dataclasses.replace(unit, **sensors)
 
 
@@ -195,12 +207,17 @@ def _on_stand(motion: Motion, stand: Stand | str | os.PathLike[str] | None) -> M
     if stand is None:
         return motion
     if not isinstance(motion, Program):
-        raise InputError("a stand needs a program: give the motion random, grid or a program file, or no stand")
+        raise InputError(
+            "a stand needs a program: give the motion random, grid or a program file, or no stand"
+        )
     return dataclasses.replace(motion, stand=stand_from_name(stand))
 
 
 def _place(
-    gravity_mps2: float | None, latitude_deg: float | None, height_m: float | None, given: tuple[EffectValues, ...]
+    gravity_mps2: float | None,
+    latitude_deg: float | None,
+    height_m: float | None,
+    given: tuple[EffectValues, ...],
 ) -> tuple[float, tuple[EffectValues, ...]]:
     """Gravity and the Earth's rate of a place."""
     from imucal import _core

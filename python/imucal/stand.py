@@ -18,8 +18,7 @@ from imucal.errors import FormatError, InputError
 __all__ = ["Stand"]
 
 SCHEMA: Final = "imucal.stand/1"
-# Standard deviations of a cheap stand: hobby servos or steppers with magnetic encoders on printed or laser-cut rings,
-# put on a table and the unit screwed on by eye.
+# Standard deviations of a cheap stand: hobby servos or steppers with magnetic encoders on printed rings, put on a table and the unit screwed on by eye.
 CHEAP: Final = {
     "mount_rotation_deg": 1.0,
     "base_tilt_deg": 0.5,
@@ -63,16 +62,18 @@ class Stand:
     def __post_init__(self) -> None:
         for effect in self.encoder_effects:
             if find(effect.name).sensor != "encoder":
-                raise InputError(f"{effect.name} is no effect on encoders: give it to the simulation's effects")
+                raise InputError(
+                    f"{effect.name} is no effect on encoders: give it to the simulation's effects"
+                )
 
     @staticmethod
     def cheap(seed: int) -> Stand:
         """A stand as bad as a cheap one, drawn from a spread; the same seed gives the same stand.
 
-        Normal about perfect with a standard deviation of 1 deg (mount, per axis), 0.5 deg (tilt, right angles) and 0.1 deg
-        (flexure); as large as the absolute value of such a draw are vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder
-        noise (0.02 deg). The encoders have 4096 counts, and eccentricity, time offset and backlash of the catalogue's
-        typical sizes.
+        Normal about perfect with a standard deviation of 1 deg (mount, per axis), 0.5 deg (tilt, right
+        angles) and 0.1 deg (flexure); vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder noise (0.02 deg) are
+        absolute values of such draws. The encoders have 4096 counts, and eccentricity, time offset and
+        backlash with the catalogue's typical sizes as standard deviations.
         """
         random = np.random.default_rng(seed)
         drawn: dict[str, Any] = {}
@@ -149,7 +150,9 @@ def stand_of(node: Node) -> Stand:
         if name == "schema":
             continue
         if name not in known:
-            raise FormatError(f"{node.file}: {node.path}.{name} is no field of a stand: give {', '.join(known)}")
+            raise FormatError(
+                f"{node.file}: {node.path}.{name} is no field of a stand: give {', '.join(known)}"
+            )
         field, default = node.get(name), known[name]
         if name == "encoder_effects":
             found[name] = effects_of(field)

@@ -22,11 +22,13 @@ __all__ = ["Temperature"]
 # What sensitivities and biases are for: the compiled library counts the effects of temperature from here.
 REFERENCE_DEGC: Final = 25.0
 ABSOLUTE_ZERO_DEGC: Final = -273.15
-# The exponential of a warm-up is drawn as 50 straight lines per time constant, for 12 of them: it is followed to 5e-5 of
-# the rise, and what is left at the end is 6e-6 of it.
+# The exponential of a warm-up is drawn as 50 straight lines per time constant, for 12 of them: followed to
+# 5e-5 of the rise, and what is left at the end is 6e-6 of it.
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
-FORMS: Final = "DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file time_s,temp_degc"
+FORMS: Final = (
+    "DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file time_s,temp_degc"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +47,9 @@ class Temperature:
         if len(time_s) == 0:
             raise InputError("the temperature has no knots: give one or more")
         if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):
-            raise InputError("time_s of the temperature does not rise from knot to knot: sort it, without repeats")
+            raise InputError(
+                "time_s of the temperature does not rise from knot to knot: sort it, without repeats"
+            )
         if not (np.isfinite(temp_degc).all() and (temp_degc > ABSOLUTE_ZERO_DEGC).all()):
             raise InputError("temp_degc holds a number that is no temperature: give degC")
         object.__setattr__(self, "time_s", time_s)
@@ -60,7 +64,9 @@ class Temperature:
     def warm_up(start_degc: float, end_degc: float, time_constant_s: float) -> Temperature:
         """A unit that warms itself: end + (start - end) exp(-t / time_constant)."""
         if not (math.isfinite(time_constant_s) and time_constant_s > 0):
-            raise InputError(f"the time constant of the warm-up is {time_constant_s} s: a positive one is needed")
+            raise InputError(
+                f"the time constant of the warm-up is {time_constant_s} s: a positive one is needed"
+            )
         share = np.linspace(0.0, CONSTANTS, CONSTANTS * KNOTS_PER_CONSTANT + 1)
         return Temperature(share * time_constant_s, end_degc + (start_degc - end_degc) * np.exp(-share))
 
@@ -89,7 +95,7 @@ class Temperature:
 
 
 def temperature_of(given: Temperature | float | str | os.PathLike[str]) -> Temperature:
-    """A temperature as people give it: an object, a number, `warmup:...`, `cycle:...`, or the path of a CSV file."""
+    """A temperature as people give it: an object, a number, `warmup:...`, `cycle:...`, or a CSV file."""
     if isinstance(given, Temperature):
         return given
     if isinstance(given, (int, float)):

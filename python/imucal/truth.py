@@ -1,4 +1,4 @@
-"""The truth of a simulated run: what the unit underwent, and everything that made the recording what it is."""
+"""The truth of a simulated run: what the unit underwent, and all that made the recording what it is."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Truth:
     has_temperature: bool
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `imucal simulate --truth`: the unit's parameters, the rests, and the setup of the run."""
+        """The document of `imucal simulate --truth`: the unit's parameters, the rests, and the setup."""
         unit = self.calibration.to_dict()
         fields = ("raw_units", "gravity_mps2", "accelerometer", "gyroscope", "effects", "parameters")
         return {
@@ -56,17 +56,18 @@ class Truth:
         }
 
     def samples(self) -> Recording:
-        """The true force, rate and temperature as a recording, with the angular acceleration and the attitude along."""
-        acceleration = {
-            f"angular_acceleration_{axis}_radps2": self.angular_acceleration[:, i] for i, axis in enumerate("xyz")
-        }
-        rotation = {f"rotation_{part}": self.rotation_wxyz[:, i] for i, part in enumerate("wxyz")}
+        """True force, rate and temperature as a recording, with angular acceleration and attitude."""
+        acceleration = zip("xyz", self.angular_acceleration.T, strict=True)
+        rotation = zip("wxyz", self.rotation_wxyz.T, strict=True)
         return Recording(
             self.time_s,
             self.specific_force,
             self.angular_rate,
             temperature_degc=self.temperature_degc,
-            auxiliary={**acceleration, **rotation},
+            auxiliary={
+                **{f"angular_acceleration_{axis}_radps2": column for axis, column in acceleration},
+                **{f"rotation_{part}": column for part, column in rotation},
+            },
             name="truth",
         )
 

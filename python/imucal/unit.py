@@ -2,7 +2,7 @@
 
     measured = convert(sensitivity (true + effects) + bias + noise)
 
-A unit file (schema imucal.unit/1) holds figures as datasheets print them, each with its unit and source; `null` is
+A unit file (schema imucal.unit/1) holds figures as datasheets print them, each with unit and source; `null` is
 what the source does not give, and is simulated as perfect. The package brings some: `unit_names()`.
 """
 
@@ -31,7 +31,7 @@ __all__ = ["Sensor", "Unit", "unit_names"]
 
 SCHEMA: Final = "imucal.unit/1"
 FOLDER: Final = resources.files("imucal") / "units"
-# Flicker of coefficient B has the Allan deviation sqrt(2 ln 2 / pi) B where it is flat (IEEE Std 952-1997, C.1.3).
+# Flicker of coefficient B has the Allan deviation sqrt(2 ln 2 / pi) B where it is flat (IEEE Std 952-1997).
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # A datasheet's typical tolerance is one standard deviation of the drawn units, a maximum is three.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
@@ -59,7 +59,7 @@ class Sensor:
     lsb, bits         one count in v and the width of the word, or None: no steps, no rails
     filter_hz         bandwidth of the low-pass filter before sampling, or None: point samples
     averaging         samples are means over the sampling interval
-    bandwidth_hz      what the datasheet says of its filter; it is used where `filter_hz="datasheet"` is asked for
+    bandwidth_hz      that of the datasheet; it is used where `filter_hz="datasheet"` is asked for
     """
 
     sensitivity: FloatArray = field(default_factory=lambda: np.eye(3))
@@ -135,14 +135,16 @@ class Unit:
     def random(profile: str | os.PathLike[str], seed: int) -> Unit:
         """A unit drawn from a profile's spread; the same seed gives the same unit.
 
-        Every figure is drawn from a normal distribution about the perfect sensor. Its standard deviation is the
-        tolerance of the spread where that is typical, a third of it where that is a maximum. Off-diagonal entries of both
-        sensitivities are drawn in the frame of the package and turned into the body frame, in which the accelerometer's
-        is symmetric. Noise, counts and filters are those of the profile.
+        Every figure is drawn from a normal distribution about the perfect sensor. Its standard deviation is
+        the tolerance of the spread where that is typical, a third of it where that is a maximum. Off-diagonal
+        entries of both sensitivities are drawn in the frame of the package and turned into the body frame, in
+        which the accelerometer's is symmetric. Noise, counts and filters are those of the profile.
 
         profile  a name out of `unit_names()`, or the path of a unit file
         """
-        node = _shipped(profile) if isinstance(profile, str) and profile in unit_names() else read_json(profile)
+        node = (
+            _shipped(profile) if isinstance(profile, str) and profile in unit_names() else read_json(profile)
+        )
         return _draw(node, seed)
 
     def write(self, path: str | os.PathLike[str]) -> None:
@@ -183,8 +185,8 @@ def unit_of(unit: Unit | str | os.PathLike[str]) -> Unit:
         return Unit.random(profile, int(seed or "1"))
     if not Path(text).exists() and Path(text).suffix == "":
         raise InputError(
-            f"the unit {text!r} is not known: give one of {', '.join(unit_names())}, random:NAME:SEED for one "
-            "drawn from a spread, or a unit file"
+            f"the unit {text!r} is not known: give one of {', '.join(unit_names())}, random:NAME:SEED for "
+            "one drawn from a spread, or a unit file"
         )
     return Unit.read(text)
 
@@ -247,7 +249,10 @@ def _draw(node: Node, seed: int) -> Unit:
         raise InputError(f"{node.file} gives no spread: take its unit as it is, or another profile")
     random = np.random.default_rng(seed)
     # All numbers are drawn whether they are used or not: a figure of the spread does not change the others.
-    drawn = {name: random.normal(size=size) * _deviation(spread, name, unit) for name, (size, unit) in DRAWN.items()}
+    drawn = {
+        name: random.normal(size=size) * _deviation(spread, name, unit)
+        for name, (size, unit) in DRAWN.items()
+    }
     accel_sensitivity, gyro_sensitivity = _core.convert_frame(
         _sensitivity(drawn["accel_scale"], drawn["accel_misalignment"]),
         _sensitivity(drawn["gyro_scale"], drawn["gyro_misalignment"]),
@@ -264,7 +269,9 @@ def _draw(node: Node, seed: int) -> Unit:
         accelerometer=dataclasses.replace(
             profile.accelerometer, sensitivity=accel_sensitivity, bias=drawn["accel_bias"]
         ),
-        gyroscope=dataclasses.replace(profile.gyroscope, sensitivity=gyro_sensitivity, bias=drawn["gyro_bias"]),
+        gyroscope=dataclasses.replace(
+            profile.gyroscope, sensitivity=gyro_sensitivity, bias=drawn["gyro_bias"]
+        ),
         effects=tuple(effects),
         name=f"{profile.name}-{seed}",
         description=f"Drawn from the spread of {profile.name} with the seed {seed}. {profile.description}",
@@ -272,7 +279,7 @@ def _draw(node: Node, seed: int) -> Unit:
 
 
 def _deviation(spread: Node, name: str, unit: str) -> ArrayLike:
-    """Standard deviation of a drawn figure: one for all, or one per axis; 0 if the spread does not have it."""
+    """Standard deviation of a drawn figure: one for all, or one per axis; 0 where there is no spread."""
     tolerance = Figure.optional(spread, name, unit, per_axis=True)
     if tolerance is None:
         return 0.0
