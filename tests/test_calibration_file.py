@@ -49,6 +49,31 @@ def example(**changes):
     return imucal.Calibration(**{**fields, **changes})
 
 
+def with_effects():
+    """The example with effects: one plain, one with a shape, one that is a user's own."""
+    per_volt = tuple(imucal.EffectParameter(axis, "rad/s/V", 1e-3) for axis in "xyz")
+    own = imucal.UserEffect(
+        "gyro_bias_supply",
+        "gyroscope",
+        per_volt,
+        lambda state: state.auxiliary["supply_v"][:, None, None] * np.eye(3),
+    )
+    effects = (
+        imucal.EffectValues("gyro_bias_temperature", [math.pi * 1e-5, -0.0, 1e-300]),
+        imucal.EffectValues("gyro_bias_supply", [0.1, 0.2, 0.1 + 0.2]),
+        imucal.EffectValues("accel_bias_warmup", [0.01, 0.02, 1 / 3], shape=math.e * 30),
+    )
+    names = [f"{effect}_{axis}" for effect in ("gyro_bias_temperature", "gyro_bias_supply") for axis in "xyz"]
+    names += [f"accel_bias_warmup_{number}" for number in ("x", "y", "z", "tau")]
+    root = np.random.default_rng(4).normal(size=(31, 31)) * 1e-5
+    return example(
+        effects=effects,
+        user_effects=[own],
+        covariance=root @ root.T,
+        covariance_names=(*example().covariance_names, *names),
+    )
+
+
 def bits(array):
     return np.ascontiguousarray(array, dtype=np.float64).tobytes()
 
@@ -67,6 +92,78 @@ def test_round_trip_keeps_every_bit(tmp_path):
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
+def test_round_trip_keeps_every_bit_of_the_effects(tmp_path):
+    calibration, path = with_effects(), tmp_path / "cal.json"
+    calibration.save(path)
+    again = imucal.Calibration.load(path, user_effects=calibration.user_effects)
+    assert [values.name for values in again.effects] == [values.name for values in calibration.effects]
+    for loaded, saved in zip(again.effects, calibration.effects, strict=True):
+        assert (bits(loaded.values), loaded.shape) == (bits(saved.values), saved.shape)
+    assert again.user_effects == calibration.user_effects
+    assert again.to_dict() == calibration.to_dict()
+    assert again.covariance_names == calibration.covariance_names == tuple(p.name for p in again.parameters)
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+
+
+def test_a_users_effect_can_be_read_without_its_definition_but_not_applied(tmp_path):
+    calibration, path = with_effects(), tmp_path / "cal.json"
+    calibration.save(path)
+    again = imucal.Calibration.load(path)
+    assert again.parameters == calibration.parameters
+    assert again.user_effects[0].parameters == calibration.user_effects[0].parameters
+    again.save(tmp_path / "again.json")
+    assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
+    still = np.zeros((3, 3))
+    recording = imucal.Recording(
+        np.arange(3.0),
+        still,
+        still,
+        temperature_degc=[25, 25, 25],
+        auxiliary={"supply_v": [3.3, 3.3, 3.3]},
+        accel_unit="lsb",
+        gyro_unit="lsb",
+    )
+    with pytest.raises(imucal.InputError, match="gyro_bias_supply is not in the file: pass it"):
+        again.apply_recording(recording)
+    whole = imucal.Calibration.load(path, user_effects=calibration.user_effects)
+    np.testing.assert_array_equal(
+        whole.apply_recording(recording).angular_rate, calibration.apply_recording(recording).angular_rate
+    )
+
+
+def test_effects_stand_in_the_file_with_sigma_and_unit():
+    document = with_effects().to_dict()
+    assert document["reference_temperature_degc"] == 25.0
+    temperature, supply, warmup = document["effects"]
+    assert (temperature["name"], temperature["sensor"]) == ("gyro_bias_temperature", "gyroscope")
+    assert temperature["shape"] is None
+    std = {p.name: p.std for p in with_effects().parameters}
+    assert temperature["parameters"][0] == {
+        "name": "x",
+        "value": math.pi * 1e-5,
+        "std": std["gyro_bias_temperature_x"],
+        "unit": "rad/s/K",
+    }
+    assert supply["user_defined"] is True and supply["parameters"][2]["typical"] == 1e-3
+    assert warmup["shape"] == {
+        "name": "tau",
+        "value": math.e * 30,
+        "std": std["accel_bias_warmup_tau"],
+        "unit": "s",
+    }
+    assert "user_defined" not in warmup
+    assert [p["name"] for p in document["parameters"][-4:]] == [
+        f"accel_bias_warmup_{n}" for n in ("x", "y", "z", "tau")
+    ]
+
+
+def test_a_file_from_before_effects_is_read():
+    document = example().to_dict()
+    del document["reference_temperature_degc"]
+    assert imucal.Calibration.from_dict(document).to_dict() == example().to_dict()
+
+
 def test_random_floats_keep_every_bit(tmp_path):
     numbers = np.random.default_rng(11)
     patterns = numbers.integers(0, 2**63, 20_000, dtype=np.uint64).view(np.float64)
@@ -80,7 +177,7 @@ def test_saved_file_follows_the_schema(tmp_path, frame):
     bare = imucal.Calibration(
         imucal.Triad(np.eye(3), np.zeros(3)), imucal.Triad(np.eye(3), np.zeros(3)), frame
     )
-    for calibration in (example(), bare):
+    for calibration in (example(), with_effects(), bare):
         calibration.save(tmp_path / "cal.json")
         document = json.loads((tmp_path / "cal.json").read_text())
         jsonschema.Draft202012Validator.check_schema(SCHEMA)
@@ -148,8 +245,8 @@ def test_wrong_triads(sensitivity, bias, message):
 
 
 def edited(path, change):
-    """The example's document after `change`, written to `path`."""
-    document = copy.deepcopy(example().to_dict())
+    """The document of the example with effects after `change`, written to `path`."""
+    document = copy.deepcopy(with_effects().to_dict())
     change(document)
     path.write_text(json.dumps(document))
 
@@ -189,7 +286,50 @@ BAD_FIELDS = {
         put("parameters", 3, "value", value=1.0),
         r"\$\.parameters\[3\].*accel_sensitivity_xx.* is 1.0 but",
     ),
-    "newer effect": (put("effects", value=[{"name": "new"}]), r"\$\.effects\[0\] is not known"),
+    "newer effect": (put("effects", 0, "name", value="new"), r"\$\.effects\[0\] is not known .* \(new\)"),
+    "effect of another sensor": (
+        put("effects", 0, "sensor", value="accelerometer"),
+        r'\$\.effects\[0\]\.sensor is "accelerometer", it must be one of gyroscope',
+    ),
+    "short effect": (
+        lambda d: d["effects"][0]["parameters"].pop(),
+        r"\$\.effects\[0\]\.parameters has 2 items, 3 or 6 are needed",
+    ),
+    "other parameter": (
+        put("effects", 0, "parameters", 1, "name", value="q"),
+        r'\$\.effects\[0\]\.parameters\[1\]\.name is "q", it must be one of y',
+    ),
+    "other unit": (
+        put("effects", 0, "parameters", 1, "unit", value="deg/s/K"),
+        r"\$\.effects\[0\]\.parameters\[1\]\.unit is .* it must be one of rad/s/K",
+    ),
+    "text for an effect's number": (
+        put("effects", 0, "parameters", 1, "value", value="1"),
+        r"\$\.effects\[0\]\.parameters\[1\]\.value is .* a number",
+    ),
+    "no shape": (put("effects", 2, "shape", value=None), r"\$\.effects\[2\]\.shape is null"),
+    "a shape too many": (
+        put("effects", 0, "shape", value={"name": "tau", "value": 1.0, "std": None, "unit": "s"}),
+        r"\$\.effects\[0\]\.shape must be null",
+    ),
+    "negative shape": (put("effects", 2, "shape", "value", value=-1.0), "shape of accel_bias_warmup is -1.0"),
+    "effect's other value": (
+        put("parameters", 21, "value", value=1.0),
+        r"\$\.parameters\[21\].*gyro_bias_temperature_x.* is 1.0 but",
+    ),
+    "an effect twice": (lambda d: d["effects"].append(d["effects"][0]), "an effect stands twice"),
+    "a user's name that is taken": (
+        put("effects", 1, "name", value="gyro_bias_drift"),
+        "imucal has an effect of the name gyro_bias_drift",
+    ),
+    "a user's effect without typical size": (
+        lambda d: d["effects"][1]["parameters"][0].pop("typical"),
+        r"\$\.effects\[1\]\.parameters\[0\]\.typical is missing",
+    ),
+    "other reference temperature": (
+        put("reference_temperature_degc", value=20.0),
+        r"\$\.reference_temperature_degc is 20.0: this version of imucal counts temperature from 25.0",
+    ),
     "covariance": (lambda d: d["covariance"]["names"].pop(), r"\$\.covariance\.matrix"),
     "huge": (put("gravity_mps2", value=10**400), r"\$\.gravity_mps2 .*finite"),
 }

@@ -1,40 +1,32 @@
 """A calibration: the sensor model of one unit, how well it is known, and where it comes from.
 
-    measured = T true + bias          corrected = T^-1 (measured - bias)
+    measured = T (true + effects(true)) + bias
+    corrected = T^-1 (measured - bias) - effects(corrected)
 
 for the accelerometer and for the gyroscope; T is `sensitivity`, the product of scale factors and
-misalignment. The file (schema imucal.calibration/1) holds every number in full: reading gives the same bits.
+misalignment. Most units have no effects (`imucal.effects`), and corrected = T^-1 (measured - bias).
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal, TypeAlias, get_args
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, Final, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, as_matrix, as_rows
 from imucal.document import Node, plain, read_json, write_json
-from imucal.effects import EffectValues
-from imucal.errors import FormatError, InputError
+from imucal.effects import Effect, EffectValues, UserEffect, check_values, definitions, find, named_numbers
+from imucal.errors import InputError
 from imucal.recording import AccelUnit, GyroUnit, Recording, Source
 
 __all__ = ["Calibration", "Frame", "Parameter", "Provenance", "Triad", "as_frame"]
 
-SCHEMA: Final = "imucal.calibration/1"
-MODEL: Final = "measured = T true + bias; corrected = T^-1 (measured - bias)"
-
 Frame: TypeAlias = Literal["symmetric", "triangular"]
 FRAMES: Final[tuple[Frame, ...]] = ("symmetric", "triangular")
-BODY_FRAME: Final[dict[str, str]] = {
-    "symmetric": "right-handed orthogonal frame closest to the accelerometer's three axes: its T is "
-    "symmetric positive definite; a still sensor reads +g on the axis that points up",
-    "triangular": "right-handed orthogonal frame with x along the accelerometer's x axis and y in its x-y "
-    "plane: its T is lower triangular; a still sensor reads +g on the axis that points up",
-}
 ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "symmetric": ("xx", "yy", "zz", "xy", "xz", "yz"),
     "triangular": ("xx", "yy", "zz", "yx", "zx", "zy"),
@@ -96,6 +88,8 @@ class Calibration:
     frame                     the body frame, "symmetric" or "triangular"
     accel_unit, gyro_unit     the raw units it expects: SI units or "lsb"
     gravity_mps2              the gravity it was made with, m/s^2
+    effects                   what the triads do not explain, of the catalogue or a user's own
+    user_effects              definitions of the user's own
     covariance                (P, P) of the parameters in `covariance_names`, or None
     noise                     noise figures, the unit in each name
     temperature_range_degc    lowest and highest temperature of the recordings, or None
@@ -110,6 +104,7 @@ class Calibration:
     gyro_unit: GyroUnit = "rad/s"
     gravity_mps2: float = 9.80665
     effects: tuple[EffectValues, ...] = ()
+    user_effects: tuple[UserEffect, ...] = ()
     covariance: FloatArray | None = None
     covariance_names: tuple[str, ...] = ()
     noise: Mapping[str, float] = field(default_factory=dict)
@@ -130,10 +125,34 @@ class Calibration:
             if (np.diag(covariance) < 0).any():
                 raise InputError("covariance has a negative variance on its diagonal")
             object.__setattr__(self, "covariance", covariance)
+        self._take_effects()
+
+    def _take_effects(self) -> None:
+        object.__setattr__(self, "effects", tuple(self.effects))
+        carried = {values.name for values in self.effects}
+        if len(carried) < len(self.effects):
+            raise InputError(f"an effect stands twice among {[values.name for values in self.effects]}")
+        known = definitions(self.user_effects)
+        for values in self.effects:
+            check_values(known.get(values.name) or find(values.name), values)
+        used = tuple(effect for effect in self.user_effects if effect.name in carried)
+        object.__setattr__(self, "user_effects", used)
+        names = [parameter.name for parameter in self.parameters]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"two parameters have the name {twice}: give your effect another name")
+
+    def definition(self, values: EffectValues) -> Effect | UserEffect:
+        """The row of the catalogue, or the user's definition, of one of `effects`."""
+        return definitions(self.user_effects)[values.name]
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The 21 parameters in their fixed order, with the standard deviations of the covariance."""
+        """All parameters with the standard deviations of the covariance.
+
+        First the 21 of the triads in their fixed order, then those of each effect, its shape last; their
+        names are <effect>_<parameter>.
+        """
         accel_scale = "1" if self.accel_unit != "lsb" else "lsb/(m/s^2)"
         gyro_scale = "1" if self.gyro_unit != "lsb" else "lsb/(rad/s)"
         variance = (
@@ -155,10 +174,26 @@ class Calibration:
                 )
                 for entry in entries
             ]
+        for effect in self.effects:
+            values += [
+                (f"{effect.name}_{parameter.name}", number, parameter.unit)
+                for parameter, number in named_numbers(self.definition(effect), effect)
+            ]
         return tuple(
             Parameter(name, value, variance[name] ** 0.5 if name in variance else None, unit)
             for name, value, unit in values
         )
+
+    @property
+    def left_in_data(self) -> tuple[str, ...]:
+        """Names of the effects that no correction takes away.
+
+        They depend on the attitude or act on the stand. The Earth's rate is among them: a gyroscope rightly
+        measures it, it is no error of the sensor.
+        """
+        from imucal.correction import left_in_data
+
+        return left_in_data(self)
 
     def apply(self, angular_rate: ArrayLike, specific_force: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Correct raw samples.
@@ -166,11 +201,15 @@ class Calibration:
         angular_rate    (N, 3) in `gyro_unit`
         specific_force  (N, 3) in `accel_unit`
 
-        Returns (angular_rate, specific_force), (N, 3) each, rad/s and m/s^2 in the body frame. NaN stays NaN.
-        Raises InputError for other shapes.
+        Returns (angular_rate, specific_force), (N, 3) each, rad/s and m/s^2 in the body frame. NaN stays NaN,
+        and a sample is NaN where the effects are too large to be undone.
+        Raises InputError for other shapes, and if an effect depends on more than rate and force: then
+        `apply_recording` is needed.
         """
         from imucal import _core
+        from imucal.correction import require_no_surroundings
 
+        require_no_surroundings(self)
         rate = as_rows(angular_rate, "angular_rate", 3)
         force = as_rows(specific_force, "specific_force", 3, len(rate))
         corrected: tuple[FloatArray, FloatArray] = _core.correct(self, rate, force)
@@ -189,55 +228,46 @@ class Calibration:
                 )
 
     def apply_recording(self, recording: Recording) -> Recording:
-        """The recording in SI units and the body frame; InputError for other raw units than expected."""
+        """The recording in SI units and the body frame, all effects taken away but those `left_in_data`.
+
+        Time counts from the recording's first sample, temperature from 25 degC; the angular acceleration is
+        the derivative of the measured rate. NaN stays NaN, and a sample is NaN where the effects are too
+        large to be undone.
+        Raises InputError for other raw units than expected, if a column is missing that an effect depends on,
+        and without the definition of a user's effect.
+        """
+        from imucal import _core
+        from imucal.correction import remove_user_effects, require_surroundings
+
         self.require_raw_units(recording)
-        rate, force = self.apply(recording.angular_rate, recording.specific_force)
-        return Recording(
-            recording.time_s,
-            force,
-            rate,
-            temperature_degc=recording.temperature_degc,
-            stand_rad=recording.stand_rad,
-            auxiliary=recording.auxiliary,
-            name=recording.name,
-            sources=recording.sources,
+        require_surroundings(self, recording)
+        without = remove_user_effects(self, recording)
+        rate, force = _core.correct_recording(self.without_user_effects(), without)
+        return replace(
+            recording, angular_rate=rate, specific_force=force, accel_unit="m/s^2", gyro_unit="rad/s"
+        )
+
+    def without_user_effects(self) -> Calibration:
+        """The same with the effects of the catalogue alone, which is what the compiled library knows."""
+        own = {effect.name for effect in self.user_effects}
+        return replace(
+            self, effects=tuple(values for values in self.effects if values.name not in own), user_effects=()
         )
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of the file."""
-        document: dict[str, Any] = plain(
-            {
-                "schema": SCHEMA,
-                "serial_number": self.serial_number,
-                "model": MODEL,
-                "body_frame": BODY_FRAME[self.frame],
-                "raw_units": {"accelerometer": self.accel_unit, "gyroscope": self.gyro_unit},
-                "gravity_mps2": self.gravity_mps2,
-                "accelerometer": {
-                    "T": self.accelerometer.sensitivity,
-                    "bias": self.accelerometer.bias,
-                    "frame": self.frame,
-                },
-                "gyroscope": {"T": self.gyroscope.sensitivity, "bias": self.gyroscope.bias},
-                "effects": [],
-                "parameters": self.parameters,
-                "covariance": None
-                if self.covariance is None
-                else {"names": self.covariance_names, "matrix": self.covariance},
-                "noise": self.noise,
-                "temperature_range_degc": self.temperature_range_degc,
-                "fit": self.fit,
-                "calibration_set": self.calibration_set,
-                "control_set": self.control_set,
-                "provenance": self.provenance,
-            }
-        )
-        return document
+        from imucal.calibration_file import document_of
+
+        return document_of(self)
 
     @staticmethod
-    def from_dict(document: Mapping[str, Any], name: str = "calibration") -> Calibration:
+    def from_dict(
+        document: Mapping[str, Any], name: str = "calibration", *, user_effects: Sequence[UserEffect] = ()
+    ) -> Calibration:
         """The calibration that `to_dict` wrote; FormatError names the field that is wrong."""
-        return _checked(Node(plain(document), "$", name))
+        from imucal.calibration_file import calibration_of
+
+        return calibration_of(Node(plain(document), "$", name), user_effects)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the calibration file, whole or not at all.
@@ -247,95 +277,13 @@ class Calibration:
         write_json(self.to_dict(), path)
 
     @staticmethod
-    def load(path: str | os.PathLike[str]) -> Calibration:
+    def load(path: str | os.PathLike[str], *, user_effects: Sequence[UserEffect] = ()) -> Calibration:
         """Read a calibration file.
+
+        user_effects  definitions of the user's own effects in it; without them it can be read but not applied
 
         Raises InputError if it cannot be read, and FormatError, naming the field, if it is not a calibration.
         """
-        return _checked(read_json(path))
+        from imucal.calibration_file import calibration_of
 
-
-def _checked(node: Node) -> Calibration:
-    """What the fields contradict among themselves is a fault of the file."""
-    try:
-        return _from_node(node)
-    except InputError as error:
-        raise FormatError(f"{node.file}: {error}") from None
-
-
-def _from_node(node: Node) -> Calibration:
-    node.require_schema(SCHEMA)
-    if node.get("effects").items():
-        raise FormatError(
-            f"{node.file}: $.effects[0] is not known to this version of imucal: install a newer one"
-        )
-    units = node.get("raw_units")
-    frame = node.get("accelerometer").get("frame").text(FRAMES)
-    covariance = node.get("covariance")
-    names: tuple[str, ...] = ()
-    if covariance.value is not None:
-        names = tuple(item.text() for item in covariance.get("names").items())
-    temperature = node.get("temperature_range_degc")
-    calibration = Calibration(
-        accelerometer=_triad(node.get("accelerometer")),
-        gyroscope=_triad(node.get("gyroscope")),
-        frame=as_frame(frame),
-        accel_unit="lsb" if units.get("accelerometer").text(get_args(AccelUnit)) == "lsb" else "m/s^2",
-        gyro_unit="lsb" if units.get("gyroscope").text(get_args(GyroUnit)) == "lsb" else "rad/s",
-        gravity_mps2=node.get("gravity_mps2").number(),
-        covariance=covariance.get("matrix").array(len(names), len(names)) if names else None,
-        covariance_names=names,
-        noise={name: node.get("noise").get(name).number() for name in node.get("noise").mapping()},
-        temperature_range_degc=None if temperature.value is None else _pair(temperature),
-        fit=node.get("fit").mapping(),
-        calibration_set=_figures(node.get("calibration_set")),
-        control_set=_figures(node.get("control_set")),
-        provenance=_provenance(node.get("provenance")),
-        serial_number=None if node.get("serial_number").value is None else node.get("serial_number").text(),
-    )
-    _require_same_parameters(node.get("parameters"), calibration)
-    return calibration
-
-
-def _triad(node: Node) -> Triad:
-    return Triad(node.get("T").array(3, 3), node.get("bias").array(3))
-
-
-def _pair(node: Node) -> tuple[float, float]:
-    low, high = node.array(2).tolist()
-    return low, high
-
-
-def _figures(node: Node) -> dict[str, Any] | None:
-    return None if node.value is None else node.mapping()
-
-
-def _provenance(node: Node) -> Provenance:
-    def sources(field: str) -> tuple[Source, ...]:
-        return tuple(
-            Source(item.get("path").text(), item.get("sha256").text()) for item in node.get(field).items()
-        )
-
-    return Provenance(
-        sources("files"),
-        sources("control_files"),
-        node.get("imucal_version").text(),
-        node.get("date").text(),
-    )
-
-
-def _require_same_parameters(node: Node, calibration: Calibration) -> None:
-    """The table repeats the matrices for readers; a file in which they differ was edited by halves."""
-    items = node.items()
-    if len(items) != len(calibration.parameters):
-        raise FormatError(
-            f"{node.file}: {node.path} has {len(items)} items, {len(calibration.parameters)} are needed"
-        )
-    for item, parameter in zip(items, calibration.parameters, strict=True):
-        if item.get("name").text() != parameter.name:
-            raise FormatError(f"{node.file}: {item.path}.name must be {parameter.name}")
-        if item.get("value").number() != parameter.value:
-            raise FormatError(
-                f"{node.file}: {item.path}.value ({parameter.name}) is {item.get('value').number()} but the "
-                f"matrix or bias has {parameter.value}: correct one of them"
-            )
+        return calibration_of(read_json(path), user_effects)

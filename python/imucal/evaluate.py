@@ -145,6 +145,8 @@ def as_it_comes(calibration: Calibration) -> Calibration:
         calibration,
         accelerometer=nominal(calibration.accelerometer, calibration.accel_unit == "lsb"),
         gyroscope=nominal(calibration.gyroscope, calibration.gyro_unit == "lsb"),
+        effects=(),
+        user_effects=(),
     )
 
 
