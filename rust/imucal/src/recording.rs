@@ -5,6 +5,9 @@
 
 use crate::error::Error;
 
+/// The temperature, degC, that sensitivities and biases are for: the effects of temperature count from here.
+pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
+
 /// The unit in which a triad's samples are given. Physical units (g, deg/s, ...) are converted to SI on reading.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RawUnit {
