@@ -56,7 +56,7 @@ pub use unit::{Converter, Sensor, Unit};
 use std::num::NonZeroUsize;
 
 use crate::error::Error;
-use crate::recording::{RawUnit, REFERENCE_TEMPERATURE_DEGC, Recording};
+use crate::recording::{REFERENCE_TEMPERATURE_DEGC, RawUnit, Recording};
 use block::Plan;
 use faults::Clock;
 use sensor::Sampler;

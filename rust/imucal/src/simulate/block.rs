@@ -3,8 +3,8 @@
 //! The first is a function of time alone, done in pieces on any thread. The second remembers from sample to sample, so each
 //! triad is one job. Nothing depends on which thread does what: the same bytes for any number of threads.
 
-use nalgebra::Vector3;
 use imucal_core::so3;
+use nalgebra::Vector3;
 
 use super::faults::Clock;
 use super::noise::{Generators, normals};
@@ -102,7 +102,13 @@ struct Piece<'r> {
 }
 
 /// The samples from `first` up to but without `end`.
-fn pieces<'r>(plan: &Plan, run: &'r mut Simulation, buffers: &'r mut Buffers, first: usize, end: usize) -> Vec<Piece<'r>> {
+fn pieces<'r>(
+    plan: &Plan,
+    run: &'r mut Simulation,
+    buffers: &'r mut Buffers,
+    first: usize,
+    end: usize,
+) -> Vec<Piece<'r>> {
     let samples = (PIECE_STEPS / plan.steps).max(1);
     let steps = samples * plan.steps;
     let stand_rad = run.stand_rad.as_mut().map_or(&mut [][..], |rows| &mut rows[first..end]);
@@ -158,7 +164,8 @@ impl Piece<'_> {
             self.angular_acceleration[i] = surroundings.angular_acceleration.map_or([0.0; 3], Into::into);
             self.rotation[i] = surroundings.rotation_world_from_body.map_or([1.0, 0.0, 0.0, 0.0], |r| so3::to_wxyz(&r));
             self.temperature_degc[i] = walk.temperature_degc;
-            if let (Some(row), Some(stand), Some(motors)) = (self.stand_rad.get_mut(i), plan.stand, &surroundings.stand) {
+            if let (Some(row), Some(stand), Some(motors)) = (self.stand_rad.get_mut(i), plan.stand, &surroundings.stand)
+            {
                 *row = stand.read_encoders(motors, &plan.setup.unit.effects, self.encoder_noise[i]).into();
             }
         }

@@ -54,8 +54,7 @@ impl Noise {
                 in_motion: sensor.noise_in_motion,
                 generators: white,
             }),
-            flicker: (sensor.bias_instability > 0.0)
-                .then(|| Flicker::new(sensor.bias_instability, steps, flicker)),
+            flicker: (sensor.bias_instability > 0.0).then(|| Flicker::new(sensor.bias_instability, steps, flicker)),
             walk: (sensor.random_walk != Vector3::zeros()).then(|| Walk {
                 step_std: sensor.random_walk / rate_hz.sqrt(),
                 value: Vector3::zeros(),

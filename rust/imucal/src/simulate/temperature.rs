@@ -31,7 +31,10 @@ impl Temperature {
             return input(format!("{times} times and {values} temperatures: as many of each are needed, at least one"));
         }
         if let Some(k) = (0..time_s.len()).find(|&k| !(time_s[k].is_finite() && temperature_degc[k].is_finite())) {
-            return input(format!("knot {k} is ({} s, {} degC): finite values are needed", time_s[k], temperature_degc[k]));
+            return input(format!(
+                "knot {k} is ({} s, {} degC): finite values are needed",
+                time_s[k], temperature_degc[k]
+            ));
         }
         if let Some(k) = (1..time_s.len()).find(|&k| time_s[k] <= time_s[k - 1]) {
             return input(format!("knot {k} is at {} s, after {} s: times have to increase", time_s[k], time_s[k - 1]));

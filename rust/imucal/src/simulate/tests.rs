@@ -40,11 +40,12 @@ fn integrating_the_true_rate_gives_the_attitude() {
         let program = Program::random(&RandomMoves { moves: 5, ..RandomMoves::default() }, 2).unwrap();
         // Twice the rate, so that every second sample is the midpoint of a step.
         let run = simulate(&program, &Unit::ideal(), 2.0 * rate_hz, GRAVITY_MPS2, 0).unwrap();
+        let stand_rad = run.stand_rad.as_ref().unwrap();
         let mut attitude = UnitQuaternion::identity();
         let mut worst = 0.0_f64;
         for i in (0..run.time_s.len() - 2).step_by(2) {
             attitude *= UnitQuaternion::from_scaled_axis(Vector3::from(run.true_angular_rate[i + 1]) / rate_hz);
-            let truth = gimbal::rotation_world_from_body(&run.stand_rad[i + 2].into());
+            let truth = gimbal::rotation_world_from_body(&stand_rad[i + 2].into());
             worst = worst.max(attitude.angle_to(&truth));
         }
         worst
