@@ -5,6 +5,8 @@
 //! raw_rate  = T_G (rate  + effects) + b_G      rad/s
 //! ```
 //!
+//! Effects of the encoders of a stand are no part of the unit and are passed over.
+//!
 //! Without effects the correction is `T^-1 (raw - b)`. With them it is [`EffectSet::remove`] after that.
 //!
 //! The body frame is orthogonal and fixed to the accelerometer. Which of the two usual ones it is (`symmetric` or
@@ -124,8 +126,14 @@ mod tests {
                 rotation_world_from_body: Some(so3::exp(&Vector3::new(0.4, -1.1, 0.7))),
                 temperature_difference_k: Some(-17.0),
                 time_s: Some(240.0),
+                stand: None,
             },
         }
+    }
+
+    /// The effects that act on the unit.
+    fn catalogue<F: RealField + Copy>() -> impl Iterator<Item = &'static Effect<F>> {
+        Effect::catalogue().filter(|effect| effect.sensor != Sensor::Encoder)
     }
 
     /// All parameters of the full form at `times` their typical size, with signs that change.
@@ -157,7 +165,7 @@ mod tests {
     #[test]
     fn every_effect_acts_and_is_taken_away_again() {
         let state = fast_state();
-        for effect in Effect::catalogue() {
+        for effect in catalogue() {
             for times in [1.0, 3.0] {
                 let calibration = with(&[typical(effect, times)]);
                 assert_ne!(calibration.measure(&state), unit().measure(&state), "{}", effect.name);
@@ -171,7 +179,7 @@ mod tests {
     fn twelve_effects_at_once_are_taken_away_again() {
         for first in [0, 13] {
             let mut calibration = unit();
-            for effect in Effect::catalogue().skip(first).take(12) {
+            for effect in catalogue().skip(first).take(12) {
                 calibration.effects.push(typical(effect, 1.0)).unwrap();
             }
             assert!(comes_back(&calibration, &fast_state()) < 1e-14);
@@ -194,12 +202,13 @@ mod tests {
                     Sensor::Accelerometer => {
                         (up.specific_force, down.specific_force) = (up.specific_force + d, down.specific_force - d);
                     }
+                    Sensor::Encoder => unreachable!("not of the unit"),
                 }
                 (values.at(&up) - values.at(&down)) / (2.0 * step)
             };
             Matrix3::from_columns(&[column(0), column(1), column(2)]).norm()
         };
-        for effect in Effect::catalogue() {
+        for effect in catalogue() {
             assert!(slope(effect, 1.0) < 0.02, "{}: {}", effect.name, slope(effect, 1.0));
             assert!(slope(effect, 3.0) < 0.06, "{}: {}", effect.name, slope(effect, 3.0));
         }
@@ -208,7 +217,7 @@ mod tests {
     #[test]
     fn the_derivative_by_the_parameters_is_the_field_through_the_sensitivity() {
         let state = fast_state();
-        for effect in Effect::catalogue() {
+        for effect in catalogue() {
             let base = typical(effect, 1.0);
             let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
             effect.field(&state, base.shape().unwrap_or(1.0), &mut columns);
@@ -227,6 +236,7 @@ mod tests {
                 let (difference, triad) = match effect.sensor {
                     Sensor::Gyroscope => (up.0 - down.0, unit().gyroscope),
                     Sensor::Accelerometer => (up.1 - down.1, unit().accelerometer),
+                    Sensor::Encoder => unreachable!("not of the unit"),
                 };
                 let expected = triad.sensitivity() * columns[k];
                 let error = (difference / (2.0 * step) - expected).norm();
@@ -238,7 +248,7 @@ mod tests {
     #[test]
     fn f32_corrects_to_its_rounding() {
         let state = fast_state();
-        for (single, double) in Effect::<f32>::catalogue().zip(Effect::<f64>::catalogue()) {
+        for (single, double) in catalogue::<f32>().zip(catalogue::<f64>()) {
             let truth = Calibration { effects: with(&[typical(double, 1.0)]).effects, ..Calibration::identity() };
             let (raw_rate, raw_force) = truth.measure(&state);
             let mut device = Calibration::<f32>::identity();
@@ -248,6 +258,7 @@ mod tests {
                 rotation_world_from_body: state.surroundings.rotation_world_from_body.map(|value| value.cast()),
                 temperature_difference_k: Some(-17.0),
                 time_s: Some(240.0),
+                stand: None,
             };
             let (rate, force) = device.correct_at(raw_rate.cast(), raw_force.cast(), &surroundings);
             assert!((rate.cast() - state.angular_rate).norm() < 1e-6, "{}: {rate:?}", single.name);
@@ -258,7 +269,7 @@ mod tests {
     #[test]
     fn rest_and_zero_settle_too() {
         // At rest an effect is larger than the rate that it acts on, and at zero force there is nothing to compare with.
-        for effect in Effect::catalogue() {
+        for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };
                 let calibration =

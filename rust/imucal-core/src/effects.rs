@@ -25,11 +25,13 @@
 //!
 //! # What is not here
 //!
-//! Noise, bias instability and random walks (they have no field), errors of the stand that moves the unit, and faults of the data
-//! (saturation, lost samples).
+//! Noise, bias instability and random walks (they have no field), the geometry of the stand that moves the unit, and faults of the
+//! data (saturation, lost samples). What the encoders of a stand read wrong is here: their fields are motor angles, and the
+//! device, which has no stand, does without them.
 
 mod drift;
 mod dynamics;
+mod encoder;
 mod g_sensitivity;
 mod scale;
 mod temperature;
@@ -71,6 +73,26 @@ pub struct Surroundings<F: RealField + Copy> {
     pub temperature_difference_k: Option<F>,
     /// Time since the sensor was switched on, or since another start that the calibration is for, s.
     pub time_s: Option<F>,
+    /// The stand that moves the body.
+    pub stand: Option<StandState<F>>,
+}
+
+/// True state of a stand's three motors; outer motor first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct StandState<F: RealField + Copy> {
+    /// Angles, rad; more than a full turn is kept as such.
+    pub angle_rad: Vector3<F>,
+    /// Their derivatives, rad/s.
+    pub rate_radps: Vector3<F>,
+    /// Sign of the last motion of each motor, the one that goes on included: -1, 1, or 0 before any.
+    pub direction: Vector3<F>,
+}
+
+impl<F: RealField + Copy> StandState<F> {
+    /// Motors that stand still and have not moved yet.
+    pub fn still(angle_rad: Vector3<F>) -> Self {
+        Self { angle_rad, rate_radps: Vector3::zeros(), direction: Vector3::zeros() }
+    }
 }
 
 impl<F: RealField + Copy> Surroundings<F> {
@@ -81,6 +103,7 @@ impl<F: RealField + Copy> Surroundings<F> {
             rotation_world_from_body: None,
             temperature_difference_k: None,
             time_s: None,
+            stand: None,
         }
     }
 }
@@ -124,6 +147,8 @@ pub enum Sensor {
     Accelerometer,
     /// The field is an angular rate, rad/s.
     Gyroscope,
+    /// The field is the angle of each motor of the stand, rad; no sensor of the unit.
+    Encoder,
 }
 
 /// One number of an effect. Its name in a list of all parameters is that of the effect, `_`, and this one.
@@ -149,6 +174,8 @@ pub enum Need {
     Temperature,
     /// [`Surroundings::time_s`].
     Time,
+    /// [`Surroundings::stand`].
+    Stand,
 }
 
 /// Something whose trace in the data is alike.
@@ -161,8 +188,8 @@ pub struct Alias {
 }
 
 impl<F: RealField + Copy> Effect<F> {
-    const FAMILIES: [&'static [Self]; 5] =
-        [Self::G_SENSITIVITY, Self::SCALE, Self::TEMPERATURE, Self::DRIFT, Self::DYNAMICS];
+    const FAMILIES: [&'static [Self]; 6] =
+        [Self::G_SENSITIVITY, Self::SCALE, Self::TEMPERATURE, Self::DRIFT, Self::DYNAMICS, Self::ENCODER];
 
     /// All effects, family by family.
     pub fn catalogue() -> impl Iterator<Item = &'static Self> {

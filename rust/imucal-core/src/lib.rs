@@ -61,3 +61,6 @@ pub mod so3;
 
 /// Standard gravity, m/s^2: what datasheets mean by g.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
+
+/// Rate of the Earth against the stars, rad/s: that of WGS 84.
+pub const EARTH_RATE_RADPS: f64 = 7.292115e-5;

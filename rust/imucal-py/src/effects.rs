@@ -36,6 +36,7 @@ impl From<&library::Effect<f64>> for Effect {
             sensor: match effect.sensor {
                 library::Sensor::Accelerometer => "accelerometer",
                 library::Sensor::Gyroscope => "gyroscope",
+                library::Sensor::Encoder => "encoder",
             },
             parameters: effect.parameters.iter().map(parameter).collect(),
             plain: effect.plain,
@@ -54,6 +55,7 @@ fn need(need: &library::Need) -> &'static str {
         library::Need::Attitude => "attitude",
         library::Need::Temperature => "temperature",
         library::Need::Time => "time",
+        library::Need::Stand => "stand",
     }
 }
 

@@ -12,11 +12,8 @@
 //! the accelerometer sits in a place of its own; the origin is where the x axis is.
 
 use super::{AXES, Alias, Columns, ENTRIES, Effect, Need, Parameter, Sensor, State, parameters, set_entries};
-use crate::so3::hat;
+use crate::{EARTH_RATE_RADPS, so3::hat};
 use nalgebra::{Matrix3, RealField, Vector3};
-
-/// Rate of the Earth against the stars, rad/s.
-const EARTH_RATE: f64 = 7.292115e-5;
 
 impl<F: RealField + Copy> Effect<F> {
     pub(super) const DYNAMICS: &'static [Self] = &[
@@ -53,7 +50,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "earth_rate",
             sensor: Sensor::Gyroscope,
-            parameters: &parameters(AXES, "rad/s", EARTH_RATE),
+            parameters: &parameters(AXES, "rad/s", EARTH_RATE_RADPS),
             plain: 3,
             shape: None,
             needs: &[Need::Attitude],

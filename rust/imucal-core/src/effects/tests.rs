@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::so3;
-use core::f64::consts::FRAC_PI_2;
+use core::f64::consts::{FRAC_PI_2, PI};
 
 /// Small whole numbers, so that the expected values below can be followed on paper.
 fn state() -> State<f64> {
@@ -15,6 +15,12 @@ fn state() -> State<f64> {
             rotation_world_from_body: Some(so3::exp(&Vector3::new(0.0, 0.0, FRAC_PI_2))),
             temperature_difference_k: Some(10.0),
             time_s: Some(50.0),
+            stand: Some(StandState {
+                // Sines 0.6, 1 and 0, cosines 0.8, 0 and -1.
+                angle_rad: Vector3::new(0.6_f64.asin(), FRAC_PI_2, PI),
+                rate_radps: Vector3::new(2.0, 0.0, -4.0),
+                direction: Vector3::new(1.0, 0.0, -1.0),
+            }),
         },
     }
 }
@@ -24,7 +30,7 @@ const TAU_S: f64 = 25.0;
 const LEFT: f64 = 0.135_335_283_236_612_7;
 
 /// The field at [`state`] times the parameters 1, 2, 3, ... after the formulas of the catalogue, by hand.
-const BY_HAND: [(&str, [f64; 3]); 25] = [
+const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("gyro_g_sensitivity", [26.0, 59.0, 92.0]),
     ("gyro_g2_sensitivity", [210.0 + 224.0, 453.0 + 284.0, 696.0 + 344.0]),
     ("gyro_scale_g_sensitivity", [2.0, 4.0, 72.0]),
@@ -52,11 +58,15 @@ const BY_HAND: [(&str, [f64; 3]); 25] = [
     ("accel_lever_arm", [59.5, -72.5, -23.25]),
     // The y axis at (1, 2, 3) as above; the z axis at (4, 5, 6): -30 - 49.5.
     ("accel_size_effect", [0.0, -72.5, -79.5]),
+    // Twice the angles: sines 0.96, 0 and 0, cosines 0.28, -1 and 1.
+    ("encoder_eccentricity", [0.6 + 1.6 + 6.72 + 2.24, 3.0 - 10.0, -6.0 + 12.0]),
+    ("encoder_time_offset", [2.0, 0.0, -4.0]),
+    ("encoder_backlash", [1.0, 0.0, -3.0]),
 ];
 
 /// Number of parameters of the plain and of the full form, and unit and typical size of the first and of the last.
 type Numbers = (&'static str, usize, usize, (&'static str, f64), (&'static str, f64));
-const NUMBERS: [Numbers; 25] = [
+const NUMBERS: [Numbers; 28] = [
     ("gyro_g_sensitivity", 9, 9, ("rad/s/(m/s^2)", 1.779741e-4), ("rad/s/(m/s^2)", 1.779741e-4)),
     ("gyro_g2_sensitivity", 9, 18, ("rad/s/(m/s^2)^2", 7.259321e-8), ("rad/s/(m/s^2)^2", 7.259321e-8)),
     ("gyro_scale_g_sensitivity", 3, 3, ("1/(m/s^2)", 1.019716e-4), ("1/(m/s^2)", 1.019716e-4)),
@@ -82,6 +92,9 @@ const NUMBERS: [Numbers; 25] = [
     ("earth_rate", 3, 3, ("rad/s", 7.292115e-5), ("rad/s", 7.292115e-5)),
     ("accel_lever_arm", 3, 3, ("m", 0.02), ("m", 0.02)),
     ("accel_size_effect", 6, 6, ("m", 0.002), ("m", 0.002)),
+    ("encoder_eccentricity", 6, 12, ("rad", 3.490659e-4), ("rad", 3.490659e-4)),
+    ("encoder_time_offset", 1, 1, ("s", 0.002), ("s", 0.002)),
+    ("encoder_backlash", 3, 3, ("rad", 8.726646e-4), ("rad", 8.726646e-4)),
 ];
 
 /// The effect with all of its parameters, the first one 1, then 2, 3, ...
@@ -92,7 +105,11 @@ fn counting<F: RealField + Copy>(effect: &'static Effect<F>) -> EffectValues<F> 
 }
 
 fn sensor_by_name(effect: &Effect<f64>) -> Sensor {
-    if effect.name.starts_with("accel_") { Sensor::Accelerometer } else { Sensor::Gyroscope }
+    match effect.name.split_once('_') {
+        Some(("accel", _)) => Sensor::Accelerometer,
+        Some(("encoder", _)) => Sensor::Encoder,
+        _ => Sensor::Gyroscope,
+    }
 }
 
 #[test]
@@ -132,10 +149,13 @@ fn names_are_unique_and_lead_to_their_rows() {
 
 #[test]
 fn aliases_are_effects_or_what_the_model_has_besides_them() {
-    let others = ["gyro_bias", "gyro_scale", "accel_scale", "a delay of the accelerometer"];
+    let delays = ["a delay of the accelerometer", "a delay of both sensors"];
+    let others = ["gyro_bias", "gyro_scale", "accel_scale", "a motor's zero"];
     for effect in Effect::<f64>::catalogue() {
         for alias in effect.aliases {
-            let known = Effect::<f64>::find(alias.with).is_some() || others.contains(&alias.with);
+            let known = Effect::<f64>::find(alias.with).is_some()
+                || others.contains(&alias.with)
+                || delays.contains(&alias.with);
             assert!(known && alias.with != effect.name, "{}: {}", effect.name, alias.with);
         }
     }
@@ -145,13 +165,14 @@ fn aliases_are_effects_or_what_the_model_has_besides_them() {
 fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
     for effect in Effect::<f64>::catalogue() {
         let known = counting(effect).at(&state());
-        for need in [Need::AngularAcceleration, Need::Attitude, Need::Temperature, Need::Time] {
+        for need in [Need::AngularAcceleration, Need::Attitude, Need::Temperature, Need::Time, Need::Stand] {
             let mut without = state();
             match need {
                 Need::AngularAcceleration => without.surroundings.angular_acceleration = None,
                 Need::Attitude => without.surroundings.rotation_world_from_body = None,
                 Need::Temperature => without.surroundings.temperature_difference_k = None,
                 Need::Time => without.surroundings.time_s = None,
+                Need::Stand => without.surroundings.stand = None,
             }
             let changes = counting(effect).at(&without) != known;
             assert_eq!(changes, effect.needs.contains(&need), "{}: {need:?}", effect.name);
@@ -196,11 +217,36 @@ fn f32_gives_the_numbers_of_f64() {
             rotation_world_from_body: wide.surroundings.rotation_world_from_body.map(|value| value.cast()),
             temperature_difference_k: Some(10.0),
             time_s: Some(50.0),
+            stand: wide.surroundings.stand.map(|stand| StandState {
+                angle_rad: stand.angle_rad.cast(),
+                rate_radps: stand.rate_radps.cast(),
+                direction: stand.direction.cast(),
+            }),
         },
     };
     for (single, double) in Effect::<f32>::catalogue().zip(Effect::<f64>::catalogue()) {
         let (got, expected) = (counting(single).at(&narrow).cast::<f64>(), counting(double).at(&wide));
         assert!((got - expected).amax() < 5e-7 * expected.amax(), "{}: {got:?}, {expected:?}", single.name);
+    }
+}
+
+#[test]
+fn what_encoders_read_has_the_field_as_its_derivative() {
+    for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor == Sensor::Encoder) {
+        let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
+        effect.field(&state(), 1.0, &mut columns);
+        for (k, parameter) in effect.parameters.iter().enumerate() {
+            let step = 1e3 * parameter.typical;
+            let read = |sign: f64| {
+                let mut values = [0.0; MAX_PARAMETERS];
+                values[k] = sign * step;
+                let mut set = EffectSet::none();
+                set.push(EffectValues::try_new(effect, &values[..effect.parameters.len()], None).unwrap()).unwrap();
+                set.on_encoders(&state())
+            };
+            let difference = (read(1.0) - read(-1.0)) / (2.0 * step);
+            assert!((difference - columns[k]).norm() < 1e-15, "{} {}", effect.name, parameter.name);
+        }
     }
 }
 

@@ -64,7 +64,7 @@ impl<F: RealField + Copy> EffectValues<F> {
         self.effect.shape.map(|_| self.shape)
     }
 
-    /// `Phi(state) theta`: what the effect adds to the true rate or force, in the body frame.
+    /// `Phi(state) theta`: what the effect adds to the true rate or force, in the body frame, or to the motor angles.
     #[inline]
     pub fn at(&self, state: &State<F>) -> Vector3<F> {
         let mut columns: Columns<F> = [Vector3::zeros(); MAX_PARAMETERS];
@@ -107,16 +107,23 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.members.iter().map_while(Option::as_ref)
     }
 
-    /// What all effects together add to the true rate and to the true force.
+    /// What all effects together add to the true rate and to the true force. Those of encoders are no part of the unit.
     pub fn at(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         let (mut on_rate, mut on_force) = (Vector3::zeros(), Vector3::zeros());
         for member in self.iter() {
             match member.effect.sensor {
                 Sensor::Gyroscope => on_rate += member.at(state),
                 Sensor::Accelerometer => on_force += member.at(state),
+                Sensor::Encoder => {}
             }
         }
         (on_rate, on_force)
+    }
+
+    /// What all effects together add to the angles that the encoders of the stand read, rad, one for each motor.
+    pub fn on_encoders(&self, state: &State<F>) -> Vector3<F> {
+        let encoders = self.iter().filter(|member| member.effect.sensor == Sensor::Encoder);
+        encoders.fold(Vector3::zeros(), |sum, member| sum + member.at(state))
     }
 
     /// True `(rate, force)` of what the sensors see, rad/s and m/s^2 in the body frame: the inverse of adding [`at`](Self::at).
@@ -208,6 +215,7 @@ impl Error for EffectError {}
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::effects::StandState;
 
     fn values(name: &str, values: &[f64], shape: Option<f64>) -> Result<EffectValues<f64>, EffectError> {
         EffectValues::try_new(Effect::find(name).unwrap(), values, shape)
@@ -272,6 +280,30 @@ mod tests {
         }
         assert_eq!(set.push(one), Err(EffectError::Full));
         assert_eq!(set.iter().count(), MAX_EFFECTS);
+        Ok(())
+    }
+
+    #[test]
+    fn effects_of_encoders_act_on_encoders_alone() -> Result<(), EffectError> {
+        let mut set = EffectSet::none();
+        set.push(values("encoder_backlash", &[1e-3, 2e-3, 3e-3], None)?)?;
+        set.push(values("gyro_g_sensitivity", &[1e-3; 9], None)?)?;
+        set.push(values("encoder_time_offset", &[0.5], None)?)?;
+        let stand = StandState {
+            angle_rad: Vector3::new(1.0, 2.0, 3.0),
+            rate_radps: Vector3::new(0.0, -2.0, 4.0),
+            direction: Vector3::new(1.0, -1.0, 0.0),
+        };
+        let state = State { surroundings: Surroundings { stand: Some(stand), ..Surroundings::unknown() }, ..still() };
+        assert!((set.on_encoders(&state) - Vector3::new(1e-3, -1.002, 2.0)).norm() < 1e-15);
+
+        let mut without = EffectSet::none();
+        without.push(values("gyro_g_sensitivity", &[1e-3; 9], None)?)?;
+        assert_eq!(without.on_encoders(&state), Vector3::zeros());
+        assert_eq!(set.at(&state), without.at(&state));
+        let (rate, force) = (Vector3::new(0.1, -0.2, 0.3), state.specific_force);
+        let surroundings = &state.surroundings;
+        assert_eq!(set.remove(rate, force, surroundings), without.remove(rate, force, surroundings));
         Ok(())
     }
 

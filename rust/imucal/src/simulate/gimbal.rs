@@ -1,67 +1,48 @@
-//! The stand: an ideal gimbal of three nested axes with the unit at their common point.
+//! The joints of the stand: three nested axes with the unit at their common point.
 //!
 //! ```text
 //! R_wb = R_x(q1) R_y(q2) R_z(q3)                          motor 1 outside (horizontal), motor 3 inside
 //! w    = R_z^T R_y^T e_x q1' + R_z^T e_y q2' + e_z q3'    body rate, in the body frame
-//! f    = g R_wb^T e_z                                     specific force: the unit is turned, never carried along
 //! ```
 //!
 //! With all motors at zero the body frame is the world frame, z up. Motors 3 and 2 alone point the body's axes in every
 //! direction relative to gravity, which is why the accelerometer program needs no motor 1.
+//!
+//! On a stand whose axes are not square, with all motors at zero,
+//!
+//! ```text
+//! axis 1 = e_x,   axis 2 = R_z(n1) e_y,   axis 3 = R_z(n1) R_x(n2) e_z
+//! ```
+//!
+//! so that neighbours meet at 90 deg + n.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::attitude::Attitude;
 use super::profile::MotorState;
 
-/// What the unit undergoes, in the body frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct BodyMotion {
-    /// Direction of the world's z axis (up); times g it is the specific force.
-    pub up: Vector3<f64>,
-    /// Angular rate, rad/s.
-    pub angular_rate: Vector3<f64>,
-    /// Angular acceleration, rad/s^2.
-    pub angular_acceleration: Vector3<f64>,
-}
-
-/// Attitude of the body, `v_world = r_wb * v_body`.
+/// Attitude of the body on a stand without errors, `v_world = r_wb * v_body`.
 pub fn rotation_world_from_body(angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle_rad.x)
         * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle_rad.y)
         * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad.z)
 }
 
-/// What the unit undergoes while the motors move as given.
-pub fn body_motion(motors: &MotorState) -> BodyMotion {
-    let (sin_1, cos_1) = motors.angle_rad.x.sin_cos();
-    let (sin_2, cos_2) = motors.angle_rad.y.sin_cos();
-    let (sin_3, cos_3) = motors.angle_rad.z.sin_cos();
-    let rate = &motors.rate_radps;
-    let acceleration = &motors.acceleration_radps2;
-    // From the frame of the middle gimbal ring into the body: R_z(q3)^T.
-    let to_body = |v: Vector3<f64>| Vector3::new(cos_3 * v.x + sin_3 * v.y, cos_3 * v.y - sin_3 * v.x, v.z);
-
-    // Rate of the middle ring, in its own frame, and its derivative.
-    let ring_rate = Vector3::new(cos_2 * rate.x, rate.y, sin_2 * rate.x);
-    let ring_acceleration = Vector3::new(
-        cos_2 * acceleration.x - sin_2 * rate.y * rate.x,
-        acceleration.y,
-        sin_2 * acceleration.x + cos_2 * rate.y * rate.x,
-    );
-    let carried = to_body(ring_rate);
-    let inner = Vector3::new(0.0, 0.0, rate.z);
-    BodyMotion {
-        up: to_body(Vector3::new(-sin_2 * cos_1, sin_1, cos_2 * cos_1)),
-        angular_rate: carried + inner,
-        // d/dt R_z^T v = R_z^T v' - q3' e_z x R_z^T v
-        angular_acceleration: to_body(ring_acceleration) - inner.cross(&carried)
-            + Vector3::new(0.0, 0.0, acceleration.z),
-    }
+/// Attitude of the innermost ring in the base, while the motors move as given.
+pub(super) fn inner_ring(motors: &MotorState, non_orthogonality_rad: &[f64; 2]) -> Attitude {
+    let [(sin_1, cos_1), (sin_2, cos_2)] = non_orthogonality_rad.map(f64::sin_cos);
+    let axes = [Vector3::x(), Vector3::new(-sin_1, cos_1, 0.0), Vector3::new(sin_1 * sin_2, -cos_1 * sin_2, cos_2)];
+    let [outer, middle, inner] = [0, 1, 2].map(|motor| Attitude::about(axes[motor], motors.course(motor)));
+    outer.then(&middle).then(&inner)
 }
 
 #[cfg(test)]
 mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
     use super::*;
+
+    const SQUARE: [f64; 2] = [0.0; 2];
 
     /// Motors that move as smooth functions of time, with their exact derivatives.
     fn motors(t: f64) -> MotorState {
@@ -72,45 +53,60 @@ mod tests {
         }
     }
 
-    #[test]
-    fn rate_and_acceleration_are_derivatives_of_the_attitude() {
-        let h = 1e-4;
-        for i in 0..200 {
-            let t = 0.05 * f64::from(i);
-            let attitude = |t: f64| rotation_world_from_body(&motors(t).angle_rad);
-            let rate = (attitude(t - h).inverse() * attitude(t + h)).scaled_axis() / (2.0 * h);
-            let acceleration =
-                (body_motion(&motors(t + h)).angular_rate - body_motion(&motors(t - h)).angular_rate) / (2.0 * h);
-            let motion = body_motion(&motors(t));
-            assert!((rate - motion.angular_rate).norm() < 1e-7, "rate at {t} s");
-            assert!((acceleration - motion.angular_acceleration).norm() < 1e-7, "acceleration at {t} s");
-        }
+    /// The formulas above, by components.
+    fn by_components(motors: &MotorState) -> (Vector3<f64>, Vector3<f64>) {
+        let ((sin_2, cos_2), (sin_3, cos_3)) = (motors.angle_rad.y.sin_cos(), motors.angle_rad.z.sin_cos());
+        let (rate, acceleration) = (&motors.rate_radps, &motors.acceleration_radps2);
+        let to_body = |v: Vector3<f64>| Vector3::new(cos_3 * v.x + sin_3 * v.y, cos_3 * v.y - sin_3 * v.x, v.z);
+        let carried = to_body(Vector3::new(cos_2 * rate.x, rate.y, sin_2 * rate.x));
+        let ring_acceleration = Vector3::new(
+            cos_2 * acceleration.x - sin_2 * rate.y * rate.x,
+            acceleration.y,
+            sin_2 * acceleration.x + cos_2 * rate.y * rate.x,
+        );
+        let (inner, inner_acceleration) = (Vector3::z() * rate.z, Vector3::z() * acceleration.z);
+        (carried + inner, to_body(ring_acceleration) - inner.cross(&carried) + inner_acceleration)
     }
 
     #[test]
-    fn up_is_the_world_z_axis_seen_from_the_body() {
-        for i in 0..50 {
-            let motors = motors(0.2 * f64::from(i));
-            let seen = rotation_world_from_body(&motors.angle_rad).inverse() * Vector3::z();
-            assert!((seen - body_motion(&motors).up).norm() < 1e-14);
+    fn a_square_gimbal_gives_the_formulas_by_components() {
+        for i in 0..200 {
+            let motors = motors(0.05 * f64::from(i));
+            let ring = inner_ring(&motors, &SQUARE);
+            let (rate, acceleration) = by_components(&motors);
+            assert!(ring.rotation.angle_to(&rotation_world_from_body(&motors.angle_rad)) < 1e-15);
+            assert!((ring.rate - rate).norm() < 1e-15 * 3.0);
+            assert!((ring.acceleration - acceleration).norm() < 1e-15 * 6.0);
         }
     }
 
     #[test]
     fn at_zero_the_body_stands_upright() {
-        let motion = body_motion(&MotorState::still(Vector3::zeros()));
-        assert_eq!(motion.up, Vector3::z());
-        assert_eq!(motion.angular_rate, Vector3::zeros());
+        let ring = inner_ring(&MotorState::still(Vector3::zeros()), &[0.01, -0.02]);
+        assert_eq!(ring, Attitude::fixed(UnitQuaternion::identity()));
     }
 
     #[test]
     fn aligned_axes_add_their_rates() {
         // Middle axis at +90 deg: the inner axis (body z) lies along the outer one.
         let state = MotorState {
-            angle_rad: Vector3::new(0.3, std::f64::consts::FRAC_PI_2, 0.0),
+            angle_rad: Vector3::new(0.3, FRAC_PI_2, 0.0),
             rate_radps: Vector3::new(1.0, 0.0, 2.0),
             acceleration_radps2: Vector3::zeros(),
         };
-        assert!((body_motion(&state).angular_rate - Vector3::new(0.0, 0.0, 3.0)).norm() < 1e-15);
+        assert!((inner_ring(&state, &SQUARE).rate - Vector3::new(0.0, 0.0, 3.0)).norm() < 1e-15);
+    }
+
+    #[test]
+    fn neighbouring_axes_meet_at_their_angle() {
+        let tilts = [0.01, -0.02];
+        let turned = |motor: usize, angle: f64| {
+            let motors = MotorState::still(Vector3::ith(motor, angle));
+            inner_ring(&motors, &tilts).rotation.axis().unwrap().into_inner()
+        };
+        let axes = [0, 1, 2].map(|motor| turned(motor, 1.0));
+        for (pair, tilt) in axes.windows(2).zip(tilts) {
+            assert!((pair[0].angle(&pair[1]) - FRAC_PI_2 - tilt).abs() < 1e-15);
+        }
     }
 }

@@ -9,6 +9,9 @@
 //! turn and its duration: peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3.
 //! The motors share `T`: they start and stop together.
 
+use std::iter::Sum;
+use std::ops::Mul;
+
 use nalgebra::Vector3;
 
 /// Peak rate of a turn, in units of turn / duration.
@@ -43,26 +46,37 @@ impl MotorState {
         if time_s >= duration_s {
             return Self::still(start_rad + turn_rad);
         }
-        let shape = Shape::at(time_s / duration_s);
+        let profile = Course::jerk_limited(time_s / duration_s).in_time(duration_s);
         Self {
-            angle_rad: start_rad + turn_rad * shape.position,
-            rate_radps: turn_rad * (shape.rate / duration_s),
-            acceleration_radps2: turn_rad * (shape.acceleration / (duration_s * duration_s)),
+            angle_rad: start_rad + turn_rad * profile.value,
+            rate_radps: turn_rad * profile.rate,
+            acceleration_radps2: turn_rad * profile.acceleration,
+        }
+    }
+
+    /// One motor, counted from 0.
+    #[inline]
+    pub(super) fn course(&self, motor: usize) -> Course {
+        Course {
+            value: self.angle_rad[motor],
+            rate: self.rate_radps[motor],
+            acceleration: self.acceleration_radps2[motor],
         }
     }
 }
 
-/// The profile itself: a turn by one in a time of one.
-struct Shape {
-    position: f64,
-    rate: f64,
-    acceleration: f64,
+/// A function of time at an instant: its value and its first two derivatives.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Course {
+    pub(super) value: f64,
+    pub(super) rate: f64,
+    pub(super) acceleration: f64,
 }
 
 /// Where each segment of the first half starts, what holds there, and the jerk until the next.
 struct Segment {
     start: f64,
-    position: f64,
+    value: f64,
     rate: f64,
     acceleration: f64,
     jerk: f64,
@@ -70,25 +84,64 @@ struct Segment {
 
 #[rustfmt::skip]
 const SEGMENTS: [Segment; 4] = [
-    Segment { start: 0.0,        position: 0.0,         rate: 0.0,       acceleration: 0.0,               jerk: JERK },
-    Segment { start: 1.0 / 12.0, position: 1.0 / 108.0, rate: 1.0 / 3.0, acceleration: PEAK_ACCELERATION, jerk: 0.0 },
-    Segment { start: 1.0 / 6.0,  position: 7.0 / 108.0, rate: 1.0,       acceleration: PEAK_ACCELERATION, jerk: -JERK },
-    Segment { start: 0.25,       position: 1.0 / 6.0,   rate: PEAK_RATE, acceleration: 0.0,               jerk: 0.0 },
+    Segment { start: 0.0,        value: 0.0,         rate: 0.0,       acceleration: 0.0,               jerk: JERK },
+    Segment { start: 1.0 / 12.0, value: 1.0 / 108.0, rate: 1.0 / 3.0, acceleration: PEAK_ACCELERATION, jerk: 0.0 },
+    Segment { start: 1.0 / 6.0,  value: 7.0 / 108.0, rate: 1.0,       acceleration: PEAK_ACCELERATION, jerk: -JERK },
+    Segment { start: 0.25,       value: 1.0 / 6.0,   rate: PEAK_RATE, acceleration: 0.0,               jerk: 0.0 },
 ];
 
-impl Shape {
-    /// At the given share of the duration, between 0 and 1.
-    fn at(share: f64) -> Self {
+impl Course {
+    /// The seven segments: from 0 to 1 while `share` goes from 0 to 1.
+    #[inline]
+    pub(super) fn jerk_limited(share: f64) -> Self {
         // The second half is the first one backwards, so both ends are met exactly.
         if share > 0.5 {
             let mirrored = Self::first_half(1.0 - share);
-            return Self {
-                position: 1.0 - mirrored.position,
-                rate: mirrored.rate,
-                acceleration: -mirrored.acceleration,
-            };
+            return Self { value: 1.0 - mirrored.value, rate: mirrored.rate, acceleration: -mirrored.acceleration };
         }
         Self::first_half(share)
+    }
+
+    /// From 0 to 1 while `share` goes from 0 to 1, smoother: three derivatives are zero at both ends, and there is no corner
+    /// between them. `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7`
+    #[inline]
+    pub(super) fn smooth_step(share: f64) -> Self {
+        let u = share;
+        let left = u * (1.0 - u);
+        Self {
+            value: u.powi(4) * (35.0 + u * (-84.0 + u * (70.0 - 20.0 * u))),
+            rate: 140.0 * left * left * left,
+            acceleration: 420.0 * left * left * (1.0 - 2.0 * u),
+        }
+    }
+
+    /// From 0 to 1 and back while `share` goes from 0 to 1, flat in the middle: the smooth step of `4 u (1 - u)`.
+    #[inline]
+    pub(super) fn swell(share: f64) -> Self {
+        let inner = Self { value: 4.0 * share * (1.0 - share), rate: 4.0 - 8.0 * share, acceleration: -8.0 };
+        let outer = Self::smooth_step(inner.value);
+        Self {
+            value: outer.value,
+            rate: outer.rate * inner.rate,
+            acceleration: outer.acceleration * inner.rate * inner.rate + outer.rate * inner.acceleration,
+        }
+    }
+
+    /// `sin(frequency time + phase)`, the frequency in rad/s.
+    #[inline]
+    pub(super) fn sine(frequency_radps: f64, phase_rad: f64, time_s: f64) -> Self {
+        let (sine, cosine) = (frequency_radps * time_s + phase_rad).sin_cos();
+        Self { value: sine, rate: frequency_radps * cosine, acceleration: -frequency_radps * frequency_radps * sine }
+    }
+
+    /// A function of the share of a duration becomes one of time.
+    #[inline]
+    pub(super) fn in_time(self, duration_s: f64) -> Self {
+        Self {
+            value: self.value,
+            rate: self.rate / duration_s,
+            acceleration: self.acceleration / (duration_s * duration_s),
+        }
     }
 
     fn first_half(share: f64) -> Self {
@@ -96,10 +149,45 @@ impl Shape {
         let segment = &SEGMENTS[later];
         let t = share - segment.start;
         Self {
-            position: segment.position + t * (segment.rate + t * (segment.acceleration / 2.0 + t * segment.jerk / 6.0)),
+            value: segment.value + t * (segment.rate + t * (segment.acceleration / 2.0 + t * segment.jerk / 6.0)),
             rate: segment.rate + t * (segment.acceleration + t * segment.jerk / 2.0),
             acceleration: segment.acceleration + t * segment.jerk,
         }
+    }
+}
+
+impl Mul for Course {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, other: Self) -> Self {
+        Self {
+            value: self.value * other.value,
+            rate: self.rate * other.value + self.value * other.rate,
+            acceleration: self.acceleration * other.value
+                + 2.0 * self.rate * other.rate
+                + self.value * other.acceleration,
+        }
+    }
+}
+
+impl Mul<f64> for Course {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, factor: f64) -> Self {
+        Self { value: self.value * factor, rate: self.rate * factor, acceleration: self.acceleration * factor }
+    }
+}
+
+impl Sum for Course {
+    #[inline]
+    fn sum<I: Iterator<Item = Self>>(courses: I) -> Self {
+        courses.fold(Self { value: 0.0, rate: 0.0, acceleration: 0.0 }, |sum, course| Self {
+            value: sum.value + course.value,
+            rate: sum.rate + course.rate,
+            acceleration: sum.acceleration + course.acceleration,
+        })
     }
 }
 
@@ -150,17 +238,51 @@ mod tests {
     fn peaks_are_as_stated_and_jerk_is_bounded() {
         let steps = 100_000;
         let (mut rate, mut acceleration, mut jerk) = (0.0_f64, 0.0_f64, 0.0_f64);
-        let mut previous = Shape::at(0.0);
+        let mut previous = Course::jerk_limited(0.0);
         for i in 1..=steps {
-            let now = Shape::at(f64::from(i) / f64::from(steps));
+            let now = Course::jerk_limited(f64::from(i) / f64::from(steps));
             rate = rate.max(now.rate);
             acceleration = acceleration.max(now.acceleration.abs());
             jerk = jerk.max((now.acceleration - previous.acceleration).abs() * f64::from(steps));
-            assert!(now.position >= previous.position, "a turn never goes back");
+            assert!(now.value >= previous.value, "a turn never goes back");
             previous = now;
         }
         assert!((rate - PEAK_RATE).abs() < 1e-12);
         assert!((acceleration - PEAK_ACCELERATION).abs() < 1e-12);
         assert!((jerk - JERK).abs() < 1e-6);
+    }
+
+    /// Value, rate and acceleration from central differences agree.
+    fn is_differentiated(course: impl Fn(f64) -> Course, tolerance: f64) {
+        let h = 1e-5;
+        for i in 1..200 {
+            let t = f64::from(i) / 200.0;
+            let (before, now, after) = (course(t - h), course(t), course(t + h));
+            assert!(((after.value - before.value) / (2.0 * h) - now.rate).abs() < tolerance, "rate at {t}");
+            let acceleration = (after.rate - before.rate) / (2.0 * h);
+            assert!((acceleration - now.acceleration).abs() < tolerance * 100.0, "acceleration at {t}");
+        }
+    }
+
+    #[test]
+    fn smooth_courses_and_their_products_are_differentiated() {
+        is_differentiated(Course::smooth_step, 1e-7);
+        is_differentiated(Course::swell, 1e-7);
+        is_differentiated(|t| Course::sine(3.0, 0.5, t), 1e-7);
+        is_differentiated(|t| Course::swell(t) * Course::sine(9.0, 0.5, t) * 0.3, 1e-7);
+        is_differentiated(|t| Course::smooth_step(t / 3.0).in_time(3.0), 1e-7);
+    }
+
+    #[test]
+    fn smooth_courses_start_and_end_at_rest() {
+        let zero = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
+        for course in [Course::smooth_step(0.0), Course::swell(0.0), Course::swell(1.0)] {
+            assert_eq!(course * 1.0, zero);
+        }
+        assert_eq!(Course::smooth_step(1.0) * 1.0, Course { value: 1.0, ..zero });
+        assert_eq!(Course::swell(0.5).value, 1.0);
+        // The third derivative is zero there, too: the acceleration grows with the square of the distance.
+        let ratio = Course::smooth_step(2e-3).acceleration / Course::smooth_step(1e-3).acceleration;
+        assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
     }
 }

@@ -34,6 +34,11 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
+    /// Sign of each motor's last motion, given that before the step.
+    fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
+        before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
+    }
+
     fn check(&self, index: usize) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("step {index} of the program: {message}")));
         if !self.turn_rad.iter().all(|angle| angle.is_finite()) {
@@ -101,6 +106,18 @@ pub struct Program {
 struct Start {
     time_s: f64,
     angle_rad: Vector3<f64>,
+    /// Sign of each motor's last motion.
+    direction: Vector3<f64>,
+}
+
+/// Where in the program a time is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Phase {
+    pub(super) motors: MotorState,
+    /// Sign of each motor's last motion, the one that goes on included.
+    pub(super) direction: Vector3<f64>,
+    /// While the motors turn: the time since the turn began, and how long it takes, s.
+    pub(super) turn: Option<(f64, f64)>,
 }
 
 impl Program {
@@ -110,13 +127,14 @@ impl Program {
     /// [`Error::Input`] if the list is empty or lasts no time, an angle or time is not finite, a time is negative, or a
     /// step turns in no time.
     pub fn try_new(steps: Vec<Step>) -> Result<Self, Error> {
-        let mut end = Start { time_s: 0.0, angle_rad: Vector3::zeros() };
+        let mut end = Start { time_s: 0.0, angle_rad: Vector3::zeros(), direction: Vector3::zeros() };
         let mut starts = Vec::with_capacity(steps.len());
         for (index, step) in steps.iter().enumerate() {
             step.check(index)?;
             starts.push(end);
             end.time_s += step.move_s + step.hold_s;
             end.angle_rad += Vector3::from(step.turn_rad);
+            end.direction = step.direction_after(&end.direction);
         }
         let program = Self { steps, starts, end };
         if !(end.time_s > 0.0 && end.time_s.is_finite()) {
@@ -188,12 +206,40 @@ impl Program {
 
     /// Exact angles, rates and accelerations of the motors at a time; still before the start and after the end.
     pub fn motors(&self, time_s: f64) -> MotorState {
-        let started = self.starts.partition_point(|start| start.time_s <= time_s);
-        let Some(index) = started.checked_sub(1) else {
-            return MotorState::still(Vector3::zeros());
+        self.phase(time_s).motors
+    }
+
+    pub(super) fn phase(&self, time_s: f64) -> Phase {
+        let Some(index) = self.started(time_s).checked_sub(1) else {
+            return Phase { motors: MotorState::still(Vector3::zeros()), direction: Vector3::zeros(), turn: None };
         };
         let (step, start) = (&self.steps[index], &self.starts[index]);
-        MotorState::turning(start.angle_rad, step.turn_rad.into(), step.move_s, time_s - start.time_s)
+        let elapsed_s = time_s - start.time_s;
+        let direction = if elapsed_s > 0.0 { step.direction_after(&start.direction) } else { start.direction };
+        let turns = step.turns() && elapsed_s > 0.0 && elapsed_s < step.move_s;
+        Phase {
+            motors: MotorState::turning(start.angle_rad, step.turn_rad.into(), step.move_s, elapsed_s),
+            direction,
+            turn: turns.then_some((elapsed_s, step.move_s)),
+        }
+    }
+
+    /// Until when nothing moves, that instant included; `None` during a turn.
+    pub(super) fn still_until(&self, time_s: f64) -> Option<f64> {
+        let started = self.started(time_s);
+        if let Some(index) = started.checked_sub(1)
+            && self.steps[index].turns()
+            && time_s - self.starts[index].time_s < self.steps[index].move_s
+        {
+            return None;
+        }
+        let next_turn = self.steps[started..].iter().position(Step::turns);
+        Some(next_turn.map_or(f64::INFINITY, |steps| self.starts[started + steps].time_s))
+    }
+
+    /// How many steps have started.
+    fn started(&self, time_s: f64) -> usize {
+        self.starts.partition_point(|start| start.time_s <= time_s)
     }
 
     /// Start and end of every stretch of time without motion, s; holds that follow each other are one rest.
@@ -217,11 +263,12 @@ mod tests {
     use std::f64::consts::TAU;
 
     use super::*;
-    use crate::simulate::gimbal::body_motion;
+    use crate::simulate::gimbal::{inner_ring, rotation_world_from_body};
 
     fn ups(program: &Program) -> Vec<Vector3<f64>> {
         let rests = program.rests();
-        rests.iter().map(|(start, end)| body_motion(&program.motors((start + end) / 2.0)).up).collect()
+        let attitude = |time_s| rotation_world_from_body(&program.motors(time_s).angle_rad);
+        rests.iter().map(|(start, end)| attitude((start + end) / 2.0).inverse() * Vector3::z()).collect()
     }
 
     #[test]
@@ -262,8 +309,8 @@ mod tests {
         for seed in 1..=20 {
             let program = Program::random(&RandomMoves::default(), seed).unwrap();
             for i in 0..32_000 {
-                let motion = body_motion(&program.motors(f64::from(i) / 100.0));
-                highest_dps = highest_dps.max(motion.angular_rate.norm().to_degrees());
+                let ring = inner_ring(&program.motors(f64::from(i) / 100.0), &[0.0; 2]);
+                highest_dps = highest_dps.max(ring.rate.norm().to_degrees());
             }
         }
         println!("highest body rate of seeds 1 to 20: {highest_dps:.1} deg/s");
@@ -286,6 +333,35 @@ mod tests {
             let t = f64::from(i) * 1e-3;
             let change = program.motors(t + 1e-3).angle_rad - program.motors(t).angle_rad;
             assert!(change.norm() < 1e-3 * 4.0 / 3.0 * 7.0, "{t} s");
+        }
+    }
+
+    #[test]
+    fn stillness_and_the_direction_of_the_last_motion_are_known() {
+        let steps = vec![
+            Step::hold(1.0),
+            Step { turn_rad: [1.0, 0.0, -2.0], move_s: 1.0, hold_s: 2.0 },
+            Step::hold(0.5),
+            Step { turn_rad: [-1.0, 0.5, 0.0], move_s: 1.0, hold_s: 0.0 },
+        ];
+        let program = Program::try_new(steps).unwrap();
+        for (time_s, until_s, direction) in [
+            (-1.0, Some(1.0), [0.0, 0.0, 0.0]),
+            (0.5, Some(1.0), [0.0, 0.0, 0.0]),
+            (1.0, None, [0.0, 0.0, 0.0]),
+            (1.5, None, [1.0, 0.0, -1.0]),
+            (2.0, Some(4.5), [1.0, 0.0, -1.0]),
+            (4.2, Some(4.5), [1.0, 0.0, -1.0]),
+            (5.0, None, [-1.0, 1.0, -1.0]),
+            (5.5, Some(f64::INFINITY), [-1.0, 1.0, -1.0]),
+        ] {
+            let phase = program.phase(time_s);
+            assert_eq!(program.still_until(time_s), until_s, "{time_s} s");
+            assert_eq!(phase.direction, Vector3::from(direction), "{time_s} s");
+            assert_eq!(phase.turn.is_some(), until_s.is_none() && time_s != 1.0, "{time_s} s");
+            if let Some(until_s) = until_s.filter(|until_s| until_s.is_finite()) {
+                assert_eq!(program.phase(until_s), phase, "{time_s} s");
+            }
         }
     }
 

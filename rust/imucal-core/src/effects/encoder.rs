@@ -1,0 +1,84 @@
+//! What the encoders of a stand add to the angles of its motors.
+//!
+//! ```text
+//! encoder_eccentricity   s_mk sin(k q_m) + c_mk cos(k q_m),   k = 1, full form k = 1, 2
+//! encoder_time_offset    q(t + tau) - q(t) = tau dq/dt + O(tau^2)
+//! encoder_backlash       b_m d_m,                             d_m the sign of the last motion
+//! ```
+//!
+//! A disk that is off its centre by a hundredth of its radius reads wrong by a hundredth of a radian, once per turn; an oval
+//! one does so twice. The columns are by motor, the outer one first.
+
+use super::{Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, parameters, set_axes};
+use nalgebra::{RealField, Vector3};
+
+/// Sine and cosine of each motor, once per turn, then twice per turn: the number of the motor, then that per turn.
+const HARMONICS: [&str; 12] = [
+    "sin_1_1", "cos_1_1", "sin_2_1", "cos_2_1", "sin_3_1", "cos_3_1", //
+    "sin_1_2", "cos_1_2", "sin_2_2", "cos_2_2", "sin_3_2", "cos_3_2",
+];
+/// One parameter for each motor.
+const MOTORS: [&str; 3] = ["1", "2", "3"];
+
+impl<F: RealField + Copy> Effect<F> {
+    pub(super) const ENCODER: &'static [Self] = &[
+        Self {
+            name: "encoder_eccentricity",
+            sensor: Sensor::Encoder,
+            parameters: &parameters(HARMONICS, "rad", 0.02 * DEGREE),
+            plain: 6,
+            shape: None,
+            needs: &[Need::Stand],
+            formula: "s_m sin q_m + c_m cos q_m, full form + the same of 2 q_m",
+            observable: "rests at many angles of each motor, all around",
+            aliases: &[Alias {
+                with: "a motor's zero",
+                told_apart_by: "half a turn or more: over a small angle the cosine is a constant",
+            }],
+            columns: eccentricity,
+        },
+        Self {
+            name: "encoder_time_offset",
+            sensor: Sensor::Encoder,
+            parameters: &[Parameter { name: "tau", unit: "s", typical: 2e-3 }],
+            plain: 1,
+            shape: None,
+            needs: &[Need::Stand],
+            formula: "tau dq/dt",
+            observable: "turns with encoder angles",
+            aliases: &[Alias {
+                with: "a delay of both sensors",
+                told_apart_by: "nothing: only the difference is seen",
+            }],
+            columns: |state, _, columns| columns[0] = stand(state).rate_radps,
+        },
+        Self {
+            name: "encoder_backlash",
+            sensor: Sensor::Encoder,
+            parameters: &parameters(MOTORS, "rad", 0.05 * DEGREE),
+            plain: 3,
+            shape: None,
+            needs: &[Need::Stand],
+            formula: "b_m d_m, d_m the sign of the last motion of motor m",
+            observable: "rests at one angle that is reached from both sides",
+            aliases: &[Alias { with: "a motor's zero", told_apart_by: "turns of both signs" }],
+            columns: |state, _, columns| set_axes(stand(state).direction, columns),
+        },
+    ];
+}
+
+fn eccentricity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
+    // Of a stand that is not known nothing is read: its cosines are left out too.
+    let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
+    for (motor, angle_rad) in stand(state).angle_rad.iter().enumerate() {
+        let (sine, cosine) = angle_rad.sin_cos();
+        columns[2 * motor] = Vector3::ith(motor, sine);
+        columns[2 * motor + 1] = Vector3::ith(motor, cosine * known);
+        columns[6 + 2 * motor] = Vector3::ith(motor, (sine + sine) * cosine);
+        columns[7 + 2 * motor] = Vector3::ith(motor, (cosine * cosine - sine * sine) * known);
+    }
+}
+
+fn stand<F: RealField + Copy>(state: &State<F>) -> StandState<F> {
+    state.surroundings.stand.unwrap_or(StandState::still(Vector3::zeros()))
+}

@@ -1,0 +1,91 @@
+//! The Earth under the stand: its gravity and its rotation, after WGS 84 (NIMA TR8350.2, third edition, 2000, chapter 4).
+//!
+//! ```text
+//! g(latitude, 0) = g_e (1 + k sin^2) / sqrt(1 - e^2 sin^2)                         Somigliana's formula
+//! g(latitude, h) = g(latitude, 0) (1 - 2/a (1 + f + m - 2 f sin^2) h + 3/a^2 h^2)  free air, to the second order
+//! ```
+//!
+//! That is gravity of the ellipsoid; the real one differs by up to 1e-3 m/s^2 or so from place to place.
+
+use imucal_core::EARTH_RATE_RADPS;
+use nalgebra::Vector3;
+
+/// Gravity on the equator, m/s^2.
+const EQUATOR_MPS2: f64 = 9.780_325_335_9;
+/// Somigliana's constant.
+const SOMIGLIANA: f64 = 0.001_931_852_652_41;
+/// Square of the first eccentricity.
+const ECCENTRICITY_SQUARED: f64 = 6.694_379_990_14e-3;
+/// Semi-major axis, m.
+const SEMI_MAJOR_AXIS_M: f64 = 6_378_137.0;
+/// Flattening.
+const FLATTENING: f64 = 1.0 / 298.257_223_563;
+/// Centrifugal force over gravity on the equator: `rate^2 a^2 b / GM`.
+const CENTRIFUGAL: f64 = 0.003_449_786_506_84;
+
+/// Gravity at a geodetic latitude and a height above the ellipsoid, m/s^2.
+pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
+    let sin_squared = latitude_rad.sin().powi(2);
+    let at_zero = EQUATOR_MPS2 * (1.0 + SOMIGLIANA * sin_squared) / (1.0 - ECCENTRICITY_SQUARED * sin_squared).sqrt();
+    let height = height_m / SEMI_MAJOR_AXIS_M;
+    let first = 2.0 * (1.0 + FLATTENING + CENTRIFUGAL - 2.0 * FLATTENING * sin_squared);
+    at_zero * (1.0 - height * (first - 3.0 * height))
+}
+
+/// Rate of the Earth against the stars in the world frame (x north, y west, z up), rad/s.
+pub fn rate_radps(latitude_rad: f64) -> Vector3<f64> {
+    let (sine, cosine) = latitude_rad.sin_cos();
+    Vector3::new(cosine, 0.0, sine) * EARTH_RATE_RADPS
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{FRAC_PI_2, FRAC_PI_4};
+
+    use super::*;
+
+    #[test]
+    fn gravity_is_that_of_the_published_tables() {
+        // TR8350.2, table 3.4: gravity at the poles. At 45 deg: 9.80620 (Hofmann-Wellenhof and Moritz, 2.8).
+        assert!((gravity_mps2(FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
+        assert!((gravity_mps2(-FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
+        assert!((gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-12);
+        assert!((gravity_mps2(FRAC_PI_4, 0.0) - 9.806_20).abs() < 1e-5);
+    }
+
+    /// On the axis the ellipsoid's gravity has a closed form: `GM / (z^2 + E^2)` and the quadrupole of the flattened body.
+    #[test]
+    fn gravity_falls_with_height_as_on_the_axis_of_the_ellipsoid() {
+        // TR8350.2, (4-6) and (4-7) for u = z, beta = 90 deg, where nothing is centrifugal.
+        const GM: f64 = 3.986_004_418e14;
+        let semi_minor_m = SEMI_MAJOR_AXIS_M * (1.0 - FLATTENING);
+        let eccentric_m = SEMI_MAJOR_AXIS_M * ECCENTRICITY_SQUARED.sqrt();
+        let q = |u: f64| {
+            let x = eccentric_m / u;
+            ((1.0 + 3.0 / (x * x)) * x.atan() - 3.0 / x) / 2.0
+        };
+        let q_slope = |u: f64| {
+            let x = eccentric_m / u;
+            3.0 * (1.0 + 1.0 / (x * x)) * (1.0 - x.atan() / x) - 1.0
+        };
+        let exact = |u: f64| {
+            let flattened =
+                EARTH_RATE_RADPS.powi(2) * SEMI_MAJOR_AXIS_M.powi(2) * eccentric_m / q(semi_minor_m) * q_slope(u) / 3.0;
+            (GM + flattened) / (u * u + eccentric_m * eccentric_m)
+        };
+        for height_m in [0.0, 1_000.0, 5_000.0] {
+            let got = gravity_mps2(FRAC_PI_2, height_m);
+            let expected = exact(semi_minor_m + height_m);
+            assert!((got - expected).abs() < 3e-6, "{height_m} m: {got}, {expected}");
+        }
+    }
+
+    #[test]
+    fn the_earth_turns_once_in_a_sidereal_day_about_its_axis() {
+        let day_s = std::f64::consts::TAU / rate_radps(0.3).norm();
+        assert!((day_s - 86_164.1).abs() < 0.1);
+        assert!((rate_radps(FRAC_PI_2) - Vector3::z() * EARTH_RATE_RADPS).norm() < 1e-19);
+        assert_eq!(rate_radps(0.0), Vector3::x() * EARTH_RATE_RADPS);
+        assert!(rate_radps(-0.5).z < 0.0);
+    }
+}

@@ -1,0 +1,158 @@
+//! What is wrong with a stand: its geometry, its stiffness, its shaking and its encoders.
+//!
+//! ```text
+//! R_wb = R_tilt  R_gimbal(q)  R_flexure(q)  R_vibration(t)  R_mount
+//! ```
+//!
+//! * The base stands `base_tilt_rad` from level, and the unit sits `mount_rotation_rad` from square on the innermost ring.
+//! * The joints are not at right angles: see [`gimbal`](super::gimbal).
+//! * The innermost ring is an arm along axis 3 that its weight bends down, by `flexure_rad` where it is level:
+//!   `vector = flexure_rad (up x axis 3)`, seen in the ring. It bends as the motors turn, without swinging.
+//! * While the motors turn the unit shakes: about and along three axes, a third of a period apart, swelling from nothing and
+//!   back. The shaking that takes it along is seen in the world.
+//! * Encoders read the motor angles, not the attitude: what is above is hidden from them.
+//!
+//! All is in closed form: rate and acceleration are exact derivatives, whatever is wrong.
+
+use std::f64::consts::TAU;
+
+use imucal_core::effects::{EffectSet, StandState, State, Surroundings};
+use imucal_core::so3;
+use nalgebra::Vector3;
+
+use super::attitude::Attitude;
+use super::gimbal;
+use super::motion::Moment;
+use super::profile::Course;
+use super::program::Phase;
+use crate::error::Error;
+
+/// Errors of a stand; zero is perfect.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Stand {
+    /// Rotation vector of the unit on the innermost ring, rad.
+    pub mount_rotation_rad: Vector3<f64>,
+    /// Tilt of the base about the world's x and y axes (a rotation vector), rad.
+    pub base_tilt_rad: [f64; 2],
+    /// By how much the angle from axis 1 to axis 2, and from axis 2 to axis 3, is more than 90 deg, rad.
+    pub non_orthogonality_rad: [f64; 2],
+    /// How far the innermost ring sags where axis 3 is level, rad.
+    pub flexure_rad: f64,
+    /// Amplitude of the vibration about each axis, rad.
+    pub vibration_rad: f64,
+    /// Amplitude of the vibration along each axis, m.
+    pub vibration_m: f64,
+    /// Frequency of the vibration, Hz.
+    pub vibration_hz: f64,
+    /// Standard deviation of the white noise of an encoder reading, rad.
+    pub encoder_noise_rad: f64,
+    /// Counts of an encoder per turn; `None` reads without rounding.
+    pub encoder_counts: Option<u32>,
+}
+
+impl Stand {
+    /// Neither errors nor noise.
+    pub fn perfect() -> Self {
+        Self {
+            mount_rotation_rad: Vector3::zeros(),
+            base_tilt_rad: [0.0; 2],
+            non_orthogonality_rad: [0.0; 2],
+            flexure_rad: 0.0,
+            vibration_rad: 0.0,
+            vibration_m: 0.0,
+            vibration_hz: 0.0,
+            encoder_noise_rad: 0.0,
+            encoder_counts: None,
+        }
+    }
+
+    /// What the encoders read, rad: the motor angles, the effects of encoders among `effects`, the noise, and whole counts.
+    ///
+    /// `noise` are three numbers with a standard deviation of one.
+    pub fn read_encoders(
+        &self,
+        stand: &StandState<f64>,
+        effects: &EffectSet<f64>,
+        noise: Vector3<f64>,
+    ) -> Vector3<f64> {
+        let surroundings = Surroundings { stand: Some(*stand), ..Surroundings::unknown() };
+        let state = State { angular_rate: Vector3::zeros(), specific_force: Vector3::zeros(), surroundings };
+        let read_rad = stand.angle_rad + effects.on_encoders(&state) + noise * self.encoder_noise_rad;
+        match self.encoder_counts {
+            Some(counts) => {
+                let count_rad = TAU / f64::from(counts);
+                read_rad.map(|angle| (angle / count_rad).round_ties_even() * count_rad)
+            }
+            None => read_rad,
+        }
+    }
+
+    /// What the unit undergoes in this phase of a program.
+    pub(super) fn moment(&self, phase: &Phase) -> Moment {
+        let [tilt_x, tilt_y] = self.base_tilt_rad;
+        let mut attitude = gimbal::inner_ring(&phase.motors, &self.non_orthogonality_rad);
+        // The base does not turn: it leaves the rates in the ring's frame as they are.
+        attitude.rotation = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0)) * attitude.rotation;
+        if self.flexure_rad != 0.0 {
+            attitude = attitude.then(&self.flexure(&attitude));
+        }
+        let mut acceleration = Vector3::zeros();
+        if let Some((elapsed_s, duration_s)) = phase.turn
+            && (self.vibration_rad != 0.0 || self.vibration_m != 0.0)
+        {
+            let vibration = self.vibration(elapsed_s, duration_s);
+            attitude = attitude.then(&Attitude::small(&vibration.map(|course| course * self.vibration_rad)));
+            acceleration = vibration.map(|course| course.acceleration * self.vibration_m).into();
+        }
+        let attitude = attitude.then(&Attitude::fixed(so3::exp(&self.mount_rotation_rad)));
+        Moment {
+            rotation_world_from_body: attitude.rotation,
+            angular_rate: attitude.rate,
+            angular_acceleration: attitude.acceleration,
+            acceleration,
+            stand: Some(StandState {
+                angle_rad: phase.motors.angle_rad,
+                rate_radps: phase.motors.rate_radps,
+                direction: phase.direction,
+            }),
+        }
+    }
+
+    /// The bend of the innermost ring of this attitude.
+    fn flexure(&self, ring: &Attitude) -> Attitude {
+        // up x e_z = (up_y, -up_x, 0), and so for its derivatives.
+        let [up, rate, acceleration] = ring.seen(&Vector3::z());
+        let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
+        let level = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
+        Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
+    }
+
+    /// The shaking about or along three axes, of an amplitude of one.
+    fn vibration(&self, elapsed_s: f64, duration_s: f64) -> [Course; 3] {
+        let swell = Course::swell(elapsed_s / duration_s).in_time(duration_s);
+        [0.0, 1.0, 2.0].map(|axis| swell * Course::sine(TAU * self.vibration_hz, TAU / 3.0 * axis, elapsed_s))
+    }
+
+    /// Refuses what no stand has.
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let input = |message: String| Err(Error::Input(format!("stand: {message}")));
+        let angles = self.mount_rotation_rad.iter().chain(&self.base_tilt_rad).chain(&self.non_orthogonality_rad);
+        if !angles.chain([&self.flexure_rad]).all(|angle| angle.is_finite()) {
+            return input("mount rotation, base tilt, non-orthogonality and flexure need finite angles".to_owned());
+        }
+        for (name, value) in [
+            ("vibration_rad", self.vibration_rad),
+            ("vibration_m", self.vibration_m),
+            ("vibration_hz", self.vibration_hz),
+            ("encoder_noise_rad", self.encoder_noise_rad),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return input(format!("{name} is {value}: zero or more is needed"));
+            }
+        }
+        if self.encoder_counts == Some(0) {
+            return input("encoder_counts is 0: give the counts of one turn, or none".to_owned());
+        }
+        Ok(())
+    }
+}
