@@ -18,6 +18,7 @@ import numpy as np
 from imucal.document import Node, read_json, write_json
 from imucal.errors import FormatError, InputError
 from imucal.stand import Stand, stand_of
+from imucal.whole import check_count, check_seed
 
 __all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
 
@@ -53,6 +54,8 @@ class Program:
         """
         from imucal import _core
 
+        check_seed(seed)
+        check_count(moves, "moves")
         return _of_steps(_core.random_program(moves, math.radians(max_rate_dps), move_s, hold_s, seed))
 
     @staticmethod
@@ -103,6 +106,10 @@ class Tumble:
     move_s: float = 2.0
     tremor_deg: float = 0.0
     translation_mm: float = 100.0
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        check_count(self.poses, "poses")
 
     def in_si(self) -> TumbleMotion:
         """The motion as the compiled library reads it."""

@@ -17,6 +17,7 @@ from imucal.motion import Motion, Program, Tumble, motion_from, motion_to_dict
 from imucal.recording import STANDARD_GRAVITY_MPS2
 from imucal.temperature import REFERENCE_DEGC, Temperature
 from imucal.unit import Sensor, Unit, unit_from
+from imucal.whole import check_seed
 
 __all__ = ["Setup"]
 
@@ -52,8 +53,7 @@ class Setup:
     clock_jitter_s: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.seed < 2**64:
-            raise InputError(f"seed is {self.seed}: a whole number from 0 to 2^64 - 1 is needed")
+        check_seed(self.seed)
         names = [effect.name for effect in self.all_effects]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
@@ -177,7 +177,7 @@ def with_disturbances(setup: Setup, disturbances: Iterable[EffectValues]) -> Set
 
 def _sensors(setup: Setup, **changed: Callable[[Sensor], Sensor]) -> Setup:
     """The setup with one sensor or both changed."""
-    sensors = {name: change(getattr(setup.unit, name)) for name, change in changed.items()}
+    sensors: dict[str, Any] = {name: change(getattr(setup.unit, name)) for name, change in changed.items()}
     return dataclasses.replace(setup, unit=dataclasses.replace(setup.unit, **sensors))
 
 

@@ -14,11 +14,12 @@ from imucal.document import Node, read_json, write_json
 from imucal.effect_values import effects_of, effects_to_list
 from imucal.effects import EffectValues, find
 from imucal.errors import FormatError, InputError
+from imucal.whole import check_count, check_seed
 
 __all__ = ["Stand"]
 
 SCHEMA: Final = "imucal.stand/1"
-# Standard deviations of a cheap stand: hobby servos or steppers with magnetic encoders on printed rings, put on a table and the unit screwed on by eye.
+# Standard deviations of a cheap stand: hobby servos, magnetic encoders, printed rings, screwed on by eye.
 CHEAP: Final = {
     "mount_rotation_deg": 1.0,
     "base_tilt_deg": 0.5,
@@ -60,6 +61,8 @@ class Stand:
     encoder_effects: tuple[EffectValues, ...] = ()
 
     def __post_init__(self) -> None:
+        if self.encoder_counts is not None:
+            check_count(self.encoder_counts, "encoder_counts")
         for effect in self.encoder_effects:
             if find(effect.name).sensor != "encoder":
                 raise InputError(
@@ -71,10 +74,11 @@ class Stand:
         """A stand as bad as a cheap one, drawn from a spread; the same seed gives the same stand.
 
         Normal about perfect with a standard deviation of 1 deg (mount, per axis), 0.5 deg (tilt, right
-        angles) and 0.1 deg (flexure); vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder noise (0.02 deg) are
-        absolute values of such draws. The encoders have 4096 counts, and eccentricity, time offset and
-        backlash with the catalogue's typical sizes as standard deviations.
+        angles) and 0.1 deg (flexure); vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder noise
+        (0.02 deg) are absolute values of such draws. The encoders have 4096 counts, and eccentricity, time
+        offset and backlash with the catalogue's typical sizes as standard deviations.
         """
+        check_seed(seed)
         random = np.random.default_rng(seed)
         drawn: dict[str, Any] = {}
         for field in dataclasses.fields(Stand):

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Triad
+from imucal.document import read_json
 from imucal.recording import Recording
 from imucal.setup import Setup
 
@@ -76,6 +78,14 @@ class Truth:
         from imucal.io import write
 
         write(self.samples(), path)
+
+
+def is_truth(path: str | os.PathLike[str]) -> bool:
+    """Whether this is the path of a truth file."""
+    if not Path(path).is_file():
+        return False
+    document = read_json(path).value
+    return isinstance(document, dict) and document.get("schema") == SCHEMA
 
 
 def truth_of(setup: Setup, core: Any, recording: Recording) -> Truth:

@@ -2,8 +2,8 @@
 
     measured = convert(sensitivity (true + effects) + bias + noise)
 
-A unit file (schema imucal.unit/1) holds figures as datasheets print them, each with unit and source; `null` is
-what the source does not give, and is simulated as perfect. The package brings some: `unit_names()`.
+A unit file (schema imucal.unit/1) holds figures as datasheets print them, each with its unit and source;
+`null` is what the source does not give, and it is simulated as perfect. The package brings `unit_names()`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, as_matrix
 from imucal.document import Node, read_json, write_json
@@ -26,6 +25,7 @@ from imucal.effect_values import effects_of, effects_to_list
 from imucal.effects import EffectValues, find
 from imucal.errors import FormatError, InputError
 from imucal.figure import Figure
+from imucal.whole import check_seed
 
 __all__ = ["Sensor", "Unit", "unit_names"]
 
@@ -278,12 +278,12 @@ def _draw(node: Node, seed: int) -> Unit:
     )
 
 
-def _deviation(spread: Node, name: str, unit: str) -> ArrayLike:
+def _deviation(spread: Node, name: str, unit: str) -> FloatArray:
     """Standard deviation of a drawn figure: one for all, or one per axis; 0 where there is no spread."""
     tolerance = Figure.optional(spread, name, unit, per_axis=True)
     if tolerance is None:
-        return 0.0
-    return tolerance / DEVIATIONS[spread.get(name).get("limit").text(tuple(DEVIATIONS))]
+        return np.zeros(1)
+    return np.atleast_1d(tolerance) / DEVIATIONS[spread.get(name).get("limit").text(tuple(DEVIATIONS))]
 
 
 def _sensitivity(scale: FloatArray, misalignment: FloatArray) -> FloatArray:

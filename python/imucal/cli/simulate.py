@@ -23,8 +23,8 @@ def simulate(
         str,
         typer.Argument(
             metavar="PROGRAM",
-            help="random or grid (the paper's programs on a stand), tumble (by hand), static, a program file, "
-            "or a truth file, whose run is repeated.",
+            help="random or grid (the paper's programs on a stand), tumble (by hand), static, a program "
+            "file, or a truth file, whose run is repeated.",
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
@@ -36,8 +36,8 @@ def simulate(
         typer.Option(
             "--truth-samples",
             metavar="PATH",
-            help="Where to write the true force, rate, angular acceleration and attitude of every sample, .csv or "
-            ".parquet.",
+            help="Where to write the true force, rate, angular acceleration and attitude of every sample, "
+            ".csv or .parquet.",
         ),
     ] = None,
     seed: Annotated[
@@ -48,8 +48,8 @@ def simulate(
         typer.Option(
             "--unit",
             metavar="NAME|FILE",
-            help="paper, ideal, bmi088, adis16460, icm42688p, mpu6050, lsm6dso; random:NAME:SEED for one drawn "
-            "from the spread of its datasheet; or a unit file.",
+            help="paper, ideal, bmi088, adis16460, icm42688p, mpu6050, lsm6dso; random:NAME:SEED for one "
+            "drawn from the spread of its datasheet; or a unit file.",
             rich_help_panel=UNIT,
         ),
     ] = "paper",
@@ -64,8 +64,9 @@ def simulate(
         typer.Option(
             "--effect",
             metavar="NAME=VALUES",
-            help="An effect, noise or a fault, SI units: NAME=V for all its parameters, NAME=V,V,V one by one, "
-            "@SHAPE after it where it has one, or NAME=typical. Any number of times; `imucal effects` lists them.",
+            help="An effect, noise or a fault, SI units: NAME=V for all its parameters, NAME=V,V,V one by "
+            "one, @SHAPE after it where it has one, or NAME=typical. Any number of times; `imucal effects` "
+            "lists them.",
             rich_help_panel=UNIT,
         ),
     ] = None,
@@ -74,8 +75,8 @@ def simulate(
         typer.Option(
             "--temperature",
             metavar="SPEC",
-            help="DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file with the columns "
-            "time_s,temp_degc.",
+            help="DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file with the "
+            "columns time_s,temp_degc.",
             rich_help_panel=UNIT,
         ),
     ] = None,
