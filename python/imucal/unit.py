@@ -243,6 +243,7 @@ def _draw(node: Node, seed: int) -> Unit:
     """A random unit of a profile."""
     from imucal import _core
 
+    check_seed(seed)
     profile = unit_from(node)
     spread = node.get("spread") if "spread" in node.mapping() else Node({}, "$.spread", node.file)
     if not any(value is not None for value in spread.mapping().values()):
