@@ -5,13 +5,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import imucal
 from imucal.cli import main
+from imucal.disturbances import disturbances
 
 HEADER = "time_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps"
-COMMANDS = ("demo", "convert", "inspect", "calibrate", "evaluate", "apply", "simulate")
+COMMANDS = ("demo", "convert", "inspect", "calibrate", "evaluate", "apply", "simulate", "effects")
 
 
 @pytest.fixture
@@ -53,6 +55,7 @@ def test_help_of_a_command_has_an_example_and_json(command, capsys):
         (["simulate", "none.json", "-o", "y.csv"], "none.json: there is no such file"),
         (["simulate", "random", "--unit", "bogus", "-o", "y.csv"], "the unit 'bogus' is not known"),
         (["simulate", "random", "--seed", "-1", "-o", "y.csv"], "seed is -1"),
+        (["effects", "gyro_g_sens"], "no effect 'gyro_g_sens': is it gyro_g_sensitivity"),
     ],
 )
 def test_bad_input_ends_with_1_and_a_message(arguments, message, capsys, tmp_path, monkeypatch):
@@ -206,3 +209,63 @@ def test_refused_recording_names_the_fault(stand_runs, tmp_path, capsys):
     assert not output.exists()
     assert main(["inspect", str(tmp_path / "nan.csv")]) == 2
     assert "[non_finite]" in capsys.readouterr().out
+
+
+def test_effects_lists_all_and_shows_one(capsys):
+    assert main(["effects"]) == 0
+    listed = capsys.readouterr().out
+    names = [row.name for row in (*imucal.effects.catalogue(), *disturbances())]
+    assert all(f"\n{name} " in listed for name in names)
+    for name in names:
+        assert main(["effects", name]) == 0
+        shown = capsys.readouterr().out
+        assert shown.startswith(f"{name}: ") and "shown by " in shown
+    assert main(["effects", "gyro_bias_temperature"]) == 0
+    shown = capsys.readouterr().out
+    for text in (
+        "k_i dT + q_i dT^2, on the gyroscope",
+        "x            0.000262 rad/s/K",
+        "the plain form has the first 3",
+        "depends on temperature: the column temp_degc, counted from 25 degC",
+        "easily mistaken for gyro_bias_drift; told apart by a run that heats and cools again",
+        "imucal calibrate run.csv --effect gyro_bias_temperature",
+    ):
+        assert text in shown
+
+
+def test_effects_as_json(capsys):
+    assert main(["effects", "--json", "-"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert [row["name"] for row in document["effects"]] == [row.name for row in imucal.effects.catalogue()]
+    assert {row["kind"] for row in document["noise_and_faults"]} == {"noise", "fault"}
+    assert main(["effects", "accel_bias_warmup", "--json", "-"]) == 0
+    row = json.loads(capsys.readouterr().out)
+    assert row["shape"] == {"name": "tau", "unit": "s", "typical": 100.0}
+    assert row["aliases"][0]["name"] == "accel_bias_temperature"
+
+
+def test_apply_says_which_effects_it_took_away(tmp_path, capsys):
+    triad = imucal.Triad(np.eye(3), np.zeros(3))
+    effects = (
+        imucal.EffectValues("gyro_scale_cubic", [1.0, 0.0, 0.0]),
+        imucal.EffectValues("earth_rate", [7e-5, 0.0, 0.0]),
+    )
+    imucal.Calibration(triad, triad, effects=effects).save(tmp_path / "cal.json")
+    rate = np.zeros((10, 3))
+    rate[4:6, 0] = 3.0
+    imucal.write(imucal.Recording(np.arange(10) / 100, np.ones((10, 3)), rate), tmp_path / "run.csv")
+    arguments = [
+        "apply",
+        str(tmp_path / "cal.json"),
+        str(tmp_path / "run.csv"),
+        "-o",
+        str(tmp_path / "y.csv"),
+    ]
+    assert main([*arguments, "--json", str(tmp_path / "out.json")]) == 0
+    shown = capsys.readouterr().out
+    assert "effects taken away: gyro_scale_cubic\n" in shown
+    assert "left in the data, as no error of the sensor: earth_rate\n" in shown
+    assert "2 samples are empty, the first is sample 4: the effects are too large" in shown
+    said = json.loads((tmp_path / "out.json").read_text())
+    assert (said["effects"], said["left_in_data"]) == (["gyro_scale_cubic"], ["earth_rate"])
+    assert said["samples_lost"] == 2

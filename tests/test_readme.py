@@ -99,6 +99,20 @@ def test_tutorial_prints_what_it_shows(tmp_path):
     assert run_page("docs/tutorial-xsens.md", tmp_path) == 6
 
 
+def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
+    written = tmp_path / "effects.md"
+    subprocess.run(
+        [sys.executable, "-m", "imucal.cli", "effects", "--markdown", written],
+        check=True,
+        capture_output=True,
+    )
+    page = ROOT / "docs/effects.md"
+    assert page.read_text(encoding="utf-8") == written.read_text(encoding="utf-8"), (
+        "run `imucal effects --markdown docs/effects.md`"
+    )
+    assert run_page("docs/effects.md", tmp_path) == 2
+
+
 def test_a_page_that_shows_something_else_is_found():
     printed = "a 1.0000 m\nb\nc\n"
     assert_prints(printed, ["a 1.0001 m", "...", "c"], "page")

@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import apply, calibrate, convert, demo, evaluate, inspect, simulate
+from imucal.cli import apply, calibrate, convert, demo, effects, evaluate, inspect, simulate
 from imucal.errors import ImucalError
 
 __all__ = ["app", "main"]
@@ -41,6 +41,7 @@ for command in (
     evaluate.evaluate,
     apply.apply,
     simulate.simulate,
+    effects.effects,
 ):
     app.command()(command)
 

@@ -24,16 +24,41 @@ def apply(
     reading: Reading,
     json: JsonPath = None,
 ) -> None:
-    """Correct a recording: SI units, body frame, the same column names.
+    """Correct a recording: SI units, body frame, the same column names; effects are taken away.
 
     Example: imucal apply unit-0042.json run.csv -o corrected.csv
     """
+    import numpy as np
+
     import imucal
 
     with working("correcting"):
-        corrected = imucal.Calibration.load(calibration).apply_recording(reading.one(recording))
+        unit = imucal.Calibration.load(calibration)
+        raw = reading.one(recording)
+        corrected = unit.apply_recording(raw)
     with working("writing"):
         imucal.write(corrected, output)
+    removed = [effect.name for effect in unit.effects if effect.name not in unit.left_in_data]
+    lost = np.isnan(corrected.angular_rate[:, 0]) & np.isfinite(raw.angular_rate).all(axis=1)
+    lost &= np.isfinite(raw.specific_force).all(axis=1)
     out = Output(json)
-    out.document({"output": str(output), "calibration": str(calibration), "samples": len(corrected)})
+    out.document(
+        {
+            "output": str(output),
+            "calibration": str(calibration),
+            "samples": len(corrected),
+            "effects": removed,
+            "left_in_data": unit.left_in_data,
+            "samples_lost": int(lost.sum()),
+        }
+    )
     out.line(f"{output}: {corrected!r}")
+    if removed:
+        out.line(f"effects taken away: {', '.join(removed)}")
+    if unit.left_in_data:
+        out.line(f"left in the data, as no error of the sensor: {', '.join(unit.left_in_data)}")
+    if lost.any():
+        out.line(
+            f"warning: {lost.sum()} samples are empty, the first is sample {lost.argmax()}: the effects are "
+            "too large there to be undone"
+        )
