@@ -67,12 +67,12 @@ impl<F: RealField + Copy> EffectValues<F> {
     /// `Phi(state) theta`: what the effect adds to the true rate or force, in the body frame, or to the motor angles.
     #[inline]
     pub fn at(&self, state: &State<F>) -> Vector3<F> {
-        self.at_with(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
+        self.at_by(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
     }
 
-    /// [`at`](Self::at) with columns whose content does not matter: the field sets all those that are read.
+    /// The same in a given room for the columns: clearing it takes as long as a field.
     #[inline]
-    fn at_with(&self, state: &State<F>, columns: &mut Columns<F>) -> Vector3<F> {
+    fn at_by(&self, state: &State<F>, columns: &mut Columns<F>) -> Vector3<F> {
         self.effect.field(state, self.shape, columns);
         columns.iter().zip(self.values()).fold(Vector3::zeros(), |sum, (column, value)| sum + column * *value)
     }
@@ -118,8 +118,8 @@ impl<F: RealField + Copy> EffectSet<F> {
         let mut columns: Columns<F> = [Vector3::zeros(); MAX_PARAMETERS];
         for member in self.iter() {
             match member.effect.sensor {
-                Sensor::Gyroscope => on_rate += member.at_with(state, &mut columns),
-                Sensor::Accelerometer => on_force += member.at_with(state, &mut columns),
+                Sensor::Gyroscope => on_rate += member.at_by(state, &mut columns),
+                Sensor::Accelerometer => on_force += member.at_by(state, &mut columns),
                 Sensor::Encoder => {}
             }
         }
