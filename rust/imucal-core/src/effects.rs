@@ -129,7 +129,7 @@ pub struct Effect<F: RealField + Copy> {
     pub observable: &'static str,
     /// What it is easily mistaken for.
     pub aliases: &'static [Alias],
-    /// The field function: sets the columns of Phi, given the state and the shape.
+    /// The field function: sets the columns of Phi, one for each parameter, given the state and the shape.
     pub columns: fn(&State<F>, F, &mut Columns<F>),
 }
 

@@ -67,8 +67,13 @@ impl<F: RealField + Copy> EffectValues<F> {
     /// `Phi(state) theta`: what the effect adds to the true rate or force, in the body frame, or to the motor angles.
     #[inline]
     pub fn at(&self, state: &State<F>) -> Vector3<F> {
-        let mut columns: Columns<F> = [Vector3::zeros(); MAX_PARAMETERS];
-        self.effect.field(state, self.shape, &mut columns);
+        self.at_by(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
+    }
+
+    /// The same in a given room for the columns: clearing it takes as long as a field.
+    #[inline]
+    fn at_by(&self, state: &State<F>, columns: &mut Columns<F>) -> Vector3<F> {
+        self.effect.field(state, self.shape, columns);
         columns.iter().zip(self.values()).fold(Vector3::zeros(), |sum, (column, value)| sum + column * *value)
     }
 }
@@ -110,10 +115,11 @@ impl<F: RealField + Copy> EffectSet<F> {
     /// What all effects together add to the true rate and to the true force. Those of encoders are no part of the unit.
     pub fn at(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         let (mut on_rate, mut on_force) = (Vector3::zeros(), Vector3::zeros());
+        let mut columns: Columns<F> = [Vector3::zeros(); MAX_PARAMETERS];
         for member in self.iter() {
             match member.effect.sensor {
-                Sensor::Gyroscope => on_rate += member.at(state),
-                Sensor::Accelerometer => on_force += member.at(state),
+                Sensor::Gyroscope => on_rate += member.at_by(state, &mut columns),
+                Sensor::Accelerometer => on_force += member.at_by(state, &mut columns),
                 Sensor::Encoder => {}
             }
         }

@@ -106,3 +106,169 @@ impl Motion {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use imucal_core::integrate::Integrator;
+    use imucal_core::so3;
+
+    use super::*;
+    use crate::simulate::gimbal::rotation_world_from_body;
+    use crate::simulate::program::RandomMoves;
+    use crate::simulate::tumble::HandMoves;
+
+    fn on(stand: Stand) -> Motion {
+        let moves = RandomMoves { moves: 4, ..RandomMoves::default() };
+        Motion::Stand { program: Program::random(&moves, 2).unwrap(), stand }
+    }
+
+    fn by_hand(moves: HandMoves) -> Motion {
+        Motion::Tumble(Tumble::random(&HandMoves { poses: 5, ..moves }, 3).unwrap())
+    }
+
+    /// A stand with everything wrong that bends or shakes the unit.
+    fn bad() -> Stand {
+        Stand {
+            mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),
+            base_tilt_rad: [0.01, -0.02],
+            non_orthogonality_rad: [0.015, -0.01],
+            flexure_rad: 0.02,
+            vibration_rad: 1e-3,
+            vibration_m: 1e-4,
+            vibration_hz: 30.0,
+            ..Stand::perfect()
+        }
+    }
+
+    /// Each error alone, all at once, and runs by hand.
+    fn motions() -> Vec<Motion> {
+        let perfect = Stand::perfect();
+        vec![
+            on(perfect.clone()),
+            on(Stand { mount_rotation_rad: bad().mount_rotation_rad, ..perfect.clone() }),
+            on(Stand { base_tilt_rad: bad().base_tilt_rad, ..perfect.clone() }),
+            on(Stand { non_orthogonality_rad: bad().non_orthogonality_rad, ..perfect.clone() }),
+            on(Stand { flexure_rad: bad().flexure_rad, ..perfect.clone() }),
+            on(Stand { vibration_rad: bad().vibration_rad, vibration_hz: bad().vibration_hz, ..perfect }),
+            on(bad()),
+            by_hand(HandMoves::default()),
+            by_hand(HandMoves { tremor_rad: 2e-3, ..HandMoves::default() }),
+        ]
+    }
+
+    #[test]
+    fn rate_and_acceleration_are_derivatives_whatever_is_wrong() {
+        let h = 1e-6;
+        for (number, motion) in motions().iter().enumerate() {
+            for i in 1..4000 {
+                // An odd step keeps clear of the corners of the acceleration.
+                let t = motion.duration_s() * f64::from(i) / 4001.0;
+                let (before, now, after) = (motion.at(t - h), motion.at(t), motion.at(t + h));
+                let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
+                let rate = so3::log(&turned) / (2.0 * h);
+                let acceleration = (after.angular_rate - before.angular_rate) / (2.0 * h);
+                let off = (rate - now.angular_rate).norm();
+                assert!(off < 1e-8, "motion {number}: rate at {t} s is off by {off}");
+                let off = (acceleration - now.angular_acceleration).norm();
+                assert!(off < 1e-6, "motion {number}: acceleration at {t} s is off by {off}");
+                assert!((now.rotation_world_from_body.norm() - 1.0).abs() < 2e-15);
+            }
+        }
+    }
+
+    /// Least-squares slope of log error over log step, from 50 to 8000 Hz.
+    fn order(motion: &Motion) -> f64 {
+        let rates_hz = [50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 4000.0, 8000.0];
+        let points = rates_hz.map(|rate_hz: f64| {
+            let start = motion.at(0.0).rotation_world_from_body;
+            let (mut turned, mut worst_rad) = (Integrator::new(), 0.0_f64);
+            for i in 0..=(motion.duration_s() * rate_hz) as usize {
+                let now = motion.at(i as f64 / rate_hz);
+                turned.push(1.0 / rate_hz, now.angular_rate);
+                let attitude = start * turned.rotation();
+                worst_rad = worst_rad.max(attitude.angle_to(&now.rotation_world_from_body));
+            }
+            (-rate_hz.ln(), worst_rad.ln())
+        });
+        let mean = |part: fn(&(f64, f64)) -> f64| points.iter().map(part).sum::<f64>() / points.len() as f64;
+        let (x, y) = (mean(|point| point.0), mean(|point| point.1));
+        let products: f64 = points.iter().map(|point| (point.0 - x) * (point.1 - y)).sum();
+        products / points.iter().map(|point| (point.0 - x).powi(2)).sum::<f64>()
+    }
+
+    /// The integrator joins samples by straight lines: its error is of second order. The corners in the acceleration of the
+    /// motors do not change that, since a corner spoils one step, by an error of third order.
+    #[test]
+    fn integrating_the_rate_converges_to_the_attitude_with_the_integrators_order() {
+        for (number, motion) in motions().iter().enumerate() {
+            let order = order(motion);
+            println!("motion {number}: order {order:.3}");
+            // At 50 Hz a vibration of 30 Hz is not sampled well enough to be at the limit yet.
+            assert!((order - 2.0).abs() < 0.03, "motion {number}: order {order}");
+        }
+    }
+
+    #[test]
+    fn a_perfect_stand_is_the_ideal_gimbal() {
+        let motion = on(Stand::perfect());
+        let Motion::Stand { program, .. } = &motion else { unreachable!() };
+        for i in 0..3300 {
+            let t = f64::from(i) / 100.0;
+            let (moment, motors) = (motion.at(t), program.motors(t));
+            let ideal = rotation_world_from_body(&motors.angle_rad);
+            assert!(moment.rotation_world_from_body.angle_to(&ideal) < 1e-15);
+            assert_eq!(moment.acceleration, Vector3::zeros());
+            let stand = moment.stand.unwrap();
+            assert_eq!((stand.angle_rad, stand.rate_radps), (motors.angle_rad, motors.rate_radps));
+        }
+    }
+
+    #[test]
+    fn rests_are_still_and_what_is_said_to_stay_stays() {
+        let mut motions = motions();
+        motions.push(Motion::Static { rotation_world_from_body: so3::exp(&Vector3::x()), duration_s: 10.0 });
+        for (number, motion) in motions.iter().enumerate() {
+            let trembles = number == 8;
+            for (start, end) in motion.rests() {
+                for t in [start, (2.0 * start + end) / 3.0, end] {
+                    let moment = motion.at(t);
+                    let still = [moment.angular_rate, moment.angular_acceleration, moment.acceleration];
+                    assert_eq!(still == [Vector3::zeros(); 3], !trembles, "motion {number}: {t} s");
+                }
+                let (inside, until) = ((start + end) / 2.0, motion.still_until((start + end) / 2.0));
+                assert_eq!(until.is_none(), trembles, "motion {number}");
+                if let Some(until) = until {
+                    assert!(until >= end);
+                    assert_eq!(motion.at(end), motion.at(inside), "motion {number}: {end} s");
+                    assert_eq!(motion.at(until.min(1e6)), motion.at(inside), "motion {number}: {until} s");
+                }
+            }
+            // Between the rests there is motion, and nothing is said to stay.
+            for pair in motion.rests().windows(2) {
+                for share in [1e-6, 0.3, 0.999_999] {
+                    let t = pair[0].1 + share * (pair[1].0 - pair[0].1);
+                    assert_eq!(motion.still_until(t), None, "motion {number}: {t} s");
+                    assert_ne!(motion.at(t).angular_rate, Vector3::zeros(), "motion {number}: {t} s");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn outside_its_time_a_motion_stands_at_its_ends() {
+        // A hand that trembles does so before and after, too.
+        for motion in motions().iter().filter(|motion| motion.still_until(0.0).is_some()) {
+            assert_eq!(motion.at(-1.0), motion.at(0.0));
+            assert_eq!(motion.at(motion.duration_s() + 9.0), motion.at(motion.duration_s()));
+        }
+    }
+
+    #[test]
+    fn a_duration_that_cannot_be_is_refused() {
+        for duration_s in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let motion = Motion::Static { rotation_world_from_body: UnitQuaternion::identity(), duration_s };
+            assert!(motion.check().is_err(), "{duration_s} s");
+        }
+        assert!(motions().iter().all(|motion| motion.check().is_ok()));
+    }
+}

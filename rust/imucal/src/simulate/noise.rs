@@ -16,11 +16,11 @@
 //!
 //! ```text
 //! h_n = 1/pi  integral from 0 to 1 of  p^n / sqrt(p (1 - p)) dp
-//!     = sum_k c_k p_k^n,    p_k = exp(-d_k),  d_k = d_0 3^-k,  c_k = ln 3 / pi  d_k exp(-d_k / 2) / sqrt(1 - p_k)
+//!     = sum_k c_k p_k^n,    p_k = exp(-d_k),  d_k = d_0 2.5^-k,  c_k = ln 2.5 / pi  d_k exp(-d_k / 2) / sqrt(1 - p_k)
 //! ```
 //!
-//! The sum is the trapezoidal rule in ln d. With poles a factor of 3 apart its error shrinks as exp(-pi^2 / ln 3): the power
-//! is right to 0.05 %. The slowest pole stands for all slower ones, too; it is slow beside the whole record.
+//! The sum is the trapezoidal rule in ln d, whose error shrinks as exp(-pi^2 / spacing): with poles a factor of 2.5 apart the
+//! power is right to 0.05 %. The slowest pole stands for all slower ones, too; it is slow beside the whole record.
 
 use std::f64::consts::{PI, TAU};
 
@@ -119,7 +119,7 @@ struct Flicker {
     generators: Generators,
 }
 
-const RATIO: f64 = 3.0;
+const RATIO: f64 = 2.5;
 /// Faster than this, c is below 1e-12.
 const FASTEST: f64 = 64.0;
 /// Faster than this, p is below 1e-6.
@@ -188,4 +188,156 @@ fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
 pub(super) fn normals(generators: &mut Generators) -> Vector3<f64> {
     let [x, y, z] = generators;
     Vector3::new(x.sample(StandardNormal), y.sample(StandardNormal), z.sample(StandardNormal))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::stream::{Stream, Triad};
+
+    fn generators(kind: fn(Triad, u8) -> Stream, seed: u64) -> Generators {
+        [0, 1, 2].map(|axis| kind(Triad::Gyroscope, axis).generator(seed))
+    }
+
+    fn noise(sensor: &Sensor, rate_hz: f64, steps: usize, seed: u64) -> Noise {
+        let kinds: [fn(Triad, u8) -> Stream; 3] = [Stream::White, Stream::Flicker, Stream::Walk];
+        Noise::new(sensor, rate_hz, steps, kinds.map(|kind| generators(kind, seed)))
+    }
+
+    /// Allan variance of neighbouring means over m steps, averaged over the axes, and how many pairs there are per axis.
+    fn allan_variance(values: &[Vector3<f64>], m: usize) -> (f64, f64) {
+        let means: Vec<Vector3<f64>> =
+            values.chunks_exact(m).map(|chunk| chunk.iter().sum::<Vector3<f64>>() / m as f64).collect();
+        let pairs = means.len() as f64 - 1.0;
+        (means.windows(2).map(|w| (w[1] - w[0]).norm_squared()).sum::<f64>() / (6.0 * pairs), pairs)
+    }
+
+    /// Against a variance as a function of tau, at four sigma: with K pairs a variance is sure to sqrt(3 / K) for white noise,
+    /// less for the others (for a random walk its neighbours are correlated by a quarter).
+    fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
+        let (rate_hz, n) = (50.0, 1_000_000);
+        let mut noise = noise(sensor, rate_hz, n, 3);
+        let values: Vec<Vector3<f64>> = (0..n)
+            .map(|_| {
+                let mut value = Vector3::zeros();
+                noise.add_to(&mut value, false);
+                value
+            })
+            .collect();
+        let mut m = from;
+        while m <= n / 20 {
+            let (variance, pairs) = allan_variance(&values, m);
+            let ratio = variance / expected(m as f64 / rate_hz);
+            let band = 4.0 * (3.0 / (3.0 * pairs)).sqrt();
+            assert!((ratio - 1.0).abs() < band + 2e-3, "{m} steps: {ratio}, band {band}");
+            m *= 4;
+        }
+    }
+
+    #[test]
+    fn allan_deviation_of_white_noise_is_its_density_over_root_tau() {
+        let sensor = Sensor { noise_density: 0.3, ..Sensor::ideal() };
+        check_allan(&sensor, 1, |tau_s| 0.3 * 0.3 / tau_s);
+    }
+
+    #[test]
+    fn allan_deviation_of_the_bias_instability_is_flat() {
+        let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
+        // Of few steps it is larger: the power of samples goes on to be 1/sin where 1/f would end.
+        check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
+    }
+
+    #[test]
+    fn allan_deviation_of_the_random_walk_grows_with_root_tau() {
+        let sensor = Sensor { random_walk: Vector3::repeat(0.1), ..Sensor::ideal() };
+        check_allan(&sensor, 16, |tau_s| 0.01 * tau_s / 3.0);
+    }
+
+    #[test]
+    fn walks_of_the_axes_have_their_own_size_and_start_at_zero() {
+        let sensor = Sensor { random_walk: Vector3::new(1.0, 0.0, 3.0), ..Sensor::ideal() };
+        let (runs, steps) = (2000, 50);
+        let mut squares = Vector3::zeros();
+        for seed in 0..runs {
+            let mut noise = noise(&sensor, 25.0, steps, seed);
+            let mut value = Vector3::zeros();
+            noise.add_to(&mut value, false);
+            assert_eq!(value, Vector3::zeros());
+            for _ in 0..steps {
+                value = Vector3::zeros();
+                noise.add_to(&mut value, false);
+            }
+            squares += value.component_mul(&value) / runs as f64;
+        }
+        // K^2 t with t = 50 / 25 s; a variance from n numbers is sure to sqrt(2 / n).
+        let band = 4.0 * (2.0 / runs as f64).sqrt();
+        assert!((squares.x / 2.0 - 1.0).abs() < band && (squares.z / 18.0 - 1.0).abs() < band, "{squares}");
+        assert_eq!(squares.y, 0.0);
+    }
+
+    /// The filter's own power, without random numbers, over all frequencies that a record of an hour at 1 kHz can show.
+    #[test]
+    fn power_of_flicker_noise_is_that_of_half_an_integration() {
+        let steps = 3_600_000;
+        let flicker = Flicker::new(1.0, steps, generators(Stream::Flicker, 1));
+        let power = |angle: f64| {
+            let (mut re, mut im) = (flicker.through, 0.0);
+            for Pole { decay, p, c } in &flicker.poles {
+                // c / (1 - p exp(-i angle)); 1 - p cos without cancellation.
+                let (a, b) = (-(-decay).exp_m1() + 2.0 * p * (angle / 2.0).sin().powi(2), p * angle.sin());
+                re += c * a / (a * a + b * b);
+                im -= c * b / (a * a + b * b);
+            }
+            re * re + im * im
+        };
+        let mut angle = TAU / steps as f64;
+        let lowest = power(angle) * 2.0 * (angle / 2.0).sin();
+        assert!((lowest - 1.0).abs() < 0.06, "{lowest} at one period per record");
+        angle *= 10.0;
+        while angle <= PI {
+            let ratio = power(angle) * 2.0 * (angle / 2.0).sin();
+            assert!(
+                (ratio - 1.0).abs() < 5e-4 + 0.02 * (10.0 * TAU / steps as f64 / angle).powi(2),
+                "{ratio} at {angle}"
+            );
+            angle *= 1.1;
+        }
+    }
+
+    #[test]
+    fn flicker_noise_is_in_its_steady_state_from_the_first_step() {
+        let (runs, steps) = (4000, 200);
+        let flicker = |seed| Flicker::new(1.0, steps, generators(Stream::Flicker, seed));
+        let poles = flicker(0).poles;
+        let through = flicker(0).through;
+        // Of the sum: through^2 + 2 through sum c + sum of c_j c_k / (1 - p_j p_k).
+        let mut expected = through * through;
+        for a in &poles {
+            expected += 2.0 * through * a.c;
+            expected += poles.iter().map(|b| a.c * b.c / (1.0 - a.p * b.p)).sum::<f64>();
+        }
+        let (mut first, mut last) = (0.0, 0.0);
+        for seed in 0..runs {
+            let mut flicker = flicker(seed);
+            let values: Vec<Vector3<f64>> = (0..steps).map(|_| flicker.next()).collect();
+            first += values[0].norm_squared() / (3 * runs) as f64;
+            last += values[steps - 1].norm_squared() / (3 * runs) as f64;
+        }
+        let band = 4.0 * (2.0 / (3 * runs) as f64).sqrt();
+        for found in [first, last] {
+            assert!((found / expected - 1.0).abs() < band, "{found}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn white_noise_grows_in_motion_by_its_factor() {
+        let sensor = Sensor { noise_density: 0.1, noise_in_motion: 2.5, ..Sensor::ideal() };
+        let (mut still, mut moving) = (noise(&sensor, 100.0, 10, 4), noise(&sensor, 100.0, 10, 4));
+        for _ in 0..10 {
+            let (mut a, mut b) = (Vector3::zeros(), Vector3::zeros());
+            still.add_to(&mut a, false);
+            moving.add_to(&mut b, true);
+            assert!((a * 2.5 - b).norm() < 1e-15 && a != b);
+        }
+    }
 }

@@ -8,6 +8,9 @@
 //! down; each ramp is jerk up, constant acceleration, jerk down, in thirds. So all is bounded and follows from the
 //! turn and its duration: peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3.
 //! The motors share `T`: they start and stop together.
+//!
+//! The jerk jumps, so the acceleration has corners. An integrator of second order, such as that of `imucal_core`, does not
+//! feel them: a corner spoils one step, by an error of third order.
 
 use std::iter::Sum;
 use std::ops::Mul;
@@ -106,12 +109,14 @@ impl Course {
     /// between them. `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7`
     #[inline]
     pub(super) fn smooth_step(share: f64) -> Self {
-        let u = share;
-        let left = u * (1.0 - u);
+        // As above; the polynomial also cancels badly near one.
+        let u = share.min(1.0 - share);
+        let value = u.powi(4) * (35.0 + u * (-84.0 + u * (70.0 - 20.0 * u)));
+        let left = share * (1.0 - share);
         Self {
-            value: u.powi(4) * (35.0 + u * (-84.0 + u * (70.0 - 20.0 * u))),
+            value: if share > 0.5 { 1.0 - value } else { value },
             rate: 140.0 * left * left * left,
-            acceleration: 420.0 * left * left * (1.0 - 2.0 * u),
+            acceleration: 420.0 * left * left * (1.0 - 2.0 * share),
         }
     }
 

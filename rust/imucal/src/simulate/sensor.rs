@@ -114,3 +114,111 @@ impl Memory {
         Self { seen: *first, filter }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{PI, SQRT_2};
+
+    use super::*;
+    use crate::simulate::sampling::LowPass;
+
+    const RATE_HZ: f64 = 100.0;
+
+    /// Mean square of what `n` samples of nothing say, over all axes, and the mean product of neighbours.
+    fn noise_power(sensor: &Sensor, n: usize) -> (f64, f64) {
+        let steps = sensor.steps(RATE_HZ);
+        let mut sampler = Sampler::new(sensor, Triad::Accelerometer, RATE_HZ, n, steps, 8);
+        let nothing = vec![Seen::default(); steps];
+        let values: Vec<Vector3<f64>> = (0..n).map(|_| sampler.measure(&nothing).into()).collect();
+        let power = values.iter().map(Vector3::norm_squared).sum::<f64>() / (3 * n) as f64;
+        (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
+    }
+
+    /// The noise power behind the filter in closed form. With u = tan(pi f / r) / k the bilinear filter has
+    /// |H|^2 = 1 / (1 + u^4), and r N^2 times the integral over f is N^2 r 2k / pi times
+    ///
+    /// ```text
+    /// integral from 0 of du / ((1 + u^4)(1 + k^2 u^2)) = ((1 - k^2) pi / (2 sqrt 2) + k^3 pi / 2) / (1 + k^4)
+    /// ```
+    fn filtered_power(density: f64, bandwidth_hz: f64, rate_hz: f64) -> f64 {
+        let k = (PI * bandwidth_hz / rate_hz).tan();
+        let integral = ((1.0 - k * k) * PI / (2.0 * SQRT_2) + k.powi(3) * PI / 2.0) / (1.0 + k.powi(4));
+        density * density * rate_hz * 2.0 * k / PI * integral
+    }
+
+    #[test]
+    fn the_filter_leaves_the_noise_of_its_bandwidth() {
+        let n = 200_000;
+        for bandwidth_hz in [5.0, 20.0, 50.0, 150.0] {
+            let low_pass = LowPass { bandwidth_hz };
+            let sensor = Sensor { noise_density: 0.1, low_pass: Some(low_pass), ..Sensor::ideal() };
+            let expected = filtered_power(0.1, bandwidth_hz, RATE_HZ * low_pass.steps(RATE_HZ) as f64);
+            // The analogue filter's noise bandwidth, pi / (2 sqrt 2) of its own, on both sides; the transform bends it a little.
+            let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
+            assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
+            // Samples are correlated over about one period of the bandwidth.
+            let independent = (3 * n) as f64 * (bandwidth_hz / RATE_HZ).min(1.0);
+            let (found, _) = noise_power(&sensor, n);
+            let band = 4.0 * (2.0 / independent).sqrt();
+            assert!((found / expected - 1.0).abs() < band, "{bandwidth_hz} Hz: {found}, not {expected}, band {band}");
+        }
+    }
+
+    #[test]
+    fn means_have_the_white_noise_of_points() {
+        let n = 200_000;
+        let sensor = Sensor { noise_density: 0.1, averaging: true, ..Sensor::ideal() };
+        let (found, neighbours) = noise_power(&sensor, n);
+        let band = 4.0 * (2.0 / (3 * n) as f64).sqrt();
+        assert!((found / (0.01 * RATE_HZ) - 1.0).abs() < band, "{found}");
+        assert!((neighbours / (0.01 * RATE_HZ)).abs() < band, "{neighbours}");
+    }
+
+    /// Of a parabola: the integral over the interval before each sample, but for the trapezoidal rule's h^2 / 12 of each step.
+    #[test]
+    fn means_are_integrals_over_the_interval_before_the_sample() {
+        let sensor = Sensor { averaging: true, ..Sensor::ideal() };
+        let steps = sensor.steps(RATE_HZ);
+        let mut sampler = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 50, steps, 0);
+        let (t, h) = (1.0 / RATE_HZ, 1.0 / (RATE_HZ * steps as f64));
+        for i in 0..50 {
+            let end = i as f64 * t;
+            let value = |j: usize| (end - (steps - 1 - j) as f64 * h).powi(2);
+            let seen: Vec<Seen> = (0..steps).map(|j| Seen { value: [value(j); 3], moving: true }).collect();
+            let measured = sampler.measure(&seen)[0];
+            let integral = (end.powi(3) - (end - t).powi(3)) / (3.0 * t);
+            // Nothing is known of the time before the first step.
+            if i > 0 {
+                assert!((measured - integral - h * h / 6.0).abs() < 1e-13, "sample {i}: {measured}, not {integral}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_filtered_constant_is_the_constant() {
+        let low_pass = Some(LowPass { bandwidth_hz: 10.0 });
+        for averaging in [false, true] {
+            let sensor = Sensor { low_pass, averaging, ..Sensor::ideal() };
+            let steps = sensor.steps(RATE_HZ);
+            let mut sampler = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 10, steps, 0);
+            let seen = vec![Seen { value: [1.0, -2.0, 3.0], moving: false }; steps];
+            for _ in 0..10 {
+                let measured = Vector3::from(sampler.measure(&seen));
+                assert!((measured - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_sensor_takes_the_last_step_of_a_faster_companion() {
+        let sensor = Sensor { noise_density: 0.1, ..Sensor::ideal() };
+        let mut alone = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 10, 1, 0);
+        let mut beside = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 10, 8, 0);
+        let last = Seen { value: [1.0; 3], moving: false };
+        let mut steps = [Seen { value: [9.0; 3], moving: true }; 8];
+        steps[7] = last;
+        for _ in 0..10 {
+            assert_eq!(alone.measure(&[last]), beside.measure(&steps));
+        }
+    }
+}

@@ -5,7 +5,7 @@
 //! ```
 //!
 //! * The base stands `base_tilt_rad` from level, and the unit sits `mount_rotation_rad` from square on the innermost ring.
-//! * The joints are not at right angles: see [`gimbal`](super::gimbal).
+//! * The joints are not at right angles: see [`gimbal`].
 //! * The innermost ring is an arm along axis 3 that its weight bends down, by `flexure_rad` where it is level:
 //!   `vector = flexure_rad (up x axis 3)`, seen in the ring. It bends as the motors turn, without swinging.
 //! * While the motors turn the unit shakes: about and along three axes, a third of a period apart, swelling from nothing and
@@ -154,5 +154,139 @@ impl Stand {
             return input("encoder_counts is 0: give the counts of one turn, or none".to_owned());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use imucal_core::effects::{Effect, EffectValues};
+    use nalgebra::UnitQuaternion;
+
+    use super::*;
+    use crate::simulate::profile::MotorState;
+    use crate::simulate::program::{Program, Step};
+
+    fn resting(stand: &Stand, angle_rad: Vector3<f64>) -> UnitQuaternion<f64> {
+        let phase = Phase { motors: MotorState::still(angle_rad), direction: Vector3::zeros(), turn: None };
+        stand.moment(&phase).rotation_world_from_body
+    }
+
+    #[test]
+    fn tilt_turns_the_stand_in_the_world_and_mount_the_unit_on_it() {
+        let angles = Vector3::new(0.3, -1.2, 2.0);
+        let ideal = resting(&Stand::perfect(), angles);
+        let tilt = resting(&Stand { base_tilt_rad: [0.02, -0.01], ..Stand::perfect() }, angles);
+        assert!((so3::log(&(tilt * ideal.inverse())) - Vector3::new(0.02, -0.01, 0.0)).norm() < 1e-15);
+        let mount_rotation_rad = Vector3::new(0.02, -0.01, 0.3);
+        let mount = resting(&Stand { mount_rotation_rad, ..Stand::perfect() }, angles);
+        assert!((so3::log(&(ideal.inverse() * mount)) - mount_rotation_rad).norm() < 1e-15);
+    }
+
+    #[test]
+    fn the_innermost_ring_sags_where_its_axis_is_level() {
+        let soft = Stand { flexure_rad: 0.01, ..Stand::perfect() };
+        let tip = |stand: &Stand, angles| resting(stand, angles) * Vector3::z();
+        for angles in [Vector3::new(FRAC_PI_2, 0.0, 1.0), Vector3::new(0.0, -FRAC_PI_2, -0.4)] {
+            let (straight, bent) = (tip(&Stand::perfect(), angles), tip(&soft, angles));
+            assert!((straight.angle(&bent) - 0.01).abs() < 1e-6);
+            assert!((bent.z - straight.z + 0.01).abs() < 1e-6, "it goes down: {bent:?}");
+        }
+        // Upright and upside down the weight has no arm.
+        for angle in [0.0, 2.0 * FRAC_PI_2] {
+            let angles = Vector3::new(angle, 0.0, 0.7);
+            assert!(resting(&soft, angles).angle_to(&resting(&Stand::perfect(), angles)) < 1e-15);
+        }
+    }
+
+    #[test]
+    fn vibration_shakes_while_the_motors_turn_and_takes_the_unit_nowhere() {
+        let steps = vec![Step { turn_rad: [1.0, 0.0, 0.0], move_s: 2.0, hold_s: 1.0 }];
+        let program = Program::try_new(steps).unwrap();
+        let stand = Stand { vibration_m: 1e-3, vibration_rad: 2e-3, vibration_hz: 20.0, ..Stand::perfect() };
+        let (count, step_s) = (40_000, 2.0 / 40_000.0);
+        let (mut velocity, mut place) = (Vector3::zeros(), Vector3::zeros());
+        let (mut furthest_m, mut widest_rad) = (0.0_f64, 0.0_f64);
+        for i in 0..count {
+            let phase = program.phase((f64::from(i) + 0.5) * step_s);
+            let moment = stand.moment(&phase);
+            velocity += moment.acceleration * step_s;
+            place += velocity * step_s;
+            furthest_m = furthest_m.max(place.amax());
+            let straight = gimbal::rotation_world_from_body(&phase.motors.angle_rad);
+            widest_rad = widest_rad.max(so3::log(&(straight.inverse() * moment.rotation_world_from_body)).amax());
+        }
+        assert!(velocity.norm() < 1e-6 && place.norm() < 1e-6, "{velocity:?}, {place:?}");
+        assert!((furthest_m - 1e-3).abs() < 2e-5, "{furthest_m} m");
+        assert!((widest_rad - 2e-3).abs() < 1e-6, "{widest_rad} rad");
+        assert_eq!(stand.moment(&program.phase(2.5)).acceleration, Vector3::zeros());
+    }
+
+    fn effects(name: &str, values: &[f64]) -> EffectSet<f64> {
+        let mut set = EffectSet::none();
+        set.push(EffectValues::try_new(Effect::find(name).unwrap(), values, None).unwrap()).unwrap();
+        set
+    }
+
+    #[test]
+    fn encoders_read_angles_with_noise_and_in_counts() {
+        let state = StandState::still(Vector3::new(1.0, -2.0, 7.5));
+        let noise = Vector3::new(1.0, -1.0, 0.5);
+        let none = EffectSet::none();
+        assert_eq!(Stand::perfect().read_encoders(&state, &none, noise), state.angle_rad);
+        let noisy = Stand { encoder_noise_rad: 1e-3, ..Stand::perfect() };
+        assert_eq!(noisy.read_encoders(&state, &none, noise), state.angle_rad + noise * 1e-3);
+        let coarse = Stand { encoder_counts: Some(4096), ..Stand::perfect() };
+        let read = coarse.read_encoders(&state, &none, noise);
+        for (read, angle) in read.iter().zip(&state.angle_rad) {
+            let counts = read / TAU * 4096.0;
+            assert!((counts - counts.round()).abs() < 1e-9);
+            assert!((read - angle).abs() <= TAU / 4096.0 / 2.0);
+        }
+    }
+
+    #[test]
+    fn effects_of_encoders_are_read_and_others_are_not() {
+        let stand = Stand::perfect();
+        let state = StandState { direction: Vector3::new(1.0, -1.0, 0.0), ..StandState::still(Vector3::zeros()) };
+        let read = |set: &EffectSet<f64>| stand.read_encoders(&state, set, Vector3::zeros());
+        assert_eq!(read(&effects("encoder_backlash", &[1e-3; 3])), Vector3::new(1e-3, -1e-3, 0.0));
+        assert_eq!(read(&effects("gyro_g_sensitivity", &[1.0; 9])), Vector3::zeros());
+    }
+
+    #[test]
+    fn an_encoder_that_is_early_reads_the_angle_of_a_later_time() {
+        let program = Program::random(&Default::default(), 4).unwrap();
+        let tau_s = 1e-4;
+        let early = effects("encoder_time_offset", &[tau_s]);
+        for i in 0..1000 {
+            let time_s = 0.3 * f64::from(i);
+            let phase = program.phase(time_s);
+            let state = StandState {
+                angle_rad: phase.motors.angle_rad,
+                rate_radps: phase.motors.rate_radps,
+                direction: phase.direction,
+            };
+            let read = Stand::perfect().read_encoders(&state, &early, Vector3::zeros());
+            // What is left is half the acceleration, at most 8.4 rad/s^2 per motor, times tau squared.
+            assert!((read - program.motors(time_s + tau_s).angle_rad).amax() < 8.4 * tau_s * tau_s, "{time_s} s");
+        }
+    }
+
+    #[test]
+    fn stands_that_cannot_be_are_refused() {
+        let bad = [
+            Stand { base_tilt_rad: [0.0, f64::NAN], ..Stand::perfect() },
+            Stand { flexure_rad: f64::INFINITY, ..Stand::perfect() },
+            Stand { vibration_hz: -1.0, ..Stand::perfect() },
+            Stand { encoder_noise_rad: f64::NAN, ..Stand::perfect() },
+            Stand { encoder_counts: Some(0), ..Stand::perfect() },
+        ];
+        for stand in bad {
+            let message = stand.check().unwrap_err().to_string();
+            assert!(message.starts_with("stand: "), "{message}");
+        }
+        assert!(Stand::perfect().check().is_ok());
     }
 }

@@ -212,3 +212,111 @@ fn check(moves: &HandMoves) -> Result<(), Error> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tumble(moves: &HandMoves) -> Tumble {
+        Tumble::random(moves, 5).unwrap()
+    }
+
+    #[test]
+    fn a_run_is_rests_of_equal_length_with_moves_between_them() {
+        let run = tumble(&HandMoves::default());
+        assert_eq!(run.duration_s(), 40.0 * 4.0 + 39.0 * 2.0);
+        let rests = run.rests();
+        assert_eq!((rests.len(), rests[0], rests[1]), (40, (0.0, 4.0), (6.0, 10.0)));
+        assert_eq!(run, tumble(&HandMoves::default()));
+        assert_ne!(run, Tumble::random(&HandMoves::default(), 6).unwrap());
+        assert_eq!(tumble(&HandMoves { poses: 1, ..HandMoves::default() }).rests(), vec![(0.0, 4.0)]);
+    }
+
+    #[test]
+    fn poses_are_uniform_over_all_attitudes() {
+        let run = tumble(&HandMoves { poses: 3000, ..HandMoves::default() });
+        // The mean of any unit vector is zero and its outer product's a third of the identity, per axis of the body.
+        let n = run.poses.len() as f64;
+        for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
+            let seen: Vec<Vector3<f64>> = run.poses.iter().map(|pose| pose.rotation * axis).collect();
+            let mean = seen.iter().sum::<Vector3<f64>>() / n;
+            assert!(mean.amax() < 5.0 / (3.0 * n).sqrt(), "{mean:?}");
+            for i in 0..3 {
+                let square = seen.iter().map(|v| v[i] * v[i]).sum::<f64>() / n;
+                assert!((square - 1.0 / 3.0).abs() < 5.0 * (4.0 / 45.0 / n).sqrt(), "{square}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_move_ends_where_the_next_rest_begins() {
+        let run = tumble(&HandMoves { poses: 8, ..HandMoves::default() });
+        for (start, _) in run.rests().into_iter().skip(1) {
+            let (before, after) = (run.moment(start - 1e-5), run.moment(start));
+            let apart = before.rotation_world_from_body.angle_to(&after.rotation_world_from_body);
+            assert!(apart < 1e-14, "{apart} rad");
+            assert!(before.angular_rate.norm() < 1e-10 && before.acceleration.norm() < 1e-8);
+        }
+    }
+
+    #[test]
+    fn a_move_carries_the_unit_to_the_next_place_and_leaves_it_there() {
+        let moves = HandMoves { poses: 2, translation_m: 0.2, ..HandMoves::default() };
+        let run = tumble(&moves);
+        let (count, step_s) = (20_000, 1e-4);
+        let (mut velocity, mut place) = (Vector3::zeros(), Vector3::zeros());
+        for i in 0..count {
+            let acceleration = run.moment(moves.hold_s + (f64::from(i) + 0.5) * step_s).acceleration;
+            place += velocity * step_s + acceleration * (step_s * step_s / 2.0);
+            velocity += acceleration * step_s;
+        }
+        assert!(velocity.norm() < 1e-12, "{velocity:?}");
+        assert!((place - run.poses[0].carry_m).norm() < 1e-8, "{place:?}");
+        assert!(run.poses[0].carry_m.amax() < 0.2);
+        let on_the_spot = tumble(&HandMoves { translation_m: 0.0, ..moves });
+        assert_eq!(on_the_spot.moment(5.0).acceleration, Vector3::zeros());
+    }
+
+    /// A move about a fixed axis would have a rate of one direction.
+    #[test]
+    fn the_axis_wanders_during_a_move() {
+        let run = tumble(&HandMoves { poses: 10, ..HandMoves::default() });
+        let wander = |(_, start): (f64, f64)| {
+            let rate = |share: f64| run.moment(start + 2.0 * share).angular_rate;
+            rate(0.15).angle(&rate(0.85))
+        };
+        let rests = run.rests();
+        assert!(rests[..9].iter().all(|rest| wander(*rest) > 0.01));
+    }
+
+    #[test]
+    fn tremor_has_the_stated_size() {
+        let tremor_rad = 2e-3;
+        let (trembling, calm) =
+            (tumble(&HandMoves { tremor_rad, ..HandMoves::default() }), tumble(&HandMoves::default()));
+        let times: Vec<f64> = (0..23_000).map(|i| f64::from(i) * 0.01).collect();
+        let vectors = times.iter().map(|&t| {
+            let (still, shaken) = (calm.moment(t), trembling.moment(t));
+            so3::log(&(still.rotation_world_from_body.inverse() * shaken.rotation_world_from_body))
+        });
+        let squares: Vector3<f64> = vectors.map(|v| v.component_mul(&v)).sum::<Vector3<f64>>() / times.len() as f64;
+        for square in &squares {
+            assert!((square.sqrt() / tremor_rad - 1.0).abs() < 0.02, "{} rad", square.sqrt());
+        }
+    }
+
+    #[test]
+    fn runs_that_cannot_be_are_refused() {
+        let good = HandMoves::default();
+        let bad = [
+            HandMoves { poses: 0, ..good },
+            HandMoves { hold_s: 0.0, ..good },
+            HandMoves { move_s: f64::NAN, ..good },
+            HandMoves { tremor_rad: -1.0, ..good },
+            HandMoves { translation_m: f64::INFINITY, ..good },
+        ];
+        for moves in bad {
+            assert!(matches!(Tumble::random(&moves, 1), Err(Error::Input(_))), "{moves:?}");
+        }
+    }
+}
