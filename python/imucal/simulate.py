@@ -29,7 +29,7 @@ from imucal.setup import Setup, setup_from, with_disturbances
 from imucal.stand import Stand, stand_from_name
 from imucal.temperature import REFERENCE_DEGC, Temperature, temperature_of
 from imucal.truth import Truth, truth_of
-from imucal.unit import Unit, unit_of
+from imucal.unit import Sensor, Unit, unit_of
 
 __all__ = ["Auxiliary", "Simulation", "repeat", "simulate"]
 
@@ -186,19 +186,20 @@ def _filtered(unit: Unit, filter_hz: float | str | None, averaging: bool) -> Uni
     """The unit with this filter before sampling."""
     if filter_hz is None and not averaging:
         return unit
-    sensors = {}
+    if isinstance(filter_hz, str) and filter_hz != "datasheet":
+        try:
+            filter_hz = float(filter_hz)
+        except ValueError:
+            raise InputError(f"filter_hz is {filter_hz!r}: give a bandwidth in Hz, or datasheet") from None
+    sensors: dict[str, Any] = {}
     for name in ("accelerometer", "gyroscope"):
-        sensor = getattr(unit, name)
-        bandwidth = sensor.bandwidth_hz if filter_hz == "datasheet" else filter_hz
-        if filter_hz == "datasheet" and bandwidth is None:
+        sensor: Sensor = getattr(unit, name)
+        if filter_hz == "datasheet" and sensor.bandwidth_hz is None:
             raise InputError(f"the datasheet of the {name} of {unit.name} gives no bandwidth: give it in Hz")
-        if isinstance(bandwidth, str):
-            raise InputError(f"filter_hz is {bandwidth!r}: give a bandwidth in Hz, or datasheet")
-        if bandwidth is None:
-            bandwidth = sensor.filter_hz
-        sensors[name] = dataclasses.replace(
-            sensor, filter_hz=bandwidth, averaging=averaging or sensor.averaging
-        )
+        changed: dict[str, Any] = {"averaging": averaging or sensor.averaging}
+        if filter_hz is not None:
+            changed["filter_hz"] = sensor.bandwidth_hz if filter_hz == "datasheet" else filter_hz
+        sensors[name] = dataclasses.replace(sensor, **changed)
     return dataclasses.replace(unit, **sensors)
 
 

@@ -9,6 +9,7 @@ import typer
 
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
+from imucal.errors import InputError
 
 __all__ = ["simulate"]
 
@@ -17,8 +18,12 @@ MOTION = "Motion"
 UNIT = "Unit"
 PLACE = "Place and clock"
 
+# What a repeated run may be given: where things go.
+OUTPUTS = {"program", "output", "truth", "truth_samples", "save_unit", "json"}
+
 
 def simulate(
+    context: typer.Context,
     program: Annotated[
         str,
         typer.Argument(
@@ -200,6 +205,7 @@ def simulate(
     }
     with working("simulating"):
         if is_truth(program):
+            _require_no_setup(context)
             run = imucal.repeat(program)
         else:
             run = imucal.simulate(
@@ -229,3 +235,12 @@ def simulate(
     used = run.truth.setup.seed
     out.document({"output": str(output), "samples": len(run.recording), "seed": used, **run.truth.to_dict()})
     out.line(f"{output}: {run.recording!r}, {len(run.truth.rests)} rests")
+
+
+def _require_no_setup(context: typer.Context) -> None:
+    """Refuse options that a truth file answers itself."""
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name not in OUTPUTS and source is not None and source.name == "COMMANDLINE":
+            raise InputError(f"{parameter.opts[0]} is given, but a truth file has its own: leave it out")
