@@ -85,6 +85,16 @@ impl Attitude {
         }
     }
 
+    /// This rotation between two that do not change: `before` it, and `after` it in the frame that it turns.
+    #[inline]
+    pub(super) fn between(&self, before: &UnitQuaternion<f64>, after: &UnitQuaternion<f64>) -> Self {
+        Self {
+            rotation: before * self.rotation * after,
+            rate: after.inverse_transform_vector(&self.rate),
+            acceleration: after.inverse_transform_vector(&self.acceleration),
+        }
+    }
+
     /// A direction that is fixed where the chain starts, as seen by the frame that turns, with its two derivatives.
     #[inline]
     pub(super) fn seen(&self, direction: &Vector3<f64>) -> [Vector3<f64>; 3] {
@@ -138,7 +148,7 @@ mod tests {
                 .then(&Attitude::about(Vector3::x(), a))
                 .then(&Attitude::small(&[b, c, a]))
                 .then(&Attitude::along(&Vector3::new(0.5, -1.0, 2.0), c))
-                .then(&Attitude::fixed(so3::exp(&Vector3::new(-0.7, 0.2, 0.3))))
+                .between(&so3::exp(&Vector3::new(0.9, 0.1, 0.0)), &so3::exp(&Vector3::new(-0.7, 0.2, 0.3)))
         });
     }
 

@@ -90,11 +90,11 @@ impl Stand {
     /// What the unit undergoes in this phase of a program.
     pub(super) fn moment(&self, phase: &Phase) -> Moment {
         let [tilt_x, tilt_y] = self.base_tilt_rad;
+        let tilt = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0));
+        // Seen from the base; the world comes last.
         let mut attitude = gimbal::inner_ring(&phase.motors, &self.non_orthogonality_rad);
-        // The base does not turn: it leaves the rates in the ring's frame as they are.
-        attitude.rotation = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0)) * attitude.rotation;
         if self.flexure_rad != 0.0 {
-            attitude = attitude.then(&self.flexure(&attitude));
+            attitude = attitude.then(&self.flexure(&attitude.seen(&tilt.inverse_transform_vector(&Vector3::z()))));
         }
         let mut acceleration = Vector3::zeros();
         if let Some((elapsed_s, duration_s)) = phase.turn
@@ -104,7 +104,7 @@ impl Stand {
             attitude = attitude.then(&Attitude::small(&vibration.map(|course| course * self.vibration_rad)));
             acceleration = vibration.map(|course| course.acceleration * self.vibration_m).into();
         }
-        let attitude = attitude.then(&Attitude::fixed(so3::exp(&self.mount_rotation_rad)));
+        let attitude = attitude.between(&tilt, &so3::exp(&self.mount_rotation_rad));
         Moment {
             rotation_world_from_body: attitude.rotation,
             angular_rate: attitude.rate,
@@ -118,10 +118,9 @@ impl Stand {
         }
     }
 
-    /// The bend of the innermost ring of this attitude.
-    fn flexure(&self, ring: &Attitude) -> Attitude {
+    /// The bend of the innermost ring, from its direction up and the two derivatives of that.
+    fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
         // up x e_z = (up_y, -up_x, 0), and so for its derivatives.
-        let [up, rate, acceleration] = ring.seen(&Vector3::z());
         let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
         let level = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
