@@ -287,6 +287,19 @@ def test_a_stand_is_drawn_read_and_part_of_a_program(tmp_path):
     assert (perfect.recording.specific_force != runs[0].recording.specific_force).any()
 
 
+def test_a_slip_turns_the_unit_and_not_the_encoders():
+    plain, run = simulate(), simulate(effects={"mount_slip": 0.02})
+    stand = run.truth.setup.motion.stand
+    # The middle of the third turn of six: holds of 1 s, turns of 2 s.
+    assert stand.slip_time_s == pytest.approx(1 + 2 * 3 + 1)
+    assert (run.recording.stand_rad == plain.recording.stand_rad).all()
+    angle = 2 * np.arccos(
+        np.abs((run.truth.rotation_wxyz * plain.truth.rotation_wxyz).sum(axis=1)).clip(max=1)
+    )
+    assert angle[run.truth.time_s < stand.slip_time_s].max() < 1e-7
+    assert angle[run.truth.time_s > stand.slip_time_s + 0.06] == pytest.approx(0.02)
+
+
 def test_cheap_stands_scatter_as_they_say():
     stands = [imucal.Stand.cheap(seed) for seed in range(500)]
     for field, std in (("mount_rotation_deg", 1.0), ("base_tilt_deg", 0.5), ("non_orthogonality_deg", 0.5)):
@@ -431,5 +444,5 @@ def test_options_that_do_not_fit_the_motion(arguments, message, tmp_path, monkey
     assert not (tmp_path / "run.csv").exists()
 
 
-def test_what_is_not_simulated_says_so():
-    assert set(DISTURBANCES) - set(DISTURB) == set()
+def test_all_noise_and_faults_can_be_simulated():
+    assert set(DISTURB) == set(DISTURBANCES)

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+import numpy as np
+
 from imucal.arrays import FloatArray
 from imucal.document import Node
 from imucal.effect_values import effects_of, effects_to_list
@@ -15,6 +17,7 @@ from imucal.effects import EffectValues, UserEffect, catalogue
 from imucal.errors import FormatError, InputError
 from imucal.motion import Motion, Program, Tumble, motion_from, motion_to_dict
 from imucal.recording import STANDARD_GRAVITY_MPS2
+from imucal.stand import Stand
 from imucal.temperature import REFERENCE_DEGC, Temperature
 from imucal.unit import Sensor, Unit, unit_from
 from imucal.whole import check_seed
@@ -169,8 +172,6 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
 def with_disturbances(setup: Setup, disturbances: Iterable[EffectValues]) -> Setup:
     """The setup with noise and faults of these sizes; InputError for one that this motion cannot have."""
     for disturbance in disturbances:
-        if disturbance.name not in DISTURB:
-            raise InputError(f"{disturbance.name} is looked for in data and not simulated: leave it out")
         setup = DISTURB[disturbance.name](setup, disturbance.values)
     return setup
 
@@ -200,6 +201,23 @@ def _trembling(setup: Setup, tremor_rad: FloatArray) -> Setup:
     return dataclasses.replace(setup, motion=motion)
 
 
+def _slipping(setup: Setup, angle_rad: FloatArray) -> Setup:
+    """A slip about the diagonal of the body frame, in the turn that is nearest to the middle of the run."""
+    if not isinstance(setup.motion, Program):
+        raise InputError("mount_slip needs a stand: give the motion random, grid or a program file")
+    starts_s = np.cumsum([0.0, *(step.move_s + step.hold_s for step in setup.motion.steps)])
+    turns_s = [
+        start_s + step.move_s / 2
+        for start_s, step in zip(starts_s[:-1].tolist(), setup.motion.steps, strict=True)
+        if any(step.turn_deg)
+    ]
+    time_s = min(turns_s, key=lambda turn_s: abs(turn_s - starts_s[-1] / 2), default=starts_s[-1] / 2)
+    axis_deg = math.degrees(angle_rad[0]) / math.sqrt(3.0)
+    stand = setup.motion.stand or Stand()
+    slipped = dataclasses.replace(stand, slip_deg=(axis_deg, axis_deg, axis_deg), slip_time_s=float(time_s))
+    return dataclasses.replace(setup, motion=dataclasses.replace(setup.motion, stand=slipped))
+
+
 DISTURB: Final[dict[str, Callable[[Setup, FloatArray], Setup]]] = {
     "gyro_bias_random_walk": lambda setup, walk: _sensors(setup, gyroscope=_wandering(walk)),
     "accel_bias_random_walk": lambda setup, walk: _sensors(setup, accelerometer=_wandering(walk)),
@@ -212,4 +230,5 @@ DISTURB: Final[dict[str, Callable[[Setup, FloatArray], Setup]]] = {
     "samples_duplicated": lambda setup, share: dataclasses.replace(setup, duplicated_share=float(share[0])),
     "clock_irregular": lambda setup, jitter: dataclasses.replace(setup, clock_jitter_s=float(jitter[0])),
     "rest_not_still": _trembling,
+    "mount_slip": _slipping,
 }

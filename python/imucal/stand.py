@@ -47,6 +47,7 @@ class Stand:
     encoder_noise_deg      standard deviation of the white noise of a reading
     encoder_counts         counts of an encoder per turn, or None: no steps
     encoder_effects        effects of the catalogue on what the encoders read
+    slip_deg, slip_time_s  from this time on the unit sits on its mount turned by this rotation vector
     """
 
     mount_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -59,6 +60,8 @@ class Stand:
     encoder_noise_deg: float = 0.0
     encoder_counts: int | None = None
     encoder_effects: tuple[EffectValues, ...] = ()
+    slip_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    slip_time_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.encoder_counts is not None:
@@ -128,6 +131,8 @@ class Stand:
             self.vibration_hz,
             math.radians(self.encoder_noise_deg),
             self.encoder_counts,
+            tuple(map(math.radians, self.slip_deg)),
+            self.slip_time_s,
         )
 
 
@@ -144,6 +149,8 @@ class StandErrors:
     vibration_hz: float
     encoder_noise_rad: float
     encoder_counts: int | None
+    slip_rad: tuple[float, ...]
+    slip_time_s: float
 
 
 def stand_of(node: Node) -> Stand:

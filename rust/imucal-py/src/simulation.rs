@@ -4,8 +4,8 @@ use std::num::NonZeroUsize;
 
 use imucal::error::Error;
 use imucal::simulate::{
-    self as library, Added, Converter, Faults, Grid, HandMoves, LowPass, Program, RandomMoves, Sensor, Setup, Step,
-    Temperature, Tumble, Unit, earth,
+    self as library, Added, Converter, Faults, Grid, HandMoves, LowPass, Program, RandomMoves, Sensor, Setup, Slip,
+    Step, Temperature, Tumble, Unit, earth,
 };
 use imucal_core::so3;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -78,6 +78,8 @@ struct Stand {
     vibration_hz: f64,
     encoder_noise_rad: f64,
     encoder_counts: Option<u32>,
+    slip_rad: [f64; 3],
+    slip_time_s: f64,
 }
 
 #[derive(FromPyObject)]
@@ -117,6 +119,8 @@ impl Motion {
                     vibration_hz: stand.vibration_hz,
                     encoder_noise_rad: stand.encoder_noise_rad,
                     encoder_counts: stand.encoder_counts,
+                    slip: (stand.slip_rad != [0.0; 3])
+                        .then_some(Slip { time_s: stand.slip_time_s, turn_rad: stand.slip_rad.into() }),
                 },
             },
             Self::Tumble { poses, hold_s, move_s, tremor_rad, translation_m, seed } => library::Motion::Tumble(

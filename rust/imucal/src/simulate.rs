@@ -3,7 +3,8 @@
 //! * [`program`]: what the motors of a stand are told to do; the paper's two programs, or any list of steps.
 //! * [`profile`]: how they do it, in closed form, with limited jerk.
 //! * [`gimbal`]: from three motor angles to the attitude.
-//! * [`stand`]: what is wrong with the stand; [`tumble`]: a run by hand; [`motion`]: any of these as a function of time.
+//! * [`stand`]: what is wrong with the stand, and [`slip`], with the unit on it; [`tumble`]: a run by hand; [`motion`]: any of
+//!   these as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a place.
 //! * [`mod@unit`]: sensitivity, bias, noise, filter and counts; the paper's unit. Its effects are those of the catalogue
 //!   ([`imucal_core::effects`]), at the true state.
@@ -33,6 +34,7 @@ pub mod profile;
 pub mod program;
 pub mod sampling;
 mod sensor;
+pub mod slip;
 pub mod stand;
 mod stream;
 pub mod temperature;
@@ -48,6 +50,7 @@ pub use faults::Faults;
 pub use motion::{Moment, Motion};
 pub use program::{Grid, Program, RandomMoves, Step};
 pub use sampling::LowPass;
+pub use slip::Slip;
 pub use stand::Stand;
 pub use temperature::Temperature;
 pub use tumble::{HandMoves, Tumble};
