@@ -1,5 +1,7 @@
 //! The paper's unit stands in two places: here for Rust, and in a data file for Python. They must be the same unit.
 
+#![allow(clippy::unwrap_used, reason = "a test")]
+
 use imucal::simulate::{Sensor, Unit};
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
