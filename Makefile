@@ -5,6 +5,7 @@
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
 #   make bench     speed beside a SciPy program of the same model
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md
+#   make docs-figures  convergence of the integrated attitude, to docs/results/convergence.md
 #   make wheel     dist/*.whl
 #   make format    format Rust and Python
 #   make clean     forget .venv and dist; target/ stays, its dependencies take minutes to build
@@ -133,7 +134,7 @@ test-python: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy
+.PHONY: demo bench accuracy docs-figures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -145,6 +146,10 @@ bench: $(VENV)/.installed
 accuracy: $(VENV)/.installed
 	$(call say,Accuracy)
 	$(PY) benches/accuracy.py
+
+docs-figures: $(VENV)/.installed
+	$(call say,Figures of the documentation)
+	$(PY) benches/convergence.py
 
 .PHONY: clean
 clean:

@@ -20,8 +20,13 @@ from imucal.evaluate import Evaluation, evaluate
 from imucal.finding import Finding, Place
 from imucal.inspection import Inspection, inspect
 from imucal.io import read, write
+from imucal.motion import Program, Static, Step, Tumble
 from imucal.recording import Recording, Source
-from imucal.simulate import Program, Simulation, Step, Truth, simulate
+from imucal.simulate import Simulation, repeat, simulate
+from imucal.stand import Stand
+from imucal.temperature import Temperature
+from imucal.truth import Truth
+from imucal.unit import Sensor, Unit, unit_names
 
 __all__ = [
     "Calibration",
@@ -42,19 +47,27 @@ __all__ = [
     "Program",
     "Provenance",
     "Recording",
+    "Sensor",
     "Simulation",
     "Source",
+    "Stand",
     "State",
+    "Static",
     "Step",
+    "Temperature",
     "Triad",
     "Truth",
+    "Tumble",
+    "Unit",
     "UserEffect",
     "__version__",
     "calibrate",
     "evaluate",
     "inspect",
     "read",
+    "repeat",
     "simulate",
+    "unit_names",
     "write",
 ]
 

@@ -231,7 +231,7 @@ class Calibration:
         """The recording in SI units and the body frame, all effects taken away but those `left_in_data`.
 
         Time counts from the recording's first sample, temperature from 25 degC; the angular acceleration is
-        the derivative of the measured rate. NaN stays NaN, and a sample is NaN where the effects are too
+        the derivative of the rate. NaN stays NaN, and a sample is NaN where the effects are too
         large to be undone.
         Raises InputError for other raw units than expected, if a column is missing that an effect depends on,
         and without the definition of a user's effect.

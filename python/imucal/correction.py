@@ -85,7 +85,8 @@ def _require_derivative(recording: Recording, name: str) -> None:
 def remove_user_effects(calibration: Calibration, recording: Recording) -> Recording:
     """The raw recording of the same unit without the user's own effects; all else stays in it.
 
-    The angular acceleration in the State that their fields get is the derivative of the measured rate.
+    The angular acceleration in the State that their fields get is the derivative of the rate without the
+    effects of the catalogue.
 
     Raises InputError without a definition, and if the passes do not settle.
     """
@@ -95,8 +96,6 @@ def remove_user_effects(calibration: Calibration, recording: Recording) -> Recor
     from imucal import _core
 
     others = calibration.without_user_effects()
-    seen = _core.correct(replace(others, effects=()), recording.angular_rate, recording.specific_force)
-    acceleration = State.of(recording, *seen).angular_acceleration
     size = np.hstack(
         (
             _size(calibration.gyroscope, recording.angular_rate),
@@ -104,6 +103,8 @@ def remove_user_effects(calibration: Calibration, recording: Recording) -> Recor
         )
     )
     rate, force = _core.correct_recording(others, recording)
+    # Taken once: from pass to pass it would add noise.
+    acceleration = State.of(recording, rate, force).angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
     for _ in range(MAX_PASSES):
         on_rate, on_force = _added(own, State.of(recording, rate, force, acceleration))

@@ -144,6 +144,18 @@ class Node:
             raise self._wrong("a finite number")
         return number
 
+    def whole(self) -> int:
+        """A whole number of zero or more."""
+        if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < 0:
+            raise self._wrong("a whole number, zero or more")
+        return self.value
+
+    def flag(self) -> bool:
+        """True or false."""
+        if not isinstance(self.value, bool):
+            raise self._wrong("true or false")
+        return self.value
+
     def array(self, *shape: int) -> FloatArray:
         """Nested lists of numbers of exactly this shape."""
         items = self.items()

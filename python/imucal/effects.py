@@ -153,8 +153,7 @@ class State:
     ) -> State:
         """The state at each sample of a recording, whose true rate and force are given.
 
-        Without `angular_acceleration` it is the derivative of the rate by central differences, NaN for a
-        single sample.
+        Without `angular_acceleration` it is the derivative of the rate, NaN for a single sample.
         """
         from imucal import _core
 

@@ -161,8 +161,8 @@ pub(crate) fn vector(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>, name: &s
     }
 }
 
-/// (N, 3) array from rows.
-pub(crate) fn to_rows(py: Python<'_>, values: Vec<[f64; 3]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
-    let array = numpy::PyArray1::from_vec(py, values.into_flattened());
-    numpy::PyArrayMethods::reshape(&array, [array.len() / 3, 3])
+/// (N, W) array from rows.
+pub(crate) fn to_rows<const W: usize>(py: Python<'_>, values: Vec<[f64; W]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
+    let shape = [values.len(), W];
+    numpy::PyArrayMethods::reshape(&numpy::PyArray1::from_vec(py, values.into_flattened()), shape)
 }

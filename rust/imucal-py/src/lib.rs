@@ -36,7 +36,7 @@ mod _core {
         Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold,
     };
     #[pymodule_export]
-    use super::simulation::{Simulation, grid_program, random_program, simulate};
+    use super::simulation::{Simulation, earth_rate_radps, gravity_mps2, grid_program, random_program, simulate};
 
     #[pymodule_export]
     #[allow(non_upper_case_globals)]

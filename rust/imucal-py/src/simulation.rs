@@ -1,11 +1,18 @@
 //! The simulator for Python.
 
+use std::num::NonZeroUsize;
+
 use imucal::error::Error;
-use imucal::simulate::{self as library, Grid, Program, RandomMoves, Step, Unit};
-use numpy::{PyArray1, PyArray2};
+use imucal::simulate::{
+    self as library, Added, Converter, Faults, Grid, HandMoves, LowPass, Program, RandomMoves, Sensor, Setup, Slip,
+    Step, Temperature, Tumble, Unit, earth,
+};
+use imucal_core::so3;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::arrays::to_rows;
+use crate::arrays::{column, matrix, rows, to_rows, vector};
+use crate::effects::EffectArrays;
 use crate::error::ToPython;
 
 /// Turn of the three motors in rad, duration of the turn and of the hold after it in s.
@@ -17,15 +24,140 @@ pub(crate) struct Simulation {
     time_s: Py<PyArray1<f64>>,
     specific_force: Py<PyArray2<f64>>,
     angular_rate: Py<PyArray2<f64>>,
+    temperature_degc: Py<PyArray1<f64>>,
+    /// None without a stand.
+    stand_rad: Option<Py<PyArray2<f64>>>,
     true_specific_force: Py<PyArray2<f64>>,
     true_angular_rate: Py<PyArray2<f64>>,
-    stand_rad: Py<PyArray2<f64>>,
+    true_angular_acceleration: Py<PyArray2<f64>>,
+    rotation_wxyz: Py<PyArray2<f64>>,
     /// Start and end of each rest, s.
     rests: Vec<(f64, f64)>,
-    accel_sensitivity: Py<PyArray2<f64>>,
-    accel_bias: Py<PyArray1<f64>>,
-    gyro_sensitivity: Py<PyArray2<f64>>,
-    gyro_bias: Py<PyArray1<f64>>,
+    missing: usize,
+    duplicated: usize,
+}
+
+/// What a simulation depends on, taken by attribute.
+#[derive(FromPyObject)]
+pub(crate) struct SetupArrays<'py> {
+    motion: Motion,
+    unit: UnitArrays<'py>,
+    effects: Vec<EffectArrays<'py>>,
+    rate_hz: f64,
+    gravity_mps2: f64,
+    temperature_time_s: PyReadonlyArray1<'py, f64>,
+    temperature_degc: PyReadonlyArray1<'py, f64>,
+    missing_share: f64,
+    duplicated_share: f64,
+    clock_rate_error: f64,
+    clock_jitter_s: f64,
+    added_force: Option<PyReadonlyArray2<'py, f64>>,
+    added_rate: Option<PyReadonlyArray2<'py, f64>>,
+    seed: u64,
+    /// None, or no such attribute, is as many as there are processors.
+    #[pyo3(default)]
+    threads: Option<NonZeroUsize>,
+}
+
+/// Told apart by their attributes.
+#[derive(FromPyObject)]
+enum Motion {
+    Stand { steps: Vec<StepTuple>, stand: Stand },
+    Tumble { poses: usize, hold_s: f64, move_s: f64, tremor_rad: f64, translation_m: f64, seed: u64 },
+    Static { rotation_wxyz: [f64; 4], duration_s: f64 },
+}
+
+#[derive(FromPyObject)]
+struct Stand {
+    mount_rotation_rad: [f64; 3],
+    base_tilt_rad: [f64; 2],
+    non_orthogonality_rad: [f64; 2],
+    flexure_rad: f64,
+    vibration_rad: f64,
+    vibration_m: f64,
+    vibration_hz: f64,
+    encoder_noise_rad: f64,
+    encoder_counts: Option<u32>,
+    slip_rad: [f64; 3],
+    slip_time_s: f64,
+}
+
+#[derive(FromPyObject)]
+struct UnitArrays<'py> {
+    accelerometer: SensorArrays<'py>,
+    gyroscope: SensorArrays<'py>,
+}
+
+#[derive(FromPyObject)]
+struct SensorArrays<'py> {
+    sensitivity: PyReadonlyArray2<'py, f64>,
+    bias: PyReadonlyArray1<'py, f64>,
+    noise_density: f64,
+    noise_in_motion: f64,
+    bias_instability: f64,
+    random_walk: PyReadonlyArray1<'py, f64>,
+    lsb: Option<f64>,
+    bits: Option<u32>,
+    filter_hz: Option<f64>,
+    averaging: bool,
+}
+
+impl Motion {
+    fn motion(self) -> Result<library::Motion, Error> {
+        Ok(match self {
+            Self::Stand { steps, stand } => library::Motion::Stand {
+                program: Program::try_new(
+                    steps.into_iter().map(|(turn_rad, move_s, hold_s)| Step { turn_rad, move_s, hold_s }).collect(),
+                )?,
+                stand: library::Stand {
+                    mount_rotation_rad: stand.mount_rotation_rad.into(),
+                    base_tilt_rad: stand.base_tilt_rad,
+                    non_orthogonality_rad: stand.non_orthogonality_rad,
+                    flexure_rad: stand.flexure_rad,
+                    vibration_rad: stand.vibration_rad,
+                    vibration_m: stand.vibration_m,
+                    vibration_hz: stand.vibration_hz,
+                    encoder_noise_rad: stand.encoder_noise_rad,
+                    encoder_counts: stand.encoder_counts,
+                    slip: (stand.slip_rad != [0.0; 3])
+                        .then_some(Slip { time_s: stand.slip_time_s, turn_rad: stand.slip_rad.into() }),
+                },
+            },
+            Self::Tumble { poses, hold_s, move_s, tremor_rad, translation_m, seed } => library::Motion::Tumble(
+                Tumble::random(&HandMoves { poses, hold_s, move_s, tremor_rad, translation_m }, seed)?,
+            ),
+            Self::Static { rotation_wxyz, duration_s } => library::Motion::Static {
+                rotation_world_from_body: so3::from_wxyz(rotation_wxyz).ok_or_else(|| {
+                    Error::Input(format!("rotation_wxyz is {rotation_wxyz:?}: a quaternion that is not zero is needed"))
+                })?,
+                duration_s,
+            },
+        })
+    }
+}
+
+impl SensorArrays<'_> {
+    fn sensor(&self, py: Python<'_>, name: &str) -> PyResult<Sensor> {
+        let converter = match (self.lsb, self.bits) {
+            (Some(lsb), Some(bits)) => Some(Converter { lsb, bits }),
+            (None, None) => None,
+            _ => {
+                let message = format!("{name}: a converter needs both the size of a count (lsb) and its bits");
+                return Err(Error::Input(message)).to_python(py);
+            }
+        };
+        Ok(Sensor {
+            sensitivity: matrix(py, &self.sensitivity, &format!("sensitivity of the {name}"))?,
+            bias: vector(py, &self.bias, &format!("bias of the {name}"))?,
+            noise_density: self.noise_density,
+            noise_in_motion: self.noise_in_motion,
+            bias_instability: self.bias_instability,
+            random_walk: vector(py, &self.random_walk, &format!("random walk of the {name}"))?,
+            low_pass: self.filter_hz.map(|bandwidth_hz| LowPass { bandwidth_hz }),
+            averaging: self.averaging,
+            converter,
+        })
+    }
 }
 
 fn steps(program: &Program) -> Vec<StepTuple> {
@@ -52,37 +184,64 @@ pub(crate) fn random_program(
     Ok(steps(&Program::random(&random, seed).to_python(py)?))
 }
 
-/// Runs a program with a unit (`paper` or `ideal`) on the stand.
+/// Normal gravity, m/s^2.
 #[pyfunction]
-pub(crate) fn simulate(
-    py: Python<'_>,
-    program: Vec<StepTuple>,
-    unit: &str,
-    rate_hz: f64,
-    gravity_mps2: f64,
-    seed: u64,
-) -> PyResult<Simulation> {
-    let unit = match unit {
-        "paper" => Unit::paper(),
-        "ideal" => Unit::ideal(),
-        other => return Err(Error::Input(format!("unit is {other:?}: give paper or ideal"))).to_python(py),
+pub(crate) fn gravity_mps2(latitude_deg: f64, height_m: f64) -> f64 {
+    earth::gravity_mps2(latitude_deg.to_radians(), height_m)
+}
+
+/// Rate of the Earth in the world frame, rad/s.
+#[pyfunction]
+pub(crate) fn earth_rate_radps(py: Python<'_>, latitude_deg: f64) -> Py<PyArray1<f64>> {
+    PyArray1::from_slice(py, earth::rate_radps(latitude_deg.to_radians()).as_slice()).unbind()
+}
+
+/// Runs a motion with a unit.
+#[pyfunction]
+pub(crate) fn simulate(py: Python<'_>, setup: SetupArrays<'_>) -> PyResult<Simulation> {
+    let motion = setup.motion.motion().to_python(py)?;
+    let unit = Unit {
+        accelerometer: setup.unit.accelerometer.sensor(py, "accelerometer")?,
+        gyroscope: setup.unit.gyroscope.sensor(py, "gyroscope")?,
+        effects: EffectArrays::set(py, &setup.effects)?,
     };
-    let steps = program.into_iter().map(|(turn_rad, move_s, hold_s)| Step { turn_rad, move_s, hold_s }).collect();
-    let run =
-        py.detach(|| library::simulate(&Program::try_new(steps)?, &unit, rate_hz, gravity_mps2, seed)).to_python(py)?;
-    let matrix = |m: nalgebra::Matrix3<f64>| Ok::<_, PyErr>(to_rows(py, m.transpose().data.0.to_vec())?.unbind());
-    let vector = |v: nalgebra::Vector3<f64>| PyArray1::from_slice(py, v.as_slice()).unbind();
+    let temperature = Temperature::try_new(
+        column(py, &setup.temperature_time_s, "temperature_time_s")?.to_vec(),
+        column(py, &setup.temperature_degc, "temperature_degc")?.to_vec(),
+    );
+    let added = Added {
+        force: setup.added_force.as_ref().map(|values| rows(py, values, "added_force")).transpose()?,
+        rate: setup.added_rate.as_ref().map(|values| rows(py, values, "added_rate")).transpose()?,
+    };
+    let setup = Setup {
+        motion: &motion,
+        unit: &unit,
+        rate_hz: setup.rate_hz,
+        gravity_mps2: setup.gravity_mps2,
+        temperature: &temperature.to_python(py)?,
+        faults: Faults {
+            missing_share: setup.missing_share,
+            duplicated_share: setup.duplicated_share,
+            clock_rate_error: setup.clock_rate_error,
+            clock_jitter_s: setup.clock_jitter_s,
+        },
+        added: Some(added),
+        seed: setup.seed,
+        threads: setup.threads,
+    };
+    let run = py.detach(|| library::run(&setup)).to_python(py)?;
     Ok(Simulation {
         time_s: PyArray1::from_vec(py, run.time_s).unbind(),
         specific_force: to_rows(py, run.specific_force)?.unbind(),
         angular_rate: to_rows(py, run.angular_rate)?.unbind(),
+        temperature_degc: PyArray1::from_vec(py, run.temperature_degc).unbind(),
+        stand_rad: run.stand_rad.map(|values| Ok::<_, PyErr>(to_rows(py, values)?.unbind())).transpose()?,
         true_specific_force: to_rows(py, run.true_specific_force)?.unbind(),
         true_angular_rate: to_rows(py, run.true_angular_rate)?.unbind(),
-        stand_rad: to_rows(py, run.stand_rad)?.unbind(),
+        true_angular_acceleration: to_rows(py, run.true_angular_acceleration)?.unbind(),
+        rotation_wxyz: to_rows(py, run.rotation_world_from_body)?.unbind(),
         rests: run.rests,
-        accel_sensitivity: matrix(unit.accelerometer.sensitivity)?,
-        accel_bias: vector(unit.accelerometer.bias),
-        gyro_sensitivity: matrix(unit.gyroscope.sensitivity)?,
-        gyro_bias: vector(unit.gyroscope.bias),
+        missing: run.missing,
+        duplicated: run.duplicated,
     })
 }

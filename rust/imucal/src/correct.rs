@@ -6,27 +6,51 @@
 //! ```
 //!
 //! The fields depend on more than rate and force. A recording gives the time since its first sample, the temperature less
-//! [`REFERENCE_TEMPERATURE_DEGC`] where there is a column, and the angular acceleration as the derivative of the seen rate
+//! [`REFERENCE_TEMPERATURE_DEGC`] where there is a column, and the angular acceleration as the derivative of the rate
 //! ([`angular_acceleration`]). It gives no attitude and no angles of a stand: the Earth's rate, which a gyroscope rightly
 //! measures, stays in the data.
 
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use imucal_core::calibration::Calibration;
-use imucal_core::effects::Surroundings;
+use imucal_core::effects::{Need, Surroundings};
 use nalgebra::Vector3;
+
+/// The angular acceleration is that of the true rate, which is only known afterwards: first it is taken from the seen rate, then
+/// once more from the corrected one. Of a gyroscope's delay tau, `tau^3` times the third derivative of the rate is left. More
+/// passes would add noise, as tau is often longer than [`SLOPE_STEP_S`].
+const PASSES: usize = 2;
+
+/// Rates that are closer in time differ by more noise than motion, s.
+const SLOPE_STEP_S: f64 = 2e-3;
+
+/// Samples whose polynomial gives the derivative.
+const NODES: usize = 5;
 
 /// True `(angular_rate, specific_force)` of every sample, rad/s and m/s^2 in the body frame.
 ///
 /// A sample is NaN where it was NaN before, and where the effects are too large to be undone. An effect of temperature is
 /// left out without a temperature column, and one of angular acceleration with a single sample.
 pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    let accelerations = |rate: &[[f64; 3]]| angular_acceleration(recording.time_s, rate);
+    if !calibration.effects.iter().any(|values| values.effect().needs.contains(&Need::AngularAcceleration)) {
+        return correct_with(recording, calibration, &[]);
+    }
+    let seen = |raw: &[f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(*raw)));
+    let mut rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(seen).collect();
+    let mut force = Vec::new();
+    for _ in 0..PASSES {
+        (rate, force) = correct_with(recording, calibration, &accelerations(&rate));
+    }
+    (rate, force)
+}
+
+/// The correction with given angular accelerations, none if they are not known.
+fn correct_with(
+    recording: &Recording<'_>,
+    calibration: &Calibration<f64>,
+    acceleration: &[[f64; 3]],
+) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     let start_s = recording.time_s.first().copied().unwrap_or(0.0);
-    let acceleration = if calibration.effects.is_empty() {
-        Vec::new()
-    } else {
-        let seen = |raw: &[f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(*raw)));
-        angular_acceleration(recording.time_s, &recording.angular_rate.iter().map(seen).collect::<Vec<_>>())
-    };
     let samples = recording.angular_rate.iter().zip(recording.specific_force).zip(recording.time_s).enumerate();
     let corrected = samples.map(|(i, ((rate, force), time_s))| {
         let temperature = recording.temperature_degc.and_then(|column| column.get(i));
@@ -42,28 +66,44 @@ pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Ve
     corrected.unzip()
 }
 
-/// Derivative of the angular rate by time, rad/s^2: central differences, one row for each sample; none for a single sample.
+/// Derivative of the angular rate by time, rad/s^2, one row for each sample; none for a single sample.
 ///
-/// With the slopes `s_k` over the steps `h_k` it is `(h_k s_(k-1) + h_(k-1) s_k) / (h_(k-1) + h_k)`, and at both ends what
-/// continues it. That is exact for a rate that is a parabola in time, and otherwise wrong by `h^2 / 6` times the third
-/// derivative. It is taken once, from the rate as it is seen: repeated on the corrected rate, a delay of more than a sampling
-/// interval would amplify the noise at each pass. Two equal times give NaN.
+/// It is that of the polynomial through five samples 2 ms apart, or next to each other where the interval is longer: the
+/// sample in the middle of them, but at both ends. At even steps h that is
+/// `(w(t - 2h) - 8 w(t - h) + 8 w(t + h) - w(t + 2h)) / 12h`, wrong by `h^4 / 30` times the fifth derivative; steps may be
+/// uneven. Two equal times give what is not a number.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let rate = |i: usize| Vector3::from(angular_rate[i]);
-    let step = |k: usize| time_s[k + 1] - time_s[k];
-    let slope = |k: usize| (rate(k + 1) - rate(k)) / step(k);
-    let inner = |i: usize| (slope(i - 1) * step(i) + slope(i) * step(i - 1)) / (step(i - 1) + step(i));
     let n = time_s.len().min(angular_rate.len());
-    (0..n)
-        .filter(|_| n > 1)
-        .map(|i| match i {
-            _ if n == 2 => slope(0),
-            0 => slope(0) * 2.0 - inner(1),
-            _ if i == n - 1 => slope(n - 2) * 2.0 - inner(n - 2),
-            _ => inner(i),
-        })
-        .map(<[f64; 3]>::from)
-        .collect()
+    if n < 2 {
+        return Vec::new();
+    }
+    let count = n.min(NODES);
+    let interval_s = (time_s[n - 1] - time_s[0]) / (n - 1) as f64;
+    // The cast of a NaN or a negative number is zero. Every n / count samples there is room for all nodes about each sample.
+    let stride = ((SLOPE_STEP_S / interval_s).round() as usize).clamp(1, n / count);
+    let derivative = |k: usize| {
+        // Half of the nodes are before sample k, at the ends as many as have room there.
+        let after = ((n - 1 - k) / stride).min(count - 1);
+        let before = (k / stride).min((count / 2).max(count - 1 - after));
+        let first = k - before * stride;
+        slope_at(before, count, |j| time_s[first + j * stride], |j| Vector3::from(angular_rate[first + j * stride]))
+    };
+    (0..n).map(|k| derivative(k).into()).collect()
+}
+
+/// Derivative at node `at` of the polynomial through `count` nodes, after Lagrange:
+/// `sum over j of (w_j - w_at) / (t_j - t_at) * product over the other i of (t_at - t_i) / (t_j - t_i)`.
+fn slope_at(
+    at: usize,
+    count: usize,
+    time: impl Fn(usize) -> f64,
+    rate: impl Fn(usize) -> Vector3<f64>,
+) -> Vector3<f64> {
+    let others = |j: usize| (0..count).filter(move |i| *i != j && *i != at);
+    (0..count).filter(|j| *j != at).fold(Vector3::zeros(), |sum, j| {
+        let weight: f64 = others(j).map(|i| (time(at) - time(i)) / (time(j) - time(i))).product();
+        sum + (rate(j) - rate(at)) * (weight / (time(j) - time(at)))
+    })
 }
 
 #[cfg(test)]
@@ -144,11 +184,10 @@ mod tests {
     }
 
     #[test]
-    fn a_delay_is_taken_away_but_for_its_square() {
-        // The derivative is that of the late rate: tau^2 times the second derivative, 2 rad/s^3, is left.
-        let tau = 1e-3;
-        let (error, _) = round_trip(&unit("gyro_time_offset", &[tau], None), false);
-        assert!(error < 1.01 * 2.0 * tau * tau, "{error}");
+    fn a_delay_is_taken_away_but_for_its_cube() {
+        // The rate is a parabola in time, without a third derivative.
+        let (error, _) = round_trip(&unit("gyro_time_offset", &[2e-3], None), false);
+        assert!(error < 1e-11, "{error}");
     }
 
     #[test]
@@ -170,26 +209,45 @@ mod tests {
     }
 
     #[test]
-    fn the_derivative_of_a_parabola_is_exact_at_every_sample() {
-        let time_s = uneven_time(50);
-        let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0, t - 70.0, (t - 70.0) * (t - 70.0)]).collect();
-        for (t, row) in time_s.iter().zip(angular_acceleration(&time_s, &rate)) {
-            let expected = Vector3::new(0.0, 1.0, 2.0 * (t - 70.0));
-            assert!((Vector3::from(row) - expected).amax() < 1e-11, "{t}: {row:?}");
+    fn the_derivative_of_a_quartic_is_exact_at_every_sample() {
+        // 10 ms and 0.4 ms: five neighbours, and every fifth sample.
+        for stretch in [1.0, 0.04] {
+            let time_s: Vec<f64> = uneven_time(60).iter().map(|t| stretch * (t - 70.0)).collect();
+            let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0, t - 3.0 * t * t, t.powi(4)]).collect();
+            for (t, row) in time_s.iter().zip(angular_acceleration(&time_s, &rate)) {
+                let expected = Vector3::new(0.0, 1.0 - 6.0 * t, 4.0 * t.powi(3));
+                assert!((Vector3::from(row) - expected).amax() < 1e-12, "{t}: {row:?}");
+            }
         }
     }
 
     #[test]
-    fn the_derivative_of_a_sine_is_wrong_by_the_square_of_the_step() {
-        // h^2 / 6 times the third derivative inside, h^2 / 3 at both ends.
-        let (h, frequency) = (1e-3, 2.0 * std::f64::consts::PI);
-        let time_s: Vec<f64> = (0..2000).map(|i| i as f64 * h).collect();
+    fn the_derivative_of_a_sine_is_wrong_by_the_fourth_power_of_the_step() {
+        // At 1 kHz the step is 2 ms. The fifth derivative times h^4 / 30 in the middle, / 20 and / 5 at the ends.
+        let (h, frequency) = (2e-3, 20.0);
+        let time_s: Vec<f64> = (0..2000).map(|i| i as f64 * 1e-3).collect();
         let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [(frequency * t + 0.4).sin(); 3]).collect();
-        let error = |i: usize, row: [f64; 3]| (row[0] - frequency * (frequency * time_s[i] + 0.4).cos()).abs();
-        let third = frequency.powi(3);
+        let fifth = f64::powi(frequency, 5);
+        let mut worst: [f64; 3] = [0.0; 3];
         for (i, row) in angular_acceleration(&time_s, &rate).into_iter().enumerate() {
-            let limit = if i == 0 || i == 1999 { third / 3.0 } else { third / 6.0 };
-            assert!(error(i, row) < 1.01 * limit * h * h, "{i}: {:e}", error(i, row));
+            let place = (i.min(1999 - i) / 2).min(2);
+            worst[place] = worst[place].max((row[0] - frequency * (frequency * time_s[i] + 0.4).cos()).abs());
+        }
+        for (error, share) in worst.into_iter().zip([5.0, 20.0, 30.0]) {
+            let limit = fifth * f64::powi(h, 4) / share;
+            assert!(error < 1.2 * limit, "{error:e}, {limit:e}");
+        }
+        assert!(worst[2] > 0.9 * fifth * f64::powi(h, 4) / 30.0);
+    }
+
+    #[test]
+    fn any_number_of_samples_has_a_derivative() {
+        for n in 2..80 {
+            let time_s: Vec<f64> = (0..n).map(|i| f64::from(i) * 3e-4).collect();
+            let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [5.0 * t; 3]).collect();
+            let slopes = angular_acceleration(&time_s, &rate);
+            assert_eq!(slopes.len(), time_s.len());
+            assert!(slopes.iter().flatten().all(|slope| (slope - 5.0).abs() < 1e-11), "{n}: {slopes:?}");
         }
     }
 
@@ -198,6 +256,11 @@ mod tests {
         assert!(angular_acceleration(&[], &[]).is_empty());
         assert!(angular_acceleration(&[1.0], &[[1.0; 3]]).is_empty());
         assert_eq!(angular_acceleration(&[1.0, 1.5], &[[1.0; 3], [2.0; 3]]), [[2.0; 3]; 2]);
+        let parabola = angular_acceleration(&[0.0, 1.0, 3.0], &[[0.0; 3], [1.0; 3], [9.0; 3]]);
+        assert!(
+            parabola.iter().zip([0.0, 2.0, 6.0]).all(|(row, slope)| (row[0] - slope).abs() < 1e-14),
+            "{parabola:?}"
+        );
         let same_time = angular_acceleration(&[1.0, 1.0], &[[1.0; 3], [1.0; 3]]);
         assert!(same_time[0][0].is_nan());
     }

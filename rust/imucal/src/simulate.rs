@@ -1,14 +1,17 @@
-//! A unit on the stand: the motion, what the unit undergoes, and what it says about it.
+//! Simulated runs: a motion, a unit with all its errors, and the truth beside what it says.
 //!
-//! * [`program`]: what the motors are told to do; the paper's two programs, or any list of steps.
+//! * [`program`]: what the motors of a stand are told to do; the paper's two programs, or any list of steps.
 //! * [`profile`]: how they do it, in closed form, with limited jerk.
 //! * [`gimbal`]: from three motor angles to the attitude.
-//! * [`stand`]: what is wrong with the stand; [`tumble`]: a run by hand; [`motion`]: any of these as a function of time.
+//! * [`stand`]: what is wrong with the stand, and [`slip`], with the unit on it; [`tumble`]: a run by hand; [`motion`]: any of
+//!   these as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a place.
-//! * [`mod@unit`]: sensitivity, bias, noise and counts; the paper's unit.
+//! * [`mod@unit`]: sensitivity, bias, noise, filter and counts; the paper's unit. Its effects are those of the catalogue
+//!   ([`imucal_core::effects`]), at the true state.
+//! * [`temperature`] of the unit over the run, [`faults`] of the record.
 //!
-//! Motion and truth are exact functions of time: nothing is integrated, so truth does not depend on the sample rate.
-//! Sampling and noise are those of the `sensor` room: point samples, `sigma = noise_density * sqrt(rate_hz)`.
+//! Motion and truth are exact functions of time: nothing is integrated, so truth does not depend on the sample rate. The same
+//! setup gives the same bytes, on any number of threads.
 //!
 //! ```
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
@@ -21,49 +24,111 @@
 //! ```
 
 mod attitude;
+mod block;
 pub mod earth;
+pub mod faults;
 pub mod gimbal;
 pub mod motion;
+mod noise;
 pub mod profile;
 pub mod program;
+pub mod sampling;
 mod sensor;
+pub mod slip;
 pub mod stand;
 mod stream;
+pub mod temperature;
+mod truth;
 pub mod tumble;
 pub mod unit;
+mod workers;
 
+#[cfg(test)]
+mod tests;
+
+pub use faults::Faults;
 pub use motion::{Moment, Motion};
 pub use program::{Grid, Program, RandomMoves, Step};
+pub use sampling::LowPass;
+pub use slip::Slip;
 pub use stand::Stand;
+pub use temperature::Temperature;
 pub use tumble::{HandMoves, Tumble};
 pub use unit::{Converter, Sensor, Unit};
 
-use crate::error::Error;
-use crate::recording::{RawUnit, Recording};
-use nalgebra::Vector3;
-use sensor::Sampler;
-use stream::Stream;
+use std::num::NonZeroUsize;
 
-/// More samples than this do not fit into an ordinary computer's memory (128 bytes each).
+use crate::error::Error;
+use crate::recording::{REFERENCE_TEMPERATURE_DEGC, RawUnit, Recording};
+use block::Plan;
+use faults::Clock;
+use sensor::Sampler;
+use stream::Triad;
+use truth::Truth;
+
+/// More samples than this do not fit into an ordinary computer's memory (216 bytes each).
 const MAX_SAMPLES: f64 = 1e8;
 
-/// A simulated run: what a recording has, and the truth beside it. One row per sample.
+/// All that a run depends on.
+#[derive(Clone, Copy, Debug)]
+pub struct Setup<'a> {
+    /// How the unit moves.
+    pub motion: &'a Motion,
+    /// What moves.
+    pub unit: &'a Unit,
+    /// Samples per second of the unit's clock.
+    pub rate_hz: f64,
+    /// Local gravity, m/s^2.
+    pub gravity_mps2: f64,
+    /// Temperature of the unit.
+    pub temperature: &'a Temperature,
+    /// What is wrong with the record.
+    pub faults: Faults,
+    /// An effect that is not in the catalogue.
+    pub added: Option<Added<'a>>,
+    /// Of all random numbers but those of the motion.
+    pub seed: u64,
+    /// Threads to use; `None` is as many as there are processors. The result does not depend on it.
+    pub threads: Option<NonZeroUsize>,
+}
+
+/// What is added to the true force and rate before the sensors see them: one row per sample of a run without losses.
+#[derive(Clone, Copy, Debug)]
+pub struct Added<'a> {
+    /// Specific force, m/s^2.
+    pub force: Option<&'a [[f64; 3]]>,
+    /// Angular rate, rad/s.
+    pub rate: Option<&'a [[f64; 3]]>,
+}
+
+/// A simulated run: what a recording has, and the truth beside it. One row per sample; true is at the true instant of the
+/// sample, which only a fault of the clock tells from its stamp.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
-    /// Time, s: sample number / rate, from 0 up to but without the program's end.
+    /// Time stamps, s: sample number / rate, from 0 up to but without the end of the motion.
     pub time_s: Vec<f64>,
     /// What the accelerometer says, m/s^2.
     pub specific_force: Vec<[f64; 3]>,
     /// What the gyroscope says, rad/s.
     pub angular_rate: Vec<[f64; 3]>,
+    /// Temperature of the unit, degC.
+    pub temperature_degc: Vec<f64>,
+    /// What the encoders of the stand say, rad, outer motor first; `None` without a stand.
+    pub stand_rad: Option<Vec<[f64; 3]>>,
     /// Specific force in the body frame, m/s^2.
     pub true_specific_force: Vec<[f64; 3]>,
     /// Angular rate in the body frame, rad/s.
     pub true_angular_rate: Vec<[f64; 3]>,
-    /// Motor angles, rad; outer motor first. [`gimbal::rotation_world_from_body`] gives the attitude.
-    pub stand_rad: Vec<[f64; 3]>,
-    /// Start and end of each rest, s.
+    /// Derivative of the angular rate in the body frame, rad/s^2.
+    pub true_angular_acceleration: Vec<[f64; 3]>,
+    /// Attitude `[w, x, y, z]`, `v_w = r_wb * v_b`.
+    pub rotation_world_from_body: Vec<[f64; 4]>,
+    /// Start and end of each rest, s, as the unit's clock shows them.
     pub rests: Vec<(f64, f64)>,
+    /// How many samples were lost.
+    pub missing: usize,
+    /// How many samples repeat the one before.
+    pub duplicated: usize,
 }
 
 impl Simulation {
@@ -74,18 +139,102 @@ impl Simulation {
             time_s: &self.time_s,
             specific_force: &self.specific_force,
             angular_rate: &self.angular_rate,
-            temperature_degc: None,
-            stand_rad: Some(&self.stand_rad),
+            temperature_degc: Some(&self.temperature_degc),
+            stand_rad: self.stand_rad.as_deref(),
             accel_unit: RawUnit::Si,
             gyro_unit: RawUnit::Si,
         }
     }
+
+    /// Rows to be filled, with their stamps.
+    fn blank(samples: usize, setup: &Setup, clock: &Clock) -> Self {
+        let on_a_stand = matches!(setup.motion, Motion::Stand { .. });
+        let rests = setup.motion.rests().into_iter();
+        Self {
+            time_s: (0..samples).map(|i| i as f64 / setup.rate_hz).collect(),
+            specific_force: vec![[0.0; 3]; samples],
+            angular_rate: vec![[0.0; 3]; samples],
+            temperature_degc: vec![0.0; samples],
+            stand_rad: on_a_stand.then(|| vec![[0.0; 3]; samples]),
+            true_specific_force: vec![[0.0; 3]; samples],
+            true_angular_rate: vec![[0.0; 3]; samples],
+            true_angular_acceleration: vec![[0.0; 3]; samples],
+            rotation_world_from_body: vec![[0.0; 4]; samples],
+            rests: rests.map(|(start_s, end_s)| (clock.stamp_s(start_s), clock.stamp_s(end_s))).collect(),
+            missing: 0,
+            duplicated: 0,
+        }
+    }
+
+    /// Repeats and loses samples.
+    fn spoil(&mut self, faults: &Faults, seed: u64) {
+        let samples = self.time_s.len();
+        let count = |chosen: &[bool]| chosen.iter().filter(|chosen| **chosen).count();
+        if let Some(duplicated) = faults.duplicated(samples, seed) {
+            faults::duplicate(&mut self.specific_force, &duplicated);
+            faults::duplicate(&mut self.angular_rate, &duplicated);
+            self.duplicated = count(&duplicated);
+        }
+        if let Some(missing) = faults.missing(samples, seed) {
+            faults::lose(&mut self.time_s, &missing);
+            faults::lose(&mut self.temperature_degc, &missing);
+            faults::lose(&mut self.rotation_world_from_body, &missing);
+            let columns = [
+                &mut self.specific_force,
+                &mut self.angular_rate,
+                &mut self.true_specific_force,
+                &mut self.true_angular_rate,
+                &mut self.true_angular_acceleration,
+            ];
+            for column in columns.into_iter().chain(&mut self.stand_rad) {
+                faults::lose(column, &missing);
+            }
+            self.missing = count(&missing);
+        }
+    }
 }
 
-/// Runs a program with a unit on the stand. The same arguments give the same bytes.
+/// Runs a motion with a unit. The same setup gives the same bytes.
 ///
 /// # Errors
-/// [`Error::Input`] if the rate, gravity or a figure of the unit cannot be used, or the run has no or too many samples.
+/// [`Error::Input`] if a figure of the setup cannot be used, or the run has no or too many samples.
+pub fn run(setup: &Setup) -> Result<Simulation, Error> {
+    let Setup { motion, unit, rate_hz, gravity_mps2, temperature, seed, .. } = *setup;
+    motion.check()?;
+    setup.faults.check()?;
+    if !(gravity_mps2.is_finite() && gravity_mps2 > 0.0) {
+        return Err(Error::Input(format!("gravity_mps2 is {gravity_mps2}: a positive value is needed")));
+    }
+    let mut clock = Clock::new(&setup.faults, seed);
+    let samples = sample_count(clock.stamp_s(motion.duration_s()), rate_hz)?;
+    unit.accelerometer.check("accelerometer", rate_hz)?;
+    unit.gyroscope.check("gyroscope", rate_hz)?;
+    if let Some(added) = setup.added {
+        check_rows("force", added.force, samples)?;
+        check_rows("rate", added.rate, samples)?;
+    }
+
+    let steps = unit.accelerometer.steps(rate_hz).max(unit.gyroscope.steps(rate_hz));
+    let sampler = |sensor, triad| Sampler::new(sensor, triad, rate_hz, samples, steps, seed);
+    let mut accelerometer = sampler(&unit.accelerometer, Triad::Accelerometer);
+    let mut gyroscope = sampler(&unit.gyroscope, Triad::Gyroscope);
+    let plan = Plan {
+        setup,
+        truth: Truth::new(motion, unit, gravity_mps2, temperature),
+        stand: if let Motion::Stand { stand, .. } = motion { Some(stand) } else { None },
+        steps,
+        threads: setup.threads.or_else(|| std::thread::available_parallelism().ok()).map_or(1, NonZeroUsize::get),
+    };
+    let mut run = Simulation::blank(samples, setup, &clock);
+    block::fill(&plan, &mut run, [&mut accelerometer, &mut gyroscope], &mut clock);
+    run.spoil(&setup.faults, seed);
+    Ok(run)
+}
+
+/// Runs a program with a unit on a perfect stand, at the temperature of its calibration: the short form of [`run`].
+///
+/// # Errors
+/// As [`run`].
 pub fn simulate(
     program: &Program,
     unit: &Unit,
@@ -93,49 +242,29 @@ pub fn simulate(
     gravity_mps2: f64,
     seed: u64,
 ) -> Result<Simulation, Error> {
-    unit.accelerometer.check("accelerometer")?;
-    unit.gyroscope.check("gyroscope")?;
-    if !(gravity_mps2.is_finite() && gravity_mps2 > 0.0) {
-        return Err(Error::Input(format!("gravity_mps2 is {gravity_mps2}: a positive value is needed")));
-    }
-    let samples = sample_count(program.duration_s(), rate_hz)?;
-
-    let mut accelerometer = Sampler::new(
-        &unit.accelerometer,
+    run(&Setup {
+        motion: &Motion::Stand { program: program.clone(), stand: Stand::perfect() },
+        unit,
         rate_hz,
-        [0, 1, 2].map(|axis| Stream::AccelerometerNoise(axis).generator(seed)),
-    );
-    let mut gyroscope =
-        Sampler::new(&unit.gyroscope, rate_hz, [0, 1, 2].map(|axis| Stream::GyroscopeNoise(axis).generator(seed)));
-    let mut run = Simulation {
-        time_s: Vec::with_capacity(samples),
-        specific_force: Vec::with_capacity(samples),
-        angular_rate: Vec::with_capacity(samples),
-        true_specific_force: Vec::with_capacity(samples),
-        true_angular_rate: Vec::with_capacity(samples),
-        stand_rad: Vec::with_capacity(samples),
-        rests: program.rests(),
-    };
-    let motion = Motion::Stand { program: program.clone(), stand: Stand::perfect() };
-    motion.check()?;
-    let mut moment = motion.at(0.0);
-    let mut still_until = motion.still_until(0.0);
-    for i in 0..samples {
-        let time_s = i as f64 / rate_hz;
-        // Most of a program is rest, where nothing changes.
-        if still_until.is_none_or(|until_s| time_s > until_s) {
-            moment = motion.at(time_s);
-            still_until = motion.still_until(time_s);
-        }
-        let force = moment.rotation_world_from_body.inverse_transform_vector(&(Vector3::z() * gravity_mps2));
-        run.time_s.push(time_s);
-        run.specific_force.push(accelerometer.measure(&force));
-        run.angular_rate.push(gyroscope.measure(&moment.angular_rate));
-        run.true_specific_force.push(force.into());
-        run.true_angular_rate.push(moment.angular_rate.into());
-        run.stand_rad.push(moment.stand.map_or([0.0; 3], |stand| stand.angle_rad.into()));
+        gravity_mps2,
+        temperature: &Temperature::constant(REFERENCE_TEMPERATURE_DEGC),
+        faults: Faults::none(),
+        added: None,
+        seed,
+        threads: None,
+    })
+}
+
+fn check_rows(name: &str, rows: Option<&[[f64; 3]]>, samples: usize) -> Result<(), Error> {
+    let Some(rows) = rows else { return Ok(()) };
+    if rows.len() != samples {
+        let given = rows.len();
+        return Err(Error::Input(format!("{given} rows of {name} are added to a run of {samples} samples")));
     }
-    Ok(run)
+    if !rows.as_flattened().iter().all(|value| value.is_finite()) {
+        return Err(Error::Input(format!("the {name} that is added has values that are not finite")));
+    }
+    Ok(())
 }
 
 /// How many samples lie in `[0, duration)`.
@@ -148,145 +277,4 @@ fn sample_count(duration_s: f64, rate_hz: f64) -> Result<usize, Error> {
     Err(Error::Input(format!(
         "rate_hz is {rate_hz} and the program lasts {duration_s} s: this needs to give from 1 to {MAX_SAMPLES:.0} samples"
     )))
-}
-
-#[cfg(test)]
-mod tests {
-    use nalgebra::{UnitQuaternion, Vector3};
-
-    use super::*;
-
-    const GRAVITY_MPS2: f64 = 9.80665;
-
-    fn random_run(unit: &Unit, rate_hz: f64, seed: u64) -> Simulation {
-        let program = Program::random(&RandomMoves::default(), 1).unwrap();
-        simulate(&program, unit, rate_hz, GRAVITY_MPS2, seed).unwrap()
-    }
-
-    /// Mean and standard deviation of (measured - ideal) per axis.
-    fn error_statistics(measured: &[[f64; 3]], ideal: impl Fn(usize) -> Vector3<f64>) -> [(f64, f64); 3] {
-        [0, 1, 2].map(|axis| {
-            let errors: Vec<f64> = (0..measured.len()).map(|i| measured[i][axis] - ideal(i)[axis]).collect();
-            let n = errors.len() as f64;
-            let mean = errors.iter().sum::<f64>() / n;
-            let variance = errors.iter().map(|error| (error - mean).powi(2)).sum::<f64>() / n;
-            (mean, variance.sqrt())
-        })
-    }
-
-    #[test]
-    fn an_ideal_unit_says_the_truth() {
-        let run = random_run(&Unit::ideal(), 100.0, 1);
-        assert_eq!(run.specific_force, run.true_specific_force);
-        assert_eq!(run.angular_rate, run.true_angular_rate);
-        for force in &run.true_specific_force {
-            assert!((Vector3::from(*force).norm() - GRAVITY_MPS2).abs() < 1e-13);
-        }
-        assert_eq!(run.recording("run").len(), 32_000);
-    }
-
-    /// Midpoint steps have an error of second order: it must be small, and a quarter at twice the rate.
-    #[test]
-    fn integrating_the_true_rate_gives_the_attitude() {
-        let error_rad = |rate_hz: f64| {
-            let program = Program::random(&RandomMoves { moves: 5, ..RandomMoves::default() }, 2).unwrap();
-            // Twice the rate, so that every second sample is the midpoint of a step.
-            let run = simulate(&program, &Unit::ideal(), 2.0 * rate_hz, GRAVITY_MPS2, 0).unwrap();
-            let mut attitude = UnitQuaternion::identity();
-            let mut worst = 0.0_f64;
-            for i in (0..run.time_s.len() - 2).step_by(2) {
-                attitude *= UnitQuaternion::from_scaled_axis(Vector3::from(run.true_angular_rate[i + 1]) / rate_hz);
-                let truth = gimbal::rotation_world_from_body(&run.stand_rad[i + 2].into());
-                worst = worst.max(attitude.angle_to(&truth));
-            }
-            worst
-        };
-        let (coarse, fine) = (error_rad(1000.0), error_rad(2000.0));
-        assert!(fine < 1e-5, "{fine} rad");
-        assert!((coarse / fine - 4.0).abs() < 0.1, "{coarse} rad, {fine} rad");
-    }
-
-    #[test]
-    fn measured_is_sensitivity_times_true_plus_bias_plus_noise_of_the_stated_size() {
-        let mut unit = Unit::paper();
-        unit.accelerometer.converter = None;
-        unit.gyroscope.converter = None;
-        for rate_hz in [100.0, 400.0] {
-            let run = random_run(&unit, rate_hz, 5);
-            let n = run.time_s.len() as f64;
-            for (sensor, measured, truth) in [
-                (&unit.accelerometer, &run.specific_force, &run.true_specific_force),
-                (&unit.gyroscope, &run.angular_rate, &run.true_angular_rate),
-            ] {
-                let std = sensor.noise_density * rate_hz.sqrt();
-                let ideal = |i: usize| sensor.sensitivity * Vector3::from(truth[i]) + sensor.bias;
-                for (mean, found) in error_statistics(measured, ideal) {
-                    assert!((found / std - 1.0).abs() < 5.0 / (2.0 * n).sqrt(), "{found}, not {std}");
-                    assert!(mean.abs() < 5.0 * std / n.sqrt());
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn noise_is_white_and_differs_between_channels() {
-        let mut unit = Unit::ideal();
-        unit.accelerometer.noise_density = 1.0;
-        unit.gyroscope.noise_density = 1.0;
-        let program = Program::try_new(vec![Step::hold(1000.0)]).unwrap();
-        let run = simulate(&program, &unit, 100.0, GRAVITY_MPS2, 9).unwrap();
-        let n = run.time_s.len();
-        let channel = |c: usize| -> Vec<f64> {
-            match c {
-                0..=2 => (0..n).map(|i| run.specific_force[i][c] - run.true_specific_force[i][c]).collect(),
-                _ => (0..n).map(|i| run.angular_rate[i][c - 3]).collect(),
-            }
-        };
-        let channels: Vec<Vec<f64>> = (0..6).map(channel).collect();
-        let correlation = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>() / (100.0 * n as f64);
-        let bound = 5.0 / (n as f64).sqrt();
-        for a in 0..6 {
-            assert!(correlation(&channels[a], &channels[a][1..]).abs() < bound, "channel {a}");
-            for b in 0..a {
-                assert!(correlation(&channels[a], &channels[b]).abs() < bound, "channels {a} and {b}");
-            }
-        }
-    }
-
-    #[test]
-    fn same_seed_same_bytes() {
-        let run = random_run(&Unit::paper(), 100.0, 11);
-        assert_eq!(run, random_run(&Unit::paper(), 100.0, 11));
-        assert_ne!(run.angular_rate, random_run(&Unit::paper(), 100.0, 12).angular_rate);
-        // A channel's noise does not depend on the other sensor's.
-        let mut quiet = Unit::paper();
-        quiet.accelerometer = Sensor::ideal();
-        assert_eq!(run.angular_rate, random_run(&quiet, 100.0, 11).angular_rate);
-    }
-
-    #[test]
-    fn counts_are_whole_and_the_papers_run_does_not_clip() {
-        let unit = Unit::paper();
-        let run = random_run(&unit, 100.0, 3);
-        for (sensor, measured) in [(unit.accelerometer, &run.specific_force), (unit.gyroscope, &run.angular_rate)] {
-            let converter = sensor.converter.unwrap();
-            let rail = 2_f64.powi(converter.bits as i32 - 1) - 1.0;
-            for value in measured.as_flattened() {
-                let counts = value / converter.lsb;
-                assert!((counts - counts.round()).abs() < 1e-9);
-                assert!(counts.abs() < rail);
-            }
-        }
-    }
-
-    #[test]
-    fn arguments_that_cannot_be_used_are_refused() {
-        let program = Program::try_new(vec![Step::hold(1.0)]).unwrap();
-        for rate_hz in [0.0, -1.0, f64::NAN, f64::INFINITY, 1e-9, 1e12] {
-            assert!(simulate(&program, &Unit::ideal(), rate_hz, GRAVITY_MPS2, 0).is_err(), "{rate_hz} Hz");
-        }
-        for gravity_mps2 in [0.0, -9.8, f64::NAN] {
-            assert!(simulate(&program, &Unit::ideal(), 100.0, gravity_mps2, 0).is_err(), "{gravity_mps2} m/s^2");
-        }
-    }
 }

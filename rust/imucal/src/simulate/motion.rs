@@ -72,7 +72,13 @@ impl Motion {
     /// The moment at a time; before the start and after the end it is that of the start and the end.
     pub fn at(&self, time_s: f64) -> Moment {
         match self {
-            Self::Stand { program, stand } => stand.moment(&program.phase(time_s)),
+            Self::Stand { program, stand } => {
+                let moment = stand.moment(&program.phase(time_s));
+                match &stand.slip {
+                    Some(slip) => slip.turn(moment, time_s),
+                    None => moment,
+                }
+            }
             Self::Tumble(tumble) => tumble.moment(time_s),
             Self::Static { rotation_world_from_body, .. } => Moment {
                 rotation_world_from_body: *rotation_world_from_body,
@@ -88,7 +94,10 @@ impl Motion {
     /// need not ask again. `None` while something moves.
     pub fn still_until(&self, time_s: f64) -> Option<f64> {
         match self {
-            Self::Stand { program, .. } => program.still_until(time_s),
+            Self::Stand { program, stand } => {
+                let until_s = program.still_until(time_s)?;
+                stand.slip.map_or(Some(until_s), |slip| slip.still_until(time_s, until_s))
+            }
             Self::Tumble(tumble) => tumble.still_until(time_s),
             Self::Static { .. } => Some(f64::INFINITY),
         }

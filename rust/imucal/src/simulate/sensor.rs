@@ -1,43 +1,224 @@
-//! From what a triad undergoes to what it says.
+//! A triad at work: from what it sees to what it says.
 //!
 //! ```text
-//! measured = convert(sensitivity * true + bias + noise_density sqrt(rate_hz) n),    n ~ N(0, 1), independent
+//! seen     = sensitivity * (true + effects) + bias
+//! measured = convert(sample(low_pass(seen + noise)))
 //! ```
 //!
-//! Point samples: a sample sees the true value at its own instant. White noise of density N then has the discrete
-//! standard deviation N sqrt(rate) (a mean over T has N / sqrt(T) at every rate): the Allan deviation's and the
-//! angle random walk's convention, not the one-sided bandwidth's N sqrt(rate / 2).
+//! White noise of density N has the standard deviation N sqrt(rate) at the rate at which it is drawn (a mean over T has
+//! N / sqrt(T) at every rate): the Allan deviation's and the angle random walk's convention, not the one-sided bandwidth's
+//! N sqrt(rate / 2).
 
 use nalgebra::Vector3;
-use rand::RngExt;
-use rand_chacha::ChaCha8Rng;
-use rand_distr::StandardNormal;
 
+use super::noise::Noise;
+use super::sampling::Filter;
+use super::stream::{Stream, Triad};
 use super::unit::Sensor;
 
-/// One triad at work, sample by sample.
+/// What a triad sees in one internal step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Seen {
+    pub(super) value: [f64; 3],
+    /// Whether the unit moves.
+    pub(super) moving: bool,
+}
+
+/// One triad, sample by sample; what it remembers from sample to sample is here.
 pub(super) struct Sampler<'a> {
     sensor: &'a Sensor,
-    noise_std: f64,
-    noise: [ChaCha8Rng; 3],
+    noise: Noise,
+    analogue: Option<Analogue>,
+}
+
+/// Filter and integral at the internal rate.
+struct Analogue {
+    rate_hz: f64,
+    /// Set by the first value.
+    memory: Option<Memory>,
+}
+
+struct Memory {
+    seen: Vector3<f64>,
+    filter: Option<Filter>,
 }
 
 impl<'a> Sampler<'a> {
-    /// `noise` has one generator per axis.
-    pub(super) fn new(sensor: &'a Sensor, rate_hz: f64, noise: [ChaCha8Rng; 3]) -> Self {
-        Self { sensor, noise_std: sensor.noise_density * rate_hz.sqrt(), noise }
+    /// For `samples` of `rate_hz`, each of `steps` internal steps.
+    pub(super) fn new(sensor: &'a Sensor, triad: Triad, rate_hz: f64, samples: usize, steps: usize, seed: u64) -> Self {
+        let steps = if sensor.is_point_sampled() { 1 } else { steps };
+        let rate_hz = rate_hz * steps as f64;
+        let generators = [Stream::White, Stream::Flicker, Stream::Walk]
+            .map(|kind| [0, 1, 2].map(|axis| kind(triad, axis).generator(seed)));
+        Self {
+            sensor,
+            noise: Noise::new(sensor, rate_hz, samples * steps, generators),
+            analogue: (!sensor.is_point_sampled()).then_some(Analogue { rate_hz, memory: None }),
+        }
     }
 
-    /// The next sample.
+    /// The next sample; `seen` are its internal steps, of which the last is at the sample's own instant.
     #[inline]
-    pub(super) fn measure(&mut self, truth: &Vector3<f64>) -> [f64; 3] {
-        let mut measured = self.sensor.sensitivity * truth + self.sensor.bias;
-        for (value, generator) in measured.iter_mut().zip(&mut self.noise) {
-            *value += self.noise_std * generator.sample::<f64, _>(StandardNormal);
-        }
+    pub(super) fn measure(&mut self, seen: &[Seen]) -> [f64; 3] {
+        let measured = match (&mut self.analogue, seen) {
+            (Some(analogue), _) => analogue.measure(self.sensor, &mut self.noise, seen),
+            (None, [.., last]) => {
+                let mut value = Vector3::from(last.value);
+                self.noise.add_to(&mut value, last.moving);
+                value
+            }
+            (None, []) => Vector3::zeros(),
+        };
         match self.sensor.converter {
             Some(converter) => measured.map(|value| converter.convert(value)).into(),
             None => measured.into(),
+        }
+    }
+}
+
+impl Analogue {
+    fn measure(&mut self, sensor: &Sensor, noise: &mut Noise, steps: &[Seen]) -> Vector3<f64> {
+        let rate_hz = self.rate_hz;
+        let first = Vector3::from(steps.first().map_or([0.0; 3], |step| step.value));
+        let memory = self.memory.get_or_insert_with(|| Memory::settled(sensor, noise, rate_hz, &first));
+        let (mut last, mut sum) = (Vector3::zeros(), Vector3::zeros());
+        for step in steps {
+            let now = Vector3::from(step.value);
+            // The mean over the step, so that the mean of all steps is the trapezoidal rule over the interval.
+            let mut value = if sensor.averaging { (memory.seen + now) * 0.5 } else { now };
+            memory.seen = now;
+            noise.add_to(&mut value, step.moving);
+            last = match &mut memory.filter {
+                Some(filter) => filter.next(&value),
+                None => value,
+            };
+            sum += last;
+        }
+        if sensor.averaging { sum / steps.len() as f64 } else { last }
+    }
+}
+
+impl Memory {
+    /// As if the unit had stood at the first value for long: a filter that starts without noise would be too quiet at first.
+    fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
+        let filter = sensor.low_pass.map(|low_pass| {
+            let mut filter = Filter::new(&low_pass, rate_hz, first);
+            // Three periods of the bandwidth leave exp(-13) of the start.
+            for _ in 0..(3.0 * rate_hz / low_pass.bandwidth_hz).min(1e6) as usize {
+                let mut value = *first;
+                noise.add_to(&mut value, false);
+                filter.next(&value);
+            }
+            filter
+        });
+        Self { seen: *first, filter }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{PI, SQRT_2};
+
+    use super::*;
+    use crate::simulate::sampling::LowPass;
+
+    const RATE_HZ: f64 = 100.0;
+
+    /// Mean square of what `n` samples of nothing say, over all axes, and the mean product of neighbours.
+    fn noise_power(sensor: &Sensor, n: usize) -> (f64, f64) {
+        let steps = sensor.steps(RATE_HZ);
+        let mut sampler = Sampler::new(sensor, Triad::Accelerometer, RATE_HZ, n, steps, 8);
+        let nothing = vec![Seen::default(); steps];
+        let values: Vec<Vector3<f64>> = (0..n).map(|_| sampler.measure(&nothing).into()).collect();
+        let power = values.iter().map(Vector3::norm_squared).sum::<f64>() / (3 * n) as f64;
+        (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
+    }
+
+    /// The noise power behind the filter in closed form. With u = tan(pi f / r) / k the bilinear filter has
+    /// |H|^2 = 1 / (1 + u^4), and r N^2 times the integral over f is N^2 r 2k / pi times
+    ///
+    /// ```text
+    /// integral from 0 of du / ((1 + u^4)(1 + k^2 u^2)) = ((1 - k^2) pi / (2 sqrt 2) + k^3 pi / 2) / (1 + k^4)
+    /// ```
+    fn filtered_power(density: f64, bandwidth_hz: f64, rate_hz: f64) -> f64 {
+        let k = (PI * bandwidth_hz / rate_hz).tan();
+        let integral = ((1.0 - k * k) * PI / (2.0 * SQRT_2) + k.powi(3) * PI / 2.0) / (1.0 + k.powi(4));
+        density * density * rate_hz * 2.0 * k / PI * integral
+    }
+
+    #[test]
+    fn the_filter_leaves_the_noise_of_its_bandwidth() {
+        let n = 200_000;
+        for bandwidth_hz in [5.0, 20.0, 50.0, 150.0] {
+            let low_pass = LowPass { bandwidth_hz };
+            let sensor = Sensor { noise_density: 0.1, low_pass: Some(low_pass), ..Sensor::ideal() };
+            let expected = filtered_power(0.1, bandwidth_hz, RATE_HZ * low_pass.steps(RATE_HZ) as f64);
+            // The analogue filter's noise bandwidth, pi / (2 sqrt 2) of its own, on both sides; the transform bends it a little.
+            let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
+            assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
+            // Samples are correlated over about one period of the bandwidth.
+            let independent = (3 * n) as f64 * (bandwidth_hz / RATE_HZ).min(1.0);
+            let (found, _) = noise_power(&sensor, n);
+            let band = 4.0 * (2.0 / independent).sqrt();
+            assert!((found / expected - 1.0).abs() < band, "{bandwidth_hz} Hz: {found}, not {expected}, band {band}");
+        }
+    }
+
+    #[test]
+    fn means_have_the_white_noise_of_points() {
+        let n = 200_000;
+        let sensor = Sensor { noise_density: 0.1, averaging: true, ..Sensor::ideal() };
+        let (found, neighbours) = noise_power(&sensor, n);
+        let band = 4.0 * (2.0 / (3 * n) as f64).sqrt();
+        assert!((found / (0.01 * RATE_HZ) - 1.0).abs() < band, "{found}");
+        assert!((neighbours / (0.01 * RATE_HZ)).abs() < band, "{neighbours}");
+    }
+
+    /// Of a parabola: the integral over the interval before each sample, but for the trapezoidal rule's h^2 / 12 of each step.
+    #[test]
+    fn means_are_integrals_over_the_interval_before_the_sample() {
+        let sensor = Sensor { averaging: true, ..Sensor::ideal() };
+        let steps = sensor.steps(RATE_HZ);
+        let mut sampler = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 50, steps, 0);
+        let (t, h) = (1.0 / RATE_HZ, 1.0 / (RATE_HZ * steps as f64));
+        for i in 0..50 {
+            let end = i as f64 * t;
+            let value = |j: usize| (end - (steps - 1 - j) as f64 * h).powi(2);
+            let seen: Vec<Seen> = (0..steps).map(|j| Seen { value: [value(j); 3], moving: true }).collect();
+            let measured = sampler.measure(&seen)[0];
+            let integral = (end.powi(3) - (end - t).powi(3)) / (3.0 * t);
+            // Nothing is known of the time before the first step.
+            if i > 0 {
+                assert!((measured - integral - h * h / 6.0).abs() < 1e-13, "sample {i}: {measured}, not {integral}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_filtered_constant_is_the_constant() {
+        let low_pass = Some(LowPass { bandwidth_hz: 10.0 });
+        for averaging in [false, true] {
+            let sensor = Sensor { low_pass, averaging, ..Sensor::ideal() };
+            let steps = sensor.steps(RATE_HZ);
+            let mut sampler = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 10, steps, 0);
+            let seen = vec![Seen { value: [1.0, -2.0, 3.0], moving: false }; steps];
+            for _ in 0..10 {
+                let measured = Vector3::from(sampler.measure(&seen));
+                assert!((measured - Vector3::new(1.0, -2.0, 3.0)).norm() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn a_point_sensor_takes_the_last_step_of_a_faster_companion() {
+        let sensor = Sensor { noise_density: 0.1, ..Sensor::ideal() };
+        let mut alone = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 10, 1, 0);
+        let mut beside = Sampler::new(&sensor, Triad::Gyroscope, RATE_HZ, 10, 8, 0);
+        let last = Seen { value: [1.0; 3], moving: false };
+        let mut steps = [Seen { value: [9.0; 3], moving: true }; 8];
+        steps[7] = last;
+        for _ in 0..10 {
+            assert_eq!(alone.measure(&[last]), beside.measure(&steps));
         }
     }
 }

@@ -25,6 +25,7 @@ use super::gimbal;
 use super::motion::Moment;
 use super::profile::{Course, MotorState};
 use super::program::Phase;
+use super::slip::Slip;
 use crate::error::Error;
 
 /// Errors of a stand; zero is perfect.
@@ -48,6 +49,8 @@ pub struct Stand {
     pub encoder_noise_rad: f64,
     /// Counts of an encoder per turn; `None` reads without rounding.
     pub encoder_counts: Option<u32>,
+    /// The unit slips on its mount.
+    pub slip: Option<Slip>,
 }
 
 impl Stand {
@@ -63,6 +66,7 @@ impl Stand {
             vibration_hz: 0.0,
             encoder_noise_rad: 0.0,
             encoder_counts: None,
+            slip: None,
         }
     }
 
@@ -154,6 +158,9 @@ impl Stand {
             if !(value.is_finite() && value >= 0.0) {
                 return input(format!("{name} is {value}: zero or more is needed"));
             }
+        }
+        if !self.slip.is_none_or(|slip| slip.is_finite()) {
+            return input("a slip needs a finite time and finite angles".to_owned());
         }
         if self.encoder_counts == Some(0) {
             return input("encoder_counts is 0: give the counts of one turn, or none".to_owned());

@@ -1,8 +1,10 @@
 //! The simulated unit: what its two triads do to specific force and angular rate.
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
+use imucal_core::effects::EffectSet;
 use nalgebra::{Matrix3, Vector3};
 
+use super::sampling::{LowPass, MAX_STEPS, MIN_STEPS};
 use crate::error::Error;
 
 /// An accelerometer and a gyroscope on one board.
@@ -12,9 +14,11 @@ pub struct Unit {
     pub accelerometer: Sensor,
     /// Measures angular rate, rad/s.
     pub gyroscope: Sensor,
+    /// What the sensors see besides force and rate. Effects of encoders act on the stand that the unit is on.
+    pub effects: EffectSet<f64>,
 }
 
-/// A triad: `measured = convert(sensitivity * true + bias + noise)`.
+/// A triad: `measured = convert(sample(low_pass(sensitivity * (true + effects) + bias + noise)))`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
     /// The paper's M S; the identity is perfect.
@@ -24,6 +28,16 @@ pub struct Sensor {
     /// White noise, continuous: root of the power density as datasheets and Allan plots give it, SI unit/sqrt(Hz). A
     /// point sample has the standard deviation `noise_density * sqrt(rate_hz)`, a mean over T `noise_density / sqrt(T)`.
     pub noise_density: f64,
+    /// Factor on the white noise while the unit moves; 1 is none.
+    pub noise_in_motion: f64,
+    /// Bias instability B, SI unit: flicker noise whose Allan deviation is flat at `sqrt(2 ln 2 / pi) B = 0.664 B`.
+    pub bias_instability: f64,
+    /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz): after t it has the standard deviation `K sqrt(t)`.
+    pub random_walk: Vector3<f64>,
+    /// Filters before sampling, noise included.
+    pub low_pass: Option<LowPass>,
+    /// A sample is the mean over the time since the one before; otherwise it is the value at its own instant.
+    pub averaging: bool,
     /// Rounds to counts and clips; `None` keeps the value as it is.
     pub converter: Option<Converter>,
 }
@@ -49,17 +63,60 @@ impl Converter {
 impl Sensor {
     /// Neither error nor noise.
     pub fn ideal() -> Self {
-        Self { sensitivity: Matrix3::identity(), bias: Vector3::zeros(), noise_density: 0.0, converter: None }
+        Self {
+            sensitivity: Matrix3::identity(),
+            bias: Vector3::zeros(),
+            noise_density: 0.0,
+            noise_in_motion: 1.0,
+            bias_instability: 0.0,
+            random_walk: Vector3::zeros(),
+            low_pass: None,
+            averaging: false,
+            converter: None,
+        }
+    }
+
+    /// Whether a sample depends on nothing but its own instant.
+    pub(super) fn is_point_sampled(&self) -> bool {
+        self.low_pass.is_none() && !self.averaging
+    }
+
+    /// Internal steps per sample that filter and averaging ask for.
+    pub(super) fn steps(&self, rate_hz: f64) -> usize {
+        match self.low_pass {
+            Some(low_pass) => low_pass.steps(rate_hz),
+            None if self.averaging => MIN_STEPS,
+            None => 1,
+        }
     }
 
     /// Refuses what no sensor has; `name` is for the message.
-    pub(super) fn check(&self, name: &str) -> Result<(), Error> {
+    pub(super) fn check(&self, name: &str, rate_hz: f64) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("{name} of the unit: {message}")));
         if !self.sensitivity.iter().chain(&self.bias).all(|value| value.is_finite()) {
             return input("sensitivity and bias need finite entries".to_owned());
         }
-        if !(self.noise_density.is_finite() && self.noise_density >= 0.0) {
-            return input(format!("noise_density is {}: zero or more is needed", self.noise_density));
+        let [walk_x, walk_y, walk_z] = self.random_walk.into();
+        for (name, value) in [
+            ("noise_density", self.noise_density),
+            ("noise_in_motion", self.noise_in_motion),
+            ("bias_instability", self.bias_instability),
+            ("random_walk of x", walk_x),
+            ("random_walk of y", walk_y),
+            ("random_walk of z", walk_z),
+        ] {
+            if !(value.is_finite() && value >= 0.0) {
+                return input(format!("{name} is {value}: zero or more is needed"));
+            }
+        }
+        if let Some(low_pass @ LowPass { bandwidth_hz }) = self.low_pass {
+            // Written so that NaN is refused, too.
+            if !(bandwidth_hz > 0.0 && low_pass.steps(rate_hz) <= MAX_STEPS) {
+                return input(format!(
+                    "the low-pass filter has a bandwidth of {bandwidth_hz} Hz: a positive one up to four times the rate of \
+                     {rate_hz} Hz can be used, a wider one does nothing"
+                ));
+            }
         }
         match self.converter {
             Some(Converter { lsb, .. }) if !(lsb.is_finite() && lsb > 0.0) => {
@@ -76,7 +133,7 @@ impl Sensor {
 impl Unit {
     /// Neither error nor noise.
     pub fn ideal() -> Self {
-        Self { accelerometer: Sensor::ideal(), gyroscope: Sensor::ideal() }
+        Self { accelerometer: Sensor::ideal(), gyroscope: Sensor::ideal(), effects: EffectSet::none() }
     }
 
     /// The paper's unit (Tables 1 and 2): NXP FXOS8700CQ and FXAS21002CQ, with datasheet noise and counts.
@@ -98,13 +155,16 @@ impl Unit {
                 bias: Vector3::new(-0.0427, 0.0241, 0.0402) * STANDARD_GRAVITY_MPS2,
                 noise_density: 126e-6 * STANDARD_GRAVITY_MPS2,
                 converter: Some(Converter { lsb: 2.0 * STANDARD_GRAVITY_MPS2 / 8192.0, bits: 14 }),
+                ..Sensor::ideal()
             },
             gyroscope: Sensor {
                 sensitivity: misalignment * scale,
                 bias: Vector3::new(-0.0350, 0.0042, 0.0010),
                 noise_density: 0.025_f64.to_radians(),
                 converter: Some(Converter { lsb: 0.015625_f64.to_radians(), bits: 16 }),
+                ..Sensor::ideal()
             },
+            effects: EffectSet::none(),
         }
     }
 }
@@ -132,7 +192,7 @@ mod tests {
         // -0.0427 g
         assert!((unit.accelerometer.bias.x + 0.41874).abs() < 1e-5);
         for (sensor, name) in [(unit.accelerometer, "accelerometer"), (unit.gyroscope, "gyroscope")] {
-            assert!(sensor.check(name).is_ok());
+            assert!(sensor.check(name, 100.0).is_ok());
         }
     }
 
@@ -140,12 +200,17 @@ mod tests {
     fn sensors_that_cannot_be_are_refused() {
         let bad = [
             Sensor { noise_density: -1.0, ..Sensor::ideal() },
+            Sensor { noise_in_motion: f64::NAN, ..Sensor::ideal() },
+            Sensor { bias_instability: -1e-3, ..Sensor::ideal() },
+            Sensor { random_walk: Vector3::new(0.0, 0.0, -1e-6), ..Sensor::ideal() },
+            Sensor { low_pass: Some(LowPass { bandwidth_hz: 0.0 }), ..Sensor::ideal() },
+            Sensor { low_pass: Some(LowPass { bandwidth_hz: 1e4 }), ..Sensor::ideal() },
             Sensor { bias: Vector3::new(f64::NAN, 0.0, 0.0), ..Sensor::ideal() },
             Sensor { converter: Some(Converter { lsb: 0.0, bits: 16 }), ..Sensor::ideal() },
             Sensor { converter: Some(Converter { lsb: 1.0, bits: 0 }), ..Sensor::ideal() },
         ];
         for sensor in bad {
-            let message = sensor.check("gyroscope").unwrap_err().to_string();
+            let message = sensor.check("gyroscope", 100.0).unwrap_err().to_string();
             assert!(message.starts_with("gyroscope"), "{message}");
         }
     }

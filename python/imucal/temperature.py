@@ -1,0 +1,121 @@
+"""Temperature of a simulated unit over time: knots, linear between them, constant outside."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imucal.arrays import FloatArray, as_rows
+from imucal.errors import FormatError, InputError
+from imucal.io.source import open_file
+
+__all__ = ["Temperature"]
+
+# What sensitivities and biases are for: the compiled library counts the effects of temperature from here.
+REFERENCE_DEGC: Final = 25.0
+ABSOLUTE_ZERO_DEGC: Final = -273.15
+# The exponential of a warm-up is drawn as 50 straight lines per time constant, for 12 of them: followed to
+# 5e-5 of the rise, and what is left at the end is 6e-6 of it.
+KNOTS_PER_CONSTANT: Final = 50
+CONSTANTS: Final = 12
+FORMS: Final = (
+    "DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file time_s,temp_degc"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Temperature:
+    """Knots: `time_s` (K,) rising, `temp_degc` (K,). One knot is a constant temperature.
+
+    Raises InputError for knots that do not rise, and for no or impossible temperatures.
+    """
+
+    time_s: FloatArray
+    temp_degc: FloatArray
+
+    def __post_init__(self) -> None:
+        time_s = as_rows(self.time_s, "time_s of the temperature")
+        temp_degc = as_rows(self.temp_degc, "temp_degc", None, len(time_s))
+        if len(time_s) == 0:
+            raise InputError("the temperature has no knots: give one or more")
+        if not (np.isfinite(time_s).all() and (np.diff(time_s) > 0).all()):
+            raise InputError(
+                "time_s of the temperature does not rise from knot to knot: sort it, without repeats"
+            )
+        if not (np.isfinite(temp_degc).all() and (temp_degc > ABSOLUTE_ZERO_DEGC).all()):
+            raise InputError("temp_degc holds a number that is no temperature: give degC")
+        object.__setattr__(self, "time_s", time_s)
+        object.__setattr__(self, "temp_degc", temp_degc)
+
+    @staticmethod
+    def constant(temp_degc: float) -> Temperature:
+        """The same all the time."""
+        return Temperature(_row(0.0), _row(temp_degc))
+
+    @staticmethod
+    def warm_up(start_degc: float, end_degc: float, time_constant_s: float) -> Temperature:
+        """A unit that warms itself: end + (start - end) exp(-t / time_constant)."""
+        if not (math.isfinite(time_constant_s) and time_constant_s > 0):
+            raise InputError(
+                f"the time constant of the warm-up is {time_constant_s} s: a positive one is needed"
+            )
+        share = np.linspace(0.0, CONSTANTS, CONSTANTS * KNOTS_PER_CONSTANT + 1)
+        return Temperature(share * time_constant_s, end_degc + (start_degc - end_degc) * np.exp(-share))
+
+    @staticmethod
+    def cycle(low_degc: float, high_degc: float, duration_s: float) -> Temperature:
+        """Heated from low to high in half the duration, and cooled again in the other half."""
+        if not (math.isfinite(duration_s) and duration_s > 0):
+            raise InputError(f"the heat-cool cycle takes {duration_s} s: a positive time is needed")
+        return Temperature(_row(0.0, duration_s / 2.0, duration_s), _row(low_degc, high_degc, low_degc))
+
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> Temperature:
+        """Read a CSV file with the columns time_s and temp_degc; FormatError says what is wrong with it."""
+        file = open_file(path)
+        try:
+            rows = list(csv.DictReader(io.StringIO(file.content.decode("utf-8-sig"))))
+            knots = [(float(row["time_s"]), float(row["temp_degc"])) for row in rows]
+        except (KeyError, TypeError, ValueError, csv.Error) as error:
+            raise FormatError(
+                f"{file.name}: {error}: a CSV file with the columns time_s,temp_degc and numbers is needed"
+            ) from None
+        try:
+            return Temperature(_row(*(knot[0] for knot in knots)), _row(*(knot[1] for knot in knots)))
+        except InputError as error:
+            raise FormatError(f"{file.name}: {error}") from None
+
+
+def temperature_of(given: Temperature | float | str | os.PathLike[str]) -> Temperature:
+    """A temperature as people give it: an object, a number, `warmup:...`, `cycle:...`, or a CSV file."""
+    if isinstance(given, Temperature):
+        return given
+    if isinstance(given, (int, float)):
+        return Temperature.constant(float(given))
+    text = os.fspath(given)
+    kind, _, numbers = text.partition(":")
+    forms = {"warmup": Temperature.warm_up, "cycle": Temperature.cycle}
+    try:
+        if kind in forms and numbers:
+            first, second, third = map(float, numbers.split(":"))
+            return forms[kind](first, second, third)
+        return Temperature.constant(float(text))
+    except ValueError as error:
+        # An InputError is a ValueError that says enough.
+        if isinstance(error, InputError):
+            raise
+    if kind in forms or not Path(text).exists():
+        raise InputError(f"the temperature {text!r} is not understood: give {FORMS}")
+    return Temperature.read(text)
+
+
+def _row(*values: ArrayLike) -> FloatArray:
+    return np.array(values, dtype=np.float64)

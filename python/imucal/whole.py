@@ -1,0 +1,24 @@
+"""Whole numbers on their way to the compiled library, which takes none below zero."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from imucal.errors import InputError
+
+__all__ = ["check_count", "check_seed"]
+
+LARGEST_SEED: Final = 2**64 - 1
+LARGEST_COUNT: Final = 2**31 - 1
+
+
+def check_seed(seed: int) -> None:
+    """Refuse what is no seed, with InputError."""
+    if not 0 <= seed <= LARGEST_SEED:
+        raise InputError(f"seed is {seed}: a whole number from 0 to 2^64 - 1 is needed")
+
+
+def check_count(count: int, what: str) -> None:
+    """Refuse what is no count of something, with InputError."""
+    if isinstance(count, bool) or int(count) != count or not 1 <= count <= LARGEST_COUNT:
+        raise InputError(f"{what} is {count}: a whole number, one or more, is needed")

@@ -1,0 +1,186 @@
+//! A run in blocks that fit into the processor's cache: first what the unit undergoes, then what its sensors say.
+//!
+//! The first is a function of time alone, done in pieces on any thread. The second remembers from sample to sample, so each
+//! triad is one job. Nothing depends on which thread does what: the same bytes for any number of threads.
+
+use imucal_core::so3;
+use nalgebra::Vector3;
+
+use super::faults::Clock;
+use super::noise::{Generators, normals};
+use super::sensor::{Sampler, Seen};
+use super::stand::Stand;
+use super::stream::Stream;
+use super::truth::Truth;
+use super::workers::share_out;
+use super::{Added, Setup, Simulation};
+
+/// Internal steps of a block and of a piece.
+const BLOCK_STEPS: usize = 32_768;
+const PIECE_STEPS: usize = 1024;
+
+/// What all pieces have in common.
+pub(super) struct Plan<'a> {
+    pub(super) setup: &'a Setup<'a>,
+    pub(super) truth: Truth<'a>,
+    /// The stand whose encoders are read, if there is one.
+    pub(super) stand: Option<&'a Stand>,
+    /// Internal steps per sample.
+    pub(super) steps: usize,
+    pub(super) threads: usize,
+}
+
+/// Fills all columns of a run, whose `time_s` has the stamps.
+pub(super) fn fill(plan: &Plan, run: &mut Simulation, triads: [&mut Sampler; 2], clock: &mut Clock) {
+    let samples = run.time_s.len();
+    let block_samples = (BLOCK_STEPS / plan.steps).max(1);
+    let mut buffers = Buffers::new(plan, block_samples);
+    let [accelerometer, gyroscope] = triads;
+    for first in (0..samples).step_by(block_samples) {
+        let end = samples.min(first + block_samples);
+        buffers.draw(&run.time_s[first..end], clock);
+        share_out(plan.threads, pieces(plan, run, &mut buffers, first, end), |piece| piece.fill(plan));
+
+        let steps = plan.steps * (end - first);
+        let jobs = vec![
+            (&mut *accelerometer, &buffers.seen_force[..steps], &mut run.specific_force[first..end]),
+            (&mut *gyroscope, &buffers.seen_rate[..steps], &mut run.angular_rate[first..end]),
+        ];
+        share_out(plan.threads, jobs, |(sampler, seen, measured)| {
+            for (seen, measured) in seen.chunks_exact(plan.steps).zip(measured) {
+                *measured = sampler.measure(seen);
+            }
+        });
+    }
+}
+
+/// What a block needs besides the columns of the run.
+struct Buffers {
+    true_time_s: Vec<f64>,
+    encoder_noise: Vec<Vector3<f64>>,
+    encoders: Option<Generators>,
+    seen_force: Vec<Seen>,
+    seen_rate: Vec<Seen>,
+}
+
+impl Buffers {
+    fn new(plan: &Plan, samples: usize) -> Self {
+        let noisy = plan.stand.is_some_and(|stand| stand.encoder_noise_rad > 0.0);
+        Self {
+            true_time_s: Vec::with_capacity(samples),
+            encoder_noise: vec![Vector3::zeros(); samples],
+            encoders: noisy.then(|| [0, 1, 2].map(|motor| Stream::Encoder(motor).generator(plan.setup.seed))),
+            seen_force: vec![Seen::default(); samples * plan.steps],
+            seen_rate: vec![Seen::default(); samples * plan.steps],
+        }
+    }
+
+    /// The random numbers that the pieces need, drawn in the order of the samples.
+    fn draw(&mut self, stamps_s: &[f64], clock: &mut Clock) {
+        self.true_time_s.clear();
+        self.true_time_s.extend(stamps_s.iter().map(|stamp_s| clock.next(*stamp_s)));
+        if let Some(generators) = &mut self.encoders {
+            self.encoder_noise.iter_mut().take(stamps_s.len()).for_each(|noise| *noise = normals(generators));
+        }
+    }
+}
+
+/// Some rows of a run, to be filled by one thread.
+struct Piece<'r> {
+    first: usize,
+    true_time_s: &'r [f64],
+    encoder_noise: &'r [Vector3<f64>],
+    seen_force: &'r mut [Seen],
+    seen_rate: &'r mut [Seen],
+    specific_force: &'r mut [[f64; 3]],
+    angular_rate: &'r mut [[f64; 3]],
+    angular_acceleration: &'r mut [[f64; 3]],
+    rotation: &'r mut [[f64; 4]],
+    temperature_degc: &'r mut [f64],
+    /// Empty without a stand.
+    stand_rad: &'r mut [[f64; 3]],
+}
+
+/// The samples from `first` up to but without `end`.
+fn pieces<'r>(
+    plan: &Plan,
+    run: &'r mut Simulation,
+    buffers: &'r mut Buffers,
+    first: usize,
+    end: usize,
+) -> Vec<Piece<'r>> {
+    let samples = (PIECE_STEPS / plan.steps).max(1);
+    let steps = samples * plan.steps;
+    let stand_rad = run.stand_rad.as_mut().map_or(&mut [][..], |rows| &mut rows[first..end]);
+    let mut encoder_noise = buffers.encoder_noise.chunks(samples);
+    let mut seen_force = buffers.seen_force.chunks_mut(steps);
+    let mut seen_rate = buffers.seen_rate.chunks_mut(steps);
+    let mut specific_force = run.true_specific_force[first..end].chunks_mut(samples);
+    let mut angular_rate = run.true_angular_rate[first..end].chunks_mut(samples);
+    let mut angular_acceleration = run.true_angular_acceleration[first..end].chunks_mut(samples);
+    let mut rotation = run.rotation_world_from_body[first..end].chunks_mut(samples);
+    let mut temperature_degc = run.temperature_degc[first..end].chunks_mut(samples);
+    let mut stand_rad = stand_rad.chunks_mut(samples);
+    let times = buffers.true_time_s.chunks(samples).enumerate();
+    // All columns have as many rows, but those of a stand that is not there.
+    times
+        .map(|(k, true_time_s)| Piece {
+            first: first + k * samples,
+            true_time_s,
+            encoder_noise: encoder_noise.next().unwrap_or_default(),
+            seen_force: seen_force.next().unwrap_or_default(),
+            seen_rate: seen_rate.next().unwrap_or_default(),
+            specific_force: specific_force.next().unwrap_or_default(),
+            angular_rate: angular_rate.next().unwrap_or_default(),
+            angular_acceleration: angular_acceleration.next().unwrap_or_default(),
+            rotation: rotation.next().unwrap_or_default(),
+            temperature_degc: temperature_degc.next().unwrap_or_default(),
+            stand_rad: stand_rad.next().unwrap_or_default(),
+        })
+        .collect()
+}
+
+impl Piece<'_> {
+    fn fill(self, plan: &Plan) {
+        let steps = plan.steps;
+        let step_s = 1.0 / (plan.setup.rate_hz * (1.0 + plan.setup.faults.clock_rate_error) * steps as f64);
+        let mut walk = plan.truth.walk();
+        let mut seen = self.seen_force.iter_mut().zip(self.seen_rate.iter_mut());
+        for (i, time_s) in self.true_time_s.iter().enumerate() {
+            // The last step is at the sample's instant: the loop leaves `walk` there.
+            for step in 1..=steps {
+                walk.go_to(time_s - (steps - step) as f64 * step_s);
+                let share = step as f64 / steps as f64;
+                let (rate, force) = walk.seen(added(plan.setup.added.as_ref(), self.first + i, share));
+                if let Some((seen_force, seen_rate)) = seen.next() {
+                    *seen_force = Seen { value: force.into(), moving: walk.moving };
+                    *seen_rate = Seen { value: rate.into(), moving: walk.moving };
+                }
+            }
+            let state = &walk.state;
+            let surroundings = &state.surroundings;
+            self.specific_force[i] = state.specific_force.into();
+            self.angular_rate[i] = state.angular_rate.into();
+            self.angular_acceleration[i] = surroundings.angular_acceleration.map_or([0.0; 3], Into::into);
+            self.rotation[i] = surroundings.rotation_world_from_body.map_or([1.0, 0.0, 0.0, 0.0], |r| so3::to_wxyz(&r));
+            self.temperature_degc[i] = walk.temperature_degc;
+            if let (Some(row), Some(stand), Some(motors)) = (self.stand_rad.get_mut(i), plan.stand, &surroundings.stand)
+            {
+                *row = stand.read_encoders(motors, &plan.setup.unit.effects, self.encoder_noise[i]).into();
+            }
+        }
+    }
+}
+
+/// What the user adds to rate and force, on the line between two samples.
+#[inline]
+fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
+    let at = |rows: Option<&[[f64; 3]]>| match rows {
+        Some(rows) => {
+            let (before, now) = (Vector3::from(rows[sample.saturating_sub(1)]), Vector3::from(rows[sample]));
+            now + (before - now) * (1.0 - share)
+        }
+        None => Vector3::zeros(),
+    };
+    added.map_or((Vector3::zeros(), Vector3::zeros()), |added| (at(added.rate), at(added.force)))
+}

@@ -1,0 +1,173 @@
+//! What goes wrong between the sensor and the file: an imperfect clock, samples lost, samples written twice.
+//!
+//! ```text
+//! stamp_i = i / rate
+//! t_i     = stamp_i / (1 + clock_rate_error) + clock_jitter n_i      the true time of sample i
+//! ```
+//!
+//! The stamp stays nominal: a record whose clock is wrong does not say so. The clock of the unit gains `clock_rate_error`
+//! seconds per second on true time.
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use super::stream::Stream;
+use crate::error::Error;
+
+/// Faults of a record.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Faults {
+    /// Share of the samples that are lost, each by itself; their rows are missing. The first sample is always there.
+    pub missing_share: f64,
+    /// Share of the samples that repeat the measured values of the sample before, under a stamp of their own: read before the
+    /// sensor had a new one.
+    pub duplicated_share: f64,
+    /// By how much the clock of the unit is fast, relative.
+    pub clock_rate_error: f64,
+    /// Standard deviation of the true sampling instant around the one that the stamp stands for, s.
+    pub clock_jitter_s: f64,
+}
+
+impl Faults {
+    /// A record as it should be.
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    pub(super) fn check(&self) -> Result<(), Error> {
+        let input = |message: String| Err(Error::Input(message));
+        for (name, share) in [("missing_share", self.missing_share), ("duplicated_share", self.duplicated_share)] {
+            if !(0.0..1.0).contains(&share) {
+                return input(format!("{name} is {share}: a share from 0 to below 1 is needed"));
+            }
+        }
+        // Half and double the rate are no error of a clock any more.
+        if !(-0.5..=1.0).contains(&self.clock_rate_error) {
+            return input(format!("clock_rate_error is {}: from -0.5 to 1 can be used", self.clock_rate_error));
+        }
+        if !(self.clock_jitter_s.is_finite() && self.clock_jitter_s >= 0.0) {
+            return input(format!("clock_jitter_s is {}: zero or more is needed", self.clock_jitter_s));
+        }
+        Ok(())
+    }
+
+    /// Which samples are lost; `None` if none are.
+    pub(super) fn missing(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
+        let mut missing = chosen(self.missing_share, samples, Stream::Missing.generator(seed))?;
+        missing[0] = false;
+        Some(missing)
+    }
+
+    /// Which samples repeat the one before; `None` if none do.
+    pub(super) fn duplicated(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
+        let mut duplicated = chosen(self.duplicated_share, samples, Stream::Duplicated.generator(seed))?;
+        duplicated[0] = false;
+        Some(duplicated)
+    }
+}
+
+/// Each of at least one sample with the probability `share`.
+fn chosen(share: f64, samples: usize, mut generator: ChaCha8Rng) -> Option<Vec<bool>> {
+    (share > 0.0).then(|| (0..samples).map(|_| generator.random_bool(share)).collect())
+}
+
+/// Keeps the rows that are not lost.
+pub(super) fn lose<T>(rows: &mut Vec<T>, missing: &[bool]) {
+    let mut missing = missing.iter();
+    rows.retain(|_| missing.next() != Some(&true));
+}
+
+/// Overwrites rows by the row before, in order: two in a row repeat the same.
+pub(super) fn duplicate<T: Copy>(rows: &mut [T], duplicated: &[bool]) {
+    for i in 1..rows.len() {
+        if duplicated[i] {
+            rows[i] = rows[i - 1];
+        }
+    }
+}
+
+/// The clock of the unit: from stamps to true time.
+pub(super) struct Clock {
+    rate_error: f64,
+    jitter_s: f64,
+    generator: ChaCha8Rng,
+}
+
+impl Clock {
+    pub(super) fn new(faults: &Faults, seed: u64) -> Self {
+        Self {
+            rate_error: faults.clock_rate_error,
+            jitter_s: faults.clock_jitter_s,
+            generator: Stream::Jitter.generator(seed),
+        }
+    }
+
+    /// What the clock shows at a true time, s.
+    pub(super) fn stamp_s(&self, true_time_s: f64) -> f64 {
+        true_time_s * (1.0 + self.rate_error)
+    }
+
+    /// True time of the next sample, s.
+    pub(super) fn next(&mut self, stamp_s: f64) -> f64 {
+        let true_time_s = stamp_s / (1.0 + self.rate_error);
+        if self.jitter_s > 0.0 {
+            true_time_s + self.jitter_s * self.generator.sample::<f64, _>(StandardNormal)
+        } else {
+            true_time_s
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn as_many_samples_as_their_share_says() {
+        let faults = Faults { missing_share: 0.02, duplicated_share: 0.05, ..Faults::none() };
+        let n = 100_000;
+        for (chosen, share) in [(faults.missing(n, 3), 0.02), (faults.duplicated(n, 3), 0.05)] {
+            let chosen = chosen.unwrap();
+            let count = chosen.iter().filter(|chosen| **chosen).count() as f64;
+            let std = (n as f64 * share * (1.0 - share)).sqrt();
+            assert!((count - n as f64 * share).abs() < 4.0 * std, "{count} of {n}");
+            assert!(!chosen[0]);
+        }
+        assert!(Faults::none().missing(n, 3).is_none() && Faults::none().duplicated(n, 3).is_none());
+    }
+
+    #[test]
+    fn lost_rows_go_and_repeated_rows_repeat() {
+        let mut rows = vec![0, 1, 2, 3, 4];
+        duplicate(&mut rows, &[false, false, true, true, false]);
+        assert_eq!(rows, [0, 1, 1, 1, 4]);
+        lose(&mut rows, &[false, true, false, false, true]);
+        assert_eq!(rows, [0, 1, 1]);
+    }
+
+    #[test]
+    fn a_fast_clock_samples_early_and_jitter_has_its_size() {
+        let faults = Faults { clock_rate_error: 0.01, clock_jitter_s: 1e-4, ..Faults::none() };
+        let mut clock = Clock::new(&faults, 5);
+        assert_eq!(clock.stamp_s(100.0), 101.0);
+        let n = 50_000;
+        let late: Vec<f64> = (0..n).map(|_| clock.next(101.0) - 100.0).collect();
+        let mean = late.iter().sum::<f64>() / f64::from(n);
+        let std = (late.iter().map(|x| x * x).sum::<f64>() / f64::from(n)).sqrt();
+        assert!(mean.abs() < 4.0 * 1e-4 / f64::from(n).sqrt());
+        assert!((std / 1e-4 - 1.0).abs() < 4.0 / f64::from(2 * n).sqrt());
+    }
+
+    #[test]
+    fn what_no_record_has_is_refused() {
+        for faults in [
+            Faults { missing_share: 1.0, ..Faults::none() },
+            Faults { duplicated_share: -0.1, ..Faults::none() },
+            Faults { clock_rate_error: -1.0, ..Faults::none() },
+            Faults { clock_jitter_s: f64::NAN, ..Faults::none() },
+        ] {
+            assert!(faults.check().is_err(), "{faults:?}");
+        }
+    }
+}

@@ -1,0 +1,343 @@
+//! Random errors of a triad, each axis on its own: white noise, bias instability (flicker noise) and rate random walk.
+//!
+//! ```text
+//!                      two-sided power density        Allan deviation                     a sample at rate r
+//! white noise          N^2                            N / sqrt(tau)                       N sqrt(r) n_i
+//! bias instability     B^2 / (2 pi |f|)               sqrt(2 ln 2 / pi) B = 0.664 B       B sum_k h_k n_(i-k)
+//! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     K / sqrt(r) sum of n_k, k <= i
+//! ```
+//!
+//! n are independent normal numbers. (N. Kasdin, Proc. IEEE 83, 802, 1995; densities as in IEEE Std 952.)
+//!
+//! # Flicker noise
+//!
+//! h are the coefficients of `(1 - z^-1)^(-1/2)`, half of an integration, whose power `1 / (2 sin(pi f / r))` is `r / (2 pi f)`
+//! where f is small beside the rate. They are moments, so that the filter is a sum of first-order ones with poles p:
+//!
+//! ```text
+//! h_n = 1/pi  integral from 0 to 1 of  p^n / sqrt(p (1 - p)) dp
+//!     = sum_k c_k p_k^n,    p_k = exp(-d_k),  d_k = d_0 2.5^-k,  c_k = ln 2.5 / pi  d_k exp(-d_k / 2) / sqrt(1 - p_k)
+//! ```
+//!
+//! The sum is the trapezoidal rule in ln d, whose error shrinks as exp(-pi^2 / spacing): with poles a factor of 2.5 apart the
+//! power is right to 0.05 %. The slowest pole stands for all slower ones, too; it is slow beside the whole record.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::{DMatrix, DVector, Vector3};
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use super::unit::Sensor;
+
+/// Three axes, and a place that fills the processor's vectors.
+type Lanes = [f64; 4];
+
+/// One random number generator per axis.
+pub(super) type Generators = [ChaCha8Rng; 3];
+
+/// The random errors of a triad, step by step.
+pub(super) struct Noise {
+    white: Option<White>,
+    flicker: Option<Flicker>,
+    walk: Option<Walk>,
+}
+
+impl Noise {
+    /// For `steps` steps of `rate_hz`. `generators` are for white noise, flicker noise and random walk.
+    pub(super) fn new(sensor: &Sensor, rate_hz: f64, steps: usize, generators: [Generators; 3]) -> Self {
+        let [white, flicker, walk] = generators;
+        Self {
+            white: (sensor.noise_density > 0.0).then(|| White {
+                std: sensor.noise_density * rate_hz.sqrt(),
+                in_motion: sensor.noise_in_motion,
+                generators: white,
+            }),
+            flicker: (sensor.bias_instability > 0.0).then(|| Flicker::new(sensor.bias_instability, steps, flicker)),
+            walk: (sensor.random_walk != Vector3::zeros()).then(|| Walk {
+                step_std: sensor.random_walk / rate_hz.sqrt(),
+                value: Vector3::zeros(),
+                generators: walk,
+            }),
+        }
+    }
+
+    /// Adds the errors of the next step.
+    #[inline]
+    pub(super) fn add_to(&mut self, value: &mut Vector3<f64>, moving: bool) {
+        if let Some(white) = &mut self.white {
+            let std = if moving { white.std * white.in_motion } else { white.std };
+            *value += normals(&mut white.generators) * std;
+        }
+        if let Some(flicker) = &mut self.flicker {
+            *value += flicker.next();
+        }
+        if let Some(walk) = &mut self.walk {
+            *value += walk.next();
+        }
+    }
+}
+
+struct White {
+    std: f64,
+    /// Factor while the unit moves.
+    in_motion: f64,
+    generators: Generators,
+}
+
+/// The first value is zero: the bias of the unit is that at the start.
+struct Walk {
+    step_std: Vector3<f64>,
+    value: Vector3<f64>,
+    generators: Generators,
+}
+
+impl Walk {
+    #[inline]
+    fn next(&mut self) -> Vector3<f64> {
+        let now = self.value;
+        self.value += normals(&mut self.generators).component_mul(&self.step_std);
+        now
+    }
+}
+
+/// One first-order filter of the sum.
+struct Pole {
+    /// d in p = exp(-d).
+    decay: f64,
+    p: f64,
+    c: f64,
+}
+
+struct Flicker {
+    input_std: f64,
+    poles: Vec<Pole>,
+    states: Vec<Lanes>,
+    /// The sum of the c whose poles are so fast that nothing is left of them in the next step.
+    through: f64,
+    generators: Generators,
+}
+
+const RATIO: f64 = 2.5;
+/// Faster than this, c is below 1e-12.
+const FASTEST: f64 = 64.0;
+/// Faster than this, p is below 1e-6.
+const MEMORYLESS: f64 = 14.0;
+
+impl Flicker {
+    /// In its steady state from the first step on: a sensor is switched on long before its record, or wanders as if.
+    fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
+        // A tenth of the lowest frequency that the record can show.
+        let slowest = TAU / (10.0 * steps.max(1) as f64);
+        let mut poles = Vec::new();
+        let mut through = 0.0;
+        let mut decay = FASTEST;
+        loop {
+            let c = RATIO.ln() / PI * decay * (-decay / 2.0).exp() / (-(-decay).exp_m1()).sqrt();
+            if decay > MEMORYLESS {
+                through += c;
+            } else {
+                poles.push(Pole { decay, p: (-decay).exp(), c });
+            }
+            if decay < slowest.min(MEMORYLESS) {
+                break;
+            }
+            decay /= RATIO;
+        }
+        // Slower ones would follow with c shrinking by the root of the ratio: a geometric series.
+        if let Some(last) = poles.last_mut() {
+            last.c /= 1.0 - RATIO.sqrt().recip();
+        }
+        let states = steady_states(&poles, &mut generators);
+        Self { input_std: instability, poles, states, through, generators }
+    }
+
+    #[inline]
+    fn next(&mut self) -> Vector3<f64> {
+        let n = normals(&mut self.generators);
+        let input: Lanes = [n.x, n.y, n.z, 0.0];
+        let mut sum = input.map(|value| value * self.through);
+        for (pole, state) in self.poles.iter().zip(&mut self.states) {
+            for lane in 0..4 {
+                state[lane] = pole.p * state[lane] + input[lane];
+                sum[lane] += pole.c * state[lane];
+            }
+        }
+        Vector3::new(sum[0], sum[1], sum[2]) * self.input_std
+    }
+}
+
+/// States with the covariance `1 / (1 - p_j p_k)` that the filters reach after a long time.
+fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
+    let n = poles.len();
+    let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());
+    let mut states = vec![[0.0; 4]; n];
+    // It is positive definite by construction: its poles differ.
+    if let Some(factor) = covariance.cholesky() {
+        for (axis, generator) in generators.iter_mut().enumerate() {
+            let axis_states = factor.l() * DVector::from_fn(n, |_, _| generator.sample::<f64, _>(StandardNormal));
+            states.iter_mut().zip(&axis_states).for_each(|(state, value)| state[axis] = *value);
+        }
+    }
+    states
+}
+
+/// One standard normal number of each generator.
+#[inline]
+pub(super) fn normals(generators: &mut Generators) -> Vector3<f64> {
+    let [x, y, z] = generators;
+    Vector3::new(x.sample(StandardNormal), y.sample(StandardNormal), z.sample(StandardNormal))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::stream::{Stream, Triad};
+
+    fn generators(kind: fn(Triad, u8) -> Stream, seed: u64) -> Generators {
+        [0, 1, 2].map(|axis| kind(Triad::Gyroscope, axis).generator(seed))
+    }
+
+    fn noise(sensor: &Sensor, rate_hz: f64, steps: usize, seed: u64) -> Noise {
+        let kinds: [fn(Triad, u8) -> Stream; 3] = [Stream::White, Stream::Flicker, Stream::Walk];
+        Noise::new(sensor, rate_hz, steps, kinds.map(|kind| generators(kind, seed)))
+    }
+
+    /// Allan variance of neighbouring means over m steps, averaged over the axes, and how many pairs there are per axis.
+    fn allan_variance(values: &[Vector3<f64>], m: usize) -> (f64, f64) {
+        let means: Vec<Vector3<f64>> =
+            values.chunks_exact(m).map(|chunk| chunk.iter().sum::<Vector3<f64>>() / m as f64).collect();
+        let pairs = means.len() as f64 - 1.0;
+        (means.windows(2).map(|w| (w[1] - w[0]).norm_squared()).sum::<f64>() / (6.0 * pairs), pairs)
+    }
+
+    /// Against a variance as a function of tau, at four sigma: with K pairs a variance is sure to sqrt(3 / K) for white noise,
+    /// less for the others (for a random walk its neighbours are correlated by a quarter).
+    fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
+        let (rate_hz, n) = (50.0, 1_000_000);
+        let mut noise = noise(sensor, rate_hz, n, 3);
+        let values: Vec<Vector3<f64>> = (0..n)
+            .map(|_| {
+                let mut value = Vector3::zeros();
+                noise.add_to(&mut value, false);
+                value
+            })
+            .collect();
+        let mut m = from;
+        while m <= n / 20 {
+            let (variance, pairs) = allan_variance(&values, m);
+            let ratio = variance / expected(m as f64 / rate_hz);
+            let band = 4.0 * (3.0 / (3.0 * pairs)).sqrt();
+            assert!((ratio - 1.0).abs() < band + 2e-3, "{m} steps: {ratio}, band {band}");
+            m *= 4;
+        }
+    }
+
+    #[test]
+    fn allan_deviation_of_white_noise_is_its_density_over_root_tau() {
+        let sensor = Sensor { noise_density: 0.3, ..Sensor::ideal() };
+        check_allan(&sensor, 1, |tau_s| 0.3 * 0.3 / tau_s);
+    }
+
+    #[test]
+    fn allan_deviation_of_the_bias_instability_is_flat() {
+        let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
+        // Of few steps it is larger: the power of samples goes on to be 1/sin where 1/f would end.
+        check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
+    }
+
+    #[test]
+    fn allan_deviation_of_the_random_walk_grows_with_root_tau() {
+        let sensor = Sensor { random_walk: Vector3::repeat(0.1), ..Sensor::ideal() };
+        check_allan(&sensor, 16, |tau_s| 0.01 * tau_s / 3.0);
+    }
+
+    #[test]
+    fn walks_of_the_axes_have_their_own_size_and_start_at_zero() {
+        let sensor = Sensor { random_walk: Vector3::new(1.0, 0.0, 3.0), ..Sensor::ideal() };
+        let (runs, steps) = (2000, 50);
+        let mut squares = Vector3::zeros();
+        for seed in 0..runs {
+            let mut noise = noise(&sensor, 25.0, steps, seed);
+            let mut value = Vector3::zeros();
+            noise.add_to(&mut value, false);
+            assert_eq!(value, Vector3::zeros());
+            for _ in 0..steps {
+                value = Vector3::zeros();
+                noise.add_to(&mut value, false);
+            }
+            squares += value.component_mul(&value) / runs as f64;
+        }
+        // K^2 t with t = 50 / 25 s; a variance from n numbers is sure to sqrt(2 / n).
+        let band = 4.0 * (2.0 / runs as f64).sqrt();
+        assert!((squares.x / 2.0 - 1.0).abs() < band && (squares.z / 18.0 - 1.0).abs() < band, "{squares}");
+        assert_eq!(squares.y, 0.0);
+    }
+
+    /// The filter's own power, without random numbers, over all frequencies that a record of an hour at 1 kHz can show.
+    #[test]
+    fn power_of_flicker_noise_is_that_of_half_an_integration() {
+        let steps = 3_600_000;
+        let flicker = Flicker::new(1.0, steps, generators(Stream::Flicker, 1));
+        let power = |angle: f64| {
+            let (mut re, mut im) = (flicker.through, 0.0);
+            for Pole { decay, p, c } in &flicker.poles {
+                // c / (1 - p exp(-i angle)); 1 - p cos without cancellation.
+                let (a, b) = (-(-decay).exp_m1() + 2.0 * p * (angle / 2.0).sin().powi(2), p * angle.sin());
+                re += c * a / (a * a + b * b);
+                im -= c * b / (a * a + b * b);
+            }
+            re * re + im * im
+        };
+        let mut angle = TAU / steps as f64;
+        let lowest = power(angle) * 2.0 * (angle / 2.0).sin();
+        assert!((lowest - 1.0).abs() < 0.06, "{lowest} at one period per record");
+        angle *= 10.0;
+        while angle <= PI {
+            let ratio = power(angle) * 2.0 * (angle / 2.0).sin();
+            assert!(
+                (ratio - 1.0).abs() < 5e-4 + 0.02 * (10.0 * TAU / steps as f64 / angle).powi(2),
+                "{ratio} at {angle}"
+            );
+            angle *= 1.1;
+        }
+    }
+
+    #[test]
+    fn flicker_noise_is_in_its_steady_state_from_the_first_step() {
+        let (runs, steps) = (4000, 200);
+        let flicker = |seed| Flicker::new(1.0, steps, generators(Stream::Flicker, seed));
+        let poles = flicker(0).poles;
+        let through = flicker(0).through;
+        // Of the sum: through^2 + 2 through sum c + sum of c_j c_k / (1 - p_j p_k).
+        let mut expected = through * through;
+        for a in &poles {
+            expected += 2.0 * through * a.c;
+            expected += poles.iter().map(|b| a.c * b.c / (1.0 - a.p * b.p)).sum::<f64>();
+        }
+        let (mut first, mut last) = (0.0, 0.0);
+        for seed in 0..runs {
+            let mut flicker = flicker(seed);
+            let values: Vec<Vector3<f64>> = (0..steps).map(|_| flicker.next()).collect();
+            first += values[0].norm_squared() / (3 * runs) as f64;
+            last += values[steps - 1].norm_squared() / (3 * runs) as f64;
+        }
+        let band = 4.0 * (2.0 / (3 * runs) as f64).sqrt();
+        for found in [first, last] {
+            assert!((found / expected - 1.0).abs() < band, "{found}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn white_noise_grows_in_motion_by_its_factor() {
+        let sensor = Sensor { noise_density: 0.1, noise_in_motion: 2.5, ..Sensor::ideal() };
+        let (mut still, mut moving) = (noise(&sensor, 100.0, 10, 4), noise(&sensor, 100.0, 10, 4));
+        for _ in 0..10 {
+            let (mut a, mut b) = (Vector3::zeros(), Vector3::zeros());
+            still.add_to(&mut a, false);
+            moving.add_to(&mut b, true);
+            assert!((a * 2.5 - b).norm() < 1e-15 && a != b);
+        }
+    }
+}

@@ -1,0 +1,100 @@
+//! What lies between the sensing element and its samples: a low-pass filter, and samples of points or of means.
+//!
+//! ```text
+//! point      y_i = x(t_i)
+//! averaging  y_i = 1/T integral of x from t_i - T to t_i,    T = 1 / rate: a delay of T / 2
+//! low pass   |H(f)|^2 = 1 / (1 + (f / bandwidth)^4),         a Butterworth filter of second order
+//! ```
+//!
+//! The integral and the filter run at a faster internal rate, and so does the noise that passes through them: the integral by
+//! the trapezoidal rule, the filter by the bilinear transform that is exact at its bandwidth. A point sample without a filter
+//! needs no faster rate and has none.
+
+use std::f64::consts::{PI, SQRT_2};
+
+use nalgebra::Vector3;
+
+/// A filter before sampling.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LowPass {
+    /// Where the power is half, Hz.
+    pub bandwidth_hz: f64,
+}
+
+/// Internal steps per sample where there is averaging or a filter.
+pub(super) const MIN_STEPS: usize = 8;
+/// Internal steps per sample at most.
+pub(super) const MAX_STEPS: usize = 64;
+/// Internal steps per period of the bandwidth; the bilinear transform bends frequencies above a fraction of them.
+const STEPS_PER_PERIOD: f64 = 16.0;
+
+impl LowPass {
+    /// Internal steps per sample for this filter.
+    pub(super) fn steps(&self, rate_hz: f64) -> usize {
+        ((STEPS_PER_PERIOD * self.bandwidth_hz / rate_hz).ceil() as usize).max(MIN_STEPS)
+    }
+}
+
+/// The filter at work on a triad.
+pub(super) struct Filter {
+    b: f64,
+    a_1: f64,
+    a_2: f64,
+    state: [Vector3<f64>; 2],
+}
+
+impl Filter {
+    /// In its steady state for a constant `input`.
+    pub(super) fn new(low_pass: &LowPass, rate_hz: f64, input: &Vector3<f64>) -> Self {
+        // s = (1 - q) / (1 + q) / k in 1 / (1 + sqrt(2) s + s^2), q = z^-1
+        let k = (PI * low_pass.bandwidth_hz / rate_hz).tan();
+        let scale = (1.0 + SQRT_2 * k + k * k).recip();
+        let (b, a_1, a_2) = (k * k * scale, 2.0 * (k * k - 1.0) * scale, (1.0 - SQRT_2 * k + k * k) * scale);
+        Self { b, a_1, a_2, state: [input * (1.0 - b), input * (b - a_2)] }
+    }
+
+    /// Output of the next step (transposed direct form II).
+    #[inline]
+    pub(super) fn next(&mut self, input: &Vector3<f64>) -> Vector3<f64> {
+        let output = input * self.b + self.state[0];
+        self.state[0] = input * (2.0 * self.b) - output * self.a_1 + self.state[1];
+        self.state[1] = input * self.b - output * self.a_2;
+        output
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    use super::*;
+
+    #[test]
+    fn gain_is_the_butterworth_filters() {
+        // Small beside the internal rate; at the bandwidth it is exact.
+        let (rate_hz, bandwidth_hz) = (1000.0, 10.0);
+        for frequency_hz in [1.0, 5.0, 10.0, 20.0, 40.0] {
+            let mut filter = Filter::new(&LowPass { bandwidth_hz }, rate_hz, &Vector3::zeros());
+            let mut power = 0.0;
+            for i in 0..4000 {
+                let output = filter.next(&Vector3::repeat((TAU * frequency_hz * f64::from(i) / rate_hz).sin())).x;
+                // Whole periods of every frequency, once the start is forgotten.
+                if i >= 2000 {
+                    power += output * output / 1000.0;
+                }
+            }
+            let expected = 1.0 / (1.0 + (frequency_hz / bandwidth_hz).powi(4));
+            let warp = 2e-2 * (frequency_hz / 40.0).powi(2);
+            assert!((power / expected - 1.0).abs() < 1e-6 + warp, "{frequency_hz} Hz: {power}, not {expected}");
+        }
+    }
+
+    #[test]
+    fn a_constant_passes_from_the_first_step() {
+        let input = Vector3::new(1.0, -2.0, 3.0);
+        let mut filter = Filter::new(&LowPass { bandwidth_hz: 20.0 }, 800.0, &input);
+        for _ in 0..100 {
+            assert!((filter.next(&input) - input).norm() < 1e-13);
+        }
+    }
+}

@@ -1,0 +1,115 @@
+//! A unit that slips on its mount: from an instant on it sits otherwise, and the stand's encoders know nothing of it.
+//!
+//! ```text
+//! R_wb(t) = R_wb without the slip * exp(turn s((t - time) / 50 ms))
+//! ```
+//!
+//! s is the smooth step from 0 to 1. The gyroscope sees the slip as the turn that it is.
+
+use nalgebra::Vector3;
+
+use super::attitude::Attitude;
+use super::motion::Moment;
+use super::profile::Course;
+
+/// How long a slip takes, s.
+const DURATION_S: f64 = 0.05;
+
+/// When a unit slips, and by how much.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slip {
+    /// When it starts, s.
+    pub time_s: f64,
+    /// Rotation vector in the body frame, rad.
+    pub turn_rad: Vector3<f64>,
+}
+
+impl Slip {
+    /// The moment with the slip in it.
+    pub(super) fn turn(&self, moment: Moment, time_s: f64) -> Moment {
+        let share = (time_s - self.time_s) / DURATION_S;
+        if share <= 0.0 {
+            return moment;
+        }
+        let done = Course { value: 1.0, rate: 0.0, acceleration: 0.0 };
+        let course = if share < 1.0 { Course::smooth_step(share).in_time(DURATION_S) } else { done };
+        let before = Attitude {
+            rotation: moment.rotation_world_from_body,
+            rate: moment.angular_rate,
+            acceleration: moment.angular_acceleration,
+        };
+        let after = before.then(&Attitude::along(&self.turn_rad, course));
+        Moment {
+            rotation_world_from_body: after.rotation,
+            angular_rate: after.rate,
+            angular_acceleration: after.acceleration,
+            ..moment
+        }
+    }
+
+    /// Until when nothing moves, if without the slip that is `until_s`.
+    pub(super) fn still_until(&self, time_s: f64, until_s: f64) -> Option<f64> {
+        if time_s <= self.time_s {
+            return Some(until_s.min(self.time_s));
+        }
+        (time_s >= self.time_s + DURATION_S).then_some(until_s)
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.time_s.is_finite() && self.turn_rad.iter().all(|angle| angle.is_finite())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use imucal_core::so3;
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::simulate::{Motion, Program, RandomMoves, Stand};
+
+    fn motion(time_s: f64) -> Motion {
+        let slip = Slip { time_s, turn_rad: Vector3::new(0.02, -0.01, 0.03) };
+        let moves = RandomMoves { moves: 3, ..RandomMoves::default() };
+        let stand = Stand { slip: Some(slip), ..Stand::perfect() };
+        Motion::Stand { program: Program::random(&moves, 2).unwrap(), stand }
+    }
+
+    #[test]
+    fn rate_and_acceleration_are_the_derivatives_through_the_slip() {
+        // Once in a rest and once in a turn: the holds take 5 s and the turns 2 s.
+        for slip_s in [2.0, 6.0] {
+            let motion = motion(slip_s);
+            let h = 1e-5;
+            for i in -10..70 {
+                let t = slip_s + 1e-3 * f64::from(i);
+                let (before, now, after) = (motion.at(t - h), motion.at(t), motion.at(t + h));
+                let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
+                assert!((so3::log(&turned) / (2.0 * h) - now.angular_rate).norm() < 1e-5, "{t} s");
+                let change = (after.angular_rate - before.angular_rate) / (2.0 * h);
+                assert!((change - now.angular_acceleration).norm() < 1e-2, "{t} s");
+            }
+        }
+    }
+
+    #[test]
+    fn a_slip_stays_and_the_encoders_do_not_see_it() {
+        let (slipped, plain) = (motion(6.0), motion(1e9));
+        for (time_s, angle_rad) in [(4.0, 0.0), (6.0, 0.0), (6.05, 0.0014_f64.sqrt()), (20.0, 0.0014_f64.sqrt())] {
+            let (a, b) = (slipped.at(time_s), plain.at(time_s));
+            let angle = a.rotation_world_from_body.angle_to(&b.rotation_world_from_body);
+            assert!((angle - angle_rad).abs() < 1e-12, "{time_s} s");
+            assert_eq!(a.stand, b.stand);
+        }
+    }
+
+    #[test]
+    fn a_rest_ends_where_the_slip_begins() {
+        let motion = motion(2.0);
+        assert_eq!(motion.still_until(1.0), Some(2.0));
+        assert_eq!(motion.still_until(2.0), Some(2.0));
+        assert_eq!(motion.still_until(2.01), None);
+        assert_eq!(motion.still_until(2.06), Some(5.0));
+        assert_eq!(motion.at(2.06), motion.at(5.0));
+    }
+}

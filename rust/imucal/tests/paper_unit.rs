@@ -1,0 +1,48 @@
+//! The paper's unit stands in two places: here for Rust, and in a data file for Python. They must be the same unit.
+
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use imucal::simulate::{Sensor, Unit};
+use imucal_core::STANDARD_GRAVITY_MPS2;
+
+/// The numbers of a figure, `"name": {"value": NUMBERS, "unit": ...}`, of one sensor.
+fn figure(file: &str, sensor: &str, name: &str) -> Vec<f64> {
+    let of_sensor = &file[file.find(&format!("\"{sensor}\": {{\n")).unwrap()..];
+    let of_name = &of_sensor[of_sensor.find(&format!("\"{name}\": {{\"value\": ")).unwrap()..];
+    let numbers = &of_name[of_name.find(": {\"value\": ").unwrap() + 12..of_name.find(", \"unit\"").unwrap()];
+    numbers.split([',', '[', ']', ' ']).filter(|number| !number.is_empty()).map(|n| n.parse().unwrap()).collect()
+}
+
+fn assert_same(file: &str, name: &str, sensor: &Sensor, (bias, noise, lsb): (f64, f64, f64)) {
+    let near = |found: f64, wanted: f64| assert!((found - wanted).abs() <= 1e-15 * wanted.abs(), "{found}, {wanted}");
+    // Rows in the file, columns in memory.
+    for (found, wanted) in figure(file, name, "sensitivity").iter().zip(sensor.sensitivity.transpose().iter()) {
+        near(*found, *wanted);
+    }
+    for (found, wanted) in figure(file, name, "bias").iter().zip(sensor.bias.iter()) {
+        near(found * bias, *wanted);
+    }
+    near(figure(file, name, "noise_density")[0] * noise, sensor.noise_density);
+    let converter = sensor.converter.unwrap();
+    near(lsb, converter.lsb);
+    assert_eq!(figure(file, name, "bits"), [f64::from(converter.bits)]);
+}
+
+#[test]
+fn the_papers_unit_is_that_of_the_data_file() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/imucal/units/paper.json");
+    let file = std::fs::read_to_string(path).unwrap();
+    let unit = Unit::paper();
+    let g = STANDARD_GRAVITY_MPS2;
+    let deg = 1_f64.to_radians();
+    let counts_per_g = figure(&file, "accelerometer", "resolution")[0];
+    assert_same(&file, "accelerometer", &unit.accelerometer, (g, 1e-6 * g, g / counts_per_g));
+    let lsb_deg = figure(&file, "gyroscope", "resolution")[0];
+    assert_same(&file, "gyroscope", &unit.gyroscope, (1.0, deg, lsb_deg * deg));
+    for sensor in [unit.accelerometer, unit.gyroscope] {
+        assert_eq!(sensor.noise_in_motion, 1.0);
+        assert_eq!(sensor.bias_instability, 0.0);
+        assert!(sensor.low_pass.is_none() && !sensor.averaging);
+    }
+    assert!(unit.effects.is_empty());
+}

@@ -1,0 +1,174 @@
+"""The unit files: valid, sourced, simulated, and drawn from as their spread says."""
+
+import json
+from importlib import resources
+
+import jsonschema
+import numpy as np
+import pytest
+
+import imucal
+from imucal.document import to_json
+
+FOLDER = resources.files("imucal")
+SCHEMA = json.loads((FOLDER / "schema" / "unit-1.json").read_text(encoding="utf-8"))
+NAMES = imucal.unit_names()
+G = 9.80665
+DEG = np.pi / 180
+
+
+def file_of(name):
+    return json.loads((FOLDER / "units" / f"{name}.json").read_text(encoding="utf-8"))
+
+
+def test_all_units_are_there():
+    assert set(NAMES) == {"paper", "ideal", "bmi088", "adis16460", "icm42688p", "mpu6050", "lsm6dso"}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_unit_file_is_valid_and_every_figure_has_its_source(name):
+    document = file_of(name)
+    jsonschema.Draft202012Validator(SCHEMA).validate(document)
+    assert document["name"] == name
+    for section in ("accelerometer", "gyroscope", "spread"):
+        for key, figure in document[section].items():
+            if isinstance(figure, dict):
+                assert figure["source"] in document["sources"], (section, key)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_unit_is_simulated_as_its_file_says(name):
+    unit = imucal.Unit.named(name)
+    run = imucal.simulate(imucal.Static(duration_s=40.0), unit=name, rate_hz=100, seed=1)
+    for sensor, measured in (
+        (unit.accelerometer, run.recording.specific_force),
+        (unit.gyroscope, run.recording.angular_rate),
+    ):
+        if sensor.lsb is None:
+            assert (np.ptp(measured, axis=0) == 0).all()
+            continue
+        counts = measured / sensor.lsb
+        np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
+        # White noise and rounding; flicker adds little at this length.
+        expected = np.hypot(sensor.noise_density * 10.0, sensor.lsb / np.sqrt(12))
+        assert measured.std(axis=0) == pytest.approx([expected] * 3, rel=0.1)
+
+
+def test_figures_are_those_of_the_datasheets():
+    bmi088 = imucal.Unit.named("bmi088")
+    assert bmi088.gyroscope.noise_density == pytest.approx(0.014 * DEG)
+    assert bmi088.accelerometer.lsb == pytest.approx(G / 10920)
+    # 2 deg/h is the floor of the Allan deviation, 0.664 B.
+    assert bmi088.gyroscope.bias_instability * 0.6643 == pytest.approx(2 * DEG / 3600, rel=1e-3)
+    assert imucal.Unit.named("mpu6050").accelerometer.noise_density == pytest.approx(400e-6 * G)
+    paper = imucal.Unit.named("paper")
+    assert paper.gyroscope.sensitivity[0].tolist() == [0.9771, 0.0094 * 1.0309, -0.0060 * 1.0030]
+    assert paper.accelerometer.bias == pytest.approx(np.array([-0.0427, 0.0241, 0.0402]) * G)
+
+
+@pytest.mark.parametrize("name", ["paper", "mpu6050", "random:bmi088:5"])
+def test_a_written_unit_comes_back_bit_for_bit(name, tmp_path):
+    unit = imucal.simulate("static", unit=name, rate_hz=10, seed=1).truth.setup.unit
+    unit.write(tmp_path / "unit.json")
+    jsonschema.Draft202012Validator(SCHEMA).validate(json.loads((tmp_path / "unit.json").read_text()))
+    again = imucal.Unit.read(tmp_path / "unit.json")
+    assert to_json(again.to_dict()) == to_json(unit.to_dict())
+    runs = [
+        imucal.simulate("static", unit=u, rate_hz=10, seed=1).recording
+        for u in (unit, tmp_path / "unit.json")
+    ]
+    assert (runs[0].angular_rate == runs[1].angular_rate).all()
+
+
+def test_drawn_units_scatter_as_the_spread_says():
+    units = [imucal.Unit.random("mpu6050", seed) for seed in range(1000)]
+    accel = np.array([u.accelerometer.sensitivity for u in units])
+    gyro = np.array([u.gyroscope.sensitivity for u in units])
+    # In the body frame the accelerometer's off-diagonal entry is the mean of two; the gyroscope turns along.
+    drawn = {
+        "accel bias x": ([u.accelerometer.bias[0] for u in units], 0.050 * G),
+        "accel bias z": ([u.accelerometer.bias[2] for u in units], 0.080 * G),
+        "accel scale": ([s[0, 0] - 1 for s in accel], 0.03),
+        "accel misalignment": ([s[0, 1] for s in accel], 0.02 / np.sqrt(2)),
+        "gyro bias": ([u.gyroscope.bias[1] for u in units], 20 * DEG),
+        # A maximum of 3 % is three standard deviations.
+        "gyro scale": ([s[2, 2] - 1 for s in gyro], 0.01),
+        "gyro misalignment": ([s[1, 0] for s in gyro], 0.02 * np.sqrt(1 + 1 / 2)),
+        "accel bias over temperature": ([u.effects[0].values[2] for u in units], 1.33e-3 * G),
+        "g-sensitivity": ([u.effects[-1].values[4] for u in units], 0.1 * DEG / G),
+    }
+    for name, (values, std) in drawn.items():
+        values = np.asarray(values)
+        assert abs(values.mean()) < 4 * std / np.sqrt(1000) + 1e-3 * std, name
+        # The entries of the two matrices are so to first order in the misalignment of 2 %.
+        assert values.std() == pytest.approx(std, rel=4 / np.sqrt(2000) + 0.02), name
+    assert (accel == np.swapaxes(accel, 1, 2)).all()
+    assert [effect.name for effect in units[0].effects] == [
+        "accel_bias_temperature",
+        "accel_scale_temperature",
+        "gyro_bias_temperature",
+        "gyro_scale_temperature",
+        "gyro_g_sensitivity",
+    ]
+
+
+def test_the_same_seed_draws_the_same_unit():
+    first, again, other = (imucal.Unit.random("bmi088", seed) for seed in (7, 7, 8))
+    assert to_json(first.to_dict()) == to_json(again.to_dict())
+    assert (first.gyroscope.bias != other.gyroscope.bias).all()
+    by_name = imucal.simulate("static", unit="random:bmi088:7", rate_hz=10, seed=1).truth
+    assert (by_name.calibration.gyroscope.bias == first.gyroscope.bias).all()
+
+
+def test_a_profile_of_ones_own_is_drawn_from(tmp_path):
+    document = file_of("ideal")
+    document["spread"]["gyro_bias"] = {"value": 3, "unit": "deg/s", "limit": "typical"}
+    (tmp_path / "own.json").write_text(json.dumps(document))
+    unit = imucal.Unit.random(tmp_path / "own.json", 1)
+    assert (unit.gyroscope.bias != 0).all()
+    assert (unit.accelerometer.sensitivity == np.eye(3)).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda d: d.update(schema="imucal.unit/9"), "has the schema 'imucal.unit/9'"),
+        (lambda d: d.pop("gyroscope"), r"\$\.gyroscope is missing"),
+        (
+            lambda d: d["gyroscope"]["noise_density"].update(unit="furlong"),
+            "unit is 'furlong': give one of rad/s",
+        ),
+        (lambda d: d["gyroscope"]["noise_density"].update(unit="ug/sqrt(Hz)"), "give one of rad/s/sqrt"),
+        (
+            lambda d: d["gyroscope"].update(bias={"value": [1, 2], "unit": "rad/s"}),
+            "a list of 3 items, not 2",
+        ),
+        (lambda d: d["accelerometer"]["resolution"].update(value=0), "resolution.value is 0"),
+        (
+            lambda d: d["gyroscope"].update(bias_instability={"value": 1, "unit": "deg/h"}),
+            "has allan_floor and bias_instability",
+        ),
+        (lambda d: d.update(effects=[{"name": "gyro_bias_drift", "values": ["a"]}]), r"values\[0\] is \"a\""),
+    ],
+)
+def test_a_bad_unit_file_is_refused_by_its_field(change, message, tmp_path):
+    document = file_of("bmi088")
+    change(document)
+    (tmp_path / "bad.json").write_text(json.dumps(document))
+    with pytest.raises(imucal.FormatError, match=message):
+        imucal.Unit.read(tmp_path / "bad.json")
+
+
+@pytest.mark.parametrize(
+    ("unit", "message"),
+    [
+        ("bogus", "the unit 'bogus' is not known: give one of adis16460"),
+        ("random:bogus", "bogus: there is no such file"),
+        ("random:bmi088:x", "give random:NAME or random:NAME:SEED"),
+        ("random:ideal", "ideal.json gives no spread"),
+        ("none.json", "none.json: there is no such file"),
+    ],
+)
+def test_a_unit_that_is_none_is_an_error_with_the_way_out(unit, message):
+    with pytest.raises(imucal.InputError, match=message):
+        imucal.simulate("static", unit=unit, seed=1)
