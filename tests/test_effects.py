@@ -160,6 +160,28 @@ def test_the_attitude_takes_the_world_to_the_body():
     assert not _core.effect_field("earth_rate", None, true_state()).any()
 
 
+def test_what_encoders_read_wrong_depends_on_the_stand():
+    state = imucal.State(
+        np.zeros((1, 3)),
+        np.zeros((1, 3)),
+        [0.0],
+        stand_rad=[[0.5, 1.0, 2.0]],
+        stand_rate_radps=[[0.1, 0.0, -0.2]],
+        stand_direction=[[1, 0, -1]],
+    )
+    eccentricity = _core.effect_field("encoder_eccentricity", None, state)[0] @ np.arange(1.0, 13.0)
+    angle = np.array([0.5, 1.0, 2.0])
+    once = [1, 3, 5] * np.sin(angle) + [2, 4, 6] * np.cos(angle)
+    twice = [7, 9, 11] * np.sin(2 * angle) + [8, 10, 12] * np.cos(2 * angle)
+    np.testing.assert_allclose(eccentricity, once + twice, rtol=1e-14)
+    np.testing.assert_allclose(
+        _core.effect_field("encoder_time_offset", None, state)[0] @ [2.0], [0.2, 0, -0.4], atol=1e-15
+    )
+    np.testing.assert_array_equal(
+        _core.effect_field("encoder_backlash", None, state)[0] @ [1, 2, 3.0], [1, 0, -3]
+    )
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

@@ -113,6 +113,9 @@ class State:
     temperature_degc      (N,)    degC
     auxiliary             name -> (N,), what else was recorded along
     rotation_wxyz         (N, 4)  attitude: takes a vector from the body to the world
+    stand_rad             (N, 3)  true angles of the stand's motors, rad
+    stand_rate_radps      (N, 3)  their derivatives, rad/s; zero if not known
+    stand_direction       (N, 3)  sign of the last motion of each motor, 0 before any; zero if not known
 
     Raises InputError for other shapes.
     """
@@ -124,6 +127,9 @@ class State:
     temperature_degc: FloatArray | None = None
     auxiliary: Mapping[str, FloatArray] = field(default_factory=dict)
     rotation_wxyz: FloatArray | None = None
+    stand_rad: FloatArray | None = None
+    stand_rate_radps: FloatArray | None = None
+    stand_direction: FloatArray | None = None
 
     def __post_init__(self) -> None:
         rows = len(as_rows(self.time_s, "time_s"))
@@ -134,6 +140,9 @@ class State:
             ("angular_acceleration", 3),
             ("temperature_degc", None),
             ("rotation_wxyz", 4),
+            ("stand_rad", 3),
+            ("stand_rate_radps", 3),
+            ("stand_direction", 3),
         ):
             values = getattr(self, name)
             if values is not None:

@@ -2,7 +2,7 @@
 
 use imucal::error::Error;
 use imucal::recording::REFERENCE_TEMPERATURE_DEGC;
-use imucal_core::effects::{self as library, Columns, EffectSet, MAX_PARAMETERS, State, Surroundings};
+use imucal_core::effects::{self as library, Columns, EffectSet, MAX_PARAMETERS, StandState, State, Surroundings};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -104,6 +104,9 @@ pub(crate) struct StateArrays<'py> {
     time_s: PyReadonlyArray1<'py, f64>,
     temperature_degc: Option<PyReadonlyArray1<'py, f64>>,
     rotation_wxyz: Option<PyReadonlyArray2<'py, f64>>,
+    stand_rad: Option<PyReadonlyArray2<'py, f64>>,
+    stand_rate_radps: Option<PyReadonlyArray2<'py, f64>>,
+    stand_direction: Option<PyReadonlyArray2<'py, f64>>,
 }
 
 impl StateArrays<'_> {
@@ -111,10 +114,10 @@ impl StateArrays<'_> {
         let rate = rows(py, &self.angular_rate, "angular_rate")?;
         let force = rows(py, &self.specific_force, "specific_force")?;
         let time_s = column(py, &self.time_s, "time_s")?;
-        let acceleration = match &self.angular_acceleration {
-            Some(values) => Some(rows(py, values, "angular_acceleration")?),
-            None => None,
-        };
+        let acceleration = known_rows(py, &self.angular_acceleration, "angular_acceleration")?;
+        let stand_rad = known_rows(py, &self.stand_rad, "stand_rad")?;
+        let stand_rate = known_rows(py, &self.stand_rate_radps, "stand_rate_radps")?;
+        let stand_direction = known_rows(py, &self.stand_direction, "stand_direction")?;
         let temperature_degc = match &self.temperature_degc {
             Some(values) => Some(column(py, values, "temperature_degc")?),
             None => None,
@@ -129,6 +132,9 @@ impl StateArrays<'_> {
             ("angular_acceleration", acceleration.map(<[_]>::len)),
             ("temperature_degc", temperature_degc.map(<[_]>::len)),
             ("rotation_wxyz", rotation.map(<[_]>::len)),
+            ("stand_rad", stand_rad.map(<[_]>::len)),
+            ("stand_rate_radps", stand_rate.map(<[_]>::len)),
+            ("stand_direction", stand_direction.map(<[_]>::len)),
         ];
         if let Some((name, len)) = lengths.iter().find(|(_, len)| len.is_some_and(|len| len != rate.len())) {
             let message = format!("{name} has {} rows, angular_rate {}", len.unwrap_or(0), rate.len());
@@ -143,10 +149,24 @@ impl StateArrays<'_> {
                 let [w, x, y, z] = wxyz[i];
                 UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
             });
+            surroundings.stand = stand_rad.map(|angle| StandState {
+                angle_rad: angle[i].into(),
+                rate_radps: stand_rate.map_or_else(Vector3::zeros, |values| values[i].into()),
+                direction: stand_direction.map_or_else(Vector3::zeros, |values| values[i].into()),
+            });
             State { angular_rate: rate[i].into(), specific_force: force[i].into(), surroundings }
         };
         Ok((0..rate.len()).map(state).collect())
     }
+}
+
+/// (N, 3) without a copy, if it is known.
+fn known_rows<'a>(
+    py: Python<'_>,
+    array: &'a Option<PyReadonlyArray2<'_, f64>>,
+    name: &str,
+) -> PyResult<Option<&'a [[f64; 3]]>> {
+    array.as_ref().map(|values| rows(py, values, name)).transpose()
 }
 
 /// (N, 4) in C order without a copy.
