@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from imucal.disturbances import Disturbance, disturbances
 from imucal.document import Node
-from imucal.effects import Effect, EffectValues, UserEffect, catalogue, check_values
+from imucal.effects import Effect, EffectValues, UserEffect, catalogue, check_values, find
 from imucal.errors import FormatError, InputError
 
 __all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effect"]
@@ -64,17 +64,20 @@ def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
     return [{"name": effect.name, "values": effect.values, "shape": effect.shape} for effect in effects]
 
 
-def effects_of(node: Node) -> tuple[EffectValues, ...]:
-    """The effects in a list of a file; FormatError names the one that is wrong."""
+def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
+    """The effects in a list of a file, of the catalogue or the user's own; FormatError names a wrong one."""
+    own = {effect.name: effect for effect in user_effects}
     effects = []
     for item in node.items():
         values, shape = item.get("values"), item.mapping().get("shape")
         numbers = values.array(len(values.items()))
         name = item.get("name").text()
         try:
-            effects.append(EffectValues(name, numbers, None if shape is None else item.get("shape").number()))
+            effect = EffectValues(name, numbers, None if shape is None else item.get("shape").number())
+            check_values(own.get(name) or find(name), effect)
         except InputError as error:
             raise FormatError(f"{item.file}: {item.path}: {error}") from None
+        effects.append(effect)
     return tuple(effects)
 
 

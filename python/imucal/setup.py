@@ -144,13 +144,13 @@ class CoreSetup:
 def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
     """The setup in a truth file; InputError if the definition of a user's effect is missing."""
     definitions = {effect.name: effect for effect in user_effects}
-    own = effects_of(node.get("user_effects"))
-    missing = [values.name for values in own if values.name not in definitions]
-    if missing:
-        raise InputError(
-            f"{node.file}: the definition of the effect {missing[0]} is not in the file: give it in "
-            "user_effects"
-        )
+    for item in node.get("user_effects").items():
+        name = item.get("name").text()
+        if name not in definitions:
+            raise InputError(
+                f"{node.file}: the definition of the effect {name} is not in the file: give it in user_effects"
+            )
+    own = effects_of(node.get("user_effects"), user_effects)
     knots = node.get("temperature")
     count = len(knots.get("time_s").items())
     try:
