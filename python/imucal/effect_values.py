@@ -20,7 +20,7 @@ from imucal.document import Node
 from imucal.effects import Effect, EffectValues, UserEffect, catalogue, check_values, find
 from imucal.errors import FormatError, InputError
 
-__all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effect"]
+__all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]
 
 EffectInput: TypeAlias = ArrayLike | Mapping[str, Any] | EffectValues
 Definition: TypeAlias = Effect | UserEffect | Disturbance
@@ -39,8 +39,18 @@ def give_effects(
     return tuple(_give(effect.name, effect, known) for effect in effects)
 
 
-def parse_effect(text: str) -> tuple[str, EffectInput]:
-    """The name and the numbers in NAME=V[,V...][@SHAPE] or NAME=typical, as commands have them."""
+def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
+    """Names and numbers in NAME=V[,V...][@SHAPE] or NAME=typical, as commands have them."""
+    effects: dict[str, EffectInput] = {}
+    for text in texts:
+        name, given = _parse(text)
+        if name in effects:
+            raise InputError(f"--effect {name} is given twice: give it once, with all its numbers")
+        effects[name] = given
+    return effects
+
+
+def _parse(text: str) -> tuple[str, EffectInput]:
     name, equals, numbers = text.partition("=")
     way_out = "give NAME=VALUE, NAME=V,V,V, NAME=V,V,V@SHAPE or NAME=typical"
     if not equals or not name.strip() or not numbers.strip():

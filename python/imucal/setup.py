@@ -148,7 +148,7 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
         name = item.get("name").text()
         if name not in definitions:
             raise InputError(
-                f"{node.file}: the definition of the effect {name} is not in the file: give it in user_effects"
+                f"{node.file}: the definition of the effect {name} is not in it: give it in user_effects"
             )
     own = effects_of(node.get("user_effects"), user_effects)
     knots = node.get("temperature")
