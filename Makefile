@@ -3,7 +3,7 @@
 #   make test      lint, Rust tests, the source distribution in an empty environment, Python tests
 #   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
-#   make bench     speed beside a SciPy program of the same model
+#   make bench     speed beside a SciPy program of the same model, and of the simulation
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md
 #   make docs-figures  convergence of the integrated attitude, to docs/results/convergence.md
 #   make wheel     dist/*.whl
@@ -142,6 +142,7 @@ demo: $(VENV)/.installed
 bench: $(VENV)/.installed
 	$(call say,Speed)
 	$(PY) benches/compare.py
+	$(PY) benches/simulate.py
 
 accuracy: $(VENV)/.installed
 	$(call say,Accuracy)

@@ -58,10 +58,10 @@ def a_run() -> Run:
     )
 
 
-def medians_ms(functions: dict[str, Callable[[], object]]) -> dict[str, float]:
+def medians_ms(functions: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
     """Median over rounds, each function once per round, so that a busy machine is busy for all alike."""
     times: dict[str, list[float]] = {name: [] for name in functions}
-    for turn in range(ROUNDS + 1):
+    for turn in range(rounds + 1):
         for name, function in functions.items():
             start = time.perf_counter()
             function()
@@ -176,8 +176,8 @@ def integration_lines() -> list[str]:
     ]
 
 
-def machine() -> str:
-    """What the figures were taken on."""
+def machine_name() -> str:
+    """The processor, and how many of it."""
     model = platform.processor() or platform.machine()
     try:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
@@ -186,8 +186,13 @@ def machine() -> str:
         )
     except (OSError, StopIteration):
         pass
+    return f"{model}, {os.cpu_count()} cores"
+
+
+def machine() -> str:
+    """What the figures were taken on."""
     return (
-        f"{model}, {os.cpu_count()} cores, one thread used. {platform.system()}, "
+        f"{machine_name()}, one thread used. {platform.system()}, "
         f"Python {platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}, "
         f"imucal {imucal.__version__}. Medians of {ROUNDS} interleaved rounds in one process."
     )

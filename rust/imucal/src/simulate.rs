@@ -66,7 +66,7 @@ use sensor::Sampler;
 use stream::Triad;
 use truth::Truth;
 
-/// More samples than this do not fit into an ordinary computer's memory (216 bytes each).
+/// More samples than this do not fit into an ordinary computer's memory (192 bytes each).
 const MAX_SAMPLES: f64 = 1e8;
 
 /// All that a run depends on.

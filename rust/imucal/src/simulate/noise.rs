@@ -4,10 +4,10 @@
 //!                      two-sided power density        Allan deviation                     a sample at rate r
 //! white noise          N^2                            N / sqrt(tau)                       N sqrt(r) n_i
 //! bias instability     B^2 / (2 pi |f|)               sqrt(2 ln 2 / pi) B = 0.664 B       B sum_k h_k n_(i-k)
-//! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     K / sqrt(r) sum of n_k, k <= i
+//! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     K / sqrt(r) sum of n_k, k < i
 //! ```
 //!
-//! n are independent normal numbers. (N. Kasdin, Proc. IEEE 83, 802, 1995; densities as in IEEE Std 952.)
+//! n are independent normal numbers: model.md (21). (N. Kasdin, Proc. IEEE 83, 802, 1995; densities as in IEEE Std 952.)
 //!
 //! # Flicker noise
 //!

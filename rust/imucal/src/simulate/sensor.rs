@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! seen     = sensitivity * (true + effects) + bias
-//! measured = convert(sample(low_pass(seen + noise)))
+//! measured = convert(sample(low_pass(seen + noise)))         model.md (21)
 //! ```
 //!
 //! White noise of density N has the standard deviation N sqrt(rate) at the rate at which it is drawn (a mean over T has

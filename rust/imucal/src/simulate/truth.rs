@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! f    = R_wb^T (x'' + g e_z)                                                  specific force
-//! seen = sensitivity * (true + sum_c Phi_c(state) theta_c + added) + bias      model.md (15)
+//! seen = sensitivity * (true + sum_c Phi_c(state) theta_c + added) + bias      model.md (15), (21)
 //! ```
 //!
 //! The state is the true one at the true instant: also where a clock says otherwise.
