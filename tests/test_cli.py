@@ -228,7 +228,9 @@ def test_effects_lists_all_and_shows_one(capsys):
         "the plain form has the first 3",
         "depends on temperature: the column temp_degc, counted from 25 degC",
         "easily mistaken for gyro_bias_drift; told apart by a run that heats and cools again",
-        "imucal calibrate run.csv --effect gyro_bias_temperature",
+        "--effect gyro_bias_temperature=typical --temperature cycle:10:40:320 -o run.csv",
+        "imucal calibrate run.csv --effect gyro_bias_temperature\n",
+        "imucal calibrate run.csv --effect gyro_bias_temperature:full\n",
     ):
         assert text in shown
 

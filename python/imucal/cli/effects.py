@@ -96,8 +96,14 @@ def _show(out: Output, row: Effect) -> None:
     out.line(f"shown by {row.observable}")
     for alias in row.aliases:
         out.line(f"easily mistaken for {alias.name}; told apart by {alias.told_apart_by}")
-    out.line(f"to simulate it: imucal simulate random --effect {row.name}=typical -o run.csv")
+    temperature = " --temperature cycle:10:40:320" if "temperature" in row.needs else ""
+    out.line(f"to simulate it: imucal simulate random --effect {row.name}=typical{temperature} -o run.csv")
+    if row.sensor == "encoder":
+        out.line("it is of the stand and not of the unit: it is not estimated, and not taken away")
+        return
     out.line(f"to estimate it: imucal calibrate run.csv --effect {row.name}")
+    if row.plain < len(row.parameters):
+        out.line(f"with all parameters: imucal calibrate run.csv --effect {row.name}:full")
 
 
 def _show_disturbance(out: Output, row: Disturbance) -> None:
