@@ -69,10 +69,9 @@ def test_an_encoder_effect_is_in_the_encoders_alone(name):
 
 @pytest.mark.parametrize("name", [*EFFECTS, *DISTURBANCES])
 def test_every_name_is_taken_by_the_command_and_shows(name, tmp_path, capsys):
-    motion = ["tumble", "--poses", "4"] if name == "rest_not_still" else ["random", "--moves", "3"]
     options = ["--hold-s", "2", "--unit", "mpu6050", "--seed", "4", "--rate-hz", "100", "--temperature", WARM]
     for output, effect in (("plain.parquet", []), ("run.parquet", ["--effect", f"{name}=typical"])):
-        arguments = ["simulate", *motion, *options, *effect, "-o", str(tmp_path / output)]
+        arguments = ["simulate", "random", "--moves", "3", *options, *effect, "-o", str(tmp_path / output)]
         # A range of 2 g or 250 deg/s is beyond what three moves reach.
         if effect and name.endswith("_saturation"):
             arguments[arguments.index(f"{name}=typical")] = f"{name}=0.5"
@@ -284,6 +283,16 @@ def test_a_stand_is_drawn_read_and_part_of_a_program(tmp_path):
     perfect = simulate(PROGRAM)
     assert (perfect.recording.stand_rad != runs[0].recording.stand_rad).any()
     assert (perfect.recording.specific_force != runs[0].recording.specific_force).any()
+
+
+def test_a_rest_that_is_not_still_trembles_on_a_stand_and_in_a_hand():
+    for motion in (PROGRAM, imucal.Tumble(5)):
+        run = simulate(motion, effects={"rest_not_still": 2e-3})
+        start_s, end_s = run.truth.rests[1]
+        inside = (run.truth.time_s > start_s) & (run.truth.time_s < end_s)
+        up = run.truth.specific_force[inside] / G
+        assert 2e-4 < up.std(axis=0).max() < 6e-3
+        assert (run.truth.angular_rate[inside] != 0).all()
 
 
 def test_a_slip_turns_the_unit_and_not_the_encoders():

@@ -195,10 +195,13 @@ def _ranged(limit: float) -> Callable[[Sensor], Sensor]:
 
 
 def _trembling(setup: Setup, tremor_rad: FloatArray) -> Setup:
-    if not isinstance(setup.motion, Tumble):
-        raise InputError("rest_not_still is the tremor of a hand: give the motion tumble, or leave it out")
-    motion = dataclasses.replace(setup.motion, tremor_deg=math.degrees(tremor_rad[0]))
-    return dataclasses.replace(setup, motion=motion)
+    motion, tremor_deg = setup.motion, math.degrees(tremor_rad[0])
+    if isinstance(motion, Tumble):
+        return dataclasses.replace(setup, motion=dataclasses.replace(motion, tremor_deg=tremor_deg))
+    if isinstance(motion, Program):
+        shaking = dataclasses.replace(motion.stand or Stand(), tremor_deg=tremor_deg, tremor_seed=setup.seed)
+        return dataclasses.replace(setup, motion=dataclasses.replace(motion, stand=shaking))
+    raise InputError("rest_not_still needs a stand or a hand: give another motion than static")
 
 
 def _slipping(setup: Setup, angle_rad: FloatArray) -> Setup:
