@@ -98,10 +98,9 @@ impl Gram {
                 let bend = delta.transpose() * part * &delta;
                 let slope: f64 = (0..n).map(|i| rights[g][i] * delta[(i, 0)]).sum();
                 chi2[g] = (squares[g] + 2.0 * slope + bend[(0, 0)]).max(0.0);
-                let spent: f64 = (0..n)
-                    .map(|i| (0..n).map(|j| inverse[(i, j)] * part[(j, i)]).sum::<f64>())
-                    .sum::<f64>()
-                    / scales[g];
+                let spent: f64 =
+                    (0..n).map(|i| (0..n).map(|j| inverse[(i, j)] * part[(j, i)]).sum::<f64>()).sum::<f64>()
+                        / scales[g];
                 let free = self.rows[g] - spent;
                 let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
                 settled &= (scale / scales[g] - 1.0).abs() < 1e-4;
@@ -109,8 +108,7 @@ impl Gram {
             }
             if settled {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[(i, 0)]).collect();
-                let deviance: f64 =
-                    (0..parts.len()).map(|g| self.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
+                let deviance: f64 = (0..parts.len()).map(|g| self.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let volume: f64 = (0..n).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();

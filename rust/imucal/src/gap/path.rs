@@ -42,7 +42,8 @@ pub fn search(
 ) -> Result<Search, Error> {
     let encoders = recordings.iter().all(|r| r.stand_rad.is_some())
         && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
-    let mut hunt = Hunt { kinds: Kinds { in_motion: true, encoders }, left_out: Vec::new(), user_fields, samples: Vec::new() };
+    let mut hunt =
+        Hunt { kinds: Kinds { in_motion: true, encoders }, left_out: Vec::new(), user_fields, samples: Vec::new() };
     hunt.samples = recordings.iter().map(Recording::len).collect();
     let open = hunt.with_columns(recordings, candidates);
     calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
@@ -109,11 +110,15 @@ impl Hunt<'_> {
         let mut in_motion_left_out = None;
         if self.is_carried(&stage) {
             self.kinds.in_motion = false;
-            in_motion_left_out = Some("the unit was carried along inside the moves, not turned in one place".to_owned());
+            in_motion_left_out =
+                Some("the unit was carried along inside the moves, not turned in one place".to_owned());
             open.retain(|choice| {
                 let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
                 if blind {
-                    self.left_out.push((choice.effect.name.to_owned(), "turns on a stand: a hand carries the unit along".into()));
+                    self.left_out.push((
+                        choice.effect.name.to_owned(),
+                        "turns on a stand: a hand carries the unit along".into(),
+                    ));
                 }
                 !blind
             });
@@ -127,10 +132,15 @@ impl Hunt<'_> {
         while path.len() < MOST_EFFECTS {
             let judged = self.judge(&stage);
             let limit = FALSE_ALARM / judged.scores.len().max(1) as f64;
-            let good = |s: &&Judged| s.score.p_value < limit && s.score.log_bayes_factor > 0.0 && !skipped.contains(&s.score.name);
-            let Some(pick) = judged.scores.iter().filter(good).max_by(|a, b| {
-                a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor)
-            }) else {
+            let good = |s: &&Judged| {
+                s.score.p_value < limit && s.score.log_bayes_factor > 0.0 && !skipped.contains(&s.score.name)
+            };
+            let Some(pick) = judged
+                .scores
+                .iter()
+                .filter(good)
+                .max_by(|a, b| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor))
+            else {
                 break;
             };
             let mut members = stage.members.clone();
@@ -198,7 +208,8 @@ impl Hunt<'_> {
         }
         let shaped = |choice: &&EffectChoice| choice.effect.shape.is_some();
         let rest: Vec<EffectChoice> = open.iter().filter(|c| !is_member(c.effect.name)).copied().collect();
-        let other_fields: Vec<UserField<'_>> = fields.iter().chain(self.user_fields.iter().filter(|f| !is_member(f.name))).cloned().collect();
+        let other_fields: Vec<UserField<'_>> =
+            fields.iter().chain(self.user_fields.iter().filter(|f| !is_member(f.name))).cloned().collect();
         let plain: Vec<EffectChoice> = own.iter().chain(rest.iter().filter(|c| !shaped(c))).copied().collect();
         let timed: Vec<EffectChoice> = own.iter().chain(rest.iter().filter(shaped)).copied().collect();
         let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);

@@ -123,7 +123,11 @@ impl<'a> Joint<'a> {
     }
 
     /// The problem with the weights of noise alone.
-    pub(crate) fn of_noise(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
+    pub(crate) fn of_noise(
+        prepared: &'a Prepared<'a>,
+        terms: &'a Terms<'a>,
+        parameters: &[f64],
+    ) -> Result<Self, Error> {
         let weights = Weights::of_noise(prepared, terms, parameters)?;
         let rows = prepared.linearise(terms, parameters)?.groups().stand_moves.end;
         Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
