@@ -26,6 +26,8 @@ pub struct Search {
     pub ranking: Vec<Score>,
     /// The best generic hypothesis, if it explains more than the path.
     pub generic: Option<GenericFinding>,
+    /// Logarithm of the Bayes factor of the best generic hypothesis against no effect.
+    pub generic_log_bayes_factor: f64,
     /// Logarithm of the Bayes factor of the whole path against no effect.
     pub path_log_bayes_factor: f64,
     /// Effects that these recordings cannot show, and what would.

@@ -106,7 +106,7 @@ impl Hunt<'_> {
         triads: [&Triad<f64>; 2],
         mut open: Vec<EffectChoice>,
     ) -> Result<Search, Error> {
-        let mut stage = self.stage(prepared, triads, &open, &[], true)?;
+        let mut stage = self.stage(prepared, triads, &open, &[], false)?;
         let mut in_motion_left_out = None;
         if self.is_carried(&stage) {
             self.kinds.in_motion = false;
@@ -122,11 +122,10 @@ impl Hunt<'_> {
                 }
                 !blind
             });
-            stage = self.stage(prepared, triads, &open, &[], true)?;
+            stage = self.stage(prepared, triads, &open, &[], false)?;
         }
         let first = self.judge(&stage);
         let start_log = stage.evidence.log;
-        let generic = best_generic(&stage);
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         while path.len() < MOST_EFFECTS {
@@ -163,9 +162,10 @@ impl Hunt<'_> {
         self.eliminate(prepared, triads, &open, &mut stage, &mut path)?;
         let path_log_bayes_factor = stage.evidence.log - start_log;
         let excess = stage.evidence.scales.iter().copied().fold(1.0, f64::max).sqrt();
-        let generic = generic.filter(|g| {
-            g.log_bayes_factor > GENERIC_LEAST && g.log_bayes_factor > path_log_bayes_factor + GENERIC_LEAD
-        });
+        let (generic, path_at_rests) = self.generic(prepared, triads, &open, &stage.members)?;
+        let generic_log_bayes_factor = generic.as_ref().map_or(0.0, |g| g.log_bayes_factor);
+        let generic =
+            generic.filter(|g| g.log_bayes_factor > GENERIC_LEAST && g.log_bayes_factor > path_at_rests + GENERIC_LEAD);
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
         self.left_out.extend(first.blind);
@@ -174,11 +174,36 @@ impl Hunt<'_> {
             ranking,
             generic: generic.map(|g| g.finding(prepared)),
             path_log_bayes_factor,
+            generic_log_bayes_factor,
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
             excess_scatter: excess,
             in_motion_left_out,
         })
+    }
+
+    /// The best generic hypothesis against no effect, and the path against no effect on the same residuals: rests, and moves
+    /// from rest to rest.
+    fn generic(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+    ) -> Result<(Option<BestGeneric>, f64), Error> {
+        let kinds = self.kinds;
+        self.kinds = Kinds { in_motion: false, encoders: false };
+        let seen: Vec<EffectChoice> = open.iter().filter(|c| Kinds::needed_by(&[**c]) == self.kinds).copied().collect();
+        let own = |m: &&Member| {
+            seen.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
+        };
+        let members: Vec<Member> = members.iter().filter(own).cloned().collect();
+        let without = self.stage(prepared, triads, &[], &[], true);
+        let with = if members.is_empty() { None } else { Some(self.stage(prepared, triads, &seen, &members, false)) };
+        self.kinds = kinds;
+        let without = without?;
+        let path = with.transpose()?.map_or(0.0, |with| with.evidence.log - without.evidence.log);
+        Ok((best_generic(&without), path))
     }
 
     /// Fits the model with these members and linearises all that is open beside it.
@@ -194,9 +219,10 @@ impl Hunt<'_> {
         let own: Vec<EffectChoice> =
             members.iter().filter_map(|m| open.iter().find(|choice| choice.effect.name == m.name)).copied().collect();
         let fields: Vec<UserField<'_>> = self.user_fields.iter().filter(|f| is_member(f.name)).cloned().collect();
-        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
-        let fit = joint::fit(prepared, &terms, accelerometer, gyroscope)?;
-        let parameters = fit.model.parameters();
+        let own_terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let terms = &own_terms;
+        let model = joint::fit_for_search(prepared, terms, accelerometer, gyroscope)?;
+        let parameters = model.parameters();
         let mut precisions = vec![0.0; terms.count];
         for term in &terms.all {
             let width = members.iter().find(|m| m.name == term.name()).map_or(1.0, |m| m.width);
@@ -214,12 +240,9 @@ impl Hunt<'_> {
         let values = |terms: &Terms<'_>, shape: f64| {
             let mut values = vec![0.0; terms.count];
             for term in &terms.all {
-                match fit.terms.iter().find(|own| own.name == term.name()) {
-                    Some(own) => {
-                        for (k, value) in own.values.iter().chain(&own.shape).enumerate() {
-                            values[term.first + k] = *value;
-                        }
-                    }
+                match own_terms.all.iter().find(|own| own.name() == term.name()) {
+                    Some(own) => values[term.first..term.first + term.count()]
+                        .copy_from_slice(&model.values[own.first..own.first + own.count()]),
                     None if term.has_shape() => values[term.first + term.linear] = shape,
                     None => {}
                 }
@@ -237,7 +260,7 @@ impl Hunt<'_> {
                 sets.push((terms, start));
             }
         }
-        let design = design(prepared, &terms, &parameters, &precisions, &sets, with_generics)?;
+        let design = design(prepared, terms, &parameters, &precisions, &sets, with_generics)?;
         let evidence = design
             .gram
             .evidence(&design.model)
