@@ -1,13 +1,9 @@
-"""Effects estimated together with the 21 parameters: every one comes back, and what data do not show is refused."""
-
-import dataclasses
-import json
+"""Effects estimated with the 21 parameters: every one comes back, and what data do not show is refused."""
 
 import numpy as np
 import pytest
 
 import imucal
-from imucal.cli import main
 from imucal.effects import catalogue
 
 CYCLE = "cycle:10:50:300"
@@ -132,7 +128,7 @@ def test_an_effect_that_is_not_there_is_small_or_refused(effect, count, motion, 
     except imucal.ImucalError as error:
         reason = "directions of" if effect.name in NOT_DETERMINED else "has no stand_1"
         assert reason in str(error)
-        assert effect.name in NOT_DETERMINED or effect.sensor == "encoder" and motion == "by_hand"
+        assert effect.name in NOT_DETERMINED or (effect.sensor == "encoder" and motion == "by_hand")
         return
     assert result.fit["joint"]["termination"] == "converged"
     assert np.isfinite(result.calibration.covariance).all()
