@@ -181,6 +181,7 @@ def xsens_with_effect(xsens_files, command, tmp_path_factory):
     done = command("calibrate", *xsens_files, *options, *output)
     assert done.returncode == 0, done.stderr
     assert "gyro_g_sensitivity_zz" in done.stdout
+    assert "gyro_g_sensitivity: chi2 of its 9 parameters is 2735, 9 or so" in done.stdout
     return json.loads((folder / "result.json").read_text()), imucal.Calibration.load(folder / "cal.json")
 
 

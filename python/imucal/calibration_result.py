@@ -40,7 +40,7 @@ class CalibrationResult:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """The 21 parameters with their standard deviations."""
+        """The 21 parameters and those of the effects, with their standard deviations."""
         return self.calibration.parameters
 
     @property
@@ -65,7 +65,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a careful reader should know: rests and moves left out, and standard deviations widened."""
+        """What a careful reader should know: what was left out, widened, and how far each effect stands out."""
         notes = [
             f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
             f"left out: {rest['excluded']}"
@@ -90,6 +90,11 @@ class CalibrationResult:
             "explains"
             for which, what, times in widened
             if times > 1
+        ]
+        notes += [
+            f"{effect['name']}: chi2 of its {effect['dof']} parameters is {effect['statistic']:.4g}, "
+            f"{effect['dof']} or so if it were not there"
+            for effect in self.fit.get("effects", ())
         ]
         return tuple(notes)
 
