@@ -1,4 +1,4 @@
-"""An effect of your own: the gyroscope's bias follows the supply voltage, recorded in a column beside the data.
+"""An effect of your own: the gyroscope's bias follows the supply voltage, recorded along.
 
 Simulate it, estimate it together with the 21 parameters, and judge on a run that the fit never saw.
 """

@@ -1,9 +1,12 @@
 """Effects estimated with the 21 parameters: every one comes back, and what data do not show is refused."""
 
+import json
+
 import numpy as np
 import pytest
 
 import imucal
+from imucal.cli import main
 from imucal.effects import catalogue
 
 CYCLE = "cycle:10:50:300"
@@ -139,3 +142,105 @@ def test_an_effect_that_is_not_there_is_small_or_refused(effect, count, motion, 
     assert effect_fit["dof"] == count
     assert effect_fit["statistic"] < count + 7 * np.sqrt(2 * count) + 18
     assert result.verdict == "good"
+
+
+# --- as people use it -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def two_runs(tmp_path_factory):
+    """A run and a control run of a unit whose accelerometer's bias follows the temperature."""
+    folder = tmp_path_factory.mktemp("runs")
+    for seed, name in ((1, "run.parquet"), (2, "control.parquet")):
+        run = imucal.simulate(
+            "random", seed=seed, rate_hz=100, temperature=CYCLE, effects={"accel_bias_temperature": 1e-3}
+        )
+        imucal.write(run.recording, folder / name)
+    return folder
+
+
+def test_the_command_writes_judges_and_shows_effects(two_runs, tmp_path, capsys):
+    run, control = str(two_runs / "run.parquet"), str(two_runs / "control.parquet")
+    paths = {name: str(tmp_path / name) for name in ("cal.json", "result.json", "page.html", "judged.json")}
+    arguments = ["calibrate", run, "--control", control, "--effect", "accel_bias_temperature:full"]
+    outputs = ["-o", paths["cal.json"], "--json", paths["result.json"], "--report", paths["page.html"]]
+    assert main([*arguments, *outputs]) == 0
+    printed = capsys.readouterr().out
+    assert "accel_bias_temperature_x_square" in printed
+    assert "accel_bias_temperature: chi2 of its 6 parameters is" in printed
+    result = json.loads((tmp_path / "result.json").read_text())
+    named = {p["name"]: p for p in result["parameters"]}
+    assert len(named) == 21 + 6
+    for axis in "xyz":
+        parameter = named[f"accel_bias_temperature_{axis}"]
+        assert parameter["unit"] == "m/s^2/K"
+        assert abs(parameter["value"] - 1e-3) < 4 * parameter["std"] < 2e-4
+        assert named[f"accel_bias_temperature_{axis}_square"]["unit"] == "m/s^2/K^2"
+    page = (tmp_path / "page.html").read_text()
+    assert "accel_bias_temperature_z_square" in page
+    assert "m/s^2/K^2" in page
+    # The file carries the effect: judged and applied, it explains the control run and the plain one does not.
+    assert main(["evaluate", paths["cal.json"], control, "--json", paths["judged.json"]]) == 0
+    after = json.loads((tmp_path / "judged.json").read_text())["control_set"]["after"]
+    assert after == result["control_set"]
+    plain = imucal.calibrate(imucal.read(run), control=imucal.read(control)).control_set
+    assert after["gravity_norm_rms_mps2"] < 0.2 * plain["gravity_norm_rms_mps2"]
+    assert main(["apply", paths["cal.json"], control, "-o", str(tmp_path / "corrected.parquet")]) == 0
+    assert "effects taken away: accel_bias_temperature" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["--effect", "gyro_g_sensitivty"], "is it gyro_g_sensitivity"),
+        (["--effect", "gyro_saturation"], "gyro_saturation is a fault"),
+        (["--effect", "gyro_bias_drift:full"], "'gyro_bias_drift:full' is no form of gyro_bias_drift"),
+        (["--effect", "gyro_bias_drift", "--effect", "gyro_bias_drift"], "is asked for twice"),
+        (["--effect", "gyro_bias_drift", "--frame", "triangular"], "leave frame at symmetric"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(options, message, two_runs, capsys):
+    assert main(["calibrate", str(two_runs / "run.parquet"), *options]) == 1
+    assert message in capsys.readouterr().err
+
+
+def test_several_recordings_tell_more_of_an_effect_than_one(two_runs):
+    recordings = [imucal.read(two_runs / name) for name in ("run.parquet", "control.parquet")]
+    names = ["accel_bias_temperature", "gyro_scale_temperature"]
+    alone = imucal.calibrate(recordings[0], effects=names)
+    together = imucal.calibrate(recordings, effects=names)
+    gain = [b.std / a.std for a, b in zip(alone.parameters, together.parameters, strict=True)]
+    # Twice the rests and moves: sqrt(1 / 2) = 0.71, more or less, as the poses differ.
+    assert np.median(gain) == pytest.approx(0.71, abs=0.1)
+    assert together.verdict == "good"
+    with pytest.raises(imucal.InputError, match=r"earth_rate needs the heading, .* give one recording"):
+        imucal.calibrate(recordings, effects=["earth_rate"])
+
+
+def test_effects_of_an_own_kind_and_of_the_catalogue_together():
+    supply = imucal.UserEffect(
+        "gyro_scale_supply",
+        "gyroscope",
+        tuple(imucal.EffectParameter(axis, "1/V", 1e-3) for axis in "xyz"),
+        lambda state: (
+            (state.auxiliary["supply_v"] - 3.3)[:, None, None] * state.angular_rate[:, :, None] * np.eye(3)
+        ),
+    )
+    true = {"gyro_scale_supply": [0.02, -0.01, 0.015], "gyro_g_sensitivity": 1e-4}
+    run = imucal.simulate(
+        imucal.Program.random(seed=1),
+        unit=quiet(),
+        rate_hz=500,
+        effects=true,
+        user_effects=[supply],
+        auxiliary={"supply_v": lambda time_s: 3.3 + 0.2 * np.sin(time_s / 20.0)},
+        seed=1,
+    )
+    result = imucal.calibrate(run.recording, effects=["gyro_g_sensitivity", supply], folds=3)
+    found = {p.name: p.value for p in result.parameters[21:]}
+    assert [found[f"gyro_scale_supply_{axis}"] for axis in "xyz"] == pytest.approx(
+        true["gyro_scale_supply"], rel=1e-5
+    )
+    assert found["gyro_g_sensitivity_xy"] == pytest.approx(1e-4, rel=1e-5)
+    assert result.held_out["gravity_direction_rms_deg"] < 1e-3
+    assert [effect["name"] for effect in result.fit["effects"]] == ["gyro_g_sensitivity", "gyro_scale_supply"]

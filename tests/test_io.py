@@ -7,7 +7,6 @@ import subprocess
 import sys
 import textwrap
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest

@@ -65,7 +65,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a careful reader should know: what was left out, widened, and how far each effect stands out."""
+        """What a careful reader should know: what was left out or widened, how far effects stand out."""
         notes = [
             f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
             f"left out: {rest['excluded']}"
