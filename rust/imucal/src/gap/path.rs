@@ -11,7 +11,7 @@ use super::evidence::{Column, Evidence};
 use super::{GenericFinding, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{self, Kinds, Prepared, SHAPE_SHARES, Terms};
+use crate::joint::{self, INSIDE, Kinds, Prepared, SHAPE_SHARES, Terms};
 use crate::recording::Recording;
 
 /// Prior widths in units of the typical size.
@@ -254,8 +254,9 @@ impl Hunt<'_> {
             columns.extend(candidate.columns(10.0));
         }
         let explained = stage.design.gram.evidence(&columns);
-        // Groups that are empty are left out: of the first six, what is inside the moves is the last.
-        explained.is_none_or(|e| e.scales.get(5).is_some_and(|scale| *scale > CARRIED * CARRIED))
+        let inside = stage.design.gram.groups.iter().position(|group| *group == INSIDE);
+        let scale = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
+        explained.is_none_or(scale)
     }
 
     /// Scores all candidates beside the model of a stage.
