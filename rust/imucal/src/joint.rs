@@ -23,6 +23,8 @@ mod weights;
 mod whiten;
 
 #[cfg(test)]
+mod derivatives;
+#[cfg(test)]
 mod tests;
 
 pub use terms::{EffectChoice, UserField};
@@ -81,6 +83,7 @@ pub(crate) fn fit(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
     check_determined(&problem, terms, &parameters)?;
+    problem.weights = balanced(&problem, terms, &parameters)?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
     for round in 0..MOST_ROUNDS {
         let found = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
@@ -135,6 +138,16 @@ pub(crate) fn predict(
     let weights = Weights::of(prepared, terms, &parameters, None)?;
     let linear = prepared.linearise(terms, &parameters)?;
     Ok(report::moves_of(&linear, &weights))
+}
+
+/// Weights with which the residuals at the start are as large as chance leaves them.
+///
+/// With those of noise alone, what the start does not explain would drive an effect far off: a g-sensitivity alike on all
+/// axes turns the unit about gravity, which moves do not see, and if that turn is fast every other error averages out.
+fn balanced(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<Weights, Error> {
+    let (residuals, jacobian) = problem.whitened(parameters)?;
+    let start = Solution::at(parameters, residuals, jacobian);
+    Weights::of(problem.prepared, terms, parameters, Some((&start, &problem.weights.scales)))
 }
 
 /// The largest change of a parameter in units of its standard deviation.
