@@ -37,6 +37,7 @@ __all__ = [
     "effects",
     "evaluate",
     "gravity_mps2",
+    "gap_design",
     "grid_program",
     "inspect",
     "integrate",
@@ -525,6 +526,9 @@ class Search:
     @property
     def in_motion_left_out(self) -> str | None: ...
 
+def gap_design(
+    recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
+) -> tuple[_Array, _Array, list[tuple[str, _Array]]]: ...
 def search_gap(
     recordings: Sequence[_Recording],
     options: _Options,

@@ -8,7 +8,7 @@ use imucal_core::sensor::Triad;
 use super::design::{Candidate, Design, design};
 use super::detect::{FALSE_ALARM, p_value, visible_noncentrality};
 use super::evidence::{Column, Evidence};
-use super::{GenericFinding, Score, Search};
+use super::{GenericFinding, Linearised, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{self, INSIDE, Kinds, Prepared, SHAPE_SHARES, Terms};
@@ -29,6 +29,7 @@ const LEAST_CHANGE: f64 = 0.01;
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
 const MOST_EFFECTS: usize = 6;
+const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
 /// Looks for effects among `candidates` and `user_fields`.
 ///
@@ -40,14 +41,37 @@ pub fn search(
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
 ) -> Result<Search, Error> {
-    let encoders = recordings.iter().all(|r| r.stand_rad.is_some())
-        && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
-    let mut hunt =
-        Hunt { kinds: Kinds { in_motion: true, encoders }, left_out: Vec::new(), user_fields, samples: Vec::new() };
-    hunt.samples = recordings.iter().map(Recording::len).collect();
+    let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
     calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
         hunt.run(prepared, [accelerometer, gyroscope], open)
+    })
+}
+
+/// The whitened residuals of the model without effects, and what they depend on: for other ways to choose effects.
+///
+/// # Errors
+/// As [`search`].
+pub fn linearise(
+    recordings: &[Recording<'_>],
+    options: &Options<'_>,
+    candidates: &[EffectChoice],
+    user_fields: &[UserField<'_>],
+) -> Result<Linearised, Error> {
+    let mut hunt = Hunt::new(recordings, candidates, user_fields);
+    let open = hunt.with_columns(recordings, candidates);
+    calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
+        let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
+        let Design { columns, model, candidates, .. } = &stage.design;
+        let take = |range: std::ops::Range<usize>| {
+            (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
+        };
+        let last = columns.ncols() - 1;
+        Ok(Linearised {
+            residual: (0..columns.nrows()).map(|i| columns[(i, last)]).collect(),
+            base: take(0..model.len()),
+            candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
+        })
     })
 }
 
@@ -74,7 +98,18 @@ struct Member {
     width: f64,
 }
 
-impl Hunt<'_> {
+impl<'a> Hunt<'a> {
+    fn new(recordings: &[Recording<'_>], candidates: &[EffectChoice], user_fields: &'a [UserField<'a>]) -> Self {
+        let encoders = recordings.iter().all(|r| r.stand_rad.is_some())
+            && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
+        Self {
+            kinds: Kinds { in_motion: true, encoders },
+            left_out: Vec::new(),
+            user_fields,
+            samples: recordings.iter().map(Recording::len).collect(),
+        }
+    }
+
     /// The candidates whose columns are there; the others are noted.
     fn with_columns(&mut self, recordings: &[Recording<'_>], candidates: &[EffectChoice]) -> Vec<EffectChoice> {
         let lacks = |choice: &EffectChoice| {
@@ -104,26 +139,9 @@ impl Hunt<'_> {
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
-        mut open: Vec<EffectChoice>,
+        open: Vec<EffectChoice>,
     ) -> Result<Search, Error> {
-        let mut stage = self.stage(prepared, triads, &open, &[], false)?;
-        let mut in_motion_left_out = None;
-        if self.is_carried(&stage) {
-            self.kinds.in_motion = false;
-            in_motion_left_out =
-                Some("the unit was carried along inside the moves, not turned in one place".to_owned());
-            open.retain(|choice| {
-                let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
-                if blind {
-                    self.left_out.push((
-                        choice.effect.name.to_owned(),
-                        "turns on a stand: a hand carries the unit along".into(),
-                    ));
-                }
-                !blind
-            });
-            stage = self.stage(prepared, triads, &open, &[], false)?;
-        }
+        let (mut stage, open) = self.start(prepared, triads, open)?;
         let first = self.judge(&stage);
         let start_log = stage.evidence.log;
         let mut path: Vec<Score> = Vec::new();
@@ -178,8 +196,33 @@ impl Hunt<'_> {
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
             excess_scatter: excess,
-            in_motion_left_out,
+            in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
+    }
+
+    /// The model without effects, and the candidates that are left: without those of the motion if a hand carried the unit.
+    fn start(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        mut open: Vec<EffectChoice>,
+    ) -> Result<(Stage, Vec<EffectChoice>), Error> {
+        let mut stage = self.stage(prepared, triads, &open, &[], false)?;
+        if self.is_carried(&stage) {
+            self.kinds.in_motion = false;
+            open.retain(|choice| {
+                let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
+                if blind {
+                    self.left_out.push((
+                        choice.effect.name.to_owned(),
+                        "turns on a stand: a hand carries the unit along".into(),
+                    ));
+                }
+                !blind
+            });
+            stage = self.stage(prepared, triads, &open, &[], false)?;
+        }
+        Ok((stage, open))
     }
 
     /// The best generic hypothesis against no effect, and the path against no effect on the same residuals: rests, and moves

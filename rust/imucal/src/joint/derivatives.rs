@@ -41,7 +41,8 @@ impl Run {
             let time_s = i as f64 / RATE_HZ;
             let moment = motion.at(time_s);
             let force = moment.rotation_world_from_body.inverse() * Vector3::new(0.0, 0.0, 9.80665);
-            let seen = |sensor: &crate::simulate::Sensor, v: Vector3<f64>| (sensor.sensitivity * v + sensor.bias).into();
+            let seen =
+                |sensor: &crate::simulate::Sensor, v: Vector3<f64>| (sensor.sensitivity * v + sensor.bias).into();
             run.time_s.push(time_s);
             run.force.push(seen(&unit.accelerometer, force));
             run.rate.push(seen(&unit.gyroscope, moment.angular_rate));
@@ -59,8 +60,7 @@ fn with_all(kinds: Kinds, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)
     let mut recording = Recording::try_new("run", &run.time_s, &run.force, &run.rate).unwrap();
     recording.temperature_degc = Some(&run.temperature);
     recording.stand_rad = Some(&run.stand);
-    let effects: Vec<EffectChoice> =
-        Effect::catalogue().map(|effect| EffectChoice { effect, full: true }).collect();
+    let effects: Vec<EffectChoice> = Effect::catalogue().map(|effect| EffectChoice { effect, full: true }).collect();
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&run.field] }];
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
     prepare(&[recording], &Options::default(), kinds, |prepared, accelerometer, gyroscope| {
