@@ -22,7 +22,16 @@ def hidden(seed=RUN_SEED, **arguments):
 def test_a_real_unit_is_named_and_the_gap_shrinks_on_moves_held_out(data_file, tmp_path, command):
     files = [data_file(f"xsens_mti/xsens_{sensor}.mat") for sensor in ("acc", "gyro")]
     done = command(
-        "gap", *files, "--format", "imu_tk", "--gravity", PADOVA_MPS2, "--json", "-", "-o", tmp_path / "i.json"
+        "gap",
+        *files,
+        "--format",
+        "imu_tk",
+        "--gravity",
+        PADOVA_MPS2,
+        "--json",
+        "-",
+        "-o",
+        tmp_path / "i.json",
     )
     gap = json.loads(done.stdout)
     assert gap["schema"] == "imucal.gap/1"

@@ -6,7 +6,7 @@ use super::encoders::STAND_PARAMETERS;
 use super::model::{BASE, GYRO_SENSITIVITY, Model};
 use super::problem::{Joint, Prepared};
 use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};
-use super::tests::Run;
+use super::tests::{Run, STAND_RAD};
 use crate::calibrate::{Options, prepare};
 use crate::simulate::RandomMoves;
 
@@ -20,12 +20,10 @@ fn with(effects: &[&str], kinds: Kinds, work: impl FnOnce(&Prepared<'_>, &Terms<
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
     prepare(&[run.recording()], &Options::default(), kinds, |prepared, accelerometer, gyroscope| {
-        let model = Model {
-            accelerometer: *accelerometer,
-            gyroscope: *gyroscope,
-            values: super::start_values(&terms),
-            stand: super::start_stand(prepared, &terms, accelerometer),
-        };
+        // Directions across gravity turn with it, and by as much as the residual is off zero the derivative with them.
+        let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
+        let values = super::start_values(&terms);
+        let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
         work(prepared, &terms, model.parameters());
         Ok(())
     })

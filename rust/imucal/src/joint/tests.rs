@@ -11,6 +11,9 @@ use crate::simulate::motion::Motion;
 use crate::simulate::stand::Stand;
 use crate::simulate::{Program, RandomMoves, Unit};
 
+/// Mount rotation, base tilt and angles between the axes of the stand.
+pub(super) const STAND_RAD: [f64; 7] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003];
+
 /// Samples of the paper's unit without noise, on a crooked stand, heated and cooled.
 pub(super) struct Run {
     pub(super) time_s: Vec<f64>,
@@ -26,9 +29,9 @@ impl Run {
         let unit = Unit::paper();
         let samples = (program.duration_s() * rate_hz) as usize;
         let stand = Stand {
-            mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),
-            base_tilt_rad: [0.01, -0.02],
-            non_orthogonality_rad: [0.005, -0.003],
+            mount_rotation_rad: Vector3::from_column_slice(&STAND_RAD[..3]),
+            base_tilt_rad: [STAND_RAD[3], STAND_RAD[4]],
+            non_orthogonality_rad: [STAND_RAD[5], STAND_RAD[6]],
             ..Stand::perfect()
         };
         let motion = Motion::Stand { program, stand: stand.clone() };
