@@ -18,8 +18,9 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::inside::{EndDirection, Filter};
 use super::model::BASE;
-use super::pass::{Pass, slopes};
+use super::pass::Pass;
 use super::terms::{Sample, Terms};
+use crate::correct::slopes;
 use crate::error::Error;
 use crate::moves::{Ends, Move, UnitRest};
 use crate::recording::Recording;
