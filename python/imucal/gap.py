@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.calibrate import CalibrationResult, Options, calibrate, fields_for_library
+from imucal.calibrate import Options, calibrate, fields_for_library
 from imucal.calibration import Calibration
+from imucal.calibration_result import CalibrationResult
 from imucal.document import plain, without_nan
 from imucal.effects import Effect, UserEffect, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
