@@ -141,7 +141,7 @@ mod tests {
     #[test]
     fn the_evidence_is_the_integral_over_the_prior() {
         let rows = 40;
-        let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
+        let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 2.8 - 1.4;
         let columns = Mat::from_fn(rows, 3, |i, j| match j {
             0 => 1.0,
             1 => (i as f64 * 0.3).sin(),

@@ -262,7 +262,8 @@ impl<'a> Hunt<'a> {
         let without = self.stage(prepared, triads, &[], &[], Beside::Generics);
         let with = (!members.is_empty()).then(|| self.stage(prepared, triads, &seen, &members, Beside::Generics));
         self.kinds = kinds;
-        let (without, with) = (without?, with.transpose()?);
+        // What only the inside of the moves determines says nothing here.
+        let (without, with) = (without?, with.and_then(Result::ok));
         let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
         let on_top = with.as_ref().and_then(best_generic).map_or(0.0, |g| g.log_bayes_factor);
         Ok(Pattern { alone: best_generic(&without), path, on_top })
@@ -428,7 +429,7 @@ impl<'a> Hunt<'a> {
                 let mut members = stage.members.clone();
                 members.remove(k);
                 let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-                let without = self.stage(prepared, near, open, &members, Beside::Nothing)?;
+                let Ok(without) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
                 if without.evidence.log >= stage.evidence.log
                     && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
                 {
