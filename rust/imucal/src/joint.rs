@@ -76,11 +76,12 @@ pub(crate) fn fit(
     let mut parameters = start_model(prepared, terms, accelerometer, gyroscope).parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
-    check_determined(&problem, terms, &parameters)?;
-    problem.weights = balanced(&problem, terms, &parameters)?;
+    begin(&mut problem, terms, &parameters)?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
     for round in 0..MOST_ROUNDS {
-        let found = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
+        // The weights of the first round are not the last ones.
+        let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
+        let found = lsq::minimize(&problem, &parameters, tolerance)?;
         if found.termination == Termination::NotFinite {
             return Err(Error::Fit(
                 "the joint fit left the range of numbers: leave effects out, or check units".into(),
@@ -101,8 +102,7 @@ pub(crate) fn fit(
 pub(crate) fn fit_for_search(prepared: &Prepared<'_>, terms: &Terms<'_>, start: &Model) -> Result<Model, Error> {
     let parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
-    check_determined(&problem, terms, &parameters)?;
-    problem.weights = balanced(&problem, terms, &parameters)?;
+    begin(&mut problem, terms, &parameters)?;
     let found = lsq::minimize(&problem, &parameters, SEARCH)?;
     if found.termination == Termination::NotFinite {
         return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
@@ -137,14 +137,17 @@ pub(crate) fn predict(
     Ok(report::moves_of(&linear, &weights))
 }
 
-/// Weights with which the residuals at the start are as large as chance leaves them.
+/// Refuses effects that are not determined, and takes weights with which the residuals at the start are as large as chance
+/// leaves them.
 ///
 /// With those of noise alone, what the start does not explain would drive an effect far off: a g-sensitivity alike on all
 /// axes turns the unit about gravity, which moves do not see, and if that turn is fast every other error averages out.
-fn balanced(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<Weights, Error> {
+fn begin(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<(), Error> {
     let (residuals, jacobian) = problem.whitened(parameters)?;
+    check_determined(&jacobian, terms)?;
     let start = Solution::at(parameters, residuals, jacobian);
-    Weights::of(problem.prepared, terms, parameters, Some((&start, &problem.weights.scales)))
+    problem.weights = Weights::of(problem.prepared, terms, parameters, Some((&start, &problem.weights.scales)))?;
+    Ok(())
 }
 
 /// The largest change of a parameter in units of its standard deviation.
@@ -202,8 +205,7 @@ fn check_columns(recordings: &[Recording<'_>], terms: &Terms<'_>) -> Result<(), 
 }
 
 /// Refuses an effect that these recordings do not show, with the words of the catalogue.
-fn check_determined(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<(), Error> {
-    let jacobian = problem.whitened(parameters)?.1;
+fn check_determined(jacobian: &Mat<f64>, terms: &Terms<'_>) -> Result<(), Error> {
     for term in &terms.all {
         // Without an effect its time constant has no derivative, and the other terms must not stand in for this one.
         let own = BASE + term.first..BASE + term.first + term.linear;

@@ -166,10 +166,9 @@ impl Angles {
         let mut jacobian = vec![Vector3::zeros(); terms.total()];
         let middle = &self.angle_rad[(samples.start + samples.end) / 2];
         let by_angle = stand.by_angle(middle) / samples.len() as f64;
-        for sample in samples.clone() {
-            let columns = &self.columns[sample * terms.count..(sample + 1) * terms.count];
-            for (p, column) in columns.iter().enumerate().filter(|(p, _)| terms.sensors[*p] == Sensor::Encoder) {
-                jacobian[BASE + p] -= by_angle * column;
+        for k in samples {
+            for p in (0..terms.count).filter(|p| terms.sensors[*p] == Sensor::Encoder) {
+                jacobian[BASE + p] -= by_angle * self.columns[k * terms.count + p];
             }
         }
         let own = &parameters[BASE + terms.count..];
