@@ -191,6 +191,7 @@ class _Trial:
             min_rest_s=self.min_rest_s,
             exclude_saturated=self.exclude_saturated,
             effects=[self.user_effects.get(name, name) for name in names],
+            joint=True,
             folds=FOLDS if self.judges is None else None,
         )
 
@@ -216,8 +217,9 @@ class _Trial:
         self, before: CalibrationResult, path: Sequence[str]
     ) -> tuple[list[str], CalibrationResult, list[str]]:
         """The effects that do not make the unseen recordings worse, with the fit that has them."""
+        notes: list[str] = []
         names: list[str] = []
-        best, notes = before, []
+        best = before
         for name in path:
             try:
                 trial = self.fit([*names, name])
@@ -233,6 +235,14 @@ class _Trial:
                 continue
             names.append(name)
             best = trial
+        if len(names) < len(path):
+            # What does not help alone may help together.
+            try:
+                whole = self.fit(path)
+            except (FitError, NotEnoughMotionError):
+                return names, best, notes
+            if self.metric(whole)[1] < self.metric(best)[1]:
+                return list(path), whole, []
         return names, best, notes
 
 
@@ -281,6 +291,8 @@ def _result(
         verdict = "ambiguous" if rivals else "named"
     elif faults:
         verdict, effects = "data_fault", _data_fault(faults).effects
+    elif found.scattering_rests is not None and not found.path:
+        verdict = "unknown"
     else:
         verdict = "nothing_missing"
     if verdict not in ("named", "ambiguous"):
@@ -300,7 +312,8 @@ def _result(
         resembles=tuple(s.name for s in found.ranking[:3] if s.log_bayes_factor > 0)
         if verdict == "unknown"
         else (),
-        generic=_generic(found.generic),
+        generic=_generic(found.generic)
+        or (_scatter(found.scattering_rests) if verdict == "unknown" else None),
         not_observable=tuple({"name": name, "needs": needs} for name, needs in found.not_observable),
         smallest_visible={
             name: {"value": size, "unit": unit or _unit(name, trial.user_effects)}
@@ -363,6 +376,18 @@ def _generic(found: _core.GenericFinding | None) -> dict[str, Any] | None:
         "log_bayes_factor": found.log_bayes_factor,
         "description": f"{found.block} on axis {'xyz'[found.axis]} varies {pattern}, "
         f"{found.rms:.2g} {unit} rms, most in the rests {rests}",
+    }
+
+
+def _scatter(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    residual, factor, chance = found
+    return {
+        "block": "accel_bias" if residual.startswith("accel") else "gyro_bias",
+        "kernel": "white",
+        "description": f"{residual} scatters from rest to rest by {factor:.2g} times its noise "
+        f"(p {chance:.1g}), without a pattern in time, direction or motion",
     }
 
 

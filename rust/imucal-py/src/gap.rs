@@ -45,6 +45,7 @@ pub(crate) struct Search {
     not_observable: Vec<(String, String)>,
     smallest_visible: Vec<(String, f64, String)>,
     excess_scatter: f64,
+    scattering_rests: Option<(&'static str, f64, f64)>,
     in_motion_left_out: Option<String>,
 }
 
@@ -109,6 +110,7 @@ pub(crate) fn search_gap(
         not_observable: found.not_observable,
         smallest_visible: found.smallest_visible,
         excess_scatter: found.excess_scatter,
+        scattering_rests: found.scattering_rests,
         in_motion_left_out: found.in_motion_left_out,
     })
 }

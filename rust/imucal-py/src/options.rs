@@ -26,6 +26,7 @@ pub(crate) struct CalibrateOptions<'py> {
     exclude_saturated: bool,
     accel_nominal: Option<f64>,
     gyro_nominal: Option<f64>,
+    joint: bool,
     /// Name, and whether the full form is asked for.
     effects: Vec<(String, bool)>,
     user_fields: Vec<UserFieldArrays<'py>>,
@@ -42,6 +43,7 @@ impl CalibrateOptions<'_> {
             exclude_saturated: self.exclude_saturated,
             accel_nominal: self.accel_nominal,
             gyro_nominal: self.gyro_nominal,
+            joint: self.joint,
             effects: effects.to_python(py)?,
             user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
         })

@@ -38,10 +38,19 @@ pub struct Options<'a> {
     pub accel_nominal: Option<f64>,
     /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s.
     pub gyro_nominal: Option<f64>,
+    /// Estimate all parameters at once even where no effect is asked for.
+    pub joint: bool,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
     /// A user's own effects, as columns.
     pub user_fields: Vec<UserField<'a>>,
+}
+
+impl Options<'_> {
+    /// Whether the joint fit makes the estimate, which effects need.
+    fn is_joint(&self) -> bool {
+        self.joint || !self.effects.is_empty() || !self.user_fields.is_empty()
+    }
 }
 
 impl Default for Options<'_> {
@@ -53,6 +62,7 @@ impl Default for Options<'_> {
             exclude_saturated: false,
             accel_nominal: None,
             gyro_nominal: None,
+            joint: false,
             effects: Vec::new(),
             user_fields: Vec::new(),
         }
@@ -69,7 +79,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, unusable) = data.moves(&accelerometer)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
-    let outcome = if options.effects.is_empty() && options.user_fields.is_empty() {
+    let outcome = if !options.is_joint() {
         Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?
     } else {
         let joint = data.fit_jointly(&moves, &accelerometer, &gyroscope.fit.triad, options)?;
@@ -119,7 +129,7 @@ pub fn cross_validate(
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, _) = data.moves(&accelerometer)?;
-    let with_effects = !options.effects.is_empty() || !options.user_fields.is_empty();
+    let with_effects = options.is_joint();
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
         let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();
@@ -165,7 +175,7 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
             options.gravity_mps2
         )));
     }
-    if options.frame != Frame::Symmetric && !(options.effects.is_empty() && options.user_fields.is_empty()) {
+    if options.frame != Frame::Symmetric && options.is_joint() {
         return Err(Error::Input(
             "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out"
                 .into(),

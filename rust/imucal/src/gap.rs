@@ -36,6 +36,9 @@ pub struct Search {
     pub smallest_visible: Vec<(String, f64, String)>,
     /// By how much residuals scatter more than noise under the final model: the largest factor of a kind of residual.
     pub excess_scatter: f64,
+    /// Rests that scatter by more than noise and chance under the final model: the name of the residual, the factor, and the
+    /// probability of it.
+    pub scattering_rests: Option<(&'static str, f64, f64)>,
     /// Why the accelerometer inside the moves took no part; `None` if it did.
     pub in_motion_left_out: Option<String>,
 }

@@ -28,6 +28,8 @@ const GENERIC_LEAST: f64 = 8.0;
 const LEAST_CHANGE: f64 = 0.01;
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
+/// Scatter of rests that chance makes less often than this is that of something unknown.
+const SCATTER_CHANCE: f64 = 1e-6;
 const MOST_EFFECTS: usize = 6;
 const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
@@ -215,6 +217,7 @@ impl<'a> Hunt<'a> {
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
             excess_scatter: excess,
+            scattering_rests: scattering_rests(&stage),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
     }
@@ -487,6 +490,21 @@ fn projected(gram: &super::evidence::Gram, model: &[Column], candidate: &Candida
     // What is below the rounding of what was subtracted is nothing.
     let rounding = 1e-9 * (0..p).map(|k| sum(place(k), place(k)) * candidate.typical[k].powi(2)).sum::<f64>();
     (0..p).map(|k| eigen.S()[k]).map(|value| if value > rounding { value } else { 0.0 }).collect()
+}
+
+/// The residual of the rests that scatters most beyond noise, if chance does not explain it. Moves are not asked: a gyroscope
+/// that is louder in motion is no missing effect.
+fn scattering_rests(stage: &Stage) -> Option<(&'static str, f64, f64)> {
+    const NAMES: [(usize, &str); 4] = [(0, "accel_norm"), (2, "gyro_rate_x"), (3, "gyro_rate_y"), (4, "gyro_rate_z")];
+    let gram = &stage.design.gram;
+    let of = |(group, name)| {
+        let place = gram.groups.iter().position(|g| *g == group)?;
+        let (scale, rows) = (stage.evidence.scales[place], gram.rows[place]);
+        // The scale is chi2 over what is free; the rows are a little more than that.
+        let chance = p_value(scale * rows, rows as usize);
+        (chance < SCATTER_CHANCE).then(|| (name, scale.sqrt(), chance))
+    };
+    NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 struct BestGeneric {
