@@ -149,6 +149,13 @@ def test_a_profile_of_ones_own_is_drawn_from(tmp_path):
             "has allan_floor and bias_instability",
         ),
         (lambda d: d.update(effects=[{"name": "gyro_bias_drift", "values": ["a"]}]), r"values\[0\] is \"a\""),
+        (
+            lambda d: d.update(effects=[{"name": "gyro_bias_drift", "values": [1]}]),
+            "3 parameters: 1 were given",
+        ),
+        (lambda d: d.update(effects=[{"name": "bogus", "values": [1]}]), r"effects\[0\]: there is no effect"),
+        (lambda d: d["gyroscope"].update(noise_densty=None), r"gyroscope.noise_densty is no field"),
+        (lambda d: d.update(spreads={}), r"\$.spreads is no field"),
     ],
 )
 def test_a_bad_unit_file_is_refused_by_its_field(change, message, tmp_path):

@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 
 from imucal.disturbances import Disturbance, disturbances
 from imucal.document import Node
-from imucal.effects import Effect, EffectValues, UserEffect, catalogue, check_values
+from imucal.effects import Effect, EffectValues, UserEffect, catalogue, check_values, find
 from imucal.errors import FormatError, InputError
 
-__all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effect"]
+__all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]
 
 EffectInput: TypeAlias = ArrayLike | Mapping[str, Any] | EffectValues
 Definition: TypeAlias = Effect | UserEffect | Disturbance
@@ -39,8 +39,18 @@ def give_effects(
     return tuple(_give(effect.name, effect, known) for effect in effects)
 
 
-def parse_effect(text: str) -> tuple[str, EffectInput]:
-    """The name and the numbers in NAME=V[,V...][@SHAPE] or NAME=typical, as commands have them."""
+def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
+    """Names and numbers in NAME=V[,V...][@SHAPE] or NAME=typical, as commands have them."""
+    effects: dict[str, EffectInput] = {}
+    for text in texts:
+        name, given = _parse(text)
+        if name in effects:
+            raise InputError(f"--effect {name} is given twice: give it once, with all its numbers")
+        effects[name] = given
+    return effects
+
+
+def _parse(text: str) -> tuple[str, EffectInput]:
     name, equals, numbers = text.partition("=")
     way_out = "give NAME=VALUE, NAME=V,V,V, NAME=V,V,V@SHAPE or NAME=typical"
     if not equals or not name.strip() or not numbers.strip():
@@ -64,17 +74,20 @@ def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
     return [{"name": effect.name, "values": effect.values, "shape": effect.shape} for effect in effects]
 
 
-def effects_of(node: Node) -> tuple[EffectValues, ...]:
-    """The effects in a list of a file; FormatError names the one that is wrong."""
+def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
+    """The effects in a list of a file, of the catalogue or the user's own; FormatError names a wrong one."""
+    own = {effect.name: effect for effect in user_effects}
     effects = []
     for item in node.items():
         values, shape = item.get("values"), item.mapping().get("shape")
         numbers = values.array(len(values.items()))
         name = item.get("name").text()
         try:
-            effects.append(EffectValues(name, numbers, None if shape is None else item.get("shape").number()))
+            effect = EffectValues(name, numbers, None if shape is None else item.get("shape").number())
+            check_values(own.get(name) or find(name), effect)
         except InputError as error:
             raise FormatError(f"{item.file}: {item.path}: {error}") from None
+        effects.append(effect)
     return tuple(effects)
 
 

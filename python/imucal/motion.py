@@ -223,11 +223,11 @@ def program_of(node: Node) -> Program:
     """The program in a file."""
     steps = []
     for item in node.get("steps").items():
+        turn_deg = _triple(item.get("turn_deg").array(3).tolist())
         times = (item.get("move_s"), item.get("hold_s"))
         for time in times:
             if time.number() < 0:
                 raise FormatError(f"{time.file}: {time.path} is {time.value}, it must not be negative")
-        turn_deg = _triple(item.get("turn_deg").array(3).tolist())
         steps.append(Step(turn_deg, times[0].number(), times[1].number()))
     if not steps:
         raise FormatError(f"{node.file}: $.steps is empty: a program needs at least one step")

@@ -60,7 +60,7 @@ class Setup:
         names = [effect.name for effect in self.all_effects]
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InputError(f"the effect {twice} is given for the unit and for its stand: give it once")
+            raise InputError(f"the effect {twice} stands twice: give it once")
 
     @property
     def all_effects(self) -> tuple[EffectValues, ...]:
@@ -144,13 +144,13 @@ class CoreSetup:
 def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
     """The setup in a truth file; InputError if the definition of a user's effect is missing."""
     definitions = {effect.name: effect for effect in user_effects}
-    own = effects_of(node.get("user_effects"))
-    missing = [values.name for values in own if values.name not in definitions]
-    if missing:
-        raise InputError(
-            f"{node.file}: the definition of the effect {missing[0]} is not in the file: give it in "
-            "user_effects"
-        )
+    for item in node.get("user_effects").items():
+        name = item.get("name").text()
+        if name not in definitions:
+            raise InputError(
+                f"{node.file}: the definition of the effect {name} is not in it: give it in user_effects"
+            )
+    own = effects_of(node.get("user_effects"), user_effects)
     knots = node.get("temperature")
     count = len(knots.get("time_s").items())
     try:
@@ -195,10 +195,13 @@ def _ranged(limit: float) -> Callable[[Sensor], Sensor]:
 
 
 def _trembling(setup: Setup, tremor_rad: FloatArray) -> Setup:
-    if not isinstance(setup.motion, Tumble):
-        raise InputError("rest_not_still is the tremor of a hand: give the motion tumble, or leave it out")
-    motion = dataclasses.replace(setup.motion, tremor_deg=math.degrees(tremor_rad[0]))
-    return dataclasses.replace(setup, motion=motion)
+    motion, tremor_deg = setup.motion, math.degrees(tremor_rad[0])
+    if isinstance(motion, Tumble):
+        return dataclasses.replace(setup, motion=dataclasses.replace(motion, tremor_deg=tremor_deg))
+    if isinstance(motion, Program):
+        shaking = dataclasses.replace(motion.stand or Stand(), tremor_deg=tremor_deg, tremor_seed=setup.seed)
+        return dataclasses.replace(setup, motion=dataclasses.replace(motion, stand=shaking))
+    raise InputError("rest_not_still needs a stand or a hand: give another motion than static")
 
 
 def _slipping(setup: Setup, angle_rad: FloatArray) -> Setup:

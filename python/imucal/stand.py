@@ -47,6 +47,8 @@ class Stand:
     encoder_noise_deg      standard deviation of the white noise of a reading
     encoder_counts         counts of an encoder per turn, or None: no steps
     encoder_effects        effects of the catalogue on what the encoders read
+    tremor_deg             standard deviation about each axis of a shaking that goes on at rest, too
+    tremor_seed            of its frequencies and phases
     slip_deg, slip_time_s  from this time on the unit sits on its mount turned by this rotation vector
     """
 
@@ -60,12 +62,15 @@ class Stand:
     encoder_noise_deg: float = 0.0
     encoder_counts: int | None = None
     encoder_effects: tuple[EffectValues, ...] = ()
+    tremor_deg: float = 0.0
+    tremor_seed: int = 0
     slip_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
     slip_time_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.encoder_counts is not None:
             check_count(self.encoder_counts, "encoder_counts")
+        check_seed(self.tremor_seed)
         for effect in self.encoder_effects:
             if find(effect.name).sensor != "encoder":
                 raise InputError(
@@ -131,6 +136,8 @@ class Stand:
             self.vibration_hz,
             math.radians(self.encoder_noise_deg),
             self.encoder_counts,
+            math.radians(self.tremor_deg),
+            self.tremor_seed,
             tuple(map(math.radians, self.slip_deg)),
             self.slip_time_s,
         )
@@ -149,6 +156,8 @@ class StandErrors:
     vibration_hz: float
     encoder_noise_rad: float
     encoder_counts: int | None
+    tremor_rad: float
+    tremor_seed: int
     slip_rad: tuple[float, ...]
     slip_time_s: float
 
@@ -169,6 +178,8 @@ def stand_of(node: Node) -> Stand:
             found[name] = effects_of(field)
         elif name == "encoder_counts":
             found[name] = None if field.value is None else field.whole()
+        elif name == "tremor_seed":
+            found[name] = field.whole()
         elif isinstance(default, tuple):
             found[name] = tuple(field.array(len(default)).tolist())
         else:

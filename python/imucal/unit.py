@@ -11,7 +11,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
@@ -44,6 +44,14 @@ DRAWN: Final[dict[str, tuple[int, str]]] = {
     "gyro_scale": (3, "1"),
     "gyro_misalignment": (6, "1"),
 }
+FIELDS: Final = (
+    *("schema", "name", "description", "sources"),
+    *("accelerometer", "gyroscope", "effects", "spread"),
+)
+SENSOR_FIELDS: Final = (
+    *("part", "sensitivity", "bias", "noise_density", "allan_floor", "bias_instability", "random_walk"),
+    *("noise_in_motion", "range", "resolution", "bits", "bandwidth", "filter", "output_rate", "averaging"),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -201,6 +209,7 @@ def _shipped(name: str) -> Node:
 def unit_from(node: Node) -> Unit:
     """The unit in a file."""
     node.require_schema(SCHEMA)
+    _require_known(node, FIELDS)
     return Unit(
         _sensor(node.get("accelerometer"), "m/s^2"),
         _sensor(node.get("gyroscope"), "rad/s"),
@@ -213,6 +222,7 @@ def unit_from(node: Node) -> Unit:
 
 def _sensor(node: Node, unit: str) -> Sensor:
     """The sensor of a unit file; every figure may be null or left out."""
+    _require_known(node, SENSOR_FIELDS)
     floor = Figure.optional(node, "allan_floor", unit)
     instability = Figure.optional(node, "bias_instability", unit)
     if floor is not None and instability is not None:
@@ -220,9 +230,7 @@ def _sensor(node: Node, unit: str) -> Sensor:
     if floor is not None:
         instability = floor / FLOOR_PER_INSTABILITY
     bits = Figure.optional(node, "bits", "bit")
-    averaging = node.mapping().get("averaging", False)
-    if not isinstance(averaging, bool):
-        raise FormatError(f"{node.file}: {node.path}.averaging is {averaging!r}: it must be true or false")
+    averaging = "averaging" in node.mapping() and node.get("averaging").flag()
     found: dict[str, Any] = {
         "sensitivity": Figure.optional(node, "sensitivity", "1", (3, 3)),
         "bias": Figure.optional(node, "bias", unit, (3,)),
@@ -237,6 +245,15 @@ def _sensor(node: Node, unit: str) -> Sensor:
     }
     known = {name: value for name, value in found.items() if value is not None}
     return Sensor(**known, averaging=averaging, part=node.get("part").text())
+
+
+def _require_known(node: Node, fields: Iterable[str]) -> None:
+    """Refuse a field that is none: a figure with a slip in its name would be simulated as perfect."""
+    unknown = [name for name in node.mapping() if name not in fields]
+    if unknown:
+        raise FormatError(
+            f"{node.file}: {node.path}.{unknown[0]} is no field of a unit file: give {', '.join(fields)}"
+        )
 
 
 def _draw(node: Node, seed: int) -> Unit:

@@ -188,7 +188,7 @@ def simulate(
     """
     import imucal
     from imucal.document import write_json
-    from imucal.effect_values import parse_effect
+    from imucal.effect_values import parse_effects
     from imucal.motion import motion_of
     from imucal.truth import is_truth
 
@@ -212,7 +212,7 @@ def simulate(
                 motion_of(program, seed, {k: v for k, v in motion_options.items() if v is not None}),
                 seed=seed,
                 unit=unit,
-                effects=dict(parse_effect(text) for text in effect or ()),
+                effects=parse_effects(effect or ()),
                 stand=stand,
                 rate_hz=rate_hz,
                 gravity_mps2=gravity,

@@ -6,6 +6,8 @@
 mod arrays;
 mod effects;
 mod error;
+mod gap;
+mod options;
 mod results;
 mod simulation;
 
@@ -13,10 +15,9 @@ mod simulation;
 #[pyo3::pymodule]
 mod _core {
     use imucal as library;
-    use imucal::calibrate::{EffectChoice, Options};
     use imucal::check;
     use imucal::error::Error;
-    use imucal::frame::{self, Frame, Sensitivities};
+    use imucal::frame::{self, Sensitivities};
     use imucal::segment::Segments;
     use imucal_core::integrate::Integrator;
     use imucal_core::so3;
@@ -24,13 +25,13 @@ mod _core {
     use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
     use pyo3::prelude::*;
 
-    use super::arrays::{
-        CalibrationArrays, RecordingColumns, TriadArrays, UserFieldArrays, column, matrix, rows, to_rows,
-    };
-    use super::effects::find;
+    use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, column, matrix, rows, to_rows};
     #[pymodule_export]
     use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};
+    #[pymodule_export]
+    use super::gap::{EffectScore, GenericFinding, Search, search_gap};
+    use super::options::{CalibrateOptions, frame_named};
     #[pymodule_export]
     use super::results::{
         Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold,
@@ -48,50 +49,11 @@ mod _core {
 
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
-    fn frame_named(name: &str) -> Result<Frame, Error> {
-        match name {
-            "symmetric" => Ok(Frame::Symmetric),
-            "triangular" => Ok(Frame::Triangular),
-            _ => Err(Error::Input(format!("frame is {name:?}: give symmetric or triangular"))),
-        }
-    }
-
     fn require_same_length(time: usize, rate: usize) -> Result<(), Error> {
         if time == rate {
             return Ok(());
         }
         Err(Error::Input(format!("time_s has {time} rows, angular_rate {rate}")))
-    }
-
-    /// Options of a calibration from keyword arguments.
-    #[derive(FromPyObject)]
-    struct CalibrateOptions<'py> {
-        gravity_mps2: f64,
-        frame: String,
-        min_rest_s: f64,
-        exclude_saturated: bool,
-        accel_nominal: Option<f64>,
-        gyro_nominal: Option<f64>,
-        /// Name, and whether the full form is asked for.
-        effects: Vec<(String, bool)>,
-        user_fields: Vec<UserFieldArrays<'py>>,
-    }
-
-    impl CalibrateOptions<'_> {
-        fn options(&self, py: Python<'_>) -> PyResult<Options<'_>> {
-            let choice = |(name, full): &(String, bool)| Ok(EffectChoice { effect: find(name)?, full: *full });
-            let effects = self.effects.iter().map(choice).collect::<Result<_, Error>>();
-            Ok(Options {
-                gravity_mps2: self.gravity_mps2,
-                frame: frame_named(&self.frame).to_python(py)?,
-                min_rest_s: self.min_rest_s,
-                exclude_saturated: self.exclude_saturated,
-                accel_nominal: self.accel_nominal,
-                gyro_nominal: self.gyro_nominal,
-                effects: effects.to_python(py)?,
-                user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
-            })
-        }
     }
 
     /// Calibrates one unit from its recordings.

@@ -5,7 +5,7 @@ use std::num::NonZeroUsize;
 use imucal::error::Error;
 use imucal::simulate::{
     self as library, Added, Converter, Faults, Grid, HandMoves, LowPass, Program, RandomMoves, Sensor, Setup, Slip,
-    Step, Temperature, Tumble, Unit, earth,
+    Step, Temperature, Tremor, Tumble, Unit, earth,
 };
 use imucal_core::so3;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -78,6 +78,8 @@ struct Stand {
     vibration_hz: f64,
     encoder_noise_rad: f64,
     encoder_counts: Option<u32>,
+    tremor_rad: f64,
+    tremor_seed: u64,
     slip_rad: [f64; 3],
     slip_time_s: f64,
 }
@@ -119,6 +121,7 @@ impl Motion {
                     vibration_hz: stand.vibration_hz,
                     encoder_noise_rad: stand.encoder_noise_rad,
                     encoder_counts: stand.encoder_counts,
+                    tremor: (stand.tremor_rad != 0.0).then(|| Tremor::random(stand.tremor_rad, stand.tremor_seed)),
                     slip: (stand.slip_rad != [0.0; 3])
                         .then_some(Slip { time_s: stand.slip_time_s, turn_rad: stand.slip_rad.into() }),
                 },

@@ -5,12 +5,14 @@ mod outcome;
 mod unit_data;
 
 pub use imucal_core::STANDARD_GRAVITY_MPS2;
+use imucal_core::sensor::Triad;
 
 use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
 pub use crate::joint::{EffectChoice, TermEstimate, UserField};
+use crate::joint::{Kinds, Prepared};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
 use crate::stats::rms;
@@ -75,6 +77,22 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     };
     refuse_errors(&check_gains(&recordings[0], &outcome.calibration))?;
     Ok(outcome)
+}
+
+/// The two-stage fit and what a joint fit is made of, for a search that may let any sensor drift.
+pub(crate) fn prepare<T>(
+    recordings: &[Recording<'_>],
+    options: &Options<'_>,
+    kinds: Kinds,
+    work: impl FnOnce(&Prepared<'_>, &Triad<f64>, &Triad<f64>) -> Result<T, Error>,
+) -> Result<T, Error> {
+    let data = UnitData::try_new(recordings, options)?;
+    let accelerometer = data.fit_accelerometer(options)?;
+    let (moves, _) = data.moves(&accelerometer)?;
+    let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?.fit.triad;
+    data.prepared(&moves, &accelerometer, &gyroscope, options, (kinds, true), |prepared| {
+        work(prepared, &accelerometer.triad, &gyroscope)
+    })
 }
 
 /// How well moves are predicted that the gyroscope's fit has not seen.

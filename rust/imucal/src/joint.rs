@@ -28,10 +28,11 @@ mod tests;
 pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
-pub(crate) use problem::Prepared;
+pub(crate) use model::{BASE, Model};
+pub(crate) use problem::{Joint, Prepared};
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;
-pub(crate) use terms::Terms;
+pub(crate) use terms::{Kinds, Terms};
 
 use faer::Mat;
 use imucal_core::effects::Need;
@@ -43,8 +44,6 @@ use crate::error::Error;
 use crate::lsq::{self, Solution, Termination};
 use crate::moves::Ends;
 use crate::recording::Recording;
-use model::{BASE, Model};
-use problem::Joint;
 use weights::Weights;
 
 /// Ten typical effects must move chi2 by one, in every direction of an effect's parameters.
@@ -53,7 +52,7 @@ const LEAST_CHANGE: f64 = 0.1;
 const SETTLED: f64 = 1e-3;
 const MOST_ROUNDS: usize = 8;
 /// Start values of a time constant, as shares of the recording's length.
-const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
+pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
 /// Whether an effect that is asked for lets a sensor at rest drift.
 pub(crate) fn may_drift(options: &Options<'_>) -> bool {

@@ -39,6 +39,7 @@ pub mod error;
 pub mod evaluate;
 pub mod finding;
 pub mod frame;
+pub mod gap;
 pub mod joint;
 pub mod recording;
 pub mod segment;

@@ -3,7 +3,7 @@
 //! * [`program`]: what the motors of a stand are told to do; the paper's two programs, or any list of steps.
 //! * [`profile`]: how they do it, in closed form, with limited jerk.
 //! * [`gimbal`]: from three motor angles to the attitude.
-//! * [`stand`]: what is wrong with the stand, and [`slip`], with the unit on it; [`tumble`]: a run by hand; [`motion`]: any of
+//! * [`stand`]: what is wrong with the stand; [`tremor`] and [`slip`] of the unit on it; [`tumble`]: a run by hand; [`motion`]: any of
 //!   these as a function of time.
 //! * [`earth`]: gravity and the rate of the Earth at a place.
 //! * [`mod@unit`]: sensitivity, bias, noise, filter and counts; the paper's unit. Its effects are those of the catalogue
@@ -38,6 +38,7 @@ pub mod slip;
 pub mod stand;
 mod stream;
 pub mod temperature;
+pub mod tremor;
 mod truth;
 pub mod tumble;
 pub mod unit;
@@ -53,6 +54,7 @@ pub use sampling::LowPass;
 pub use slip::Slip;
 pub use stand::Stand;
 pub use temperature::Temperature;
+pub use tremor::Tremor;
 pub use tumble::{HandMoves, Tumble};
 pub use unit::{Converter, Sensor, Unit};
 

@@ -3,7 +3,6 @@
 use std::ops::Range;
 
 use faer::Mat;
-use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
@@ -15,7 +14,7 @@ use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::finding::{Finding, Severity};
 use crate::gyroscope::{self, GyroscopeBias, GyroscopeFit};
-use crate::joint::{self, Encoders, JointFit, Prepared, Terms};
+use crate::joint::{self, Encoders, JointFit, Kinds, Prepared, Terms};
 use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
@@ -204,7 +203,8 @@ impl UnitData<'_> {
         gyroscope: &Triad<f64>,
         options: &Options<'_>,
     ) -> Result<JointFit, Error> {
-        self.prepared(moves, accelerometer, gyroscope, options, |prepared| {
+        let needed = (Kinds::needed_by(&options.effects), joint::may_drift(options));
+        self.prepared(moves, accelerometer, gyroscope, options, needed, |prepared| {
             let terms = self.terms(options)?;
             joint::fit(prepared, &terms, &accelerometer.triad, gyroscope)
         })
@@ -218,22 +218,24 @@ impl UnitData<'_> {
         accelerometer: &AccelerometerFit,
         options: &Options<'_>,
     ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
-        self.prepared(moves, accelerometer, &fit.model.gyroscope, options, |prepared| {
+        let needed = (Kinds::needed_by(&options.effects), joint::may_drift(options));
+        self.prepared(moves, accelerometer, &fit.model.gyroscope, options, needed, |prepared| {
             joint::predict(prepared, &self.terms(options)?, &fit.model)
         })
     }
 
     fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
-        Terms::try_new(&options.effects, &options.user_fields, &samples)
+        Terms::try_new(&options.effects, &options.user_fields, &samples, Kinds::needed_by(&options.effects))
     }
 
-    fn prepared<T>(
+    pub(super) fn prepared<T>(
         &self,
         moves: &[Move],
         accelerometer: &AccelerometerFit,
         gyroscope: &Triad<f64>,
         options: &Options<'_>,
+        (kinds, drifts): (Kinds, bool),
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         let noise: Vec<NoiseDensity> = self.segments.iter().map(|segments| segments.noise_density).collect();
@@ -244,8 +246,6 @@ impl UnitData<'_> {
             accelerometer: &accelerometer.triad,
             gyroscope_inverse: gyroscope.inverse(),
         };
-        let drifts = joint::may_drift(options);
-        let with_encoders = options.effects.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
         let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, drifts)).collect();
         work(&Prepared {
             recordings: self.recordings,
@@ -255,7 +255,7 @@ impl UnitData<'_> {
             ends: &ends,
             noise: &noise,
             gravity_mps2: options.gravity_mps2,
-            encoders: with_encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
+            encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
         })
     }
 

@@ -88,6 +88,11 @@ pub(crate) struct Groups {
 }
 
 impl Linear {
+    /// Index and direction of gravity of the rests that take part.
+    pub(crate) fn directions(&self) -> impl Iterator<Item = (usize, &Vector3<f64>)> {
+        self.directions.iter().map(|(k, direction)| (*k, &direction.up))
+    }
+
     pub(crate) fn groups(&self) -> Groups {
         let start = self.lines.len() + 3 * self.rates.len();
         let inside: usize = if self.in_motion { self.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
@@ -117,6 +122,69 @@ impl<'a> Joint<'a> {
         Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
     }
 
+    /// The problem with the weights of noise alone.
+    pub(crate) fn of_noise(
+        prepared: &'a Prepared<'a>,
+        terms: &'a Terms<'a>,
+        parameters: &[f64],
+    ) -> Result<Self, Error> {
+        let weights = Weights::of_noise(prepared, terms, parameters)?;
+        let rows = prepared.linearise(terms, parameters)?.groups().stand_moves.end;
+        Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
+    }
+
+    /// Raw units per SI unit of a sensor.
+    pub(crate) fn raw_scale(&self, sensor: Sensor, parameters: &[f64]) -> f64 {
+        let entries = if sensor == Sensor::Gyroscope { &parameters[GYRO_SENSITIVITY] } else { &parameters[3..6] };
+        (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
+    }
+
+    /// The group that each row of [`whitened`](Self::whitened) belongs to: norms, moves, rates x, y and z, inside the moves,
+    /// rests and moves against the stand.
+    pub(crate) fn groups_of_rows(&self, parameters: &[f64]) -> Result<Vec<usize>, Error> {
+        let linear = self.prepared.linearise(self.terms, parameters)?;
+        let groups = linear.groups();
+        let lines = linear.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
+        let rates = (0..3 * linear.rates.len()).map(|row| 2 + row % 3);
+        let rest = [(5, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
+        let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
+        Ok(lines.chain(rates).chain(rest).collect())
+    }
+
+    /// Whitened derivatives by a bias of its own at each rest, three columns for each: of the gyroscope and of the
+    /// accelerometer. A move has the mean of the gyroscope's bias at its two rests. Rows of lines and rates only.
+    pub(crate) fn by_biases_of_rests(&self, parameters: &[f64]) -> Result<[Mat<f64>; 2], Error> {
+        let linear = self.prepared.linearise(self.terms, parameters)?;
+        let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
+        let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
+        for (row, line) in linear.lines.iter().enumerate() {
+            for (rest, by) in &line.by_means {
+                for axis in 0..3 {
+                    accelerometer[(row, 3 * rest + axis)] = -by[axis];
+                }
+            }
+            if let Source::Move(k) = line.source {
+                let m = &self.prepared.moves[k];
+                for (rest, axis) in [m.from, m.to].into_iter().flat_map(|rest| (0..3).map(move |axis| (rest, axis))) {
+                    gyroscope[(row, 3 * rest + axis)] += line.jacobian[GYRO_BIAS.start + axis] / 2.0;
+                }
+            }
+        }
+        let whole = |mut lines: Mat<f64>| {
+            self.weights.whitening.apply(&mut lines);
+            let mut all = Mat::zeros(self.rows, count);
+            all.as_mut().subrows_mut(0, head).copy_from(&lines);
+            all
+        };
+        let (mut gyroscope, accelerometer) = (whole(gyroscope), whole(accelerometer));
+        for (k, (rest, _)) in linear.rates.iter().enumerate() {
+            for axis in 0..3 {
+                gyroscope[(head + 3 * k + axis, 3 * rest + axis)] = -1.0 / self.weights.rate_sigma[*rest][axis];
+            }
+        }
+        Ok([gyroscope, accelerometer])
+    }
+
     /// Whitened residuals and Jacobian: first the lines, then the rates, then what is inside the moves.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         let n = parameters.len();
@@ -140,7 +208,7 @@ impl<'a> Joint<'a> {
                 row += 1;
             }
         }
-        if acts_in_motion(self.terms) {
+        if self.terms.kinds.in_motion {
             for (k, m) in linear.moves.iter().enumerate() {
                 let noise = &self.weights.inside[k];
                 inside::innovations(&m.pass, &m.before, &m.after, noise, self.prepared.gravity_mps2, |z| {
@@ -208,11 +276,6 @@ impl Residuals for Joint<'_> {
     }
 }
 
-/// Whether residuals inside the moves are needed: an effect acts on what changes while the unit turns.
-pub(crate) fn acts_in_motion(terms: &Terms<'_>) -> bool {
-    terms.needs(Need::AngularAcceleration)
-}
-
 impl Prepared<'_> {
     /// Residuals and derivatives at these parameters.
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
@@ -235,7 +298,7 @@ impl Prepared<'_> {
                     recording: &self.recordings[m.recording],
                     span: m,
                     rotation_world_from_start: attitudes[k],
-                    with_blocks: acts_in_motion(terms) || terms.with_encoders(),
+                    with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
                 };
                 let pass = route.pass(&model, terms);
                 let direction =
@@ -296,7 +359,7 @@ impl Prepared<'_> {
                 source: Source::Norm(k),
             });
             while self.moves.get(next_move).is_some_and(|m| m.from == k) {
-                if !acts_in_motion(terms) && !terms.with_encoders() {
+                if !terms.kinds.in_motion && !terms.kinds.encoders {
                     lines.extend(self.move_lines(next_move, &moves[next_move], rests));
                 }
                 next_move += 1;
@@ -304,7 +367,7 @@ impl Prepared<'_> {
             directions.push((k, at_rest.direction()));
             rates.push((k, self.rate_lines(k, at_rest, model, n, terms)));
         }
-        let (in_motion, encoders) = (acts_in_motion(terms), terms.with_encoders());
+        let (in_motion, encoders) = (terms.kinds.in_motion, terms.kinds.encoders);
         Linear { lines, rates, moves, directions, in_motion, encoders }
     }
 

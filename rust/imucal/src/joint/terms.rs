@@ -7,7 +7,7 @@
 //! A term has its parameters side by side in the list of all; a shape, such as a time constant, is the last of them. The
 //! column of a shape is `d(Phi theta)/d(shape)`, so that every column is the derivative of what the sensor sees.
 
-use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
+use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State, Surroundings};
 use nalgebra::Vector3;
 
 use super::encoders::STAND_PARAMETERS;
@@ -122,6 +122,27 @@ pub(crate) struct Terms<'a> {
     pub(crate) count: usize,
     /// The sensor of each parameter.
     pub(crate) sensors: Vec<Sensor>,
+    /// Which residuals there are beyond rests and moves.
+    pub(crate) kinds: Kinds,
+}
+
+/// Which residuals take part beyond those of rests and moves.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Kinds {
+    /// The accelerometer inside the moves.
+    pub(crate) in_motion: bool,
+    /// The encoders of a stand, and the stand's own parameters along with them.
+    pub(crate) encoders: bool,
+}
+
+impl Kinds {
+    /// Those that the effects need to be seen.
+    pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
+        Self {
+            in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
+            encoders: choices.iter().any(|choice| choice.effect.sensor == Sensor::Encoder),
+        }
+    }
 }
 
 impl<'a> Terms<'a> {
@@ -129,8 +150,9 @@ impl<'a> Terms<'a> {
         choices: &[EffectChoice],
         fields: &'a [UserField<'a>],
         samples: &[usize],
+        kinds: Kinds,
     ) -> Result<Self, Error> {
-        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new() };
+        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds };
         for choice in choices {
             let effect = choice.effect;
             let linear = if choice.full { effect.parameters.len() } else { effect.plain };
@@ -204,14 +226,9 @@ impl<'a> Terms<'a> {
         (self.sum_of(Sensor::Gyroscope, values, columns), self.sum_of(Sensor::Accelerometer, values, columns))
     }
 
-    /// Whether an effect of the encoders is to be estimated, and the stand along with it.
-    pub(crate) fn with_encoders(&self) -> bool {
-        self.all.iter().any(|term| term.sensor == Sensor::Encoder)
-    }
-
     /// Number of all parameters: the base, the terms', and those of the stand if it is needed.
     pub(crate) fn total(&self) -> usize {
-        BASE + self.count + if self.with_encoders() { STAND_PARAMETERS } else { 0 }
+        BASE + self.count + if self.kinds.encoders { STAND_PARAMETERS } else { 0 }
     }
 
     /// True rate and force of what the sensors see, and the columns at that state.
@@ -298,7 +315,7 @@ impl<'a> Terms<'a> {
     }
 
     /// Whether any term depends on what `need` names.
-    pub(crate) fn needs(&self, need: imucal_core::effects::Need) -> bool {
+    pub(crate) fn needs(&self, need: Need) -> bool {
         self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.needs.contains(&need)))
     }
 }

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::encoders::{EncoderNoise, Encoders};
 use super::inside::InsideNoise;
 use super::model::Model;
-use super::problem::{Linear, Prepared, Source, acts_in_motion};
+use super::problem::{Linear, Prepared, Source};
 use super::terms::Terms;
 use super::whiten::{Shares, Whitening};
 use crate::error::Error;
@@ -50,12 +50,27 @@ pub(crate) struct Scales {
 }
 
 impl Weights {
+    /// What noise alone explains: nothing is widened.
+    pub(crate) fn of_noise(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<Self, Error> {
+        Self::new(prepared, terms, parameters, None, true)
+    }
+
     /// Weights at these parameters; `found` is the last fit, if there was one, with the scales that it was made with.
     pub(crate) fn of(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,
         parameters: &[f64],
         found: Option<(&Solution, &Scales)>,
+    ) -> Result<Self, Error> {
+        Self::new(prepared, terms, parameters, found, false)
+    }
+
+    fn new(
+        prepared: &Prepared<'_>,
+        terms: &Terms<'_>,
+        parameters: &[f64],
+        found: Option<(&Solution, &Scales)>,
+        noise_alone: bool,
     ) -> Result<Self, Error> {
         let model = Model::of(parameters, terms)?;
         let linear = prepared.linearise(terms, parameters)?;
@@ -66,6 +81,9 @@ impl Weights {
         };
         let head = linear.lines.len();
         let free = |axis: usize| {
+            if noise_alone {
+                return f64::INFINITY;
+            }
             let spent =
                 leverages.as_ref().map_or(1.0, |h| (0..linear.rates.len()).map(|k| h[head + 3 * k + axis]).sum());
             linear.rates.len() as f64 - spent
@@ -83,9 +101,9 @@ impl Weights {
         Ok(Self {
             whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
             rate_sigma: rate_sigmas(prepared, &model, &linear, [0, 1, 2].map(free)),
-            inside: if acts_in_motion(terms) { inside_noise(prepared, &model, &scales) } else { Vec::new() },
+            inside: if terms.kinds.in_motion { inside_noise(prepared, &model, &scales) } else { Vec::new() },
             stand_sigma_rad: stand_sigma_rad(prepared, &scales),
-            encoders: encoder_noise(prepared, &model, &scales, !acts_in_motion(terms)),
+            encoders: encoder_noise(prepared, &model, &scales, !terms.kinds.in_motion),
             move_sigma_rad: (0..prepared.moves.len()).map(|k| move_sigma_rad(prepared, &model, k)).collect(),
             scales,
         })

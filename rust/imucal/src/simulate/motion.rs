@@ -9,6 +9,7 @@
 use imucal_core::effects::StandState;
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::attitude::Attitude;
 use super::program::Program;
 use super::stand::Stand;
 use super::tumble::Tumble;
@@ -50,6 +51,24 @@ pub struct Moment {
     pub stand: Option<StandState<f64>>,
 }
 
+impl Moment {
+    /// The same with the unit turned further, in the body frame.
+    pub(super) fn turned(self, turn: &Attitude) -> Self {
+        let before = Attitude {
+            rotation: self.rotation_world_from_body,
+            rate: self.angular_rate,
+            acceleration: self.angular_acceleration,
+        };
+        let after = before.then(turn);
+        Self {
+            rotation_world_from_body: after.rotation,
+            angular_rate: after.rate,
+            angular_acceleration: after.acceleration,
+            ..self
+        }
+    }
+}
+
 impl Motion {
     /// How long it takes, s.
     pub fn duration_s(&self) -> f64 {
@@ -73,11 +92,14 @@ impl Motion {
     pub fn at(&self, time_s: f64) -> Moment {
         match self {
             Self::Stand { program, stand } => {
-                let moment = stand.moment(&program.phase(time_s));
-                match &stand.slip {
-                    Some(slip) => slip.turn(moment, time_s),
-                    None => moment,
+                let mut moment = stand.moment(&program.phase(time_s));
+                if let Some(tremor) = &stand.tremor {
+                    moment = tremor.shake(moment, time_s);
                 }
+                if let Some(slip) = &stand.slip {
+                    moment = slip.turn(moment, time_s);
+                }
+                moment
             }
             Self::Tumble(tumble) => tumble.moment(time_s),
             Self::Static { rotation_world_from_body, .. } => Moment {
@@ -95,6 +117,9 @@ impl Motion {
     pub fn still_until(&self, time_s: f64) -> Option<f64> {
         match self {
             Self::Stand { program, stand } => {
+                if stand.tremor.is_some() {
+                    return None;
+                }
                 let until_s = program.still_until(time_s)?;
                 stand.slip.map_or(Some(until_s), |slip| slip.still_until(time_s, until_s))
             }

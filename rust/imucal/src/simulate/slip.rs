@@ -33,18 +33,7 @@ impl Slip {
         }
         let done = Course { value: 1.0, rate: 0.0, acceleration: 0.0 };
         let course = if share < 1.0 { Course::smooth_step(share).in_time(DURATION_S) } else { done };
-        let before = Attitude {
-            rotation: moment.rotation_world_from_body,
-            rate: moment.angular_rate,
-            acceleration: moment.angular_acceleration,
-        };
-        let after = before.then(&Attitude::along(&self.turn_rad, course));
-        Moment {
-            rotation_world_from_body: after.rotation,
-            angular_rate: after.rate,
-            angular_acceleration: after.acceleration,
-            ..moment
-        }
+        moment.turned(&Attitude::along(&self.turn_rad, course))
     }
 
     /// Until when nothing moves, if without the slip that is `until_s`.

@@ -26,6 +26,7 @@ use super::motion::Moment;
 use super::profile::{Course, MotorState};
 use super::program::Phase;
 use super::slip::Slip;
+use super::tremor::Tremor;
 use crate::error::Error;
 
 /// Errors of a stand; zero is perfect.
@@ -49,6 +50,8 @@ pub struct Stand {
     pub encoder_noise_rad: f64,
     /// Counts of an encoder per turn; `None` reads without rounding.
     pub encoder_counts: Option<u32>,
+    /// The stand shakes all the time.
+    pub tremor: Option<Tremor>,
     /// The unit slips on its mount.
     pub slip: Option<Slip>,
 }
@@ -66,6 +69,7 @@ impl Stand {
             vibration_hz: 0.0,
             encoder_noise_rad: 0.0,
             encoder_counts: None,
+            tremor: None,
             slip: None,
         }
     }
@@ -158,6 +162,9 @@ impl Stand {
             if !(value.is_finite() && value >= 0.0) {
                 return input(format!("{name} is {value}: zero or more is needed"));
             }
+        }
+        if !self.tremor.is_none_or(|tremor| tremor.is_finite()) {
+            return input("the tremor needs a standard deviation of zero or more".to_owned());
         }
         if !self.slip.is_none_or(|slip| slip.is_finite()) {
             return input("a slip needs a finite time and finite angles".to_owned());

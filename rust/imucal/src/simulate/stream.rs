@@ -33,6 +33,8 @@ pub(super) enum Stream {
     Missing,
     /// Which samples are written twice.
     Duplicated,
+    /// Tremor of a stand.
+    Tremor,
 }
 
 impl Stream {
@@ -48,6 +50,7 @@ impl Stream {
             Self::Jitter => 22,
             Self::Missing => 23,
             Self::Duplicated => 24,
+            Self::Tremor => 25,
         };
         let mut generator = ChaCha8Rng::seed_from_u64(seed);
         generator.set_stream(number);

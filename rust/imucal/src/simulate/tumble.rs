@@ -9,8 +9,6 @@
 //! exactly still. No hand turns about a fixed axis: the sway makes the axis wander. The tremor is a sum of sines about each
 //! axis; it goes on all the time, and with it no rest is still.
 
-use std::f64::consts::TAU;
-
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::RngExt;
@@ -21,12 +19,11 @@ use super::attitude::Attitude;
 use super::motion::Moment;
 use super::profile::Course;
 use super::stream::Stream;
+use super::tremor::Tremor;
 use crate::error::Error;
 
 /// Standard deviation of the sway's rotation vector per axis, rad.
 const SWAY_RAD: f64 = 0.3;
-/// A hand sways slowly and trembles at about 9 Hz: bands of frequency, Hz, and the share of the variance in each.
-const TREMOR: [(f64, f64, f64); 3] = [(0.3, 0.8, 0.6), (1.5, 4.0, 0.3), (8.0, 11.0, 0.1)];
 
 /// How a unit is turned by hand.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -54,8 +51,7 @@ impl Default for HandMoves {
 pub struct Tumble {
     moves: HandMoves,
     poses: Vec<Pose>,
-    /// The sines about each axis.
-    tremor: [[Sine; TREMOR.len()]; 3],
+    tremor: Tremor,
 }
 
 /// A pose, and the move from it to the next.
@@ -65,13 +61,6 @@ struct Pose {
     turn_rad: Vector3<f64>,
     sway_rad: Vector3<f64>,
     carry_m: Vector3<f64>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Sine {
-    amplitude_rad: f64,
-    frequency_radps: f64,
-    phase_rad: f64,
 }
 
 impl Tumble {
@@ -96,7 +85,7 @@ impl Tumble {
             }
         });
         let poses = poses.collect();
-        let tremor = [(); 3].map(|()| TREMOR.map(|band| sine(band, moves.tremor_rad, &mut generator)));
+        let tremor = Tremor::drawn(moves.tremor_rad, &mut generator);
         Ok(Self { moves: *moves, poses, tremor })
     }
 
@@ -113,7 +102,7 @@ impl Tumble {
     pub(super) fn moment(&self, time_s: f64) -> Moment {
         let (mut attitude, acceleration) = self.carried(time_s);
         if self.moves.tremor_rad > 0.0 {
-            attitude = attitude.then(&Attitude::small(&self.tremor(time_s)));
+            attitude = attitude.then(&self.tremor.attitude(time_s));
         }
         Moment {
             rotation_world_from_body: attitude.rotation,
@@ -161,14 +150,6 @@ impl Tumble {
     fn rest_end_s(&self, k: usize) -> f64 {
         self.rest_start_s(k) + self.moves.hold_s
     }
-
-    fn tremor(&self, time_s: f64) -> [Course; 3] {
-        self.tremor.map(|sines| {
-            let parts =
-                sines.map(|sine| Course::sine(sine.frequency_radps, sine.phase_rad, time_s) * sine.amplitude_rad);
-            parts.into_iter().sum()
-        })
-    }
 }
 
 /// Uniform over all attitudes: four normal numbers point in any direction of quaternions alike.
@@ -184,15 +165,6 @@ fn place(generator: &mut ChaCha8Rng) -> Vector3<f64> {
 
 fn normals(generator: &mut ChaCha8Rng) -> Vector3<f64> {
     [(); 3].map(|()| generator.sample::<f64, _>(StandardNormal)).into()
-}
-
-/// A sine of the band whose variance is the band's share of the tremor's.
-fn sine((low_hz, high_hz, share): (f64, f64, f64), tremor_rad: f64, generator: &mut ChaCha8Rng) -> Sine {
-    Sine {
-        amplitude_rad: tremor_rad * (2.0 * share).sqrt(),
-        frequency_radps: TAU * generator.random_range(low_hz..high_hz),
-        phase_rad: generator.random_range(0.0..TAU),
-    }
 }
 
 fn check(moves: &HandMoves) -> Result<(), Error> {

@@ -55,8 +55,12 @@ impl Converter {
     /// The output nearest to `value`, SI units; `bits` has passed [`Sensor::check`].
     #[inline]
     pub(super) fn convert(&self, value: f64) -> f64 {
+        // At this size the unit of the last place is one: adding it rounds to the nearest whole number, ties to even, and does
+        // not need an instruction that older processors lack. Counts are far smaller once they are clipped.
+        const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
         let half = (1_u64 << (self.bits - 1)) as f64;
-        (value / self.lsb).round_ties_even().clamp(-half, half - 1.0) * self.lsb
+        let counts = (value / self.lsb).clamp(-half, half - 1.0);
+        ((counts + WHOLE) - WHOLE) * self.lsb
     }
 }
 
@@ -178,6 +182,9 @@ mod tests {
         let converter = Converter { lsb: 0.25, bits: 4 };
         assert_eq!(converter.convert(0.3), 0.25);
         assert_eq!(converter.convert(-0.38), -0.5);
+        assert_eq!([0.125, 0.375, -0.125, -0.375].map(|tie| converter.convert(tie)), [0.0, 0.5, 0.0, -0.5]);
+        let wide = Converter { lsb: 1.0, bits: 32 };
+        assert_eq!([-2e9 + 0.25, 2e9 - 0.75, 1e300].map(|value| wide.convert(value)), [-2e9, 2e9 - 1.0, 2147483647.0]);
         assert_eq!(converter.convert(100.0), 1.75);
         assert_eq!(converter.convert(-100.0), -2.0);
     }

@@ -1,0 +1,88 @@
+//! The search for the missing effect for Python.
+
+use imucal::calibrate::{EffectChoice, UserField};
+use imucal::error::Error;
+use imucal::gap as library;
+use pyo3::prelude::*;
+
+use crate::arrays::{RecordingColumns, UserFieldArrays};
+use crate::effects::find;
+use crate::error::ToPython;
+use crate::options::CalibrateOptions;
+
+/// How an effect scores.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct EffectScore {
+    name: String,
+    log_bayes_factor: f64,
+    statistic: f64,
+    dof: usize,
+    p_value: f64,
+}
+
+/// A bias that varies in a pattern that no named effect explains.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct GenericFinding {
+    block: &'static str,
+    kernel: &'static str,
+    log_bayes_factor: f64,
+    axis: usize,
+    rests: Vec<usize>,
+    /// SI units.
+    rms: f64,
+}
+
+/// What a search has found.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Search {
+    path: Vec<Py<EffectScore>>,
+    rivals: Vec<String>,
+    ranking: Vec<Py<EffectScore>>,
+    generic: Option<Py<GenericFinding>>,
+    path_log_bayes_factor: f64,
+    not_observable: Vec<(String, String)>,
+    smallest_visible: Vec<(String, f64, String)>,
+    excess_scatter: f64,
+    in_motion_left_out: Option<String>,
+}
+
+impl EffectScore {
+    fn new(py: Python<'_>, s: library::Score) -> PyResult<Py<Self>> {
+        let library::Score { name, log_bayes_factor, statistic, dof, p_value } = s;
+        Py::new(py, Self { name, log_bayes_factor, statistic, dof, p_value })
+    }
+}
+
+/// Looks for effects among `candidates`, names with whether the full form is meant, and `user_fields`.
+#[pyfunction]
+pub(crate) fn search_gap(
+    py: Python<'_>,
+    recordings: Vec<RecordingColumns<'_>>,
+    options: CalibrateOptions<'_>,
+    candidates: Vec<(String, bool)>,
+    user_fields: Vec<UserFieldArrays<'_>>,
+) -> PyResult<Search> {
+    let options = options.options(py)?;
+    let recordings = RecordingColumns::views(py, &recordings)?;
+    let choice = |(name, full): &(String, bool)| Ok(EffectChoice { effect: find(name)?, full: *full });
+    let candidates: Vec<EffectChoice> = candidates.iter().map(choice).collect::<Result<_, Error>>().to_python(py)?;
+    let fields: Vec<UserField<'_>> = user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?;
+    let found = py.detach(|| library::search(&recordings, &options, &candidates, &fields)).to_python(py)?;
+    let scores = |all: Vec<library::Score>| all.into_iter().map(|s| EffectScore::new(py, s)).collect::<PyResult<_>>();
+    let generic = found.generic.map(|g| {
+        let (block, kernel) = (g.block.name(), g.kernel.name());
+        let library::GenericFinding { log_bayes_factor, axis, rests, rms, .. } = g;
+        Py::new(py, GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms })
+    });
+    Ok(Search {
+        path: scores(found.path)?,
+        rivals: found.rivals,
+        ranking: scores(found.ranking)?,
+        generic: generic.transpose()?,
+        path_log_bayes_factor: found.path_log_bayes_factor,
+        not_observable: found.not_observable,
+        smallest_visible: found.smallest_visible,
+        excess_scatter: found.excess_scatter,
+        in_motion_left_out: found.in_motion_left_out,
+    })
+}

@@ -1,0 +1,49 @@
+//! Options of a calibration from Python.
+
+use imucal::calibrate::{EffectChoice, Options};
+use imucal::error::Error;
+use imucal::frame::Frame;
+use pyo3::prelude::*;
+
+use crate::arrays::UserFieldArrays;
+use crate::effects::find;
+use crate::error::ToPython;
+
+pub(crate) fn frame_named(name: &str) -> Result<Frame, Error> {
+    match name {
+        "symmetric" => Ok(Frame::Symmetric),
+        "triangular" => Ok(Frame::Triangular),
+        _ => Err(Error::Input(format!("frame is {name:?}: give symmetric or triangular"))),
+    }
+}
+
+/// Options of a calibration from keyword arguments.
+#[derive(FromPyObject)]
+pub(crate) struct CalibrateOptions<'py> {
+    gravity_mps2: f64,
+    frame: String,
+    min_rest_s: f64,
+    exclude_saturated: bool,
+    accel_nominal: Option<f64>,
+    gyro_nominal: Option<f64>,
+    /// Name, and whether the full form is asked for.
+    effects: Vec<(String, bool)>,
+    user_fields: Vec<UserFieldArrays<'py>>,
+}
+
+impl CalibrateOptions<'_> {
+    pub(crate) fn options(&self, py: Python<'_>) -> PyResult<Options<'_>> {
+        let choice = |(name, full): &(String, bool)| Ok(EffectChoice { effect: find(name)?, full: *full });
+        let effects = self.effects.iter().map(choice).collect::<Result<_, Error>>();
+        Ok(Options {
+            gravity_mps2: self.gravity_mps2,
+            frame: frame_named(&self.frame).to_python(py)?,
+            min_rest_s: self.min_rest_s,
+            exclude_saturated: self.exclude_saturated,
+            accel_nominal: self.accel_nominal,
+            gyro_nominal: self.gyro_nominal,
+            effects: effects.to_python(py)?,
+            user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
+        })
+    }
+}

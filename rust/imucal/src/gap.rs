@@ -1,0 +1,73 @@
+//! Finding the missing effect: score every effect, add the one that explains most, until nothing is left (model.md (23), (24)).
+//!
+//! * [`evidence`]: what a model explains, with units (priors at typical sizes), with its number of parameters and with the scatter
+//!   of each kind of residual taken into account.
+//! * [`generic`]: what is not in the catalogue competes with whole paths of named effects.
+//! * [`detect`]: how small an effect would have been seen.
+//!
+//! [`search`] looks at one or more recordings of a unit. Judging what it found on a control recording, and refusing what makes
+//! that worse, is for its caller.
+
+mod design;
+mod detect;
+mod evidence;
+mod generic;
+mod path;
+
+pub use generic::{Block, Kernel};
+pub use path::search;
+
+/// What a search has found.
+#[derive(Clone, Debug)]
+pub struct Search {
+    /// Effects that join the model, in the order in which they were found.
+    pub path: Vec<Score>,
+    /// Rivals of the picks: names within three nats of the evidence of what was picked.
+    pub rivals: Vec<String>,
+    /// All candidates against the model without effects, best first.
+    pub ranking: Vec<Score>,
+    /// The best generic hypothesis, if it explains more than the path.
+    pub generic: Option<GenericFinding>,
+    /// Logarithm of the Bayes factor of the whole path against no effect.
+    pub path_log_bayes_factor: f64,
+    /// Effects that these recordings cannot show, and what would.
+    pub not_observable: Vec<(String, String)>,
+    /// Smallest rms size of a parameter that is seen with 90 % probability, by effect, and its unit.
+    pub smallest_visible: Vec<(String, f64, String)>,
+    /// By how much residuals scatter more than noise under the final model: the largest factor of a kind of residual.
+    pub excess_scatter: f64,
+    /// Why the accelerometer inside the moves took no part; `None` if it did.
+    pub in_motion_left_out: Option<String>,
+}
+
+/// How an effect scores.
+#[derive(Clone, Debug)]
+pub struct Score {
+    /// Its name.
+    pub name: String,
+    /// Logarithm of the Bayes factor of the model with it against the model without.
+    pub log_bayes_factor: f64,
+    /// Twice the gain of the logarithm of the likelihood.
+    pub statistic: f64,
+    /// Directions of its parameters that these recordings show.
+    pub dof: usize,
+    /// Probability of such a gain by chance.
+    pub p_value: f64,
+}
+
+/// A bias that varies in a pattern that no named effect explains.
+#[derive(Clone, Debug)]
+pub struct GenericFinding {
+    /// What varies.
+    pub block: Block,
+    /// How.
+    pub kernel: Kernel,
+    /// Logarithm of its Bayes factor against no effect.
+    pub log_bayes_factor: f64,
+    /// The axis that varies most: 0, 1 or 2.
+    pub axis: usize,
+    /// Rests with the largest share, the largest first.
+    pub rests: Vec<usize>,
+    /// Rms of the variation of that axis, SI units.
+    pub rms: f64,
+}

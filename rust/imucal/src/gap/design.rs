@@ -1,0 +1,138 @@
+//! All columns that hypotheses are made of, linearised at one model.
+
+use std::ops::Range;
+
+use faer::Mat;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+
+use super::evidence::{Column, Gram};
+use super::generic::{Block, Epoch, Kernel, factor};
+use crate::error::Error;
+use crate::joint::{BASE, Joint, Prepared, Terms};
+
+/// One effect in the design.
+pub(crate) struct Candidate {
+    pub(crate) name: String,
+    /// Its columns in the sums.
+    pub(crate) columns: Range<usize>,
+    /// Typical size of each parameter.
+    pub(crate) typical: Vec<f64>,
+    /// The time constant that its columns are for.
+    pub(crate) shape: Option<f64>,
+}
+
+/// A generic hypothesis in the design.
+pub(crate) struct Generic {
+    pub(crate) block: Block,
+    pub(crate) kernel: Kernel,
+    pub(crate) columns: Range<usize>,
+    pub(crate) typical: f64,
+    /// Epochs x kernel columns, to read back what each epoch has.
+    pub(crate) factor: Mat<f64>,
+}
+
+/// Columns of one linearisation.
+pub(crate) struct Design {
+    pub(crate) gram: Gram,
+    /// Columns of the model that is there: base, its effects, the stand.
+    pub(crate) model: Vec<Column>,
+    pub(crate) candidates: Vec<Candidate>,
+    pub(crate) generics: Vec<Generic>,
+}
+
+/// What a design is made of: `own` the effects of the model, `sets` the candidates, each set with shapes of its own.
+pub(crate) fn design(
+    prepared: &Prepared<'_>,
+    own: &Terms<'_>,
+    parameters: &[f64],
+    own_scales: &[f64],
+    sets: &[(Terms<'_>, Vec<f64>)],
+    with_generics: bool,
+) -> Result<Design, Error> {
+    let problem = Joint::of_noise(prepared, own, parameters)?;
+    let (residual, jacobian) = problem.whitened(parameters)?;
+    let groups = problem.groups_of_rows(parameters)?;
+    let mut parts: Vec<Mat<f64>> = vec![jacobian];
+    let mut width = parts[0].ncols();
+    let mut candidates = Vec::new();
+    for (terms, values) in sets {
+        // The candidates stand beside the model's own effects, at no value: their columns are those of the full state.
+        let mut all = parameters[..BASE].to_vec();
+        all.extend(values);
+        all.extend(&parameters[BASE + own.count..]);
+        let columns = Joint::of_noise(prepared, terms, &all)?.whitened(&all)?.1;
+        for term in terms.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {
+            let place = BASE + term.first;
+            parts.push(columns.subcols(place, term.linear).to_owned());
+            candidates.push(Candidate {
+                name: term.name().to_owned(),
+                columns: width..width + term.linear,
+                typical: term.typical()[..term.linear].to_vec(),
+                shape: term.has_shape().then(|| values[term.first + term.linear]),
+            });
+            width += term.linear;
+        }
+    }
+    let mut generics = Vec::new();
+    if with_generics {
+        let epochs = epochs(prepared, own, parameters)?;
+        let [gyroscope, accelerometer] = problem.by_biases_of_rests(parameters)?;
+        for (block, by_bias) in [(Block::GyroscopeBias, gyroscope), (Block::AccelerometerBias, accelerometer)] {
+            for kernel in Kernel::ALL {
+                let used: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
+                let Some(factor) = factor(kernel, &epochs) else { continue };
+                let r = factor.ncols();
+                let columns = Mat::from_fn(by_bias.nrows(), 3 * r, |row, c| {
+                    used.iter().enumerate().map(|(e, k)| by_bias[(row, 3 * k + c % 3)] * factor[(e, c / 3)]).sum()
+                });
+                let typical = block.typical_si() * problem.raw_scale(block.sensor(), parameters);
+                generics.push(Generic { block, kernel, columns: width..width + 3 * r, typical, factor });
+                parts.push(columns);
+                width += 3 * r;
+            }
+        }
+    }
+    let mut all = Mat::zeros(residual.nrows(), width + 1);
+    let mut at = 0;
+    for part in parts.iter().chain([&residual]) {
+        all.as_mut().subcols_mut(at, part.ncols()).copy_from(part);
+        at += part.ncols();
+    }
+    let model = (0..parameters.len())
+        .map(|p| {
+            let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
+            let precision = effect.map_or(0.0, |p| own_scales[p]);
+            Column { place: p, precision, value: if effect.is_some() { parameters[p] } else { 0.0 } }
+        })
+        .collect();
+    Ok(Design { gram: Gram::new(&all, &groups), model, candidates, generics })
+}
+
+/// What the kernels need to know of the rests that take part.
+fn epochs(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<Vec<Epoch>, Error> {
+    let linear = prepared.linearise(terms, parameters)?;
+    let mut attitude = UnitQuaternion::identity();
+    let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];
+    for (m, at_move) in prepared.moves.iter().zip(&linear.moves) {
+        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(at_move.pass.rotation));
+        let start = arrived[m.from].map_or(attitude, |(attitude, _)| attitude);
+        attitude = start * turn;
+        arrived[m.to] = Some((attitude, turn.scaled_axis()));
+    }
+    let epoch = |k: usize, up: &Vector3<f64>| {
+        let rest = &prepared.rests[k];
+        let recording = &prepared.recordings[rest.recording];
+        let (attitude, turn) = arrived[k].unwrap_or((UnitQuaternion::identity(), Vector3::zeros()));
+        let range = rest.rest.first..rest.rest.end;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        Epoch {
+            recording: rest.recording,
+            time_s: (rest.rest.start_s + rest.rest.end_s) / 2.0,
+            up: *up,
+            ahead: attitude.inverse() * Vector3::x(),
+            temperature_degc: recording.temperature_degc.map(|t| mean(&t[range])),
+            turn,
+        }
+    };
+    Ok(linear.directions().map(|(k, up)| epoch(k, up)).collect())
+}

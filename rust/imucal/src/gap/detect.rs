@@ -1,0 +1,49 @@
+//! How small an effect would have been seen.
+
+use statrs::distribution::{ChiSquared, ContinuousCDF, Discrete, Poisson};
+
+/// Family-wise probability of a false alarm.
+pub(crate) const FALSE_ALARM: f64 = 0.01;
+const POWER: f64 = 0.9;
+
+/// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`; 1 for none.
+pub(crate) fn p_value(statistic: f64, dof: usize) -> f64 {
+    ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
+}
+
+/// The non-centrality with which chi2 exceeds its limit with 90 % probability; the limit is for one of `tests`.
+pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
+    let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
+    let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);
+    let (mut low, mut high) = (0.0, 400.0);
+    for _ in 0..50 {
+        let middle = (low + high) / 2.0;
+        if exceeds(limit, dof, middle) < POWER { low = middle } else { high = middle }
+    }
+    high
+}
+
+/// A noncentral chi2 is a mixture of central ones with Poisson weights.
+fn exceeds(limit: f64, dof: usize, noncentrality: f64) -> f64 {
+    let Ok(weights) = Poisson::new((noncentrality / 2.0).max(1e-12)) else { return 0.0 };
+    let reach = (noncentrality / 2.0 + 12.0 * (noncentrality / 2.0).sqrt() + 20.0) as u64;
+    (0..reach)
+        .map(|k| {
+            let central = ChiSquared::new((dof as u64 + 2 * k) as f64);
+            weights.pmf(k) * central.map_or(0.0, |distribution| distribution.sf(limit))
+        })
+        .sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tails_and_power_are_those_of_tables() {
+        assert!((p_value(9.487_729, 4) - 0.05).abs() < 1e-7);
+        // One degree of freedom and one test: (z_0.995 + z_0.9)^2 = (2.575829 + 1.281552)^2.
+        let expected = (2.575_829 + 1.281_552_f64).powi(2);
+        assert!((visible_noncentrality(1, 1) - expected).abs() < 1e-3, "{}", visible_noncentrality(1, 1));
+    }
+}

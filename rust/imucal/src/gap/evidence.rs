@@ -1,0 +1,166 @@
+//! The evidence of a model, from sums over groups of residuals.
+//!
+//! ```text
+//! r(theta) = r + J delta,   theta = theta_0 + delta,   prior theta_p ~ N(0, (s typical_p)^2), none for the base
+//! -2 log E = sum_g n_g ln s_g^2 + chi2_g(theta) / s_g^2 + theta^T P theta + ln det(N + P) - ln det P      model.md (23)
+//! N = sum_g J_g^T J_g / s_g^2,   s_g^2 = max(1, chi2_g / free_g)
+//! ```
+//!
+//! A group is a kind of residual: norms, moves, rates of one axis, ... Residuals of real recordings scatter by more than
+//! noise, and not alike in all groups: s_g is what they scatter by under the model that is judged. Under a model that is
+//! complete in a simulation it is one, and the evidence is the Laplace approximation with the noise as it is.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+
+/// `[J r]^T [J r]` of each group, and its number of residuals.
+pub(crate) struct Gram {
+    pub(crate) sums: Vec<Mat<f64>>,
+    pub(crate) rows: Vec<f64>,
+    /// Place of the residual's column.
+    pub(crate) residual: usize,
+}
+
+/// One column of a model: its place in the sums, its precision (0: no prior), and the value of its parameter at the
+/// linearisation.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Column {
+    pub(crate) place: usize,
+    pub(crate) precision: f64,
+    pub(crate) value: f64,
+}
+
+/// What a model explains.
+#[derive(Clone, Debug)]
+pub(crate) struct Evidence {
+    /// Natural logarithm, up to a constant that all models of the same residuals share.
+    pub(crate) log: f64,
+    /// -2 times the logarithm of the likelihood at its maximum, with the scales.
+    pub(crate) deviance: f64,
+    /// s_g^2.
+    pub(crate) scales: Vec<f64>,
+    /// The parameters.
+    pub(crate) theta: Vec<f64>,
+}
+
+const SCALE_ROUNDS: usize = 8;
+
+impl Gram {
+    pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
+        let groups = group_of_row.iter().max().map_or(0, |last| last + 1);
+        let (mut sums, mut rows) = (Vec::new(), Vec::new());
+        for group in 0..groups {
+            let own: Vec<usize> = (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
+            if own.is_empty() {
+                continue;
+            }
+            let part = Mat::from_fn(own.len(), columns.ncols(), |i, j| columns[(own[i], j)]);
+            sums.push(part.transpose() * &part);
+            rows.push(own.len() as f64);
+        }
+        Self { sums, rows, residual: columns.ncols() - 1 }
+    }
+
+    /// The evidence of a model with these columns; `None` where it is not determined.
+    pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
+        let n = columns.len();
+        let size: Vec<f64> = columns.iter().map(|c| self.total(c.place).max(c.precision).sqrt().max(1e-300)).collect();
+        // Columns of length one: sums of squares would lose the small ones otherwise.
+        let parts: Vec<Mat<f64>> = self
+            .sums
+            .iter()
+            .map(|sum| Mat::from_fn(n, n, |i, j| sum[(columns[i].place, columns[j].place)] / (size[i] * size[j])))
+            .collect();
+        let rights: Vec<Vec<f64>> = self
+            .sums
+            .iter()
+            .map(|sum| (0..n).map(|i| sum[(columns[i].place, self.residual)] / size[i]).collect())
+            .collect();
+        let squares: Vec<f64> = self.sums.iter().map(|sum| sum[(self.residual, self.residual)]).collect();
+        let precision: Vec<f64> = (0..n).map(|i| columns[i].precision / (size[i] * size[i])).collect();
+        let offset: Vec<f64> = (0..n).map(|i| columns[i].value * size[i]).collect();
+        let mut scales = vec![1.0; parts.len()];
+        for _ in 0..SCALE_ROUNDS {
+            let mut normal = Mat::from_fn(n, n, |i, j| if i == j { precision[i] + 1e-13 } else { 0.0 });
+            for (part, scale) in parts.iter().zip(&scales) {
+                normal += part * faer::Scale(1.0 / scale);
+            }
+            let right = Mat::from_fn(n, 1, |i, _| {
+                let data: f64 = rights.iter().zip(&scales).map(|(right, scale)| right[i] / scale).sum();
+                -(data + precision[i] * offset[i])
+            });
+            let factor = normal.llt(faer::Side::Lower).ok()?;
+            let delta = factor.solve(&right);
+            let inverse = factor.solve(Mat::<f64>::identity(n, n));
+            let mut settled = true;
+            let mut chi2 = vec![0.0; parts.len()];
+            for (g, part) in parts.iter().enumerate() {
+                let bend = delta.transpose() * part * &delta;
+                let slope: f64 = (0..n).map(|i| rights[g][i] * delta[(i, 0)]).sum();
+                chi2[g] = (squares[g] + 2.0 * slope + bend[(0, 0)]).max(0.0);
+                let spent: f64 =
+                    (0..n).map(|i| (0..n).map(|j| inverse[(i, j)] * part[(j, i)]).sum::<f64>()).sum::<f64>()
+                        / scales[g];
+                let free = self.rows[g] - spent;
+                let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
+                settled &= (scale / scales[g] - 1.0).abs() < 1e-4;
+                scales[g] = scale;
+            }
+            if settled {
+                let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[(i, 0)]).collect();
+                let deviance: f64 = (0..parts.len()).map(|g| self.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
+                let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
+                let volume: f64 = (0..n).map(|i| 2.0 * factor.L()[(i, i)].ln()).sum();
+                let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
+                // The sizes of the base columns are the same in all models, those of the others cancel.
+                return Some(Evidence {
+                    log: -0.5 * (deviance + prior + volume - given),
+                    deviance,
+                    scales,
+                    theta: (0..n).map(|i| theta[i] / size[i]).collect(),
+                });
+            }
+        }
+        None
+    }
+
+    fn total(&self, place: usize) -> f64 {
+        self.sums.iter().map(|sum| sum[(place, place)]).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Two columns and residuals of one group; the evidence against numerical integration over the parameter.
+    #[test]
+    fn the_evidence_is_the_integral_over_the_prior() {
+        let rows = 40;
+        let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
+        let columns = Mat::from_fn(rows, 3, |i, j| match j {
+            0 => 1.0,
+            1 => (i as f64 * 0.3).sin(),
+            _ => noise(i) + 0.4 * (i as f64 * 0.3).sin(),
+        });
+        let gram = Gram::new(&columns, &vec![0; rows]);
+        let base = Column { place: 0, precision: 0.0, value: 0.0 };
+        let effect = Column { place: 1, precision: 1.0 / 0.25, value: 0.0 };
+        let with = gram.evidence(&[base, effect]).unwrap();
+        let without = gram.evidence(&[base]).unwrap();
+        assert_eq!(with.scales, vec![1.0]);
+        // For each value of the parameter the base column is integrated out in closed form: its maximum.
+        let chi2 = |theta: f64| {
+            let r: Vec<f64> = (0..rows).map(|i| columns[(i, 2)] + theta * columns[(i, 1)]).collect();
+            let mean = r.iter().sum::<f64>() / rows as f64;
+            r.iter().map(|v| (v - mean).powi(2)).sum::<f64>()
+        };
+        let step = 1e-4;
+        let prior = |theta: f64| (-0.5 * theta * theta / 0.25).exp() / (0.5 * std::f64::consts::TAU.sqrt());
+        let integral: f64 = (-30_000..30_000)
+            .map(|k| f64::from(k) * step)
+            .map(|theta| (-0.5 * (chi2(theta) - chi2(0.0))).exp() * prior(theta) * step)
+            .sum();
+        assert!((with.log - without.log - integral.ln()).abs() < 1e-6, "{} {}", with.log - without.log, integral.ln());
+    }
+}

@@ -1,0 +1,459 @@
+//! The forward path: score, add, refit; then leave out again what the others have made superfluous.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use imucal_core::effects::{Need, Sensor};
+use imucal_core::sensor::Triad;
+
+use super::design::{Candidate, Design, design};
+use super::detect::{FALSE_ALARM, p_value, visible_noncentrality};
+use super::evidence::{Column, Evidence};
+use super::{GenericFinding, Score, Search};
+use crate::calibrate::{self, EffectChoice, Options, UserField};
+use crate::error::Error;
+use crate::joint::{self, Kinds, Prepared, SHAPE_SHARES, Terms};
+use crate::recording::Recording;
+
+/// Prior widths in units of the typical size.
+const WIDTHS: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
+const GENERIC_WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
+/// So wide that the prior does not count.
+const NO_PRIOR: f64 = 1e4;
+/// Rivals are this close in the logarithm of the evidence.
+const RIVAL_NATS: f64 = 3.0;
+/// A generic hypothesis has to explain this much more than the path, and this much at all.
+const GENERIC_LEAD: f64 = 3.0;
+const GENERIC_LEAST: f64 = 8.0;
+/// Ten typical effects must move chi2 by one.
+const LEAST_CHANGE: f64 = 0.01;
+/// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
+const CARRIED: f64 = 5.0;
+const MOST_EFFECTS: usize = 6;
+
+/// Looks for effects among `candidates` and `user_fields`.
+///
+/// # Errors
+/// As [`calibrate`](calibrate::calibrate()).
+pub fn search(
+    recordings: &[Recording<'_>],
+    options: &Options<'_>,
+    candidates: &[EffectChoice],
+    user_fields: &[UserField<'_>],
+) -> Result<Search, Error> {
+    let encoders = recordings.iter().all(|r| r.stand_rad.is_some())
+        && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
+    let mut hunt =
+        Hunt { kinds: Kinds { in_motion: true, encoders }, left_out: Vec::new(), user_fields, samples: Vec::new() };
+    hunt.samples = recordings.iter().map(Recording::len).collect();
+    let open = hunt.with_columns(recordings, candidates);
+    calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
+        hunt.run(prepared, [accelerometer, gyroscope], open)
+    })
+}
+
+/// What stays the same through a search.
+struct Hunt<'a> {
+    kinds: Kinds,
+    /// Effects that cannot be seen, and what they need.
+    left_out: Vec<(String, String)>,
+    user_fields: &'a [UserField<'a>],
+    samples: Vec<usize>,
+}
+
+/// A model on the path.
+struct Stage {
+    design: Design,
+    evidence: Evidence,
+    /// The catalogue's effects in it, the user's, and the prior's width of each.
+    members: Vec<Member>,
+}
+
+#[derive(Clone)]
+struct Member {
+    name: String,
+    width: f64,
+}
+
+impl Hunt<'_> {
+    /// The candidates whose columns are there; the others are noted.
+    fn with_columns(&mut self, recordings: &[Recording<'_>], candidates: &[EffectChoice]) -> Vec<EffectChoice> {
+        let lacks = |choice: &EffectChoice| {
+            let effect = choice.effect;
+            if effect.needs.contains(&Need::Temperature) && recordings.iter().any(|r| r.temperature_degc.is_none()) {
+                Some(format!("a temp_degc column, and {}", effect.observable))
+            } else if effect.sensor == Sensor::Encoder && !self.kinds.encoders {
+                Some(format!("stand_1, stand_2 and stand_3 columns, and {}", effect.observable))
+            } else if effect.needs.contains(&Need::Attitude) && recordings.len() > 1 {
+                Some("one recording: the heading is not known from one to the next".to_owned())
+            } else {
+                None
+            }
+        };
+        let (mut open, mut left_out) = (Vec::new(), Vec::new());
+        for choice in candidates {
+            match lacks(choice) {
+                Some(needs) => left_out.push((choice.effect.name.to_owned(), needs)),
+                None => open.push(*choice),
+            }
+        }
+        self.left_out = left_out;
+        open
+    }
+
+    fn run(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        mut open: Vec<EffectChoice>,
+    ) -> Result<Search, Error> {
+        let mut stage = self.stage(prepared, triads, &open, &[], true)?;
+        let mut in_motion_left_out = None;
+        if self.is_carried(&stage) {
+            self.kinds.in_motion = false;
+            in_motion_left_out =
+                Some("the unit was carried along inside the moves, not turned in one place".to_owned());
+            open.retain(|choice| {
+                let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
+                if blind {
+                    self.left_out.push((
+                        choice.effect.name.to_owned(),
+                        "turns on a stand: a hand carries the unit along".into(),
+                    ));
+                }
+                !blind
+            });
+            stage = self.stage(prepared, triads, &open, &[], true)?;
+        }
+        let first = self.judge(&stage);
+        let start_log = stage.evidence.log;
+        let generic = best_generic(&stage);
+        let (mut path, mut rivals): (Vec<Score>, Vec<String>) = (Vec::new(), Vec::new());
+        let mut skipped: Vec<String> = Vec::new();
+        while path.len() < MOST_EFFECTS {
+            let judged = self.judge(&stage);
+            let limit = FALSE_ALARM / judged.scores.len().max(1) as f64;
+            let good = |s: &&Judged| {
+                s.score.p_value < limit && s.score.log_bayes_factor > 0.0 && !skipped.contains(&s.score.name)
+            };
+            let Some(pick) = judged
+                .scores
+                .iter()
+                .filter(good)
+                .max_by(|a, b| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor))
+            else {
+                break;
+            };
+            let mut members = stage.members.clone();
+            members.push(Member { name: pick.score.name.clone(), width: pick.width });
+            match self.stage(prepared, triads, &open, &members, false) {
+                Ok(next) if next.evidence.log > stage.evidence.log => {
+                    let near = |s: &&Judged| {
+                        s.score.name != pick.score.name
+                            && s.score.log_bayes_factor > pick.score.log_bayes_factor - RIVAL_NATS
+                            && s.score.log_bayes_factor > 0.0
+                    };
+                    rivals.extend(judged.scores.iter().filter(near).map(|s| s.score.name.clone()));
+                    path.push(pick.score.clone());
+                    stage = next;
+                }
+                // What is not determined, or does not help once it is really fitted, is no explanation.
+                _ => skipped.push(pick.score.name.clone()),
+            }
+        }
+        self.eliminate(prepared, triads, &open, &mut stage, &mut path)?;
+        rivals.retain(|name| !path.iter().any(|score| score.name == *name));
+        let path_log_bayes_factor = stage.evidence.log - start_log;
+        let excess = stage.evidence.scales.iter().copied().fold(1.0, f64::max).sqrt();
+        let generic = generic.filter(|g| {
+            g.log_bayes_factor > GENERIC_LEAST && g.log_bayes_factor > path_log_bayes_factor + GENERIC_LEAD
+        });
+        let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
+        ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
+        self.left_out.extend(first.blind);
+        Ok(Search {
+            path,
+            rivals,
+            ranking,
+            generic: generic.map(|g| g.finding(prepared)),
+            path_log_bayes_factor,
+            not_observable: self.left_out.clone(),
+            smallest_visible: first.visible,
+            excess_scatter: excess,
+            in_motion_left_out,
+        })
+    }
+
+    /// Fits the model with these members and linearises all that is open beside it.
+    fn stage(
+        &self,
+        prepared: &Prepared<'_>,
+        [accelerometer, gyroscope]: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+        with_generics: bool,
+    ) -> Result<Stage, Error> {
+        let is_member = |name: &str| members.iter().any(|member| member.name == name);
+        let own: Vec<EffectChoice> =
+            members.iter().filter_map(|m| open.iter().find(|choice| choice.effect.name == m.name)).copied().collect();
+        let fields: Vec<UserField<'_>> = self.user_fields.iter().filter(|f| is_member(f.name)).cloned().collect();
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let fit = joint::fit(prepared, &terms, accelerometer, gyroscope)?;
+        let parameters = fit.model.parameters();
+        let mut precisions = vec![0.0; terms.count];
+        for term in &terms.all {
+            let width = members.iter().find(|m| m.name == term.name()).map_or(1.0, |m| m.width);
+            for (k, typical) in term.typical().iter().enumerate() {
+                precisions[term.first + k] = 1.0 / (width * typical).powi(2);
+            }
+        }
+        let shaped = |choice: &&EffectChoice| choice.effect.shape.is_some();
+        let rest: Vec<EffectChoice> = open.iter().filter(|c| !is_member(c.effect.name)).copied().collect();
+        let other_fields: Vec<UserField<'_>> =
+            fields.iter().chain(self.user_fields.iter().filter(|f| !is_member(f.name))).cloned().collect();
+        let plain: Vec<EffectChoice> = own.iter().chain(rest.iter().filter(|c| !shaped(c))).copied().collect();
+        let timed: Vec<EffectChoice> = own.iter().chain(rest.iter().filter(shaped)).copied().collect();
+        let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
+        let values = |terms: &Terms<'_>, shape: f64| {
+            let mut values = vec![0.0; terms.count];
+            for term in &terms.all {
+                match fit.terms.iter().find(|own| own.name == term.name()) {
+                    Some(own) => {
+                        for (k, value) in own.values.iter().chain(&own.shape).enumerate() {
+                            values[term.first + k] = *value;
+                        }
+                    }
+                    None if term.has_shape() => values[term.first + term.linear] = shape,
+                    None => {}
+                }
+            }
+            values
+        };
+        let mut sets = Vec::new();
+        let all = Terms::try_new(&plain, &other_fields, &self.samples, self.kinds)?;
+        let start = values(&all, 1.0);
+        sets.push((all, start));
+        if timed.len() > own.len() {
+            for share in SHAPE_SHARES {
+                let terms = Terms::try_new(&timed, &fields, &self.samples, self.kinds)?;
+                let start = values(&terms, share * longest_s);
+                sets.push((terms, start));
+            }
+        }
+        let design = design(prepared, &terms, &parameters, &precisions, &sets, with_generics)?;
+        let evidence = design
+            .gram
+            .evidence(&design.model)
+            .ok_or_else(|| Error::Fit("the evidence of the model cannot be computed: check the recordings".into()))?;
+        Ok(Stage { design, evidence, members: members.to_vec() })
+    }
+
+    /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.
+    fn is_carried(&self, stage: &Stage) -> bool {
+        let mut columns = stage.design.model.clone();
+        for candidate in stage.design.candidates.iter().filter(|c| c.shape.is_none()) {
+            columns.extend(candidate.columns(10.0));
+        }
+        let explained = stage.design.gram.evidence(&columns);
+        // Groups that are empty are left out: of the first six, what is inside the moves is the last.
+        explained.is_none_or(|e| e.scales.get(5).is_some_and(|scale| *scale > CARRIED * CARRIED))
+    }
+
+    /// Scores all candidates beside the model of a stage.
+    fn judge(&self, stage: &Stage) -> Judgement {
+        let Design { gram, model, candidates, .. } = &stage.design;
+        let mut names: Vec<&str> = candidates.iter().map(|c| c.name.as_str()).collect();
+        names.dedup();
+        let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
+        let mut spectra = Vec::new();
+        for candidate in candidates {
+            let spectrum = projected(gram, model, candidate, &stage.evidence.scales);
+            spectra.push(spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>());
+        }
+        let tests = {
+            let mut seen: Vec<&str> =
+                candidates.iter().zip(&spectra).filter(|(_, s)| !s.is_empty()).map(|(c, _)| c.name.as_str()).collect();
+            seen.sort_unstable();
+            seen.dedup();
+            seen.len()
+        };
+        for (candidate, spectrum) in candidates.iter().zip(&spectra) {
+            if spectrum.is_empty() {
+                if !blind.iter().any(|(name, _)| *name == candidate.name) {
+                    blind.push((candidate.name.clone(), self.observable(&candidate.name)));
+                }
+                continue;
+            }
+            let dof = spectrum.len();
+            let noncentrality = visible_noncentrality(dof, tests);
+            let size = (noncentrality / spectrum.iter().sum::<f64>()).sqrt() * candidate.typical[0];
+            match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
+                Some(entry) => entry.1 = entry.1.min(size),
+                None => visible.push((candidate.name.clone(), size, self.unit(&candidate.name))),
+            }
+            let with = |width: f64| {
+                let columns: Vec<Column> = model.iter().copied().chain(candidate.columns(width)).collect();
+                gram.evidence(&columns)
+            };
+            let best = WIDTHS
+                .iter()
+                .filter_map(|&width| Some((with(width)?.log - stage.evidence.log, width)))
+                .max_by(|a, b| a.0.total_cmp(&b.0));
+            let (Some((log_bayes_factor, width)), Some(free)) = (best, with(NO_PRIOR)) else { continue };
+            let statistic = (stage.evidence.deviance - free.deviance).max(0.0);
+            let score = Score {
+                name: candidate.name.clone(),
+                log_bayes_factor,
+                statistic,
+                dof,
+                p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
+            };
+            let judged = Judged { score, width };
+            match scores.iter_mut().find(|other| other.score.name == candidate.name) {
+                Some(other) if other.score.log_bayes_factor >= log_bayes_factor => {}
+                Some(other) => *other = judged,
+                None => scores.push(judged),
+            }
+        }
+        blind.retain(|(name, _)| !scores.iter().any(|judged| judged.score.name == *name));
+        Judgement { scores, blind, visible }
+    }
+
+    fn observable(&self, name: &str) -> String {
+        imucal_core::effects::Effect::<f64>::find(name)
+            .map_or_else(|| "data in which its field changes".to_owned(), |effect| effect.observable.to_owned())
+    }
+
+    fn unit(&self, name: &str) -> String {
+        let effect = imucal_core::effects::Effect::<f64>::find(name);
+        effect.and_then(|effect| effect.parameters.first()).map_or_else(String::new, |p| p.unit.to_owned())
+    }
+
+    /// Leaves out members that the model does as well without.
+    fn eliminate(
+        &self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        stage: &mut Stage,
+        path: &mut Vec<Score>,
+    ) -> Result<(), Error> {
+        while stage.members.len() > 1 {
+            let mut worst: Option<(usize, Stage)> = None;
+            for k in 0..stage.members.len() {
+                let mut members = stage.members.clone();
+                members.remove(k);
+                let without = self.stage(prepared, triads, open, &members, false)?;
+                if without.evidence.log >= stage.evidence.log
+                    && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
+                {
+                    worst = Some((k, without));
+                }
+            }
+            let Some((k, without)) = worst else { return Ok(()) };
+            path.retain(|score| score.name != stage.members[k].name);
+            *stage = without;
+        }
+        Ok(())
+    }
+}
+
+struct Judged {
+    score: Score,
+    width: f64,
+}
+
+struct Judgement {
+    scores: Vec<Judged>,
+    blind: Vec<(String, String)>,
+    visible: Vec<(String, f64, String)>,
+}
+
+impl Candidate {
+    /// Its columns with a prior of this width.
+    fn columns(&self, width: f64) -> impl Iterator<Item = Column> {
+        self.columns.clone().zip(&self.typical).map(move |(place, typical)| Column {
+            place,
+            precision: 1.0 / (width * typical).powi(2),
+            value: 0.0,
+        })
+    }
+}
+
+/// What each direction of an effect's parameters, at typical size, moves chi2 by, after projection of the model.
+fn projected(gram: &super::evidence::Gram, model: &[Column], candidate: &Candidate, scales: &[f64]) -> Vec<f64> {
+    let sum = |i: usize, j: usize| gram.sums.iter().zip(scales).map(|(g, s)| g[(i, j)] / s).sum::<f64>();
+    let n = model.len();
+    let size: Vec<f64> = model.iter().map(|c| sum(c.place, c.place).sqrt().max(1e-300)).collect();
+    let normal = Mat::from_fn(n, n, |i, j| {
+        let jitter = if i == j { 1e-12 } else { 0.0 };
+        sum(model[i].place, model[j].place) / (size[i] * size[j]) + jitter
+    });
+    let p = candidate.typical.len();
+    let place = |k: usize| candidate.columns.start + k;
+    let cross = Mat::from_fn(n, p, |i, k| sum(model[i].place, place(k)) / size[i] * candidate.typical[k]);
+    let own = Mat::from_fn(p, p, |a, b| sum(place(a), place(b)) * candidate.typical[a] * candidate.typical[b]);
+    let Ok(factor) = normal.llt(faer::Side::Lower) else { return Vec::new() };
+    let left = own - cross.transpose() * factor.solve(&cross);
+    let symmetric = Mat::from_fn(p, p, |a, b| (left[(a, b)] + left[(b, a)]) / 2.0);
+    let Ok(eigen) = symmetric.self_adjoint_eigen(faer::Side::Lower) else { return Vec::new() };
+    // What is below the rounding of what was subtracted is nothing.
+    let rounding = 1e-9 * (0..p).map(|k| sum(place(k), place(k)) * candidate.typical[k].powi(2)).sum::<f64>();
+    (0..p).map(|k| eigen.S()[k]).map(|value| if value > rounding { value } else { 0.0 }).collect()
+}
+
+struct BestGeneric {
+    index: usize,
+    block: super::Block,
+    kernel: super::Kernel,
+    log_bayes_factor: f64,
+    /// Bias of each epoch, SI units.
+    biases: Vec<[f64; 3]>,
+}
+
+/// The generic hypothesis with the largest evidence beside a model.
+fn best_generic(stage: &Stage) -> Option<BestGeneric> {
+    let Design { gram, model, generics, .. } = &stage.design;
+    let mut best: Option<BestGeneric> = None;
+    for (index, generic) in generics.iter().enumerate() {
+        for width in GENERIC_WIDTHS {
+            let precision = 1.0 / (width * generic.typical).powi(2);
+            let own = generic.columns.clone().map(|place| Column { place, precision, value: 0.0 });
+            let columns: Vec<Column> = model.iter().copied().chain(own).collect();
+            let Some(evidence) = gram.evidence(&columns) else { continue };
+            let log_bayes_factor = evidence.log - stage.evidence.log;
+            if best.as_ref().is_some_and(|best| best.log_bayes_factor >= log_bayes_factor) {
+                continue;
+            }
+            let weights = &evidence.theta[model.len()..];
+            let bias = |epoch: usize, axis: usize| -> f64 {
+                (0..generic.factor.ncols()).map(|c| generic.factor[(epoch, c)] * weights[3 * c + axis]).sum()
+            };
+            let biases = (0..generic.factor.nrows()).map(|e| [0, 1, 2].map(|axis| bias(e, axis))).collect();
+            best = Some(BestGeneric { index, block: generic.block, kernel: generic.kernel, log_bayes_factor, biases });
+        }
+    }
+    let found = best?;
+    let generic = &generics[found.index];
+    let raw = generic.typical / generic.block.typical_si();
+    Some(BestGeneric { biases: found.biases.iter().map(|b| b.map(|v| v / raw)).collect(), ..found })
+}
+
+impl BestGeneric {
+    fn finding(self, prepared: &Prepared<'_>) -> GenericFinding {
+        let used: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
+        let rms = |axis: usize| {
+            (self.biases.iter().map(|b| b[axis] * b[axis]).sum::<f64>() / self.biases.len().max(1) as f64).sqrt()
+        };
+        let axis = (0..3).max_by(|&a, &b| rms(a).total_cmp(&rms(b))).unwrap_or(0);
+        let mut order: Vec<usize> = (0..self.biases.len()).collect();
+        order.sort_by(|&a, &b| self.biases[b][axis].abs().total_cmp(&self.biases[a][axis].abs()));
+        GenericFinding {
+            block: self.block,
+            kernel: self.kernel,
+            log_bayes_factor: self.log_bayes_factor,
+            axis,
+            rests: order.into_iter().take(3).map(|e| used[e]).collect(),
+            rms: rms(axis),
+        }
+    }
+}

@@ -1,0 +1,93 @@
+//! A unit that never rests: a hand trembles, and a table shakes a little all the time.
+//!
+//! ```text
+//! R_wb(t) = R_wb without the tremor * R(sum of sines about each axis)
+//! ```
+
+use std::f64::consts::TAU;
+
+use rand::RngExt;
+use rand_chacha::ChaCha8Rng;
+
+use super::attitude::Attitude;
+use super::motion::Moment;
+use super::profile::Course;
+use super::stream::Stream;
+
+/// A hand sways slowly and trembles at about 9 Hz: bands of frequency, Hz, and the share of the variance in each.
+const BANDS: [(f64, f64, f64); 3] = [(0.3, 0.8, 0.6), (1.5, 4.0, 0.3), (8.0, 11.0, 0.1)];
+
+/// A tremor: a sine of each band about each axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Tremor([[Sine; BANDS.len()]; 3]);
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Sine {
+    amplitude_rad: f64,
+    frequency_radps: f64,
+    phase_rad: f64,
+}
+
+impl Tremor {
+    /// A random tremor with this standard deviation about each axis, rad. The same seed gives the same tremor.
+    pub fn random(tremor_rad: f64, seed: u64) -> Self {
+        Self::drawn(tremor_rad, &mut Stream::Tremor.generator(seed))
+    }
+
+    pub(super) fn drawn(tremor_rad: f64, generator: &mut ChaCha8Rng) -> Self {
+        Self([(); 3].map(|()| BANDS.map(|band| sine(band, tremor_rad, generator))))
+    }
+
+    pub(super) fn attitude(&self, time_s: f64) -> Attitude {
+        Attitude::small(&self.0.map(|sines| {
+            let parts =
+                sines.map(|sine| Course::sine(sine.frequency_radps, sine.phase_rad, time_s) * sine.amplitude_rad);
+            parts.into_iter().sum()
+        }))
+    }
+
+    /// The moment with the tremor in it.
+    pub(super) fn shake(&self, moment: Moment, time_s: f64) -> Moment {
+        moment.turned(&self.attitude(time_s))
+    }
+
+    pub(super) fn is_finite(&self) -> bool {
+        self.0.as_flattened().iter().all(|sine| sine.amplitude_rad.is_finite() && sine.amplitude_rad >= 0.0)
+    }
+}
+
+/// A sine of the band whose variance is the band's share of the tremor's.
+fn sine((low_hz, high_hz, share): (f64, f64, f64), tremor_rad: f64, generator: &mut ChaCha8Rng) -> Sine {
+    Sine {
+        amplitude_rad: tremor_rad * (2.0 * share).sqrt(),
+        frequency_radps: TAU * generator.random_range(low_hz..high_hz),
+        phase_rad: generator.random_range(0.0..TAU),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use imucal_core::so3;
+
+    use super::*;
+    use crate::simulate::{Motion, Program, RandomMoves, Stand};
+
+    #[test]
+    fn a_stand_that_trembles_never_rests_and_its_rates_are_derivatives() {
+        let moves = RandomMoves { moves: 3, ..RandomMoves::default() };
+        let stand = Stand { tremor: Some(Tremor::random(2e-3, 5)), ..Stand::perfect() };
+        let motion = Motion::Stand { program: Program::random(&moves, 2).unwrap(), stand };
+        let h = 1e-5;
+        for i in 0..200 {
+            let t = 0.05 + 0.05 * f64::from(i);
+            let (before, now, after) = (motion.at(t - h), motion.at(t), motion.at(t + h));
+            let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
+            assert!((so3::log(&turned) / (2.0 * h) - now.angular_rate).norm() < 1e-6, "{t} s");
+            let change = (after.angular_rate - before.angular_rate) / (2.0 * h);
+            // Where the jerk of the motors jumps, half a jump over h is left.
+            assert!((change - now.angular_acceleration).norm() < 1e-3, "{t} s: {change} {}", now.angular_acceleration);
+            assert!(now.angular_rate.norm() > 0.0);
+            assert_eq!(motion.still_until(t), None);
+        }
+    }
+}
