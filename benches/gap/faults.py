@@ -13,15 +13,15 @@ def faults(runs: int) -> Iterator[Case]:
         random = generator("fault", index)
         clipped_gyro = random.uniform(60.0, 120.0) * DEG
         clipped_accel = random.uniform(8.5, 9.5)
-        yield _fault("gyro_saturation", index, "A", clipped_gyro)
-        yield _fault("accel_saturation", index, "A", clipped_accel)
-        yield _fault("samples_missing", index, "A", random.uniform(0.005, 0.02))
-        yield _fault("samples_duplicated", index, "A", random.uniform(0.005, 0.02))
-        yield _fault("clock_irregular", index, "A", random.uniform(1e-3, 3e-3))
+        yield _fault("gyro_saturation", index, "A'", clipped_gyro)
+        yield _fault("accel_saturation", index, "A'", clipped_accel)
+        yield _fault("samples_missing", index, "A'", random.uniform(0.005, 0.02))
+        yield _fault("samples_duplicated", index, "A'", random.uniform(0.005, 0.02))
+        yield _fault("clock_irregular", index, "A'", random.uniform(1e-3, 3e-3))
         yield _fault("mount_slip", index, "C", random.uniform(1.0, 3.0) * DEG)
         tremor = random.uniform(1e-3, 3e-3)
         tumble = imucal.Tumble(int(random.integers(2**31)), translation_mm=0.0)
-        yield _fault("rest_not_still", index, "A", tremor, tumble)
+        yield _fault("rest_not_still", index, "A'", tremor, tumble)
 
 
 def _fault(

@@ -14,7 +14,6 @@ The limit is the root mean square per parameter at which chi2 sees 90 % of rando
 family-wise alpha shared by all effects.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
@@ -27,7 +26,7 @@ from scipy.stats import chi2, ncx2
 import imucal
 from bound import accel_triad, across, gyro_triad, paper_unit_noise, parameters_of
 from gap.page import table
-from gap.scene import CYCLE, RATE_HZ
+from gap.scene import CYCLE, RATE_HZ, by_hand
 from gap.sizes import SIZES, G
 
 ALPHA: Final = 0.01
@@ -88,8 +87,8 @@ def attitudes(rate: np.ndarray, step_s: float) -> np.ndarray:
 class Design:
     """Residuals and their derivatives for one run of a perfect unit."""
 
-    def __init__(self, program: imucal.Program, temperature: imucal.Temperature, in_moves: bool) -> None:
-        self.program, self.temperature, self.in_moves = program, temperature, in_moves
+    def __init__(self, motion: imucal.Program | imucal.Tumble, temperature: imucal.Temperature, in_moves: bool) -> None:
+        self.motion, self.temperature, self.in_moves = motion, temperature, in_moves
         run = self.simulate(())
         self.cut, self.step_s = Cut.of(run), 1.0 / RATE_HZ
         self.data = Data.of(run.recording, self.cut)
@@ -103,7 +102,7 @@ class Design:
 
     def simulate(self, effects: tuple[imucal.EffectValues, ...]) -> imucal.Simulation:
         return imucal.simulate(
-            self.program, unit="ideal", effects=effects, temperature=self.temperature, rate_hz=RATE_HZ, seed=1
+            self.motion, unit="ideal", effects=effects, temperature=self.temperature, rate_hz=RATE_HZ, seed=1
         )
 
     def residuals(self, data: Data, theta: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -213,9 +212,7 @@ def limit(columns: np.ndarray, effects: int) -> float:
 
 def limits(in_moves: bool, names: list[str]) -> dict[str, float]:
     """SI limits of the effects in one run of the paper's program."""
-    program = imucal.Program.random(seed=1)
-    design: Callable[..., Design] = Design
-    made = design(program, CYCLE, in_moves)
+    made = Design(imucal.Program.random(seed=1) if in_moves else by_hand(1), CYCLE, in_moves)
     return {
         name: limit(made.columns(name), len(SIZES)) * imucal.effects.find(name).parameters[0].typical
         for name in names
@@ -227,7 +224,12 @@ def main() -> None:
     found = {kind: limits(kind == "A'", names) for kind in ("A", "A'")}
     rows = []
     for name in names:
-        cells = [f"{found[kind][name]:.3g} ({found[kind][name] / SIZES[name].mde[kind]:.2f})" for kind in found]
+        cells = [
+            f"{found[kind][name]:.3g} ({found[kind][name] / SIZES[name].limit[kind]:.2f})"
+            if kind in SIZES[name].limit
+            else "-"
+            for kind in found
+        ]
         rows.append((f"`{name}`", *cells))
     print(table(("limit, SI (over that of the table)", "A", "A'"), rows))
 

@@ -46,30 +46,28 @@ def single(runs: int) -> Iterator[Case]:
 
 
 def other_data(runs: int) -> Iterator[Case]:
-    """The same effect where more is recorded than is needed to see it."""
-    order = ("A", "A'", "C")
+    """The same effect by hand and on a stand, with and without encoders and temperature."""
     for name, size in SIZES.items():
-        least, temperature = size.kind.removesuffix("T"), size.kind.endswith("T")
-        for kind in order[order.index(least) :]:
-            for also_temperature in sorted({temperature, True}):
-                data = kind + "T" * also_temperature
-                if data == size.kind:
+        for data, limit in size.limit.items():
+            # What depends on the temperature needs it.
+            for kind in (data + "T",) if size.kind.endswith("T") else (data, data + "T"):
+                if kind == size.kind:
                     continue
                 for index in range(runs):
-                    effect = drawn(name, 5.0 * size.mde[kind], generator("data", name, data, index))
+                    effect = drawn(name, 5.0 * limit, generator("data", name, kind, index))
                     answer = Answer((effect,), block=block_of(name))
-                    yield Case("data", name, index, Scene(data, (effect,)), answer, level=f"5x in {data}")
+                    yield Case("data", name, index, Scene(kind, (effect,)), answer, level=f"5x in {kind}")
 
 
 def several(pairs: int, triples: int) -> Iterator[Case]:
     """Two and three at once, each at five times its limit, of those that rests and moves show."""
-    seen = [name for name, size in SIZES.items() if size.kind == "A"]
+    seen = [name for name, size in SIZES.items() if size.kind == "A'"]
     for count, label, wanted in ((2, "pair", pairs), (3, "triple", triples)):
         random = generator(label)
         groups = list(combinations(seen, count))
         for index, pick in enumerate(random.permutation(len(groups))[:wanted]):
             effects = tuple(drawn(name, 5.0 * SIZES[name].here, random) for name in groups[pick])
-            yield Case(label, label, index, Scene("A", effects), Answer(effects), level="5x")
+            yield Case(label, label, index, Scene("A'", effects), Answer(effects), level="5x")
 
 
 def confounded(runs: int) -> Iterator[Case]:
@@ -77,7 +75,7 @@ def confounded(runs: int) -> Iterator[Case]:
     for name in CONFOUNDED:
         for index in range(runs):
             effect = drawn(name, 10.0 * SIZES[name].here, generator("confounded", name, index))
-            scene = Scene("AT", (effect,), temperature=WARM_UP)
+            scene = Scene("A'T", (effect,), temperature=WARM_UP)
             answer = Answer((effect,), ("named", "ambiguous"), block=block_of(name))
             yield Case("confounded", name, index, scene, answer, level="10x")
 
@@ -95,9 +93,9 @@ def aliases(runs: int) -> Iterator[Case]:
         yield Case("alias", "isotropic g2-sensitivity, bias", index, Scene(effects=values), quiet)
         isotropic = imucal.EffectValues("gyro_g_sensitivity", sign * 3 * 7.3e-5 / G * np.eye(3).ravel())
         yield _alias("isotropic g-sensitivity, vertical Earth rate", index, "A", isotropic)
-        quadratic = drawn("accel_scale_quadratic", 10.0 * SIZES["accel_scale_quadratic"].mde["A"], random)
+        quadratic = drawn("accel_scale_quadratic", 10.0 * SIZES["accel_scale_quadratic"].limit["A"], random)
         yield _alias("f_x^2 on x, products on x", index, "A", quadratic)
-        product = drawn("accel_cross_axis_quadratic", 10.0 * SIZES["accel_cross_axis_quadratic"].mde["A"], random)
+        product = drawn("accel_cross_axis_quadratic", 10.0 * SIZES["accel_cross_axis_quadratic"].limit["A"], random)
         yield _alias("f_x f_y on x, f_x^2 on y", index, "A", product)
 
 
@@ -134,6 +132,6 @@ def ones_own(runs: int) -> Iterator[Case]:
         def voltage(time_s: np.ndarray, period_s: float = period_s, phase: float = phase) -> np.ndarray:
             return 3.3 + 0.2 * np.sin(2.0 * np.pi * time_s / period_s + phase)
 
-        scene = Scene("A", (effect,), auxiliary={"supply_v": voltage}, user_effects=(supply,))
+        scene = Scene("A'", (effect,), auxiliary={"supply_v": voltage}, user_effects=(supply,))
         answer = Answer((effect,), block="gyroscope bias")
         yield Case("own", "gyro_bias_supply", index, scene, answer, {"user_effects": (supply,)})

@@ -142,7 +142,7 @@ def outside(runs: int) -> Iterator[Case]:
     """What no row of the catalogue describes."""
     for label, (make, block) in OUTSIDE.items():
         for index in range(runs):
-            scene = Scene("A", added=(make(generator("outside", label, index)),))
+            scene = Scene("A'", added=(make(generator("outside", label, index)),))
             yield Case("outside", label, index, scene, Answer(verdicts=UNKNOWN, block=block))
     for index in range(runs):
         random = generator("outside", "flexure", index)
@@ -158,6 +158,6 @@ def off_form(runs: int) -> Iterator[Case]:
     """What a row of the catalogue describes roughly."""
     for label, (make, names, block) in OFF_FORM.items():
         for index in range(runs):
-            scene = Scene("A", added=(make(generator("off form", label, index)),))
+            scene = Scene("A'", added=(make(generator("off form", label, index)),))
             answer = Answer(verdicts=("named", "ambiguous", *UNKNOWN), names=names, block=block)
             yield Case("off form", label, index, scene, answer)

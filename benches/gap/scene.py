@@ -37,7 +37,7 @@ class Scene:
     noise_like  additions that differ from run to run: function of (state, generator)
     """
 
-    kind: str = "A"
+    kind: str = "A'"
     effects: tuple[imucal.EffectValues, ...] = ()
     added: tuple[Added, ...] = ()
     noise_like: tuple[tuple[str, Callable[[imucal.State, np.random.Generator], np.ndarray]], ...] = ()
@@ -61,11 +61,18 @@ class Scene:
         return self.kind.startswith("C")
 
 
+def by_hand(seed: int) -> imucal.Tumble:
+    """As many rests as the program has, as long, turned by hand between them."""
+    return imucal.Tumble(seed, poses=46, hold_s=5.0, move_s=2.0)
+
+
 def record(
     scene: Scene, seed: int, program: imucal.Program | None = None, name: str = "measured"
 ) -> imucal.Recording:
     """One run of the scene; only what the kind of data says is recorded."""
-    motion = program or scene.motion or imucal.Program.random(seed=seed)
+    motion = program or scene.motion or (
+        by_hand(seed) if scene.kind in ("A", "AT") else imucal.Program.random(seed=seed)
+    )
     temperature = scene.temperature or (CYCLE if scene.has_temperature else None)
     stand = scene.stand or (CROOKED if scene.has_encoders else None)
     if not isinstance(motion, imucal.Program):

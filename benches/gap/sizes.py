@@ -1,8 +1,9 @@
-"""How large an effect must be to be seen (MDE), and how large it usually is, in SI units.
+"""How large an effect must be to be seen, and how large it usually is, in SI units.
 
-The MDE is the smallest root mean square per parameter that is seen with 90 % power (family-wise alpha 0.01)
-in one run of 46 rests at the noise of the paper's unit. The numbers are those of a prototype; `limits`
-predicts them again. Temperature goes up and down within the run, as `scene.CYCLE` says.
+The detection limit is the smallest root mean square per parameter that is seen with 90 % power (family-wise
+alpha 0.01) in one run at the noise of the paper's unit: `limits` predicts it from differences of simulated
+runs, without the tool. Where it does not reach (encoders), the numbers are those of an earlier study. The
+temperature goes up and down within the run, as `scene.CYCLE` says.
 """
 
 from dataclasses import dataclass
@@ -15,60 +16,60 @@ import imucal
 
 G: Final = imucal.recording.STANDARD_GRAVITY_MPS2
 DEG: Final = radians(1.0)
-PPM: Final = 1e-6
 
 
 @dataclass(frozen=True)
 class Size:
-    """The data that show an effect, and its MDE in those data.
+    """The data that show an effect, and its detection limit in each kind of data.
 
-    kind  "A" rests and moves, "A'" also the accelerometer within the moves, "C" also encoders; with "T" the
-          temperature is recorded and changes
+    kind   "A" rests and moves by hand, "A'" on a stand, so that the accelerometer counts within the moves
+           too, "C" also encoders; with "T" the temperature is recorded and changes
+    limit  by kind; not there where the data cannot show it
     """
 
     kind: str
-    mde: dict[str, float]
+    limit: dict[str, float]
 
     @property
     def here(self) -> float:
-        """The MDE in the least data that show it."""
-        return self.mde[self.kind.removesuffix("T")]
+        """The limit in the data of its kind."""
+        return self.limit[self.kind.removesuffix("T")]
 
 
-def _size(kind: str, unit: float, a: float, a_moves: float | None = None, c: float | None = None) -> Size:
-    a_moves = a if a_moves is None else a_moves
-    return Size(kind, {"A": a * unit, "A'": a_moves * unit, "C": (a_moves if c is None else c) * unit})
+def _size(kind: str, by_hand: float | None, stand: float | None, encoders: float) -> Size:
+    limits = {"A": by_hand, "A'": stand, "C": encoders}
+    return Size(kind, {data: limit for data, limit in limits.items() if limit is not None})
 
 
 SIZES: Final = {
-    "gyro_g_sensitivity": _size("A", DEG / G, 0.0040, 0.0038, 0.0035),
-    "gyro_g2_sensitivity": _size("A", DEG / G**2, 0.007),
-    "gyro_scale_quadratic": _size("A", 0.01 / (250 * DEG), 0.04, 0.03, 0.02),
-    "gyro_scale_cubic": _size("A", 1.0, 7.1e-5, 4.5e-5, 1.8e-5),
-    "gyro_scale_asymmetry": _size("A", PPM, 190, 150, 100),
-    "gyro_cross_axis_quadratic": _size("A", 1.0, 1.2e-4),
-    "gyro_scale_g_sensitivity": _size("A", PPM / G, 600, 390, 180),
-    "gyro_bias_temperature": _size("AT", DEG, 0.0006),
-    "gyro_scale_temperature": _size("AT", PPM, 96, 70, 47),
-    "gyro_bias_drift": _size("A", DEG / 100, 0.0037),
-    "gyro_bias_warmup": _size("A", DEG, 0.017),
-    "gyro_scale_drift": _size("A", PPM / 100, 220, 160, 100),
-    "gyro_angular_acceleration": _size("A'", 1.0, 7.6e-5, 5e-5, 3e-5),
-    "gyro_time_offset": _size("A'", 1e-6, 65),
-    "earth_rate": _size("A", 7.292e-5, 0.8),
-    "accel_scale_quadratic": _size("A", 1 / G, 1.2e-4, 9e-5, 5e-5),
-    "accel_scale_cubic": _size("A", 1 / G**2, 2.4e-4, 1.8e-4, 1.0e-4),
-    "accel_scale_asymmetry": _size("A", PPM, 160, 120, 50),
-    "accel_cross_axis_quadratic": _size("C", 1 / G, 9e-5, 6.5e-5, 3e-5),
-    "accel_bias_temperature": _size("AT", 1e-6 * G, 6.0),
-    "accel_scale_temperature": _size("AT", PPM, 21),
-    "accel_bias_drift": _size("A", 1e-8 * G, 39),
-    "accel_bias_warmup": _size("A", 1e-6 * G, 180),
-    "accel_lever_arm": _size("A'", 1e-6, 57),
-    "accel_size_effect": _size("A'", 1e-6, 84),
-    "encoder_eccentricity": _size("C", DEG, 0.0015),
-    "encoder_time_offset": _size("C", 1e-6, 24),
-    "encoder_backlash": _size("C", DEG, 0.0012),
+    "gyro_g_sensitivity": _size("A'", 9.91e-6, 9.93e-6, 9.15e-6),
+    "gyro_g2_sensitivity": _size("A'", 2.30e-6, 1.99e-6, 1.99e-6),
+    "gyro_scale_quadratic": _size("A'", 1.96e-4, 7.62e-5, 5.08e-5),
+    "gyro_scale_cubic": _size("A'", 1.91e-4, 6.14e-5, 2.45e-5),
+    "gyro_scale_asymmetry": _size("A'", 3.09e-4, 1.68e-4, 1.12e-4),
+    "gyro_cross_axis_quadratic": _size("A'", 2.11e-4, 7.39e-5, 7.39e-5),
+    "gyro_scale_g_sensitivity": _size("A'", 8.24e-5, 4.40e-5, 2.03e-5),
+    "gyro_bias_temperature": _size("A'T", 9.62e-6, 9.31e-6, 9.31e-6),
+    "gyro_scale_temperature": _size("A'T", 3.83e-5, 2.01e-5, 1.35e-5),
+    "gyro_bias_drift": _size("A'", 8.95e-7, 8.74e-7, 8.74e-7),
+    "gyro_bias_warmup": _size("A'", 3.21e-4, 3.13e-4, 3.13e-4),
+    "gyro_scale_drift": _size("A'", 3.63e-6, 1.73e-6, 1.08e-6),
+    "gyro_angular_acceleration": _size("A'", 1.33e-4, 4.94e-5, 2.96e-5),
+    "gyro_time_offset": _size("A'", None, 6.31e-5, 6.31e-5),
+    "earth_rate": _size("A'", 8.19e-5, 8.22e-5, 8.22e-5),
+    "accel_scale_quadratic": _size("A'", 1.97e-5, 1.32e-5, 7.35e-6),
+    "accel_scale_cubic": _size("A'", 3.91e-6, 2.39e-6, 1.33e-6),
+    "accel_scale_asymmetry": _size("A'", 2.53e-4, 1.57e-4, 6.53e-5),
+    "accel_cross_axis_quadratic": _size("C", 1.46e-5, 9.74e-6, 4.49e-6),
+    "accel_bias_temperature": _size("A'T", 5.45e-5, 4.41e-5, 4.41e-5),
+    "accel_scale_temperature": _size("A'T", 8.42e-6, 5.93e-6, 5.93e-6),
+    "accel_bias_drift": _size("A'", 4.86e-6, 4.36e-6, 4.36e-6),
+    "accel_bias_warmup": _size("A'", 1.80e-3, 1.58e-3, 1.58e-3),
+    "accel_lever_arm": _size("A'", None, 6.09e-5, 6.09e-5),
+    "accel_size_effect": _size("A'", None, 9.07e-5, 9.07e-5),
+    "encoder_eccentricity": _size("C", None, None, 2.62e-5),
+    "encoder_time_offset": _size("C", None, None, 2.40e-5),
+    "encoder_backlash": _size("C", None, None, 2.09e-5),
 }
 
 
