@@ -59,10 +59,14 @@ def _few(share: float, group: str, count: int = 6) -> list[int]:
 
 def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__)
-    arguments.add_argument("--share", type=float, default=1.0, help="share of each cell, at least one case of it")
+    arguments.add_argument(
+        "--share", type=float, default=1.0, help="share of each cell, at least one case of it"
+    )
     arguments.add_argument("--group", action="append", default=[], help="only this group (several times)")
     arguments.add_argument("--label", action="append", default=[], help="only this label (several times)")
-    arguments.add_argument("--quick", action="store_true", help="a few cases of each group, to standard output")
+    arguments.add_argument(
+        "--quick", action="store_true", help="a few cases of each group, to standard output"
+    )
     arguments.add_argument("--no-baselines", action="store_true")
     arguments.add_argument("--processes", type=int, default=2)
     arguments.add_argument("--output", type=Path, default=REPORT)

@@ -43,7 +43,7 @@ def library(residual: np.ndarray, base: np.ndarray, columns: dict[str, np.ndarra
     for name, column in columns.items():
         scaled = column / np.maximum(np.linalg.norm(column, axis=0), 1e-300)
         u, s, _ = np.linalg.svd(rest(scaled), full_matrices=False)
-        kept = u[:, s > SEEN ** 0.5]
+        kept = u[:, s > SEEN**0.5]
         if kept.shape[1]:
             bases[name] = kept
     return Library(rest(residual), bases)

@@ -20,7 +20,7 @@ class Answer:
     effects   of the catalogue or the user's own, with their numbers; empty for a clean run
     verdicts  what a tool may say; the first is the best
     names     names that are right for it though the form is another (off-form cases)
-    block     "gyroscope bias", "gyroscope scale", "accelerometer bias", "accelerometer scale", "encoder", or ""
+    block     "gyroscope" or "accelerometer" and "bias" or "scale"; "encoder"; or ""
     fault     of spoilt data, else ""
     """
 

@@ -24,8 +24,6 @@ def faults(runs: int) -> Iterator[Case]:
         yield _fault("rest_not_still", index, "A'", tremor, tumble)
 
 
-def _fault(
-    name: str, index: int, kind: str, value: float, motion: imucal.Tumble | None = None
-) -> Case:
+def _fault(name: str, index: int, kind: str, value: float, motion: imucal.Tumble | None = None) -> Case:
     scene = Scene(kind, (imucal.EffectValues(name, [value]),), motion=motion)
     return Case("fault", name, index, scene, Answer(verdicts=("data_fault",), fault=name))

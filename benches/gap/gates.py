@@ -27,7 +27,9 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
     found = [
         _least("first name right at 2 times the limit", 0.95, [m.first for m in singles if m.level == "2x"]),
         _least("first name right at 5 times the limit", 0.99, [m.first for m in singles if m.level == "5x"]),
-        _least("first name right at 10 times the limit", 0.99, [m.first for m in singles if m.level == "10x"]),
+        _least(
+            "first name right at 10 times the limit", 0.99, [m.first for m in singles if m.level == "10x"]
+        ),
         _least("first name right at usual sizes of twice the limit or more", 0.99, usual(marks)),
         _most("wrong name, one effect hidden", 0.01, [m.wrong for m in singles]),
         _most("wrong name, anything hidden", 0.01, [m.wrong for m in marks if m.group != "clean"]),

@@ -1,11 +1,11 @@
 """Opens the answer after the tool has answered, and compares.
 
-    first        the first name is a hidden effect
-    exact        the names are the hidden effects, no more and no less
-    wrong        one name or more, in a verdict of certainty, and one of them is not hidden
-    false_alarm  a name on a clean run, or another verdict than the answer allows there
-    verdict_ok   the verdict is one of those that the answer allows, and the truth is in what it names
-    block_ok     an unknown effect was found in the right part of the model
+first        the first name is a hidden effect
+exact        the names are the hidden effects, no more and no less
+wrong        one name or more, in a verdict of certainty, and one of them is not hidden
+false_alarm  a name on a clean run, or another verdict than the answer allows there
+verdict_ok   the verdict is one of those that the answer allows, and the truth is in what it names
+block_ok     an unknown effect was found in the right part of the model
 """
 
 from dataclasses import asdict, dataclass, field
@@ -102,7 +102,12 @@ def _block_ok(said: Said, answer: Answer) -> bool | None:
     """Whether the words for an unknown effect name its sensor and its part; None if it was not unknown."""
     if not answer.block or said.verdict not in ("unknown", "stochastic"):
         return None
-    words = said.generic.lower().replace("_", " ").replace("gyro ", "gyroscope ").replace("accel ", "accelerometer ")
+    words = (
+        said.generic.lower()
+        .replace("_", " ")
+        .replace("gyro ", "gyroscope ")
+        .replace("accel ", "accelerometer ")
+    )
     return all(word in words for word in answer.block.split())
 
 

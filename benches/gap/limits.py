@@ -8,8 +8,8 @@ difference of two simulated runs, one with a little of it. Residuals of a run wh
     3. move   the part of R_k^T u_k - u_(k+1) across u   2 per move
     4. move   T_a^-1 (f(t) - b_a) - g R_k(t)^T u_k       3 per 40 ms, in the data A' only
 
-with u_k the direction of gravity at rest k and R_k(t) the attitude since its end by the gyroscope. Unknown are
-the 21 parameters and all u_k. Noise is white; that of the gyroscope within a move ties 3 and 4 together.
+with u_k the direction of gravity at rest k and R_k(t) the attitude since its end by the gyroscope. Unknown
+are the 21 parameters and all u_k. Noise is white; the gyroscope's within a move ties 3 and 4 together.
 The limit is the root mean square per parameter at which chi2 sees 90 % of random directions' runs, with the
 family-wise alpha shared by all effects.
 """
@@ -87,7 +87,9 @@ def attitudes(rate: np.ndarray, step_s: float) -> np.ndarray:
 class Design:
     """Residuals and their derivatives for one run of a perfect unit."""
 
-    def __init__(self, motion: imucal.Program | imucal.Tumble, temperature: imucal.Temperature, in_moves: bool) -> None:
+    def __init__(
+        self, motion: imucal.Program | imucal.Tumble, temperature: imucal.Temperature, in_moves: bool
+    ) -> None:
         self.motion, self.temperature, self.in_moves = motion, temperature, in_moves
         run = self.simulate(())
         self.cut, self.step_s = Cut.of(run), 1.0 / RATE_HZ
@@ -141,7 +143,9 @@ class Design:
             rows = [np.einsum("ci,in->cn", self.across[m + 1], moved[-1])]
             if self.in_moves:
                 inside = blocks((-G * moved)[None].transpose(0, 1, 3, 2).reshape(1, len(attitude), -1))
-                rows.append(inside.reshape(-1, moved.shape[2], 3).transpose(0, 2, 1).reshape(-1, moved.shape[2]))
+                rows.append(
+                    inside.reshape(-1, moved.shape[2], 3).transpose(0, 2, 1).reshape(-1, moved.shape[2])
+                )
             covariance = np.concatenate(rows)
             covariance = covariance @ covariance.T
             if self.in_moves:
@@ -151,7 +155,8 @@ class Design:
 
     def by_parameter(self) -> list[np.ndarray]:
         return [
-            (self.residuals(self.data, self.theta + STEP * one, self.up) - self.at_truth) / STEP for one in np.eye(21)
+            (self.residuals(self.data, self.theta + STEP * one, self.up) - self.at_truth) / STEP
+            for one in np.eye(21)
         ]
 
     def by_direction(self) -> list[np.ndarray]:

@@ -1,4 +1,4 @@
-"""The loop closed: the motion that was advised is simulated, and the question is asked again with both runs."""
+"""The loop closed: the advised motion is simulated, and the question is asked again with both runs."""
 
 import os
 from pathlib import Path

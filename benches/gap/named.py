@@ -1,4 +1,4 @@
-"""Cases whose hidden effects are in the catalogue: one, two, three, confounded, aliases, left out, one's own."""
+"""Cases whose hidden effects are in the catalogue: one, several, confounded, aliases, left out, one's own."""
 
 from collections.abc import Iterator
 from itertools import combinations
@@ -30,7 +30,9 @@ def block_of(name: str) -> str:
     sensor = imucal.effects.find(name).sensor
     if sensor == "encoder":
         return "encoder"
-    part = "scale" if "scale" in name or "cross_axis" in name or name == "gyro_angular_acceleration" else "bias"
+    part = (
+        "scale" if "scale" in name or "cross_axis" in name or name == "gyro_angular_acceleration" else "bias"
+    )
     return f"{sensor} {part}"
 
 
@@ -86,7 +88,9 @@ def aliases(runs: int) -> Iterator[Case]:
     for index in range(runs):
         random = generator("alias", index)
         sign = random.choice([-1.0, 1.0])
-        yield Case("alias", "local gravity, accelerometer scale", index, Scene(gravity_mps2=G + sign * 0.03), quiet)
+        yield Case(
+            "alias", "local gravity, accelerometer scale", index, Scene(gravity_mps2=G + sign * 0.03), quiet
+        )
         yield Case("alias", "clock, gyroscope scale", index, Scene(clock_rate_error=sign * 1e-3), quiet)
         in_bias = np.tile(random.normal(size=(3, 1)) * 0.05 * DEG / G**2, 3).ravel()
         values = (imucal.EffectValues("gyro_g2_sensitivity", in_bias),)
@@ -95,7 +99,9 @@ def aliases(runs: int) -> Iterator[Case]:
         yield _alias("isotropic g-sensitivity, vertical Earth rate", index, "A", isotropic)
         quadratic = drawn("accel_scale_quadratic", 10.0 * SIZES["accel_scale_quadratic"].limit["A"], random)
         yield _alias("f_x^2 on x, products on x", index, "A", quadratic)
-        product = drawn("accel_cross_axis_quadratic", 10.0 * SIZES["accel_cross_axis_quadratic"].limit["A"], random)
+        product = drawn(
+            "accel_cross_axis_quadratic", 10.0 * SIZES["accel_cross_axis_quadratic"].limit["A"], random
+        )
         yield _alias("f_x f_y on x, f_x^2 on y", index, "A", product)
 
 

@@ -18,7 +18,9 @@ QUIET: Final = Answer(verdicts=("nothing_missing",))
 WANDERING: Final = Answer(verdicts=("nothing_missing", "stochastic"))
 
 
-def paper(*, accelerometer: dict[str, object] | None = None, gyroscope: dict[str, object] | None = None) -> imucal.Unit:
+def paper(
+    *, accelerometer: dict[str, object] | None = None, gyroscope: dict[str, object] | None = None
+) -> imucal.Unit:
     """The paper's unit with other noise or converters."""
     unit = unit_of("paper")
     return dataclasses.replace(

@@ -103,8 +103,11 @@ def saturating_g_sensitivity(random: Random) -> Added:
 def two_warm_ups(random: Random) -> Added:
     """A package that warms up fast on a board that warms up slowly."""
     fast, slow = (random.uniform(0.1, 0.3) * DEG * unit_vector(random) for _ in range(2))
-    return "gyroscope", lambda state: (
-        fast * np.exp(-state.time_s / 15.0)[:, None] + slow * np.exp(-state.time_s / 150.0)[:, None]
+    return (
+        "gyroscope",
+        lambda state: (
+            fast * np.exp(-state.time_s / 15.0)[:, None] + slow * np.exp(-state.time_s / 150.0)[:, None]
+        ),
     )
 
 

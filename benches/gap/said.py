@@ -71,7 +71,9 @@ def read(gap: Any, seconds: float) -> Said:
         "" if generic is None else f"{part(generic, 'block')}, {part(generic, 'kernel')}",
         tuple(part(item, "name") for item in part(gap, "not_observable") or ()),
         {name: float(part(size, "value")) for name, size in (part(gap, "smallest_visible") or {}).items()},
-        {} if figures is None else {name: part(figures, name) for name in ("before", "after", "floor", "closed")},
+        {}
+        if figures is None
+        else {name: part(figures, name) for name in ("before", "after", "floor", "closed")},
         "" if advice is None else str(part(advice, "description")),
         seconds,
     )

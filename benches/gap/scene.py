@@ -70,8 +70,10 @@ def record(
     scene: Scene, seed: int, program: imucal.Program | None = None, name: str = "measured"
 ) -> imucal.Recording:
     """One run of the scene; only what the kind of data says is recorded."""
-    motion = program or scene.motion or (
-        by_hand(seed) if scene.kind in ("A", "AT") else imucal.Program.random(seed=seed)
+    motion = (
+        program
+        or scene.motion
+        or (by_hand(seed) if scene.kind in ("A", "AT") else imucal.Program.random(seed=seed))
     )
     temperature = scene.temperature or (CYCLE if scene.has_temperature else None)
     stand = scene.stand or (CROOKED if scene.has_encoders else None)
@@ -141,4 +143,3 @@ def true_state(motion: Any, stand: Any, temperature: Any, seed: int) -> imucal.S
         stand_rad=angles,
         stand_rate_radps=rates,
     )
-

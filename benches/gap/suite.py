@@ -14,7 +14,7 @@ from gap.outside import off_form, outside
 from gap.said import Said, find_gap, part
 
 TOOL = "imucal"
-# Groups in which the truth is a set of effects of the catalogue, or nothing: the textbook ways are asked, too.
+# The textbook ways are asked, too.
 WITH_BASELINES = ("single", "data", "pair", "triple", "clean", "outside", "off form")
 # Groups in which the motion that is advised must decide.
 WITH_LOOP = ("confounded", "alias")
@@ -53,7 +53,12 @@ def run(case: Case, with_baselines: bool = True) -> list[Mark]:
         again = ask_again(case, measured, control, said, gap, sealed)
     figures = {}
     truth = sealed.open(said).effects
-    if gap is not None and truth and not case.scene.user_effects and case.group in ("single", "data", "pair", "triple"):
+    if (
+        gap is not None
+        and truth
+        and not case.scene.user_effects
+        and case.group in ("single", "data", "pair", "triple")
+    ):
         names = tuple(effect.name for effect in truth)
         figures = control_figures(measured, control, part(gap, "calibration"), names)
     marks = [judge(TOOL, case, said, sealed, figures, again)]
