@@ -18,6 +18,7 @@ from imucal.effects import Effect, EffectParameter, EffectValues, State, UserEff
 from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEnoughMotionError
 from imucal.evaluate import Evaluation, evaluate
 from imucal.finding import Finding, Place
+from imucal.gap import Gap, find_gap
 from imucal.inspection import Inspection, inspect
 from imucal.io import read, write
 from imucal.motion import Program, Static, Step, Tumble
@@ -38,6 +39,7 @@ __all__ = [
     "Finding",
     "FitError",
     "FormatError",
+    "Gap",
     "ImucalError",
     "InputError",
     "Inspection",
@@ -63,6 +65,7 @@ __all__ = [
     "__version__",
     "calibrate",
     "evaluate",
+    "find_gap",
     "inspect",
     "read",
     "repeat",

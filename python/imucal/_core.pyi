@@ -13,13 +13,16 @@ __all__ = [
     "Carried",
     "Effect",
     "EffectEstimate",
+    "EffectScore",
     "Evaluation",
     "Figures",
     "FitReport",
+    "GenericFinding",
     "Inspection",
     "Move",
     "Outcome",
     "Rest",
+    "Search",
     "Simulation",
     "Threshold",
     "__version__",
@@ -39,6 +42,7 @@ __all__ = [
     "integrate",
     "parameter_names",
     "random_program",
+    "search_gap",
     "simulate",
 ]
 
@@ -470,6 +474,61 @@ class _Setup(Protocol):
     @property
     def seed(self) -> int: ...
 
+@final
+class EffectScore:
+    @property
+    def name(self) -> str: ...
+    @property
+    def log_bayes_factor(self) -> float: ...
+    @property
+    def statistic(self) -> float: ...
+    @property
+    def dof(self) -> int: ...
+    @property
+    def p_value(self) -> float: ...
+    @property
+    def rivals(self) -> list[str]: ...
+
+@final
+class GenericFinding:
+    @property
+    def block(self) -> str: ...
+    @property
+    def kernel(self) -> str: ...
+    @property
+    def log_bayes_factor(self) -> float: ...
+    @property
+    def axis(self) -> int: ...
+    @property
+    def rests(self) -> list[int]: ...
+    @property
+    def rms(self) -> float: ...
+
+@final
+class Search:
+    @property
+    def path(self) -> list[EffectScore]: ...
+    @property
+    def ranking(self) -> list[EffectScore]: ...
+    @property
+    def generic(self) -> GenericFinding | None: ...
+    @property
+    def path_log_bayes_factor(self) -> float: ...
+    @property
+    def not_observable(self) -> list[tuple[str, str]]: ...
+    @property
+    def smallest_visible(self) -> list[tuple[str, float, str]]: ...
+    @property
+    def excess_scatter(self) -> float: ...
+    @property
+    def in_motion_left_out(self) -> str | None: ...
+
+def search_gap(
+    recordings: Sequence[_Recording],
+    options: _Options,
+    candidates: Sequence[tuple[str, bool]],
+    user_fields: Sequence[_UserField],
+) -> Search: ...
 def calibrate(recordings: Sequence[_Recording], options: _Options) -> Outcome: ...
 def cross_validate(
     recordings: Sequence[_Recording], options: _Options, folds: int

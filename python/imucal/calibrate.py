@@ -216,7 +216,13 @@ def calibrate(
     body_frame = as_frame(frame)
     wanted, own = _asked_for(effects)
     options = Options(
-        float(gravity_mps2), body_frame, float(min_rest_s), exclude_saturated, accel_nominal, gyro_nominal, wanted
+        float(gravity_mps2),
+        body_frame,
+        float(min_rest_s),
+        exclude_saturated,
+        accel_nominal,
+        gyro_nominal,
+        wanted,
     )
     raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
     outcome = _core.calibrate(unit_data, options)
@@ -307,7 +313,7 @@ def _with_user_effects(
     """Estimate with the fields of `own`, which may depend on the corrected state: repeated until they settle."""
     from imucal import _core
 
-    columns: list[list[FloatArray]] = []
+    fields: tuple[UserField, ...] = ()
     for _ in range(MOST_FIELD_ROUNDS):
         current = Calibration(
             Triad(outcome.accel_sensitivity, outcome.accel_bias),
@@ -317,29 +323,35 @@ def _with_user_effects(
             effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
             user_effects=own,
         )
-        corrected = [current.apply_recording(recording) for recording in unit_data]
-        states = [State.of(c, c.angular_rate, c.specific_force) for c in corrected]
-        before, columns = columns, [[effect.columns(state) for state in states] for effect in own]
+        before, fields = fields, fields_for_library(current, unit_data, own)
         if before and all(
             np.allclose(old, new, rtol=1e-9, atol=0.0)
-            for olds, news in zip(before, columns, strict=True)
-            for old, new in zip(olds, news, strict=True)
+            for olds, news in zip(before, fields, strict=True)
+            for old, new in zip(olds.columns, news.columns, strict=True)
         ):
             break
-        options = replace(
-            options,
-            user_fields=tuple(
-                UserField(
-                    effect.name,
-                    effect.sensor,
-                    tuple(parameter.typical for parameter in effect.parameters),
-                    tuple(np.ascontiguousarray(column) for column in field),
-                )
-                for effect, field in zip(own, columns, strict=True)
-            ),
-        )
+        options = replace(options, user_fields=fields)
         outcome = _core.calibrate(unit_data, options)
     return options, outcome
+
+
+def fields_for_library(
+    calibration: Calibration, recordings: Sequence[Recording], own: tuple[UserEffect, ...]
+) -> tuple[UserField, ...]:
+    """The fields of a user's effects at the state that `calibration` makes of the recordings."""
+    if not own:
+        return ()
+    corrected = [calibration.apply_recording(recording) for recording in recordings]
+    states = [State.of(c, c.angular_rate, c.specific_force) for c in corrected]
+    return tuple(
+        UserField(
+            effect.name,
+            effect.sensor,
+            tuple(parameter.typical for parameter in effect.parameters),
+            tuple(np.ascontiguousarray(effect.columns(state)) for state in states),
+        )
+        for effect in own
+    )
 
 
 def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ...]:

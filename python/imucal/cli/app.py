@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import apply, calibrate, convert, demo, effects, evaluate, inspect, simulate
+from imucal.cli import apply, calibrate, convert, demo, effects, evaluate, gap, inspect, simulate
 from imucal.errors import ImucalError
 
 __all__ = ["app", "main"]
@@ -39,6 +39,7 @@ for command in (
     inspect.inspect,
     calibrate.calibrate,
     evaluate.evaluate,
+    gap.gap,
     apply.apply,
     simulate.simulate,
     effects.effects,

@@ -18,6 +18,7 @@ pub(crate) struct EffectScore {
     statistic: f64,
     dof: usize,
     p_value: f64,
+    rivals: Vec<String>,
 }
 
 /// A bias that varies in a pattern that no named effect explains.
@@ -36,7 +37,6 @@ pub(crate) struct GenericFinding {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
-    rivals: Vec<String>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
     path_log_bayes_factor: f64,
@@ -48,8 +48,8 @@ pub(crate) struct Search {
 
 impl EffectScore {
     fn new(py: Python<'_>, s: library::Score) -> PyResult<Py<Self>> {
-        let library::Score { name, log_bayes_factor, statistic, dof, p_value } = s;
-        Py::new(py, Self { name, log_bayes_factor, statistic, dof, p_value })
+        let library::Score { name, log_bayes_factor, statistic, dof, p_value, rivals } = s;
+        Py::new(py, Self { name, log_bayes_factor, statistic, dof, p_value, rivals })
     }
 }
 
@@ -76,7 +76,6 @@ pub(crate) fn search_gap(
     });
     Ok(Search {
         path: scores(found.path)?,
-        rivals: found.rivals,
         ranking: scores(found.ranking)?,
         generic: generic.transpose()?,
         path_log_bayes_factor: found.path_log_bayes_factor,

@@ -22,8 +22,6 @@ pub use path::search;
 pub struct Search {
     /// Effects that join the model, in the order in which they were found.
     pub path: Vec<Score>,
-    /// Rivals of the picks: names within three nats of the evidence of what was picked.
-    pub rivals: Vec<String>,
     /// All candidates against the model without effects, best first.
     pub ranking: Vec<Score>,
     /// The best generic hypothesis, if it explains more than the path.
@@ -53,6 +51,8 @@ pub struct Score {
     pub dof: usize,
     /// Probability of such a gain by chance.
     pub p_value: f64,
+    /// Of a member of the path: names within three nats of its evidence when it was picked.
+    pub rivals: Vec<String>,
 }
 
 /// A bias that varies in a pattern that no named effect explains.

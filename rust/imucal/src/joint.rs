@@ -29,7 +29,7 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use model::{BASE, Model};
-pub(crate) use problem::{Joint, Prepared};
+pub(crate) use problem::{INSIDE, Joint, Prepared};
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;
 pub(crate) use terms::{Kinds, Terms};

@@ -17,6 +17,8 @@ use faer::linalg::solvers::Solve;
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
     pub(crate) rows: Vec<f64>,
+    /// Which group each is; empty ones are not there.
+    pub(crate) groups: Vec<usize>,
     /// Place of the residual's column.
     pub(crate) residual: usize,
 }
@@ -43,12 +45,13 @@ pub(crate) struct Evidence {
     pub(crate) theta: Vec<f64>,
 }
 
-const SCALE_ROUNDS: usize = 8;
+/// Scales and parameters depend on each other; the last round is taken as it is.
+const SCALE_ROUNDS: usize = 20;
 
 impl Gram {
     pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let groups = group_of_row.iter().max().map_or(0, |last| last + 1);
-        let (mut sums, mut rows) = (Vec::new(), Vec::new());
+        let (mut sums, mut rows, mut kept) = (Vec::new(), Vec::new(), Vec::new());
         for group in 0..groups {
             let own: Vec<usize> = (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
             if own.is_empty() {
@@ -57,8 +60,9 @@ impl Gram {
             let part = Mat::from_fn(own.len(), columns.ncols(), |i, j| columns[(own[i], j)]);
             sums.push(part.transpose() * &part);
             rows.push(own.len() as f64);
+            kept.push(group);
         }
-        Self { sums, rows, residual: columns.ncols() - 1 }
+        Self { sums, rows, groups: kept, residual: columns.ncols() - 1 }
     }
 
     /// The evidence of a model with these columns; `None` where it is not determined.
@@ -80,7 +84,7 @@ impl Gram {
         let precision: Vec<f64> = (0..n).map(|i| columns[i].precision / (size[i] * size[i])).collect();
         let offset: Vec<f64> = (0..n).map(|i| columns[i].value * size[i]).collect();
         let mut scales = vec![1.0; parts.len()];
-        for _ in 0..SCALE_ROUNDS {
+        for round in 1..=SCALE_ROUNDS {
             let mut normal = Mat::from_fn(n, n, |i, j| if i == j { precision[i] + 1e-13 } else { 0.0 });
             for (part, scale) in parts.iter().zip(&scales) {
                 normal += part * faer::Scale(1.0 / scale);
@@ -106,7 +110,7 @@ impl Gram {
                 settled &= (scale / scales[g] - 1.0).abs() < 1e-4;
                 scales[g] = scale;
             }
-            if settled {
+            if settled || round == SCALE_ROUNDS {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[(i, 0)]).collect();
                 let deviance: f64 = (0..parts.len()).map(|g| self.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();

@@ -11,7 +11,7 @@ use super::evidence::{Column, Evidence};
 use super::{GenericFinding, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{self, Kinds, Prepared, SHAPE_SHARES, Terms};
+use crate::joint::{self, INSIDE, Kinds, Prepared, SHAPE_SHARES, Terms};
 use crate::recording::Recording;
 
 /// Prior widths in units of the typical size.
@@ -127,7 +127,7 @@ impl Hunt<'_> {
         let first = self.judge(&stage);
         let start_log = stage.evidence.log;
         let generic = best_generic(&stage);
-        let (mut path, mut rivals): (Vec<Score>, Vec<String>) = (Vec::new(), Vec::new());
+        let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         while path.len() < MOST_EFFECTS {
             let judged = self.judge(&stage);
@@ -152,8 +152,8 @@ impl Hunt<'_> {
                             && s.score.log_bayes_factor > pick.score.log_bayes_factor - RIVAL_NATS
                             && s.score.log_bayes_factor > 0.0
                     };
-                    rivals.extend(judged.scores.iter().filter(near).map(|s| s.score.name.clone()));
-                    path.push(pick.score.clone());
+                    let rivals = judged.scores.iter().filter(near).map(|s| s.score.name.clone()).collect();
+                    path.push(Score { rivals, ..pick.score.clone() });
                     stage = next;
                 }
                 // What is not determined, or does not help once it is really fitted, is no explanation.
@@ -161,7 +161,6 @@ impl Hunt<'_> {
             }
         }
         self.eliminate(prepared, triads, &open, &mut stage, &mut path)?;
-        rivals.retain(|name| !path.iter().any(|score| score.name == *name));
         let path_log_bayes_factor = stage.evidence.log - start_log;
         let excess = stage.evidence.scales.iter().copied().fold(1.0, f64::max).sqrt();
         let generic = generic.filter(|g| {
@@ -172,7 +171,6 @@ impl Hunt<'_> {
         self.left_out.extend(first.blind);
         Ok(Search {
             path,
-            rivals,
             ranking,
             generic: generic.map(|g| g.finding(prepared)),
             path_log_bayes_factor,
@@ -254,8 +252,9 @@ impl Hunt<'_> {
             columns.extend(candidate.columns(10.0));
         }
         let explained = stage.design.gram.evidence(&columns);
-        // Groups that are empty are left out: of the first six, what is inside the moves is the last.
-        explained.is_none_or(|e| e.scales.get(5).is_some_and(|scale| *scale > CARRIED * CARRIED))
+        let inside = stage.design.gram.groups.iter().position(|group| *group == INSIDE);
+        let scale = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
+        explained.is_none_or(scale)
     }
 
     /// Scores all candidates beside the model of a stage.
@@ -306,6 +305,7 @@ impl Hunt<'_> {
                 statistic,
                 dof,
                 p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
+                rivals: Vec::new(),
             };
             let judged = Judged { score, width };
             match scores.iter_mut().find(|other| other.score.name == candidate.name) {

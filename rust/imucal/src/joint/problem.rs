@@ -104,6 +104,9 @@ impl Linear {
     }
 }
 
+/// The group of the residuals inside the moves.
+pub(crate) const INSIDE: usize = 5;
+
 /// The joint problem.
 pub(crate) struct Joint<'a> {
     pub(crate) prepared: &'a Prepared<'a>,
@@ -146,7 +149,7 @@ impl<'a> Joint<'a> {
         let groups = linear.groups();
         let lines = linear.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
         let rates = (0..3 * linear.rates.len()).map(|row| 2 + row % 3);
-        let rest = [(5, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
+        let rest = [(INSIDE, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
         let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
         Ok(lines.chain(rates).chain(rest).collect())
     }

@@ -1,0 +1,86 @@
+"""`imucal gap`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucal.cli.output import JsonPath, MinRest, Output
+from imucal.cli.reading import Files, Reading, reading_options
+from imucal.cli.working import working
+
+__all__ = ["gap"]
+
+
+@reading_options
+def gap(
+    recordings: Files,
+    reading: Reading,
+    control: Annotated[
+        list[Path] | None,
+        typer.Option("--control", metavar="REC", help="A recording that only judges; may be given again."),
+    ] = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option("--calibration", metavar="CAL.JSON", help="The calibration to judge; else one is made."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="PATH", help="Improved calibration to write.")
+    ] = None,
+    gravity: Annotated[
+        float | None, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")
+    ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option("--effect", metavar="NAME", help="Look for this effect only; may be given again."),
+    ] = None,
+    min_rest_s: MinRest = 1.0,
+    exclude_saturated: Annotated[
+        bool,
+        typer.Option("--exclude-saturated", help="Leave out rests and moves with saturated samples."),
+    ] = False,
+    explain: Annotated[
+        str | None,
+        typer.Option(
+            "--explain", metavar="NAME", help="Say what these recordings could show of this effect."
+        ),
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Find where measurement and model disagree, name the missing effect, and add it.
+
+    Example: imucal gap run.csv --control control.csv -o improved.json
+    """
+    import imucal
+
+    with working("reading"):
+        unit_data = reading.each(recordings)
+        judges = reading.each(control or []) or None
+        judged = None if calibration is None else imucal.Calibration.load(calibration)
+    with working("looking for effects"):
+        found = imucal.find_gap(
+            unit_data,
+            control=judges,
+            calibration=judged,
+            candidates=effect or None,
+            gravity_mps2=gravity,
+            min_rest_s=min_rest_s,
+            exclude_saturated=exclude_saturated,
+        )
+    if output is not None and found.calibration is not None:
+        found.calibration.save(output)
+    out = Output(json)
+    out.document(found.to_dict())
+    for line in found.summary().splitlines():
+        out.line(line)
+    if explain is not None:
+        for line in found.explain(explain):
+            out.line(line)
+    if output is not None and found.calibration is not None:
+        out.line(f"calibration written to {output}")
+    if found.verdict == "data_fault":
+        raise typer.Exit(1)
+    if found.verdict in ("unknown", "stochastic"):
+        raise typer.Exit(2)
