@@ -12,6 +12,7 @@ import sys
 import traceback
 from collections.abc import Iterable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 
@@ -52,7 +53,7 @@ def chosen(share: float, groups: Iterable[str], labels: Iterable[str], quick: bo
     ]
 
 
-def _few(share: float, group: str, count: int = 6) -> list[int]:
+def _few(share: float, group: str, count: int = 2) -> list[int]:
     mine = [i for i, case in enumerate(suite(share)) if case.group == group and case.level != "1x"]
     return mine[:: max(1, len(mine) // count)][:count]
 
@@ -69,14 +70,24 @@ def main() -> int:
     )
     arguments.add_argument("--no-baselines", action="store_true")
     arguments.add_argument("--processes", type=int, default=2)
+    arguments.add_argument("--log", type=Path, help="append each case as it is done, one JSON object a line")
     arguments.add_argument("--output", type=Path, default=REPORT)
     given = arguments.parse_args()
     share = QUICK_SHARE if given.quick else given.share
-    numbers = sorted(chosen(share, given.group, given.label, given.quick))
+    # Mixed, so that a run that is broken off has seen a bit of everything.
+    numbers = sorted(
+        chosen(share, given.group, given.label, given.quick), key=lambda i: suite(share)[i].mixed
+    )
     work = partial(job, share, not given.no_baselines)
+    marks: list[Mark] = []
     with ProcessPoolExecutor(given.processes) as pool:
-        done = list(track(pool.map(work, numbers), "asking", total=len(numbers), disable=given.quick))
-    marks = [mark for several in done for mark in several]
+        for done in track(pool.map(work, numbers), "asking", total=len(numbers), disable=given.quick):
+            marks += done
+            if given.log is not None:
+                with given.log.open("a", encoding="utf-8") as log:
+                    log.writelines(json.dumps(asdict(mark)) + "\n" for mark in done)
+    order = {case.key: place for place, case in enumerate(suite(share))}
+    marks.sort(key=lambda mark: order[mark.key])
     text = page(marks)
     print(text)
     if not given.quick:

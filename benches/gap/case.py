@@ -2,13 +2,13 @@
 
 import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
 import imucal
-from gap.scene import Scene, record
+from gap.scene import Scene, cycle, record
 
 BENCHMARK_SEED: Final = 20240
 
@@ -47,11 +47,18 @@ class Sealed:
             raise ValueError("the answer is sealed until the tool has answered")
         return self.__answer
 
-    def run_again(self, said: object, seed: int, program: imucal.Program | None) -> imucal.Recording:
+    def run_again(
+        self, said: object, seed: int, program: imucal.Program, heat_and_cool: bool
+    ) -> imucal.Recording:
         """What the unit measures in the motion that the tool asked for."""
         if said is None:
             raise ValueError("the tool has not asked for a motion yet")
-        return record(self.__scene, seed, program, name="advised")
+        scene = self.__scene
+        if heat_and_cool:
+            scene = replace(
+                scene, temperature=cycle(sum(step.move_s + step.hold_s for step in program.steps))
+            )
+        return record(scene, seed, program, name="advised")
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,16 @@ class Case:
     def seed(self) -> int:
         """Differs from case to case, and is the same in every run of the benchmark."""
         return seed_of(self.group, self.label, self.level, self.index)
+
+    @property
+    def key(self) -> tuple[str, str, str, str, int]:
+        """What tells it from all others."""
+        return self.group, self.label, self.level, self.kind, self.index
+
+    @property
+    def mixed(self) -> int:
+        """A number that mixes the cases."""
+        return zlib.crc32("/".join(map(str, self.key)).encode())
 
     def pose(self) -> tuple[imucal.Recording, imucal.Recording, Sealed]:
         """The recording, the control recording, and the sealed answer."""

@@ -45,6 +45,11 @@ class Mark:
     solved_by_advice: bool | None = None
     advised: dict[str, Any] | None = None
 
+    @property
+    def key(self) -> tuple[str, str, str, str, int]:
+        """That of the case."""
+        return self.group, self.label, self.level, self.kind, self.index
+
 
 def judge(
     tool: str,

@@ -1,7 +1,9 @@
 """The loop closed: the advised motion is simulated, and the question is asked again with both runs."""
 
-import os
+import json
+from collections.abc import Mapping
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import imucal
@@ -17,12 +19,15 @@ def ask_again(
     if advice is None:
         return None
     program = program_of(part(advice, "program"))
-    further = sealed.run_again(said, case.seed + (1 << 32), program)
+    # The program tells the stand how to turn; a temperature is asked for in words.
+    cycle = "heats and cools" in str(part(advice, "description"))
+    further = sealed.run_again(said, case.seed + (1 << 32), program, cycle)
     return find_gap([measured, further], control, case)[0]
 
 
-def program_of(given: Any) -> imucal.Program | None:
-    """A program as it is given, or out of a file."""
-    if isinstance(given, (str, os.PathLike)):
-        return imucal.Program.read(Path(given))
-    return given if isinstance(given, imucal.Program) else None
+def program_of(given: Mapping[str, Any]) -> imucal.Program:
+    """The program in the fields of a program file, read as the stand would read it."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "program.json"
+        path.write_text(json.dumps(given), encoding="utf-8")
+        return imucal.Program.read(path)

@@ -62,10 +62,10 @@ def _tools(marks: Sequence[Mark]) -> str:
     tools = list(dict.fromkeys(mark.tool for mark in marks))
     if len(tools) < 2:
         return ""
-    asked = {_key(m) for m in marks if m.tool != TOOL}
+    asked = {m.key for m in marks if m.tool != TOOL}
     rows = []
     for tool in tools:
-        of = [m for m in marks if m.tool == tool and _key(m) in asked]
+        of = [m for m in marks if m.tool == tool and m.key in asked]
         single = [m for m in of if m.group == "single"]
         rows.append(
             (
@@ -87,10 +87,6 @@ def _tools(marks: Sequence[Mark]) -> str:
         "unknown or that two are alike; wrong is an answer with a name in it that is not hidden.\n\n"
     )
     return "## Beside the textbook ways\n\n" + words + table(heading, rows)
-
-
-def _key(mark: Mark) -> tuple[object, ...]:
-    return mark.group, mark.label, mark.level, mark.kind, mark.index
 
 
 def _short(flags: Sequence[bool | None]) -> str:

@@ -13,7 +13,14 @@ import imucal
 from imucal.unit import unit_of
 
 RATE_HZ: Final = 100.0
-CYCLE: Final = imucal.Temperature.cycle(10.0, 40.0, 320.0)
+
+
+def cycle(duration_s: float) -> imucal.Temperature:
+    """Heated by 30 K and cooled again."""
+    return imucal.Temperature.cycle(10.0, 40.0, duration_s)
+
+
+CYCLE: Final = cycle(320.0)
 WARM_UP: Final = imucal.Temperature.warm_up(25.0, 40.0, 100.0)
 # Errors that a stand has and that its kinematics must find for themselves.
 CROOKED: Final = imucal.Stand(
