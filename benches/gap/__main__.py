@@ -10,8 +10,7 @@ import argparse
 import json
 import sys
 import traceback
-from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -40,16 +39,15 @@ def job(share: float, with_baselines: bool, index: int) -> list[Mark]:
         raise
 
 
-def chosen(share: float, groups: Iterable[str], labels: Iterable[str], quick: bool) -> list[int]:
+def chosen(share: float, only: dict[str, list[str]], quick: bool) -> list[int]:
     """Numbers of the cases to run."""
-    numbers = range(len(suite(share)))
     if quick:
         # One case in so many: all groups, not all cells.
-        return [i for group in {c.group for c in suite(share)} for i in _few(share, group)]
+        return [i for group in dict.fromkeys(c.group for c in suite(share)) for i in _few(share, group)]
     return [
         i
-        for i in numbers
-        if (not groups or suite(share)[i].group in groups) and (not labels or suite(share)[i].label in labels)
+        for i, case in enumerate(suite(share))
+        if all(not wanted or getattr(case, name) in wanted for name, wanted in only.items())
     ]
 
 
@@ -65,6 +63,7 @@ def main() -> int:
     )
     arguments.add_argument("--group", action="append", default=[], help="only this group (several times)")
     arguments.add_argument("--label", action="append", default=[], help="only this label (several times)")
+    arguments.add_argument("--level", action="append", default=[], help="only this level (several times)")
     arguments.add_argument(
         "--quick", action="store_true", help="a few cases of each group, to standard output"
     )
@@ -74,14 +73,15 @@ def main() -> int:
     arguments.add_argument("--output", type=Path, default=REPORT)
     given = arguments.parse_args()
     share = QUICK_SHARE if given.quick else given.share
+    only = {"group": given.group, "label": given.label, "level": given.level}
     # Mixed, so that a run that is broken off has seen a bit of everything.
-    numbers = sorted(
-        chosen(share, given.group, given.label, given.quick), key=lambda i: suite(share)[i].mixed
-    )
+    numbers = sorted(chosen(share, only, given.quick), key=lambda i: suite(share)[i].mixed)
     work = partial(job, share, not given.no_baselines)
     marks: list[Mark] = []
     with ProcessPoolExecutor(given.processes) as pool:
-        for done in track(pool.map(work, numbers), "asking", total=len(numbers), disable=given.quick):
+        jobs = [pool.submit(work, number) for number in numbers]
+        for finished in track(as_completed(jobs), "asking", total=len(jobs), disable=given.quick):
+            done = finished.result()
             marks += done
             if given.log is not None:
                 with given.log.open("a", encoding="utf-8") as log:

@@ -8,10 +8,13 @@ import numpy as np
 
 import imucal
 from gap.case import Answer, Case, generator
+from gap.noise import paper
 from gap.scene import WARM_UP, Scene
 from gap.sizes import DEG, SIZES, G, drawn, typical
+from imucal.unit import unit_of
 
 LEVELS: Final = {"1x": 1.0, "2x": 2.0, "5x": 5.0, "10x": 10.0}
+EARTH_RATE_RADPS: Final = 7.292e-5
 # What a temperature that only rises cannot tell from time.
 CONFOUNDED: Final = (
     "gyro_bias_temperature",
@@ -40,11 +43,24 @@ def single(runs: int) -> Iterator[Case]:
     """Each effect at multiples of its detection limit, and at its usual size."""
     for name, size in SIZES.items():
         for level in (*LEVELS, "typical"):
-            rms = typical(name) if level == "typical" else LEVELS[level] * size.here
+            times = typical(name) / size.here if level == "typical" else LEVELS[level]
             for index in range(runs):
-                effect = drawn(name, rms, generator("single", name, level, index))
-                answer = Answer((effect,), block=block_of(name))
-                yield Case("single", name, index, Scene(size.kind, (effect,)), answer, level=level)
+                scene = one(name, size.kind, times, size.here, generator("single", name, level, index))
+                answer = Answer(scene.effects, block=block_of(name))
+                yield Case("single", name, index, scene, answer, level=level)
+
+
+def one(name: str, kind: str, times: float, limit: float, random: np.random.Generator) -> Scene:
+    """A scene with one effect of so many times its limit.
+
+    The rate of the Earth has one size: there the gyroscope is as much quieter.
+    """
+    if name != "earth_rate":
+        return Scene(kind, (drawn(name, times * limit, random),))
+    real = EARTH_RATE_RADPS / np.sqrt(3.0)
+    density = unit_of("paper").gyroscope.noise_density * real / (times * limit)
+    quiet = paper(gyroscope={"noise_density": density, "lsb": None, "bits": None})
+    return Scene(kind, (drawn(name, real, random),), unit=quiet)
 
 
 def other_data(runs: int) -> Iterator[Case]:
@@ -56,14 +72,15 @@ def other_data(runs: int) -> Iterator[Case]:
                 if kind == size.kind:
                     continue
                 for index in range(runs):
-                    effect = drawn(name, 5.0 * limit, generator("data", name, kind, index))
-                    answer = Answer((effect,), block=block_of(name))
-                    yield Case("data", name, index, Scene(kind, (effect,)), answer, level=f"5x in {kind}")
+                    scene = one(name, kind, 5.0, limit, generator("data", name, kind, index))
+                    answer = Answer(scene.effects, block=block_of(name))
+                    yield Case("data", name, index, scene, answer, level=f"5x in {kind}")
 
 
 def several(pairs: int, triples: int) -> Iterator[Case]:
     """Two and three at once, each at five times its limit, of those that rests and moves show."""
-    seen = [name for name, size in SIZES.items() if size.kind == "A'"]
+    # The rate of the Earth cannot have five times its limit beside another effect at the paper's noise.
+    seen = [name for name, size in SIZES.items() if size.kind == "A'" and name != "earth_rate"]
     for count, label, wanted in ((2, "pair", pairs), (3, "triple", triples)):
         random = generator(label)
         groups = list(combinations(seen, count))
@@ -116,9 +133,8 @@ def left_out(runs: int) -> Iterator[Case]:
     for name, size in SIZES.items():
         rest = [other for other in names if other != name]
         for index in range(runs):
-            effect = drawn(name, 10.0 * size.here, generator("left out", name, index))
+            scene = one(name, size.kind, 10.0, size.here, generator("left out", name, index))
             answer = Answer(verdicts=("unknown", "stochastic"), block=block_of(name))
-            scene = Scene(size.kind, (effect,))
             yield Case("left out", name, index, scene, answer, {"candidates": rest}, level="10x")
 
 
