@@ -11,6 +11,7 @@ EXAMPLES = Path(__file__).parent.parent / "examples"
 PROMISED = {
     "calibrate_arrays.py": ["verdict: good", "gyro_sensitivity_zz"],
     "judge_and_apply.py": ["verdict: good", r"calibrated:   0\.0\d\d deg", r"\|f\| at rest: 9\.80\d\d"],
+    "own_effect.py": [r"after: 0\.05\d deg", r"gyro_bias_supply_x: 0\.0(19|20)\d+ \+- 0\.0003"],
     "simulate_your_program.py": ["on the stand, 25 rests", "accel_bias_x"],
 }
 

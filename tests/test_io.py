@@ -7,24 +7,15 @@ import subprocess
 import sys
 import textwrap
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 import imucal
 
-SHARED = Path(__file__).parents[2] / "shared" / "data"
 HEADER = "time_s,accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
 IMU_COLUMNS = HEADER.removeprefix("time_s,")
 ROW = "0,0,0,9.8,0,0,0"
-
-
-def shared(path):
-    if not SHARED.exists():
-        pytest.skip(f"the folder of real recordings is not there: {SHARED}")
-    assert (SHARED / path).exists(), f"{path} is missing from the real recordings"
-    return SHARED / path
 
 
 def random_recording(rows=500, **more):
@@ -243,8 +234,8 @@ def test_euroc(tmp_path):
     np.testing.assert_array_equal(recording.specific_force[1], [float(x) for x in row.split(",")[3:]])
 
 
-def test_imu_tk_pair_is_the_files_numbers():
-    accel, gyro = shared("xsens_mti/xsens_acc.mat"), shared("xsens_mti/xsens_gyro.mat")
+def test_imu_tk_pair_is_the_files_numbers(data_file):
+    accel, gyro = data_file("xsens_mti/xsens_acc.mat"), data_file("xsens_mti/xsens_gyro.mat")
     recording = imucal.read(accel, gyro)
     truth = np.loadtxt(accel)
     np.testing.assert_array_equal(recording.time_s, truth[:, 0])
@@ -274,8 +265,8 @@ def test_imu_tk_files_of_different_time_are_refused(tmp_path):
         ),
     ],
 )
-def test_headerless_columns_are_the_files_numbers(file, columns, rows):
-    path = shared(file)
+def test_headerless_columns_are_the_files_numbers(file, columns, rows, data_file):
+    path = data_file(file)
     recording = imucal.read(path, columns=columns, rate_hz=100)
     truth = np.genfromtxt(
         path.read_text().splitlines()[-rows:], delimiter="," if file.endswith("csv") else None
@@ -283,8 +274,8 @@ def test_headerless_columns_are_the_files_numbers(file, columns, rows):
     np.testing.assert_array_equal(np.hstack([recording.specific_force, recording.angular_rate]), truth)
 
 
-def test_columns_can_be_left_out_and_reordered():
-    path = shared("ferraris/example_ferraris_session.csv")
+def test_columns_can_be_left_out_and_reordered(data_file):
+    path = data_file("ferraris/example_ferraris_session.csv")
     columns = "-,gyro_x_dps,gyro_y_dps,gyro_z_dps,accel_x_mps2,accel_y_mps2,accel_z_mps2"
     recording = imucal.read(path, columns=columns, rate_hz=102.4)
     truth = np.genfromtxt(path, delimiter=",", skip_header=1)

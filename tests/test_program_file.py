@@ -46,7 +46,7 @@ def test_named_programs_are_the_papers():
         ({"schema": "imucal.program/1"}, r"\$\.steps is missing"),
         ({"schema": "imucal.program/1", "steps": []}, r"\$\.steps is empty"),
         (
-            {"schema": "imucal.program/1", "steps": [{"turn_deg": [1, 2]}]},
+            {"schema": "imucal.program/1", "steps": [{"turn_deg": [1, 2], "move_s": 1, "hold_s": 1}]},
             r"\$\.steps\[0\]\.turn_deg .*3 items, not 2",
         ),
         (

@@ -12,7 +12,6 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parent.parent
-SHARED_DATA = ROOT.parent / "shared" / "data"
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?://)([^)#]+)[^)]*\)")
 PAGES = [
@@ -91,12 +90,10 @@ def test_readme_runs(tmp_path):
         assert (tmp_path / name).stat().st_size > 0
 
 
-def test_tutorial_prints_what_it_shows(tmp_path):
-    if not SHARED_DATA.is_dir():
-        pytest.skip(f"the recording of the tutorial is not here: {SHARED_DATA} is missing")
+def test_tutorial_prints_what_it_shows(tmp_path, data_file):
     for name in ("xsens_acc.mat", "xsens_gyro.mat"):
-        shutil.copy(SHARED_DATA / "xsens_mti" / name, tmp_path)
-    assert run_page("docs/tutorial-xsens.md", tmp_path) == 6
+        shutil.copy(data_file(f"xsens_mti/{name}"), tmp_path)
+    assert run_page("docs/tutorial-xsens.md", tmp_path) == 7
 
 
 def test_page_of_simulation_prints_what_it_shows(tmp_path):
@@ -115,6 +112,17 @@ def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
         "run `imucal effects --markdown docs/effects.md`"
     )
     assert run_page("docs/effects.md", tmp_path) == 2
+
+
+def test_page_of_an_own_effect_is_its_example(tmp_path):
+    shutil.copy(ROOT / "examples/own_effect.py", tmp_path)
+    assert run_page("docs/own-effect.md", tmp_path) == 1
+    program = (tmp_path / "own_effect.py").read_text(encoding="utf-8")
+    page = (ROOT / "docs/own-effect.md").read_text(encoding="utf-8")
+    shown = [line.strip() for line in page.splitlines() if line.startswith("    ")]
+    missing = [line for line in shown if line not in program]
+    assert len(shown) > 15
+    assert not missing
 
 
 def test_a_page_that_shows_something_else_is_found():

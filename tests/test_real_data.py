@@ -3,13 +3,16 @@
 Sources and licences of the recordings are in the README of each folder.
 """
 
+import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
 import imucal
+from imucal.recording import STANDARD_GRAVITY_MPS2
 
 PADOVA_MPS2 = 9.81744
 MPU9150 = "accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
@@ -157,6 +160,73 @@ def test_xsens_by_the_command(xsens_files, xsens_result, command, tmp_path):
     assert (calibration.accel_unit, calibration.gyro_unit) == ("lsb", "lsb")
 
 
+# --- xsens_mti: the effect that the linear model misses ----------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def xsens_with_effect(xsens_files, command, tmp_path_factory):
+    """The command with the effect: the JSON document and the calibration file."""
+    folder = tmp_path_factory.mktemp("effect")
+    options = [
+        "--format",
+        "imu_tk",
+        "--gravity",
+        PADOVA_MPS2,
+        "--effect",
+        "gyro_g_sensitivity",
+        "--folds",
+        "3",
+    ]
+    output = ["-o", folder / "cal.json", "--json", folder / "result.json"]
+    done = command("calibrate", *xsens_files, *options, *output)
+    assert done.returncode == 0, done.stderr
+    assert "gyro_g_sensitivity_zz" in done.stdout
+    assert "gyro_g_sensitivity: chi2 of its 9 parameters is 2735, 9 or so" in done.stdout
+    return json.loads((folder / "result.json").read_text()), imucal.Calibration.load(folder / "cal.json")
+
+
+def test_xsens_g_sensitivity_explains_the_moves(xsens_with_effect, xsens_result):
+    result, _ = xsens_with_effect
+    assert xsens_result.calibration_set["gravity_direction_rms_deg"] > 0.4
+    assert result["calibration_set"]["gravity_direction_rms_deg"] <= 0.135
+    assert result["held_out"]["gravity_direction_rms_deg"] <= 0.175
+    assert result["verdict"] == "good"
+    assert result["fit"]["joint"]["termination"] == "converged"
+    (effect,) = result["fit"]["effects"]
+    assert (effect["name"], effect["dof"]) == ("gyro_g_sensitivity", 9)
+    assert effect["statistic"] > 1000
+
+
+def test_xsens_g_sensitivity_agrees_with_another_program(xsens_with_effect, data_file):
+    """The nine values and their sigma as the README of the recordings tells them, deg/s per g."""
+    text = data_file("README.md").read_text(encoding="utf-8")
+    told = text[text.index("g-sensitivity found in the rest means") :].split("\n\n")[0]
+    table = np.array([row.split() for row in re.findall(r"\((-?\.\d+ -?\.\d+ -?\.\d+)\)", told)], dtype=float)
+    assert table.shape == (3, 3)
+    low, high = map(float, re.search(r"1 sigma (\.\d+)-(\.\d+)", told).groups())
+    result, calibration = xsens_with_effect
+    (effect,) = calibration.effects
+    found = np.degrees(effect.values.reshape(3, 3)) * STANDARD_GRAVITY_MPS2
+    stds = [p["std"] for p in result["parameters"] if p["name"].startswith("gyro_g_sensitivity")]
+    sigmas = np.degrees(stds).reshape(3, 3) * STANDARD_GRAVITY_MPS2
+    assert (np.abs(found - table) <= 3 * np.minimum(sigmas, low)).all()
+    # Both programs look at the same noise: their sigmas are alike.
+    assert low / 2 < sigmas.min() and sigmas.max() < 2 * high
+
+
+def test_xsens_file_with_the_effect_does_its_work(xsens, xsens_with_effect):
+    """Read back, the calibration takes the effect away: the rate at rest is that of the noise."""
+    result, calibration = xsens_with_effect
+    corrected = calibration.apply_recording(xsens)
+    rests = [(r["first"], r["end"]) for r in result["rests"]]
+    means = np.array([corrected.angular_rate[first:end].mean(axis=0) for first, end in rests])
+    plain = dataclasses.replace(calibration, effects=(), covariance=None, covariance_names=())
+    before = plain.apply_recording(xsens).angular_rate
+    before = np.array([before[first:end].mean(axis=0) for first, end in rests])
+    assert np.degrees(before.std(axis=0)).min() > 0.03
+    assert np.degrees(means.std(axis=0)).max() < 0.02
+
+
 # --- mpu9150: two units, SI, no time column ----------------------------------------------------------------
 
 
@@ -196,6 +266,16 @@ def test_mpu9150_by_the_command(data_file, command, tmp_path):
     assert done.returncode == 0, done.stderr
     assert "held-out" in done.stdout
     assert json.loads(output.read_text())["held_out"]["gravity_direction_rms_deg"] <= 0.12
+
+
+@pytest.mark.parametrize("unit", [0, 1])
+def test_mpu9150_is_not_helped_by_g_sensitivity(data_file, unit):
+    """Held-out moves are not better by more than chance: 21 of them tell an rms to 15 % at one sigma."""
+    recording = mpu9150(data_file, unit)
+    plain = imucal.calibrate(recording, folds=3).held_out["gravity_direction_rms_deg"]
+    helped = imucal.calibrate(recording, folds=3, effects=["gyro_g_sensitivity"]).held_out
+    assert helped["gravity_direction_rms_deg"] > 0.85 * plain
+    assert helped["gravity_direction_rms_deg"] < 1.3 * plain
 
 
 # --- mpu6050: raw counts, a gyroscope that saturates -------------------------------------------------------

@@ -12,8 +12,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from imucal.calibrate import CalibrationResult, calibrate
+from imucal.calibrate import calibrate
 from imucal.calibration import Calibration, Parameter, Provenance, Triad
+from imucal.calibration_result import CalibrationResult
 from imucal.effects import Effect, EffectParameter, EffectValues, State, UserEffect
 from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEnoughMotionError
 from imucal.evaluate import Evaluation, evaluate

@@ -37,6 +37,7 @@ __all__ = [
     "effects",
     "evaluate",
     "gravity_mps2",
+    "gap_design",
     "grid_program",
     "inspect",
     "integrate",
@@ -515,6 +516,8 @@ class Search:
     @property
     def path_log_bayes_factor(self) -> float: ...
     @property
+    def generic_log_bayes_factor(self) -> float: ...
+    @property
     def not_observable(self) -> list[tuple[str, str]]: ...
     @property
     def smallest_visible(self) -> list[tuple[str, float, str]]: ...
@@ -523,6 +526,9 @@ class Search:
     @property
     def in_motion_left_out(self) -> str | None: ...
 
+def gap_design(
+    recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
+) -> tuple[_Array, _Array, list[tuple[str, _Array]]]: ...
 def search_gap(
     recordings: Sequence[_Recording],
     options: _Options,

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.calibration import Calibration, Frame, Parameter, Provenance, Triad, as_frame
+from imucal.calibration import Calibration, Frame, Provenance, Triad, as_frame
+from imucal.calibration_result import CalibrationResult
 from imucal.document import without_nan
 from imucal.effects import EffectValues, State, UserEffect, find
 from imucal.errors import InputError
@@ -20,20 +21,17 @@ from imucal.evaluate import (
     MOVE,
     REST,
     THRESHOLD,
-    Evaluation,
     evaluate,
     fields_of,
-    figures_text,
     poor_figures,
     reported,
 )
-from imucal.finding import Finding
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
 
 if TYPE_CHECKING:
     from imucal import _core
 
-__all__ = ["CalibrationResult", "calibrate"]
+__all__ = ["calibrate"]
 
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 MOST_FOLDS = 1000
@@ -65,117 +63,6 @@ class Options:
     user_fields: tuple[UserField, ...] = ()
 
 
-@dataclass(frozen=True, eq=False)
-class CalibrationResult:
-    """A calibration and all that is known about it.
-
-    rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part
-    findings       warnings about the recordings
-    held_out       gravity direction on moves that the fit had not seen, if folds were asked for
-    control        the calibration judged on the control recordings, if there are any
-    reasons        why the verdict is poor; empty for a good one
-    """
-
-    calibration: Calibration
-    rests: tuple[Mapping[str, Any], ...]
-    moves: tuple[Mapping[str, Any], ...]
-    findings: tuple[Finding, ...]
-    held_out: Mapping[str, Any] | None
-    control: Evaluation | None
-    reasons: tuple[str, ...]
-
-    @property
-    def verdict(self) -> str:
-        """`good` or `poor`."""
-        return "poor" if self.reasons else "good"
-
-    @property
-    def parameters(self) -> tuple[Parameter, ...]:
-        """The 21 parameters with their standard deviations."""
-        return self.calibration.parameters
-
-    @property
-    def fit(self) -> Mapping[str, Any]:
-        """How the estimation went."""
-        return self.calibration.fit
-
-    @property
-    def calibration_set(self) -> Mapping[str, Any] | None:
-        """Figures on the recordings that the calibration was made of."""
-        return self.calibration.calibration_set
-
-    @property
-    def control_set(self) -> Mapping[str, Any] | None:
-        """Figures on the control recordings, None without any."""
-        return self.calibration.control_set
-
-    @property
-    def control_before(self) -> Mapping[str, Any] | None:
-        """Figures on the control recordings of the unit as it comes, None without any."""
-        return None if self.control is None else self.control.before
-
-    @property
-    def notes(self) -> tuple[str, ...]:
-        """What a careful reader should know: rests and moves left out, and standard deviations widened."""
-        notes = [
-            f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
-            f"left out: {rest['excluded']}"
-            for index, rest in enumerate(self.rests)
-            if rest["excluded"] is not None
-        ]
-        notes += [
-            f"move from rest {move['from_rest']} to {move['to_rest']} of {move['recording']} left out: "
-            f"{move['excluded']}"
-            for move in self.moves
-            if move["excluded"] is not None
-        ]
-        if "joint" in self.fit:
-            widened = [("in the joint fit", self.fit["joint"]["inflation"])]
-        else:
-            widened = [(f"of the {s}", self.fit[s]["inflation"]) for s in ("accelerometer", "gyroscope")]
-        notes += [
-            f"standard deviations {which} are widened {times:.1f} times: by so much residuals exceed what noise "
-            "explains"
-            for which, times in widened
-            if times > 1
-        ]
-        return tuple(notes)
-
-    def summary(self) -> str:
-        """The parameters, the figures and the verdict as plain text."""
-        lines = ["parameter                        value        1 sigma  unit"]
-        for parameter in self.parameters:
-            std = "not known" if parameter.std is None else f"{parameter.std:.2e}"
-            lines.append(f"{parameter.name:<24} {parameter.value:>13.7g} {std:>14}  {parameter.unit}")
-        used = [sum(item["excluded"] is None for item in items) for items in (self.rests, self.moves)]
-        lines.append(f"{used[0]} of {len(self.rests)} rests and {used[1]} of {len(self.moves)} moves used")
-        for name, figures in (
-            ("calibration set", self.calibration_set),
-            ("held-out moves", self.held_out),
-            ("control set", self.control_set),
-        ):
-            if figures is not None:
-                lines.append(f"{name}: {figures_text(figures)}")
-        lines += self.notes
-        lines += [f"{finding.severity}: {finding}" for finding in self.findings]
-        lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))
-        return "\n".join(lines)
-
-    def to_dict(self) -> dict[str, Any]:
-        """The document of `imucal calibrate --json`."""
-        document = self.calibration.to_dict()
-        fields = ("parameters", "accelerometer", "gyroscope", "fit", "calibration_set", "control_set")
-        return {
-            "verdict": self.verdict,
-            "reasons": list(self.reasons),
-            **{name: document[name] for name in fields},
-            "held_out": without_nan(self.held_out),
-            "rests": without_nan(self.rests),
-            "moves": without_nan(self.moves),
-            "findings": without_nan([finding.to_dict() for finding in self.findings]),
-        }
-
-
 def calibrate(
     recordings: Recording | Sequence[Recording],
     *,
@@ -199,8 +86,8 @@ def calibrate(
     exclude_saturated  leave out rests and moves with saturated samples instead of refusing the recording
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s, for recordings in
                        counts; without it start values come from the data
-    effects            what to estimate together with the 21 parameters: names of the catalogue, `NAME:full` for the
-                       full form of an effect that has two, and effects of one's own
+    effects            what to estimate together with the 21 parameters: names of the catalogue, with `:full`
+                       for the full form of an effect that has two, and effects of one's own
     folds              also fit that many times, each time without a part of the moves, and judge on that part
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
@@ -310,7 +197,7 @@ def _asked_for(
 def _with_user_effects(
     unit_data: Sequence[Recording], options: Options, own: tuple[UserEffect, ...], outcome: _core.Outcome
 ) -> tuple[Options, _core.Outcome]:
-    """Estimate with the fields of `own`, which may depend on the corrected state: repeated until they settle."""
+    """Estimate with the fields of `own`, again until they settle: they may depend on the corrected state."""
     from imucal import _core
 
     fields: tuple[UserField, ...] = ()

@@ -51,8 +51,8 @@ def calibrate(
         typer.Option(
             "--effect",
             metavar="NAME",
-            help="Estimate this effect too (`imucal effects` lists them; NAME:full for the full form); may be "
-            "given again.",
+            help="Estimate this effect too (`imucal effects` lists them; NAME:full for the full form); may "
+            "be given again.",
         ),
     ] = None,
     folds: Annotated[

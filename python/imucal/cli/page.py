@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
-    from imucal.calibrate import CalibrationResult
+    from imucal.calibration_result import CalibrationResult
 
 __all__ = ["write_result_page"]
 

@@ -3,6 +3,7 @@
 use imucal::calibrate::{EffectChoice, UserField};
 use imucal::error::Error;
 use imucal::gap as library;
+use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
 use crate::arrays::{RecordingColumns, UserFieldArrays};
@@ -40,6 +41,7 @@ pub(crate) struct Search {
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
     path_log_bayes_factor: f64,
+    generic_log_bayes_factor: f64,
     not_observable: Vec<(String, String)>,
     smallest_visible: Vec<(String, f64, String)>,
     excess_scatter: f64,
@@ -53,6 +55,31 @@ impl EffectScore {
     }
 }
 
+/// Residuals (m,), base columns (m, n) and those of each effect, (name, (m, p)).
+type Columns<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray2<f64>>, Vec<(String, Bound<'py, PyArray2<f64>>)>);
+
+/// Whitened residuals of the model without effects, and what they depend on.
+#[pyfunction]
+pub(crate) fn gap_design<'py>(
+    py: Python<'py>,
+    recordings: Vec<RecordingColumns<'py>>,
+    options: CalibrateOptions<'py>,
+    candidates: Vec<(String, bool)>,
+) -> PyResult<Columns<'py>> {
+    let options = options.options(py)?;
+    let recordings = RecordingColumns::views(py, &recordings)?;
+    let candidates = choices(&candidates).to_python(py)?;
+    let found = py.detach(|| library::linearise(&recordings, &options, &candidates, &[])).to_python(py)?;
+    let array = |rows: &[Vec<f64>]| PyArray2::from_vec2(py, rows).map_err(PyErr::from);
+    let effects =
+        found.candidates.iter().map(|(name, rows)| Ok((name.clone(), array(rows)?))).collect::<PyResult<_>>()?;
+    Ok((PyArray1::from_vec(py, found.residual.clone()), array(&found.base)?, effects))
+}
+
+fn choices(candidates: &[(String, bool)]) -> Result<Vec<EffectChoice>, Error> {
+    candidates.iter().map(|(name, full)| Ok(EffectChoice { effect: find(name)?, full: *full })).collect()
+}
+
 /// Looks for effects among `candidates`, names with whether the full form is meant, and `user_fields`.
 #[pyfunction]
 pub(crate) fn search_gap(
@@ -64,8 +91,7 @@ pub(crate) fn search_gap(
 ) -> PyResult<Search> {
     let options = options.options(py)?;
     let recordings = RecordingColumns::views(py, &recordings)?;
-    let choice = |(name, full): &(String, bool)| Ok(EffectChoice { effect: find(name)?, full: *full });
-    let candidates: Vec<EffectChoice> = candidates.iter().map(choice).collect::<Result<_, Error>>().to_python(py)?;
+    let candidates = choices(&candidates).to_python(py)?;
     let fields: Vec<UserField<'_>> = user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?;
     let found = py.detach(|| library::search(&recordings, &options, &candidates, &fields)).to_python(py)?;
     let scores = |all: Vec<library::Score>| all.into_iter().map(|s| EffectScore::new(py, s)).collect::<PyResult<_>>();
@@ -79,6 +105,7 @@ pub(crate) fn search_gap(
         ranking: scores(found.ranking)?,
         generic: generic.transpose()?,
         path_log_bayes_factor: found.path_log_bayes_factor,
+        generic_log_bayes_factor: found.generic_log_bayes_factor,
         not_observable: found.not_observable,
         smallest_visible: found.smallest_visible,
         excess_scatter: found.excess_scatter,

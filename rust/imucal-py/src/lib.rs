@@ -30,7 +30,7 @@ mod _core {
     use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};
     #[pymodule_export]
-    use super::gap::{EffectScore, GenericFinding, Search, search_gap};
+    use super::gap::{EffectScore, GenericFinding, Search, gap_design, search_gap};
     use super::options::{CalibrateOptions, frame_named};
     #[pymodule_export]
     use super::results::{

@@ -15,7 +15,7 @@ mod generic;
 mod path;
 
 pub use generic::{Block, Kernel};
-pub use path::search;
+pub use path::{linearise, search};
 
 /// What a search has found.
 #[derive(Clone, Debug)]
@@ -26,6 +26,8 @@ pub struct Search {
     pub ranking: Vec<Score>,
     /// The best generic hypothesis, if it explains more than the path.
     pub generic: Option<GenericFinding>,
+    /// Logarithm of the Bayes factor of the best generic hypothesis against no effect.
+    pub generic_log_bayes_factor: f64,
     /// Logarithm of the Bayes factor of the whole path against no effect.
     pub path_log_bayes_factor: f64,
     /// Effects that these recordings cannot show, and what would.
@@ -70,4 +72,15 @@ pub struct GenericFinding {
     pub rests: Vec<usize>,
     /// Rms of the variation of that axis, SI units.
     pub rms: f64,
+}
+
+/// Whitened residuals and their derivatives, row by row.
+#[derive(Clone, Debug)]
+pub struct Linearised {
+    /// The residuals, in units of what noise explains.
+    pub residual: Vec<f64>,
+    /// By the parameters that are always there.
+    pub base: Vec<Vec<f64>>,
+    /// By the parameters of each effect; an effect with a time constant is there for several.
+    pub candidates: Vec<(String, Vec<Vec<f64>>)>,
 }

@@ -23,6 +23,8 @@ mod weights;
 mod whiten;
 
 #[cfg(test)]
+mod derivatives;
+#[cfg(test)]
 mod tests;
 
 pub use terms::{EffectChoice, UserField};
@@ -51,6 +53,8 @@ const LEAST_CHANGE: f64 = 0.1;
 /// Weights and result have settled when no parameter moves by more than this share of its standard deviation.
 const SETTLED: f64 = 1e-3;
 const MOST_ROUNDS: usize = 8;
+/// Tolerance of a fit that is only linearised again.
+const SEARCH: f64 = 1e-5;
 /// Start values of a time constant, as shares of the recording's length.
 pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
@@ -73,12 +77,13 @@ pub(crate) fn fit(
         accelerometer: *accelerometer,
         gyroscope: *gyroscope,
         values: start_values(terms),
-        stand: start_stand(prepared, accelerometer),
+        stand: start_stand(prepared, terms, accelerometer),
     };
     let mut parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
     check_determined(&problem, terms, &parameters)?;
+    problem.weights = balanced(&problem, terms, &parameters)?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
     for round in 0..MOST_ROUNDS {
         let found = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
@@ -98,6 +103,31 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
+/// As [`fit`], with the weights of noise alone and to a millionth: where a search linearises next.
+pub(crate) fn fit_for_search(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    accelerometer: &Triad<f64>,
+    gyroscope: &Triad<f64>,
+) -> Result<Model, Error> {
+    check_columns(prepared.recordings, terms)?;
+    let start = Model {
+        accelerometer: *accelerometer,
+        gyroscope: *gyroscope,
+        values: start_values(terms),
+        stand: start_stand(prepared, terms, accelerometer),
+    };
+    let mut parameters = start.parameters();
+    let mut problem = Joint::of_noise(prepared, terms, &parameters)?;
+    check_determined(&problem, terms, &parameters)?;
+    choose_shapes(&mut problem, terms, &mut parameters)?;
+    let found = lsq::minimize(&problem, &parameters, SEARCH)?;
+    if found.termination == Termination::NotFinite {
+        return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
+    }
+    Model::of(&found.parameters, terms)
+}
+
 /// Directions and rotations of moves with a model that is known.
 pub(crate) fn predict(
     prepared: &Prepared<'_>,
@@ -110,6 +140,16 @@ pub(crate) fn predict(
     Ok(report::moves_of(&linear, &weights))
 }
 
+/// Weights with which the residuals at the start are as large as chance leaves them.
+///
+/// With those of noise alone, what the start does not explain would drive an effect far off: a g-sensitivity alike on all
+/// axes turns the unit about gravity, which moves do not see, and if that turn is fast every other error averages out.
+fn balanced(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<Weights, Error> {
+    let (residuals, jacobian) = problem.whitened(parameters)?;
+    let start = Solution::at(parameters, residuals, jacobian);
+    Weights::of(problem.prepared, terms, parameters, Some((&start, &problem.weights.scales)))
+}
+
 /// The largest change of a parameter in units of its standard deviation.
 fn largest_move(before: &[f64], found: &Solution) -> f64 {
     let covariance = lsq::covariance(&found.jacobian);
@@ -118,8 +158,8 @@ fn largest_move(before: &[f64], found: &Solution) -> f64 {
 }
 
 /// How the unit is mounted on the stand; the rest of it is taken for perfect.
-fn start_stand(prepared: &Prepared<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
-    let Some(encoders) = &prepared.encoders else { return Vec::new() };
+fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
+    let Some(encoders) = prepared.encoders.as_ref().filter(|_| terms.kinds.encoders) else { return Vec::new() };
     let used = (0..prepared.rests.len()).filter(|&k| prepared.used[k]);
     let (angles, up): (Vec<_>, Vec<_>) = used
         .map(|k| {

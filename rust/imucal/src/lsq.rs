@@ -57,6 +57,18 @@ pub(crate) struct Solution {
 }
 
 impl Solution {
+    /// Where a fit begins.
+    pub(crate) fn at(parameters: &[f64], residuals: Mat<f64>, jacobian: Mat<f64>) -> Self {
+        Self {
+            parameters: parameters.to_vec(),
+            chi2: sum_of_squares(&residuals),
+            residuals,
+            jacobian,
+            iterations: 0,
+            termination: Termination::IterationLimit,
+        }
+    }
+
     /// What people are told about the fit.
     pub(crate) fn report(&self) -> FitReport {
         let degrees_of_freedom = self.residuals.nrows().saturating_sub(self.parameters.len());

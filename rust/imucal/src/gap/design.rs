@@ -38,6 +38,8 @@ pub(crate) struct Design {
     pub(crate) model: Vec<Column>,
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) generics: Vec<Generic>,
+    /// All columns, the residual last.
+    pub(crate) columns: Mat<f64>,
 }
 
 /// What a design is made of: `own` the effects of the model, `sets` the candidates, each set with shapes of its own.
@@ -105,7 +107,7 @@ pub(crate) fn design(
             Column { place: p, precision, value: if effect.is_some() { parameters[p] } else { 0.0 } }
         })
         .collect();
-    Ok(Design { gram: Gram::new(&all, &groups), model, candidates, generics })
+    Ok(Design { gram: Gram::new(&all, &groups), model, candidates, generics, columns: all })
 }
 
 /// What the kernels need to know of the rests that take part.

@@ -8,7 +8,7 @@ use imucal_core::sensor::Triad;
 use super::design::{Candidate, Design, design};
 use super::detect::{FALSE_ALARM, p_value, visible_noncentrality};
 use super::evidence::{Column, Evidence};
-use super::{GenericFinding, Score, Search};
+use super::{GenericFinding, Linearised, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{self, INSIDE, Kinds, Prepared, SHAPE_SHARES, Terms};
@@ -29,6 +29,7 @@ const LEAST_CHANGE: f64 = 0.01;
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
 const MOST_EFFECTS: usize = 6;
+const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
 /// Looks for effects among `candidates` and `user_fields`.
 ///
@@ -40,14 +41,37 @@ pub fn search(
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
 ) -> Result<Search, Error> {
-    let encoders = recordings.iter().all(|r| r.stand_rad.is_some())
-        && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
-    let mut hunt =
-        Hunt { kinds: Kinds { in_motion: true, encoders }, left_out: Vec::new(), user_fields, samples: Vec::new() };
-    hunt.samples = recordings.iter().map(Recording::len).collect();
+    let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
     calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
         hunt.run(prepared, [accelerometer, gyroscope], open)
+    })
+}
+
+/// The whitened residuals of the model without effects, and what they depend on: for other ways to choose effects.
+///
+/// # Errors
+/// As [`search`].
+pub fn linearise(
+    recordings: &[Recording<'_>],
+    options: &Options<'_>,
+    candidates: &[EffectChoice],
+    user_fields: &[UserField<'_>],
+) -> Result<Linearised, Error> {
+    let mut hunt = Hunt::new(recordings, candidates, user_fields);
+    let open = hunt.with_columns(recordings, candidates);
+    calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
+        let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
+        let Design { columns, model, candidates, .. } = &stage.design;
+        let take = |range: std::ops::Range<usize>| {
+            (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
+        };
+        let last = columns.ncols() - 1;
+        Ok(Linearised {
+            residual: (0..columns.nrows()).map(|i| columns[(i, last)]).collect(),
+            base: take(0..model.len()),
+            candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
+        })
     })
 }
 
@@ -74,7 +98,18 @@ struct Member {
     width: f64,
 }
 
-impl Hunt<'_> {
+impl<'a> Hunt<'a> {
+    fn new(recordings: &[Recording<'_>], candidates: &[EffectChoice], user_fields: &'a [UserField<'a>]) -> Self {
+        let encoders = recordings.iter().all(|r| r.stand_rad.is_some())
+            && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
+        Self {
+            kinds: Kinds { in_motion: true, encoders },
+            left_out: Vec::new(),
+            user_fields,
+            samples: recordings.iter().map(Recording::len).collect(),
+        }
+    }
+
     /// The candidates whose columns are there; the others are noted.
     fn with_columns(&mut self, recordings: &[Recording<'_>], candidates: &[EffectChoice]) -> Vec<EffectChoice> {
         let lacks = |choice: &EffectChoice| {
@@ -104,29 +139,11 @@ impl Hunt<'_> {
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
-        mut open: Vec<EffectChoice>,
+        open: Vec<EffectChoice>,
     ) -> Result<Search, Error> {
-        let mut stage = self.stage(prepared, triads, &open, &[], true)?;
-        let mut in_motion_left_out = None;
-        if self.is_carried(&stage) {
-            self.kinds.in_motion = false;
-            in_motion_left_out =
-                Some("the unit was carried along inside the moves, not turned in one place".to_owned());
-            open.retain(|choice| {
-                let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
-                if blind {
-                    self.left_out.push((
-                        choice.effect.name.to_owned(),
-                        "turns on a stand: a hand carries the unit along".into(),
-                    ));
-                }
-                !blind
-            });
-            stage = self.stage(prepared, triads, &open, &[], true)?;
-        }
+        let (mut stage, open) = self.start(prepared, triads, open)?;
         let first = self.judge(&stage);
         let start_log = stage.evidence.log;
-        let generic = best_generic(&stage);
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         while path.len() < MOST_EFFECTS {
@@ -163,9 +180,10 @@ impl Hunt<'_> {
         self.eliminate(prepared, triads, &open, &mut stage, &mut path)?;
         let path_log_bayes_factor = stage.evidence.log - start_log;
         let excess = stage.evidence.scales.iter().copied().fold(1.0, f64::max).sqrt();
-        let generic = generic.filter(|g| {
-            g.log_bayes_factor > GENERIC_LEAST && g.log_bayes_factor > path_log_bayes_factor + GENERIC_LEAD
-        });
+        let (generic, path_at_rests) = self.generic(prepared, triads, &open, &stage.members)?;
+        let generic_log_bayes_factor = generic.as_ref().map_or(0.0, |g| g.log_bayes_factor);
+        let generic =
+            generic.filter(|g| g.log_bayes_factor > GENERIC_LEAST && g.log_bayes_factor > path_at_rests + GENERIC_LEAD);
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
         self.left_out.extend(first.blind);
@@ -174,11 +192,61 @@ impl Hunt<'_> {
             ranking,
             generic: generic.map(|g| g.finding(prepared)),
             path_log_bayes_factor,
+            generic_log_bayes_factor,
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
             excess_scatter: excess,
-            in_motion_left_out,
+            in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
+    }
+
+    /// The model without effects, and the candidates that are left: without those of the motion if a hand carried the unit.
+    fn start(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        mut open: Vec<EffectChoice>,
+    ) -> Result<(Stage, Vec<EffectChoice>), Error> {
+        let mut stage = self.stage(prepared, triads, &open, &[], false)?;
+        if self.is_carried(&stage) {
+            self.kinds.in_motion = false;
+            open.retain(|choice| {
+                let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
+                if blind {
+                    self.left_out.push((
+                        choice.effect.name.to_owned(),
+                        "turns on a stand: a hand carries the unit along".into(),
+                    ));
+                }
+                !blind
+            });
+            stage = self.stage(prepared, triads, &open, &[], false)?;
+        }
+        Ok((stage, open))
+    }
+
+    /// The best generic hypothesis against no effect, and the path against no effect on the same residuals: rests, and moves
+    /// from rest to rest.
+    fn generic(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+    ) -> Result<(Option<BestGeneric>, f64), Error> {
+        let kinds = self.kinds;
+        self.kinds = Kinds { in_motion: false, encoders: false };
+        let seen: Vec<EffectChoice> = open.iter().filter(|c| Kinds::needed_by(&[**c]) == self.kinds).copied().collect();
+        let own = |m: &&Member| {
+            seen.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
+        };
+        let members: Vec<Member> = members.iter().filter(own).cloned().collect();
+        let without = self.stage(prepared, triads, &[], &[], true);
+        let with = if members.is_empty() { None } else { Some(self.stage(prepared, triads, &seen, &members, false)) };
+        self.kinds = kinds;
+        let without = without?;
+        let path = with.transpose()?.map_or(0.0, |with| with.evidence.log - without.evidence.log);
+        Ok((best_generic(&without), path))
     }
 
     /// Fits the model with these members and linearises all that is open beside it.
@@ -194,9 +262,10 @@ impl Hunt<'_> {
         let own: Vec<EffectChoice> =
             members.iter().filter_map(|m| open.iter().find(|choice| choice.effect.name == m.name)).copied().collect();
         let fields: Vec<UserField<'_>> = self.user_fields.iter().filter(|f| is_member(f.name)).cloned().collect();
-        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
-        let fit = joint::fit(prepared, &terms, accelerometer, gyroscope)?;
-        let parameters = fit.model.parameters();
+        let own_terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let terms = &own_terms;
+        let model = joint::fit_for_search(prepared, terms, accelerometer, gyroscope)?;
+        let parameters = model.parameters();
         let mut precisions = vec![0.0; terms.count];
         for term in &terms.all {
             let width = members.iter().find(|m| m.name == term.name()).map_or(1.0, |m| m.width);
@@ -214,12 +283,9 @@ impl Hunt<'_> {
         let values = |terms: &Terms<'_>, shape: f64| {
             let mut values = vec![0.0; terms.count];
             for term in &terms.all {
-                match fit.terms.iter().find(|own| own.name == term.name()) {
-                    Some(own) => {
-                        for (k, value) in own.values.iter().chain(&own.shape).enumerate() {
-                            values[term.first + k] = *value;
-                        }
-                    }
+                match own_terms.all.iter().find(|own| own.name() == term.name()) {
+                    Some(own) => values[term.first..term.first + term.count()]
+                        .copy_from_slice(&model.values[own.first..own.first + own.count()]),
                     None if term.has_shape() => values[term.first + term.linear] = shape,
                     None => {}
                 }
@@ -237,7 +303,7 @@ impl Hunt<'_> {
                 sets.push((terms, start));
             }
         }
-        let design = design(prepared, &terms, &parameters, &precisions, &sets, with_generics)?;
+        let design = design(prepared, terms, &parameters, &precisions, &sets, with_generics)?;
         let evidence = design
             .gram
             .evidence(&design.model)

@@ -222,7 +222,7 @@ impl<'a> Joint<'a> {
                 });
             }
         }
-        if let Some(encoders) = &self.prepared.encoders {
+        if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
             self.stand_rows(encoders, &linear, parameters, |z, sigma| {
                 for (p, value) in z.iter().enumerate() {
                     all[(row, p)] = *value / sigma;

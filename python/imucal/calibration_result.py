@@ -1,0 +1,133 @@
+"""What a calibration run gives: the calibration, what it was made of, and how well it does."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from imucal.calibration import Calibration, Parameter
+from imucal.document import without_nan
+from imucal.evaluate import Evaluation, figures_text
+from imucal.finding import Finding
+
+__all__ = ["CalibrationResult"]
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationResult:
+    """A calibration and all that is known about it.
+
+    rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part
+    findings       warnings about the recordings
+    held_out       gravity direction on moves that the fit had not seen, if folds were asked for
+    control        the calibration judged on the control recordings, if there are any
+    reasons        why the verdict is poor; empty for a good one
+    """
+
+    calibration: Calibration
+    rests: tuple[Mapping[str, Any], ...]
+    moves: tuple[Mapping[str, Any], ...]
+    findings: tuple[Finding, ...]
+    held_out: Mapping[str, Any] | None
+    control: Evaluation | None
+    reasons: tuple[str, ...]
+
+    @property
+    def verdict(self) -> str:
+        """`good` or `poor`."""
+        return "poor" if self.reasons else "good"
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The 21 parameters and those of the effects, with their standard deviations."""
+        return self.calibration.parameters
+
+    @property
+    def fit(self) -> Mapping[str, Any]:
+        """How the estimation went."""
+        return self.calibration.fit
+
+    @property
+    def calibration_set(self) -> Mapping[str, Any] | None:
+        """Figures on the recordings that the calibration was made of."""
+        return self.calibration.calibration_set
+
+    @property
+    def control_set(self) -> Mapping[str, Any] | None:
+        """Figures on the control recordings, None without any."""
+        return self.calibration.control_set
+
+    @property
+    def control_before(self) -> Mapping[str, Any] | None:
+        """Figures on the control recordings of the unit as it comes, None without any."""
+        return None if self.control is None else self.control.before
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a careful reader should know: what was left out or widened, how far effects stand out."""
+        notes = [
+            f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
+            f"left out: {rest['excluded']}"
+            for index, rest in enumerate(self.rests)
+            if rest["excluded"] is not None
+        ]
+        notes += [
+            f"move from rest {move['from_rest']} to {move['to_rest']} of {move['recording']} left out: "
+            f"{move['excluded']}"
+            for move in self.moves
+            if move["excluded"] is not None
+        ]
+        if "joint" in self.fit:
+            widened = [("of some residuals", "they", self.fit["joint"]["inflation"])]
+        else:
+            widened = [
+                (f"of the {s}", "its residuals", self.fit[s]["inflation"])
+                for s in ("accelerometer", "gyroscope")
+            ]
+        notes += [
+            f"standard deviations {which} are widened {times:.1f} times: by so much {what} exceed what noise "
+            "explains"
+            for which, what, times in widened
+            if times > 1
+        ]
+        notes += [
+            f"{effect['name']}: chi2 of its {effect['dof']} parameters is {effect['statistic']:.4g}, "
+            f"{effect['dof']} or so if it were not there"
+            for effect in self.fit.get("effects", ())
+        ]
+        return tuple(notes)
+
+    def summary(self) -> str:
+        """The parameters, the figures and the verdict as plain text."""
+        lines = ["parameter                        value        1 sigma  unit"]
+        for parameter in self.parameters:
+            std = "not known" if parameter.std is None else f"{parameter.std:.2e}"
+            lines.append(f"{parameter.name:<24} {parameter.value:>13.7g} {std:>14}  {parameter.unit}")
+        used = [sum(item["excluded"] is None for item in items) for items in (self.rests, self.moves)]
+        lines.append(f"{used[0]} of {len(self.rests)} rests and {used[1]} of {len(self.moves)} moves used")
+        for name, figures in (
+            ("calibration set", self.calibration_set),
+            ("held-out moves", self.held_out),
+            ("control set", self.control_set),
+        ):
+            if figures is not None:
+                lines.append(f"{name}: {figures_text(figures)}")
+        lines += self.notes
+        lines += [f"{finding.severity}: {finding}" for finding in self.findings]
+        lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))
+        return "\n".join(lines)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal calibrate --json`."""
+        document = self.calibration.to_dict()
+        fields = ("parameters", "accelerometer", "gyroscope", "fit", "calibration_set", "control_set")
+        return {
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            **{name: document[name] for name in fields},
+            "held_out": without_nan(self.held_out),
+            "rests": without_nan(self.rests),
+            "moves": without_nan(self.moves),
+            "findings": without_nan([finding.to_dict() for finding in self.findings]),
+        }
