@@ -8,19 +8,21 @@ Whatever they find is `named`: none has a way to say that it is nothing on the l
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
 import imucal
 from gap.said import Said
+from imucal.calibrate import Options
+from imucal.recording import STANDARD_GRAVITY_MPS2
 
 FAMILY_ALPHA = 0.01
 # Directions that the base model takes away all but this share of are not seen.
 SEEN = 1e-6
+OPTIONS = Options(STANDARD_GRAVITY_MPS2, "symmetric", 1.0, False, None, None)
 
 
 @dataclass(frozen=True)
@@ -93,8 +95,11 @@ def everything(data: Library) -> tuple[str, ...]:
     for name in names:
         mine = slice(start, start + data.columns[name].shape[1])
         start = mine.stop
-        values, inverse = estimate[mine], np.linalg.pinv(covariance[mine, mine], hermitian=True)
-        p_value = float(chi2.sf(values @ inverse @ values, len(values)))
+        values, covered = estimate[mine], covariance[mine, mine]
+        # Directions that others have as well have no covariance of their own: they are rounding.
+        inverse = np.linalg.pinv(covered, rcond=SEEN, hermitian=True)
+        rank = np.linalg.matrix_rank(covered, tol=SEEN * np.abs(covered).max(), hermitian=True)
+        p_value = float(chi2.sf(values @ inverse @ values, rank))
         if p_value < FAMILY_ALPHA / len(names):
             found[name] = p_value
     return tuple(sorted(found, key=found.__getitem__))
@@ -111,21 +116,24 @@ BASELINES: dict[str, Callable[[Library], tuple[str, ...]]] = {
 }  # fmt: skip
 
 
-def ask(measured: imucal.Recording, given: dict[str, Any]) -> dict[str, Said]:
+def ask(measured: imucal.Recording, candidates: Sequence[str] | None = None) -> dict[str, Said]:
     """What the textbook ways say; empty if the library cannot make a design of this recording."""
     from imucal import _core
 
+    wanted = candidates or [effect.name for effect in imucal.effects.catalogue()]
     start = time.perf_counter()
     try:
-        residual, base, columns = _core.gap_design(measured, **given)
+        residual, base, columns = _core.gap_design([measured], OPTIONS, [(name, False) for name in wanted])
     except imucal.ImucalError:
         return {}
-    data = library(residual, base, dict(columns))
+    # An effect with a time constant stands there once for each of several: they are rivals like all others.
+    data = library(residual, base, {f"{name}@{place}": rows for place, (name, rows) in enumerate(columns)})
     shared_s = time.perf_counter() - start
     answers = {}
-    for name, choose in BASELINES.items():
+    for way, choose in BASELINES.items():
         start = time.perf_counter()
-        names = choose(data) if data.columns else ()
+        found = choose(data) if data.columns else ()
+        names = tuple(dict.fromkeys(name.partition("@")[0] for name in found))
         verdict = "named" if names else "nothing_missing"
-        answers[name] = Said(verdict, names, seconds=shared_s + time.perf_counter() - start)
+        answers[way] = Said(verdict, names, seconds=shared_s + time.perf_counter() - start)
     return answers

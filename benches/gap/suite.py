@@ -47,7 +47,7 @@ def run(case: Case, with_baselines: bool = True) -> list[Mark]:
     said, gap = find_gap(measured, control, case)
     others: dict[str, Said] = {}
     if with_baselines and case.group in WITH_BASELINES:
-        others = baselines.ask(measured, dict(case.given))
+        others = baselines.ask(measured)
     again = None
     if said.verdict == "ambiguous" or (case.group in WITH_LOOP and not said.verdict.startswith("error")):
         again = ask_again(case, measured, control, said, gap, sealed)
