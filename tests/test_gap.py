@@ -87,7 +87,7 @@ def test_an_effect_of_ones_own_is_found_by_its_name_and_removed():
         per_volt,
         lambda state: (state.auxiliary["supply_v"] - 3.3)[:, None, None] * np.eye(3),
     )
-    truth = [2e-3, -1e-3, 1.5e-3]
+    truth = [1e-2, -5e-3, 8e-3]
 
     def run(seed):
         return imucal.simulate(

@@ -37,6 +37,8 @@ FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 MOST_FOLDS = 1000
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
 MOST_FIELD_ROUNDS = 6
+# A change of a field by this share changes its parameters by as much.
+SETTLED_FIELD = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +214,7 @@ def _with_user_effects(
         )
         before, fields = fields, fields_for_library(current, unit_data, own)
         if before and all(
-            np.allclose(old, new, rtol=1e-9, atol=0.0)
+            np.abs(new - old).max(initial=0.0) <= SETTLED_FIELD * np.abs(new).max(initial=0.0)
             for olds, news in zip(before, fields, strict=True)
             for old, new in zip(olds.columns, news.columns, strict=True)
         ):

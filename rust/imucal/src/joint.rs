@@ -73,13 +73,7 @@ pub(crate) fn fit(
     gyroscope: &Triad<f64>,
 ) -> Result<JointFit, Error> {
     check_columns(prepared.recordings, terms)?;
-    let start = Model {
-        accelerometer: *accelerometer,
-        gyroscope: *gyroscope,
-        values: start_values(terms),
-        stand: start_stand(prepared, terms, accelerometer),
-    };
-    let mut parameters = start.parameters();
+    let mut parameters = start_model(prepared, terms, accelerometer, gyroscope).parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
     check_determined(&problem, terms, &parameters)?;
@@ -103,29 +97,32 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`], with the weights of noise alone and to a millionth: where a search linearises next.
-pub(crate) fn fit_for_search(
-    prepared: &Prepared<'_>,
-    terms: &Terms<'_>,
-    accelerometer: &Triad<f64>,
-    gyroscope: &Triad<f64>,
-) -> Result<Model, Error> {
-    check_columns(prepared.recordings, terms)?;
-    let start = Model {
-        accelerometer: *accelerometer,
-        gyroscope: *gyroscope,
-        values: start_values(terms),
-        stand: start_stand(prepared, terms, accelerometer),
-    };
-    let mut parameters = start.parameters();
-    let mut problem = Joint::of_noise(prepared, terms, &parameters)?;
+/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights: where a search linearises next.
+pub(crate) fn fit_for_search(prepared: &Prepared<'_>, terms: &Terms<'_>, start: &Model) -> Result<Model, Error> {
+    let parameters = start.parameters();
+    let mut problem = Joint::new(prepared, terms, &parameters)?;
     check_determined(&problem, terms, &parameters)?;
-    choose_shapes(&mut problem, terms, &mut parameters)?;
+    problem.weights = balanced(&problem, terms, &parameters)?;
     let found = lsq::minimize(&problem, &parameters, SEARCH)?;
     if found.termination == Termination::NotFinite {
         return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
     }
     Model::of(&found.parameters, terms)
+}
+
+/// A model without effects.
+pub(crate) fn start_model(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    accelerometer: &Triad<f64>,
+    gyroscope: &Triad<f64>,
+) -> Model {
+    Model {
+        accelerometer: *accelerometer,
+        gyroscope: *gyroscope,
+        values: start_values(terms),
+        stand: start_stand(prepared, terms, accelerometer),
+    }
 }
 
 /// Directions and rotations of moves with a model that is known.

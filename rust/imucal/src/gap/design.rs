@@ -8,7 +8,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use super::evidence::{Column, Gram};
 use super::generic::{Block, Epoch, Kernel, factor};
 use crate::error::Error;
-use crate::joint::{BASE, Joint, Prepared, Terms};
+use crate::joint::{BASE, Joint, Model, Prepared, Terms};
 
 /// One effect in the design.
 pub(crate) struct Candidate {
@@ -42,43 +42,44 @@ pub(crate) struct Design {
     pub(crate) columns: Mat<f64>,
 }
 
-/// What a design is made of: `own` the effects of the model, `sets` the candidates, each set with shapes of its own.
+/// Columns at a model: `own` are its effects with the precisions of their priors, `all` these and the candidates beside
+/// them, with their values.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
-    own: &Terms<'_>,
-    parameters: &[f64],
-    own_scales: &[f64],
-    sets: &[(Terms<'_>, Vec<f64>)],
+    (own, precisions): (&Terms<'_>, &[f64]),
+    (all, values): (&Terms<'_>, &[f64]),
+    model: &Model,
     with_generics: bool,
 ) -> Result<Design, Error> {
-    let problem = Joint::of_noise(prepared, own, parameters)?;
-    let (residual, jacobian) = problem.whitened(parameters)?;
-    let groups = problem.groups_of_rows(parameters)?;
-    let mut parts: Vec<Mat<f64>> = vec![jacobian];
-    let mut width = parts[0].ncols();
+    let parameters = model.parameters();
+    // One pass serves all: the columns of the candidates are those of the corrected state.
+    let full: Vec<f64> =
+        parameters[..BASE].iter().chain(values).chain(&parameters[BASE + own.count..]).copied().collect();
+    let problem = Joint::of_noise(prepared, all, &full)?;
+    let (residual, jacobian) = problem.whitened(&full)?;
+    let groups = problem.groups_of_rows(&full)?;
+    let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
+    let mut parts = vec![jacobian.subcols(0, BASE).to_owned()];
+    for term in &own.all {
+        parts.push(jacobian.subcols(BASE + place_in_all(term.name()), term.count()).to_owned());
+    }
+    parts.push(jacobian.subcols(BASE + all.count, full.len() - BASE - all.count).to_owned());
+    let mut width = parameters.len();
     let mut candidates = Vec::new();
-    for (terms, values) in sets {
-        // The candidates stand beside the model's own effects, at no value: their columns are those of the full state.
-        let mut all = parameters[..BASE].to_vec();
-        all.extend(values);
-        all.extend(&parameters[BASE + own.count..]);
-        let columns = Joint::of_noise(prepared, terms, &all)?.whitened(&all)?.1;
-        for term in terms.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {
-            let place = BASE + term.first;
-            parts.push(columns.subcols(place, term.linear).to_owned());
-            candidates.push(Candidate {
-                name: term.name().to_owned(),
-                columns: width..width + term.linear,
-                typical: term.typical()[..term.linear].to_vec(),
-                shape: term.has_shape().then(|| values[term.first + term.linear]),
-            });
-            width += term.linear;
-        }
+    for term in all.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {
+        parts.push(jacobian.subcols(BASE + term.first, term.linear).to_owned());
+        candidates.push(Candidate {
+            name: term.name().to_owned(),
+            columns: width..width + term.linear,
+            typical: term.typical()[..term.linear].to_vec(),
+            shape: term.frozen_shape(),
+        });
+        width += term.linear;
     }
     let mut generics = Vec::new();
     if with_generics {
-        let epochs = epochs(prepared, own, parameters)?;
-        let [gyroscope, accelerometer] = problem.by_biases_of_rests(parameters)?;
+        let epochs = epochs(prepared, all, &full)?;
+        let [gyroscope, accelerometer] = problem.by_biases_of_rests(&full)?;
         for (block, by_bias) in [(Block::GyroscopeBias, gyroscope), (Block::AccelerometerBias, accelerometer)] {
             for kernel in Kernel::ALL {
                 let used: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
@@ -87,7 +88,7 @@ pub(crate) fn design(
                 let columns = Mat::from_fn(by_bias.nrows(), 3 * r, |row, c| {
                     used.iter().enumerate().map(|(e, k)| by_bias[(row, 3 * k + c % 3)] * factor[(e, c / 3)]).sum()
                 });
-                let typical = block.typical_si() * problem.raw_scale(block.sensor(), parameters);
+                let typical = block.typical_si() * problem.raw_scale(block.sensor(), &full);
                 generics.push(Generic { block, kernel, columns: width..width + 3 * r, typical, factor });
                 parts.push(columns);
                 width += 3 * r;
@@ -103,7 +104,7 @@ pub(crate) fn design(
     let model = (0..parameters.len())
         .map(|p| {
             let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
-            let precision = effect.map_or(0.0, |p| own_scales[p]);
+            let precision = effect.map_or(0.0, |p| precisions[p]);
             Column { place: p, precision, value: if effect.is_some() { parameters[p] } else { 0.0 } }
         })
         .collect();

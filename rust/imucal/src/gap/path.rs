@@ -11,7 +11,7 @@ use super::evidence::{Column, Evidence};
 use super::{GenericFinding, Linearised, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{self, INSIDE, Kinds, Prepared, SHAPE_SHARES, Terms};
+use crate::joint::{self, INSIDE, Kinds, Model, Prepared, SHAPE_SHARES, Terms};
 use crate::recording::Recording;
 
 /// Prior widths in units of the typical size.
@@ -88,6 +88,8 @@ struct Hunt<'a> {
 struct Stage {
     design: Design,
     evidence: Evidence,
+    /// The fit.
+    model: Model,
     /// The catalogue's effects in it, the user's, and the prior's width of each.
     members: Vec<Member>,
 }
@@ -96,6 +98,18 @@ struct Stage {
 struct Member {
     name: String,
     width: f64,
+    /// Where its time constant starts, if it has one.
+    shape: Option<f64>,
+    /// Its parameters in the last fit; empty before.
+    values: Vec<f64>,
+}
+
+/// What is linearised beside a model.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Beside {
+    Candidates,
+    Generics,
+    Nothing,
 }
 
 impl<'a> Hunt<'a> {
@@ -161,8 +175,14 @@ impl<'a> Hunt<'a> {
                 break;
             };
             let mut members = stage.members.clone();
-            members.push(Member { name: pick.score.name.clone(), width: pick.width });
-            match self.stage(prepared, triads, &open, &members, false) {
+            members.push(Member {
+                name: pick.score.name.clone(),
+                width: pick.width,
+                shape: pick.shape,
+                values: Vec::new(),
+            });
+            let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+            match self.stage(prepared, near, &open, &members, Beside::Candidates) {
                 Ok(next) if next.evidence.log > stage.evidence.log => {
                     let near = |s: &&Judged| {
                         s.score.name != pick.score.name
@@ -177,7 +197,7 @@ impl<'a> Hunt<'a> {
                 _ => skipped.push(pick.score.name.clone()),
             }
         }
-        self.eliminate(prepared, triads, &open, &mut stage, &mut path)?;
+        self.eliminate(prepared, &open, &mut stage, &mut path)?;
         let path_log_bayes_factor = stage.evidence.log - start_log;
         let excess = stage.evidence.scales.iter().copied().fold(1.0, f64::max).sqrt();
         let (generic, path_at_rests) = self.generic(prepared, triads, &open, &stage.members)?;
@@ -207,7 +227,7 @@ impl<'a> Hunt<'a> {
         triads: [&Triad<f64>; 2],
         mut open: Vec<EffectChoice>,
     ) -> Result<(Stage, Vec<EffectChoice>), Error> {
-        let mut stage = self.stage(prepared, triads, &open, &[], false)?;
+        let mut stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
         if self.is_carried(&stage) {
             self.kinds.in_motion = false;
             open.retain(|choice| {
@@ -220,7 +240,7 @@ impl<'a> Hunt<'a> {
                 }
                 !blind
             });
-            stage = self.stage(prepared, triads, &open, &[], false)?;
+            stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
         }
         Ok((stage, open))
     }
@@ -241,74 +261,79 @@ impl<'a> Hunt<'a> {
             seen.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
         };
         let members: Vec<Member> = members.iter().filter(own).cloned().collect();
-        let without = self.stage(prepared, triads, &[], &[], true);
-        let with = if members.is_empty() { None } else { Some(self.stage(prepared, triads, &seen, &members, false)) };
+        let without = self.stage(prepared, triads, &[], &[], Beside::Generics);
+        let with = if members.is_empty() {
+            None
+        } else {
+            Some(self.stage(prepared, triads, &seen, &members, Beside::Nothing))
+        };
         self.kinds = kinds;
         let without = without?;
         let path = with.transpose()?.map_or(0.0, |with| with.evidence.log - without.evidence.log);
         Ok((best_generic(&without), path))
     }
 
-    /// Fits the model with these members and linearises all that is open beside it.
+    /// Fits the model with these members, from `near`, and linearises what is beside it.
     fn stage(
         &self,
         prepared: &Prepared<'_>,
-        [accelerometer, gyroscope]: [&Triad<f64>; 2],
+        near: [&Triad<f64>; 2],
         open: &[EffectChoice],
         members: &[Member],
-        with_generics: bool,
+        beside: Beside,
     ) -> Result<Stage, Error> {
         let is_member = |name: &str| members.iter().any(|member| member.name == name);
         let own: Vec<EffectChoice> =
             members.iter().filter_map(|m| open.iter().find(|choice| choice.effect.name == m.name)).copied().collect();
         let fields: Vec<UserField<'_>> = self.user_fields.iter().filter(|f| is_member(f.name)).cloned().collect();
-        let own_terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
-        let terms = &own_terms;
-        let model = joint::fit_for_search(prepared, terms, accelerometer, gyroscope)?;
-        let parameters = model.parameters();
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let mut start = joint::start_model(prepared, &terms, near[0], near[1]);
         let mut precisions = vec![0.0; terms.count];
         for term in &terms.all {
-            let width = members.iter().find(|m| m.name == term.name()).map_or(1.0, |m| m.width);
+            let Some(member) = members.iter().find(|m| m.name == term.name()) else { continue };
             for (k, typical) in term.typical().iter().enumerate() {
-                precisions[term.first + k] = 1.0 / (width * typical).powi(2);
+                precisions[term.first + k] = 1.0 / (member.width * typical).powi(2);
+            }
+            let own = &mut start.values[term.first..term.first + term.count()];
+            if member.values.len() == own.len() {
+                own.copy_from_slice(&member.values);
+            } else if let (true, Some(shape)) = (term.has_shape(), member.shape) {
+                own[term.linear] = shape;
             }
         }
-        let shaped = |choice: &&EffectChoice| choice.effect.shape.is_some();
-        let rest: Vec<EffectChoice> = open.iter().filter(|c| !is_member(c.effect.name)).copied().collect();
-        let other_fields: Vec<UserField<'_>> =
-            fields.iter().chain(self.user_fields.iter().filter(|f| !is_member(f.name))).cloned().collect();
-        let plain: Vec<EffectChoice> = own.iter().chain(rest.iter().filter(|c| !shaped(c))).copied().collect();
-        let timed: Vec<EffectChoice> = own.iter().chain(rest.iter().filter(shaped)).copied().collect();
+        let model = joint::fit_for_search(prepared, &terms, &start)?;
+
+        let rest: Vec<EffectChoice> =
+            open.iter().filter(|c| beside == Beside::Candidates && !is_member(c.effect.name)).copied().collect();
+        let (timed, plain): (Vec<_>, Vec<_>) = rest.into_iter().partition(|choice| choice.effect.shape.is_some());
+        let free = self.user_fields.iter().filter(|f| beside == Beside::Candidates && !is_member(f.name));
+        let all_fields: Vec<UserField<'_>> = fields.iter().chain(free).cloned().collect();
+        let choices: Vec<EffectChoice> = own.iter().chain(&plain).copied().collect();
+        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, self.kinds)?;
         let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
-        let values = |terms: &Terms<'_>, shape: f64| {
-            let mut values = vec![0.0; terms.count];
-            for term in &terms.all {
-                match own_terms.all.iter().find(|own| own.name() == term.name()) {
-                    Some(own) => values[term.first..term.first + term.count()]
-                        .copy_from_slice(&model.values[own.first..own.first + own.count()]),
-                    None if term.has_shape() => values[term.first + term.linear] = shape,
-                    None => {}
-                }
-            }
-            values
-        };
-        let mut sets = Vec::new();
-        let all = Terms::try_new(&plain, &other_fields, &self.samples, self.kinds)?;
-        let start = values(&all, 1.0);
-        sets.push((all, start));
-        if timed.len() > own.len() {
-            for share in SHAPE_SHARES {
-                let terms = Terms::try_new(&timed, &fields, &self.samples, self.kinds)?;
-                let start = values(&terms, share * longest_s);
-                sets.push((terms, start));
+        for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
+            all.push_frozen(choice.effect, share * longest_s)?;
+        }
+        let mut values = vec![0.0; all.count];
+        for term in &terms.all {
+            if let Some(same) = all.all.iter().find(|other| other.name() == term.name()) {
+                let own = &model.values[term.first..term.first + term.count()];
+                values[same.first..same.first + same.count()].copy_from_slice(own);
             }
         }
-        let design = design(prepared, terms, &parameters, &precisions, &sets, with_generics)?;
+        let generics = beside == Beside::Generics;
+        let design = design(prepared, (&terms, &precisions), (&all, &values), &model, generics)?;
         let evidence = design
             .gram
             .evidence(&design.model)
             .ok_or_else(|| Error::Fit("the evidence of the model cannot be computed: check the recordings".into()))?;
-        Ok(Stage { design, evidence, members: members.to_vec() })
+        let mut members = members.to_vec();
+        for member in &mut members {
+            if let Some(term) = terms.all.iter().find(|term| term.name() == member.name) {
+                member.values = model.values[term.first..term.first + term.count()].to_vec();
+            }
+        }
+        Ok(Stage { design, evidence, members, model })
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.
@@ -373,7 +398,7 @@ impl<'a> Hunt<'a> {
                 p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
                 rivals: Vec::new(),
             };
-            let judged = Judged { score, width };
+            let judged = Judged { score, width, shape: candidate.shape };
             match scores.iter_mut().find(|other| other.score.name == candidate.name) {
                 Some(other) if other.score.log_bayes_factor >= log_bayes_factor => {}
                 Some(other) => *other = judged,
@@ -398,7 +423,6 @@ impl<'a> Hunt<'a> {
     fn eliminate(
         &self,
         prepared: &Prepared<'_>,
-        triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         stage: &mut Stage,
         path: &mut Vec<Score>,
@@ -408,7 +432,8 @@ impl<'a> Hunt<'a> {
             for k in 0..stage.members.len() {
                 let mut members = stage.members.clone();
                 members.remove(k);
-                let without = self.stage(prepared, triads, open, &members, false)?;
+                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                let without = self.stage(prepared, near, open, &members, Beside::Nothing)?;
                 if without.evidence.log >= stage.evidence.log
                     && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
                 {
@@ -426,6 +451,7 @@ impl<'a> Hunt<'a> {
 struct Judged {
     score: Score,
     width: f64,
+    shape: Option<f64>,
 }
 
 struct Judgement {

@@ -10,6 +10,8 @@
 //! estimated along, after all other parameters. Inside a move the residual is a random walk of the gyroscope's noise seen
 //! through the encoders' noise; gravity at the end of the move is one more look at its two parts across gravity.
 
+use std::ops::Range;
+
 use imucal_core::effects::{Sensor, StandState, State, Surroundings};
 use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
@@ -151,24 +153,26 @@ impl Angles {
         all
     }
 
-    /// Derivative of the attitude of sample k by every parameter: rotation vectors in the world.
+    /// Mean derivative of the attitude of `samples` by every parameter: rotation vectors in the world. The stand is taken as it
+    /// is in the middle; the columns, which may jump where a motor turns back, are those of all samples.
     fn attitude_jacobian(
         &self,
-        k: usize,
+        samples: Range<usize>,
         terms: &Terms<'_>,
         stand: &StandModel,
         parameters: &[f64],
     ) -> Vec<Vector3<f64>> {
         let mut jacobian = vec![Vector3::zeros(); terms.total()];
-        let by_angle = stand.by_angle(&self.angle_rad[k]);
-        for (p, column) in self.columns[k * terms.count..(k + 1) * terms.count].iter().enumerate() {
-            if terms.sensors[p] == Sensor::Encoder {
-                jacobian[BASE + p] = -by_angle * column;
+        let middle = &self.angle_rad[(samples.start + samples.end) / 2];
+        let by_angle = stand.by_angle(middle) / samples.len() as f64;
+        for columns in self.columns[samples.start * terms.count..samples.end * terms.count].chunks_exact(terms.count) {
+            for (p, column) in columns.iter().enumerate().filter(|(p, _)| terms.sensors[*p] == Sensor::Encoder) {
+                jacobian[BASE + p] -= by_angle * column;
             }
         }
         let own = &parameters[BASE + terms.count..];
         for p in 0..STAND_PARAMETERS {
-            jacobian[BASE + terms.count + p] = StandModel::by_parameter(own, p, &self.angle_rad[k]);
+            jacobian[BASE + terms.count + p] = StandModel::by_parameter(own, p, middle);
         }
         jacobian
     }
@@ -187,7 +191,7 @@ pub(crate) fn rest_rows(
     let residual = across * (body_from_world * Vector3::z() - measured.up);
     // R <- exp(turn) R, so R^T e_z changes by R^T (e_z x turn).
     let columns: Vec<_> = angles
-        .attitude_jacobian(0, terms, stand, parameters)
+        .attitude_jacobian(0..1, terms, stand, parameters)
         .iter()
         .zip(&measured.jacobian)
         .map(|(turn, by)| across * (body_from_world * Vector3::z().cross(turn) - by))
@@ -302,8 +306,8 @@ impl EncoderMove<'_> {
     ) {
         let n = terms.total();
         let first = self.stand.attitude(&self.rest.angle_rad[0]).inverse();
-        let rest_jacobian = self.rest.attitude_jacobian(0, terms, self.stand, parameters);
-        // Mean residual of each block and its derivatives at the block's middle, in the body frame at the start.
+        let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand, parameters);
+        // Mean residual of each block and its derivatives, in the body frame at the start.
         let blocks: Vec<(f64, Vector3<f64>, Vec<Vector3<f64>>)> = pass
             .blocks
             .iter()
@@ -315,10 +319,9 @@ impl EncoderMove<'_> {
                 };
                 let samples = block.samples.clone();
                 let mean = samples.clone().map(residual).sum::<Vector3<f64>>() / samples.len() as f64;
-                let middle = (samples.start + samples.end) / 2;
                 let jacobian = self
                     .angles
-                    .attitude_jacobian(middle, terms, self.stand, parameters)
+                    .attitude_jacobian(samples, terms, self.stand, parameters)
                     .iter()
                     .zip(&rest_jacobian)
                     .zip(&block.turn)

@@ -55,13 +55,15 @@ pub(crate) struct Term<'a> {
 #[derive(Clone, Debug)]
 enum Kind<'a> {
     Catalogue(&'static Effect<f64>),
+    /// With a shape that stays.
+    Frozen(&'static Effect<f64>, f64),
     User(&'a UserField<'a>),
 }
 
 impl Term<'_> {
     pub(crate) fn name(&self) -> &str {
         match self.kind {
-            Kind::Catalogue(effect) => effect.name,
+            Kind::Catalogue(effect) | Kind::Frozen(effect, _) => effect.name,
             Kind::User(field) => field.name,
         }
     }
@@ -69,13 +71,21 @@ impl Term<'_> {
     /// The row of the catalogue, if it is one.
     pub(crate) fn effect(&self) -> Option<&'static Effect<f64>> {
         match self.kind {
-            Kind::Catalogue(effect) => Some(effect),
+            Kind::Catalogue(effect) | Kind::Frozen(effect, _) => Some(effect),
             Kind::User(_) => None,
         }
     }
 
+    /// The shape that stays, if one does.
+    pub(crate) fn frozen_shape(&self) -> Option<f64> {
+        match self.kind {
+            Kind::Frozen(_, shape) => Some(shape),
+            _ => None,
+        }
+    }
+
     pub(crate) fn has_shape(&self) -> bool {
-        self.effect().is_some_and(|effect| effect.shape.is_some())
+        matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
     /// Number of parameters, with the shape.
@@ -88,7 +98,7 @@ impl Term<'_> {
         let full = |name: &str| format!("{}_{name}", self.name());
         match self.kind {
             Kind::User(_) => (0..self.linear).map(|k| full(&k.to_string())).collect(),
-            Kind::Catalogue(effect) => {
+            Kind::Catalogue(effect) | Kind::Frozen(effect, _) => {
                 effect.parameters[..self.linear].iter().chain(&effect.shape).map(|p| full(p.name)).collect()
             }
         }
@@ -103,6 +113,7 @@ impl Term<'_> {
                 .chain(&effect.shape)
                 .map(|parameter| parameter.typical)
                 .collect(),
+            Kind::Frozen(effect, _) => effect.parameters[..self.linear].iter().map(|p| p.typical).collect(),
         }
     }
 }
@@ -175,9 +186,15 @@ impl<'a> Terms<'a> {
         Ok(terms)
     }
 
+    /// Takes an effect with a shape that stays; the same effect may come with several.
+    pub(crate) fn push_frozen(&mut self, effect: &'static Effect<f64>, shape: f64) -> Result<(), Error> {
+        self.push(Kind::Frozen(effect, shape), effect.sensor, effect.plain)
+    }
+
     fn push(&mut self, kind: Kind<'a>, sensor: Sensor, linear: usize) -> Result<(), Error> {
         let term = Term { kind, sensor, linear, first: self.count };
-        if self.all.iter().any(|other| other.name() == term.name()) {
+        let twice = |other: &Term<'_>| other.name() == term.name() && other.frozen_shape().is_none();
+        if self.all.iter().any(twice) {
             return Err(Error::Input(format!("{} is asked for twice: name each effect once", term.name())));
         }
         self.count += term.count();
@@ -199,6 +216,10 @@ impl<'a> Terms<'a> {
                     for (k, column) in own.iter_mut().enumerate() {
                         *column = Vector3::new(row[k], row[p + k], row[2 * p + k]);
                     }
+                }
+                Kind::Frozen(effect, shape) => {
+                    effect.field(state, shape, &mut room);
+                    own.copy_from_slice(&room[..term.linear]);
                 }
                 Kind::Catalogue(effect) => {
                     let shape = if effect.shape.is_some() { values[term.first + term.linear] } else { 1.0 };

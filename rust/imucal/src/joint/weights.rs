@@ -18,7 +18,8 @@ use crate::lsq::{self, Solution};
 use crate::moves::{End, Move, random_walk_rad};
 use crate::stats::median;
 
-/// No standard deviation is finer: a noise-free simulation has no scatter at all.
+/// No standard deviation is finer: a noise-free simulation has no scatter at all. Scales widen these, too: where a model does
+/// not fit such data there is nothing else to widen.
 const FINEST_MPS2: f64 = 1e-5;
 const FINEST_RAD: f64 = 2e-5;
 const FINEST_RADPS: f64 = 1e-6;
@@ -125,13 +126,13 @@ fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) ->
 /// The variance that a line shares with no other.
 fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
     match source {
-        Source::Norm(_) => FINEST_MPS2 * FINEST_MPS2,
+        Source::Norm(_) => (FINEST_MPS2 * scales.norms).powi(2),
         Source::Move(k) => {
             let m = &prepared.moves[k];
             let density = &prepared.noise[m.recording].angular_rate;
             let walk = random_walk_rad(density, model.gyroscope.inverse(), m.duration_s);
             let ends: f64 = prepared.ends[k].iter().map(|end| end.own_variance).sum();
-            (walk * walk + ends) * scales.moves * scales.moves + FINEST_RAD * FINEST_RAD
+            (walk * walk + ends + FINEST_RAD * FINEST_RAD) * scales.moves * scales.moves
         }
     }
 }
@@ -189,8 +190,9 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
                 start: before.own_variance + before.shared_variance + finest,
                 end: after.own_variance + after.shared_variance + finest,
                 walk: squared(model.gyroscope.inverse(), &noise.angular_rate) + finest / m.duration_s,
-                force: squared(model.accelerometer.inverse(), &noise.specific_force) * scales.inside * scales.inside
-                    + FINEST_MPS2 * FINEST_MPS2,
+                force: (squared(model.accelerometer.inverse(), &noise.specific_force) + FINEST_MPS2 * FINEST_MPS2)
+                    * scales.inside
+                    * scales.inside,
             }
         })
         .collect()
@@ -201,14 +203,14 @@ fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =
         prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();
     let reading = prepared.encoders.as_ref().map_or(0.0, Encoders::variance);
-    ((median(&mut shared) + reading) * scales.stand_rests * scales.stand_rests + FINEST_RAD * FINEST_RAD).sqrt()
+    (median(&mut shared) + reading + FINEST_RAD * FINEST_RAD).sqrt() * scales.stand_rests
 }
 
 /// The noise of the encoders inside each move.
 fn encoder_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales, with_end: bool) -> Vec<EncoderNoise> {
     let Some(encoders) = &prepared.encoders else { return Vec::new() };
     let finest = FINEST_RAD * FINEST_RAD;
-    let reading = encoders.variance() * scales.stand_moves * scales.stand_moves + finest;
+    let reading = (encoders.variance() + finest) * scales.stand_moves * scales.stand_moves;
     let noise = |(m, [_, after]): (&Move, &[End; 2])| {
         let walk = random_walk_rad(&prepared.noise[m.recording].angular_rate, model.gyroscope.inverse(), 1.0);
         EncoderNoise {
