@@ -51,7 +51,7 @@ def chosen(share: float, only: dict[str, list[str]], quick: bool) -> list[int]:
     ]
 
 
-def _few(share: float, group: str, count: int = 2) -> list[int]:
+def _few(share: float, group: str, count: int = 1) -> list[int]:
     mine = [i for i, case in enumerate(suite(share)) if case.group == group and case.level != "1x"]
     return mine[:: max(1, len(mine) // count)][:count]
 

@@ -95,26 +95,32 @@ def _short(flags: Sequence[bool | None]) -> str:
 
 
 def _effects(marks: Sequence[Mark]) -> str:
-    """First names effect by effect, and the tool's own limits beside those of the table."""
+    """First names effect by effect, and the tool's own limits, in clean runs, beside those of the table."""
     rows = []
     for name, size in SIZES.items():
         mine = [m for m in marks if m.group == "single" and m.label == name]
-        limits = [m.said["smallest_visible"].get(name) for m in mine]
-        known = [limit for limit in limits if limit is not None and isfinite(limit)]
-        limit = f"{np.median(known) / size.here:.2f}" if known else "-"
         found = [_count(m.first for m in mine if m.level == level) for level in LEVELS]
         exact = _count(m.exact for m in mine if m.level in ("5x", "10x"))
         usual = f"{typical(name) / size.here:.1f}"
-        rows.append((f"`{name}`", size.kind, *found, exact, usual, limit))
+        limits = " / ".join(_limit(marks, name, kind) for kind in ("A", "A'", "C"))
+        rows.append((f"`{name}`", size.kind, *found, exact, usual, limits))
     heading = (
-        "first name right",
-        "data",
-        *LEVELS,
-        "exact, 5x and 10x",
-        "typical / limit",
-        "limit of the tool / table",
-    )
+        "first name right", "data", *LEVELS, "exact, 5x and 10x", "typical / limit",
+        "limit by the tool / predicted: A / A' / C",
+    )  # fmt: skip
     return "## Effect by effect\n\n" + table(heading, rows)
+
+
+def _limit(marks: Sequence[Mark], name: str, kind: str) -> str:
+    """The tool's limit over the predicted one in clean runs; those of temperature where it changes."""
+    kind_of_run = kind + "T" * SIZES[name].kind.endswith("T")
+    limits = [
+        mark.said["smallest_visible"].get(name)
+        for mark in marks
+        if mark.group == "clean" and mark.label == "white" and mark.kind == kind_of_run
+    ]
+    known = [limit for limit in limits if limit is not None]
+    return f"{np.median(known) / SIZES[name].limit[kind]:.2f}" if known and kind in SIZES[name].limit else "-"
 
 
 def _count(flags: Any) -> str:
