@@ -19,10 +19,19 @@ def hidden(seed=RUN_SEED, **arguments):
     return imucal.simulate("random", seed=seed, rate_hz=100.0, **arguments).recording
 
 
-def test_a_real_unit_is_named_and_the_gap_shrinks_on_moves_held_out(data_file, tmp_path, command):
+def test_a_real_unit_is_named_and_its_gap_shrinks(data_file, tmp_path, command):
     files = [data_file(f"xsens_mti/xsens_{sensor}.mat") for sensor in ("acc", "gyro")]
     done = command(
-        "gap", *files, "--format", "imu_tk", "--gravity", PADOVA_MPS2, "--json", "-", "-o", tmp_path / "i.json"
+        "gap",
+        *files,
+        "--format",
+        "imu_tk",
+        "--gravity",
+        PADOVA_MPS2,
+        "--json",
+        "-",
+        "-o",
+        tmp_path / "i.json",
     )
     gap = json.loads(done.stdout)
     assert gap["schema"] == "imucal.gap/1"
@@ -53,7 +62,10 @@ def test_nothing_is_missing_where_nothing_is_hidden():
 @pytest.mark.parametrize("name", ["gyro_g_sensitivity", "accel_scale_quadratic", "accel_lever_arm"])
 def test_what_is_hidden_is_named_added_and_gone(name):
     effect = imucal.effects.find(name)
-    values = [p.typical * sign for p, sign in zip(effect.parameters[: effect.plain], [1, -0.7, 0.4] * 3)]
+    values = [
+        p.typical * sign
+        for p, sign in zip(effect.parameters[: effect.plain], [1, -0.7, 0.4] * 3, strict=False)
+    ]
     given = {"effects": {name: values}}
     gap = imucal.find_gap(hidden(**given), control=hidden(CONTROL_SEED, **given))
     assert gap.verdict == "named"

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.calibrate import CalibrationResult, Options, calibrate, fields_for_library
+from imucal.calibrate import Options, calibrate, fields_for_library
 from imucal.calibration import Calibration
+from imucal.calibration_result import CalibrationResult
 from imucal.document import plain, without_nan
 from imucal.effects import Effect, UserEffect, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
@@ -53,8 +54,8 @@ class Gap:
     """What the search has found.
 
     verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault
-    effects            what joined the model, or the faults: name, sensor, parameters (name, value, std, unit),
-                       log_bayes_factor, statistic, dof, p_value
+    effects            what joined the model, or the faults: name, sensor, parameters (name, value, std,
+                       unit), log_bayes_factor, statistic, dof, p_value
     ambiguous_with     rivals of the pick
     resembles          what an unknown effect looks a little like
     generic            block, kernel and description of what varies without a name, or None
@@ -106,7 +107,10 @@ class Gap:
         return dict(plain(document))
 
     def explain(self, name: str) -> list[str]:
-        """What an effect is, and what these recordings show or could have shown of it; InputError for a wrong name."""
+        """What an effect is, and what these recordings show or could have shown of it.
+
+        Raises InputError for a name that is not in the catalogue.
+        """
         from imucal.gap_text import explanation
 
         return list(explanation(self, name))
@@ -357,8 +361,8 @@ def _generic(found: _core.GenericFinding | None) -> dict[str, Any] | None:
         "block": found.block,
         "kernel": found.kernel,
         "log_bayes_factor": found.log_bayes_factor,
-        "description": f"{found.block} on axis {'xyz'[found.axis]} varies {pattern}, {found.rms:.2g} {unit} rms, "
-        f"most in the rests {rests}",
+        "description": f"{found.block} on axis {'xyz'[found.axis]} varies {pattern}, "
+        f"{found.rms:.2g} {unit} rms, most in the rests {rests}",
     }
 
 

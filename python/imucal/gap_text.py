@@ -51,8 +51,8 @@ def _named(effect: Mapping[str, Any]) -> str:
     std = "" if largest["std"] is None else f" +- {largest['std']:.1g}"
     return (
         f"{effect['name']}: at most {abs(largest['value']):.3g}{std} {largest['unit']} ({largest['name']}), "
-        f"log Bayes factor {effect['log_bayes_factor']:.1f}, chi2 {effect['statistic']:.0f} with {effect['dof']} "
-        f"degrees of freedom"
+        f"log Bayes factor {effect['log_bayes_factor']:.1f}, chi2 {effect['statistic']:.0f} with "
+        f"{effect['dof']} degrees of freedom"
     )
 
 

@@ -109,15 +109,6 @@ impl Tally {
     }
 }
 
-/// The value below which a share `q` (0 to 1) of the values lies; reorders them. NaN without values.
-fn quantile(values: &mut [f64], q: f64) -> f64 {
-    if values.is_empty() {
-        return f64::NAN;
-    }
-    let at = (q * (values.len() - 1) as f64).round() as usize;
-    *values.select_nth_unstable_by(at, f64::total_cmp).1
-}
-
 /// The unit of a triad in messages.
 fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
     match unit {

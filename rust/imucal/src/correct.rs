@@ -21,7 +21,7 @@ use nalgebra::Vector3;
 const PASSES: usize = 2;
 
 /// Rates that are closer in time differ by more noise than motion, s.
-const SLOPE_STEP_S: f64 = 2e-3;
+pub(crate) const SLOPE_STEP_S: f64 = 2e-3;
 
 /// Samples whose polynomial gives the derivative.
 const NODES: usize = 5;
@@ -73,36 +73,42 @@ fn correct_with(
 /// `(w(t - 2h) - 8 w(t - h) + 8 w(t + h) - w(t + 2h)) / 12h`, wrong by `h^4 / 30` times the fifth derivative; steps may be
 /// uneven. Two equal times give what is not a number.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
-    let n = time_s.len().min(angular_rate.len());
+    let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
+    slopes(time_s, &rate, SLOPE_STEP_S).into_iter().map(<[f64; 3]>::from).collect()
+}
+
+/// The same of any three columns, with another step.
+pub(crate) fn slopes(time_s: &[f64], values: &[Vector3<f64>], step_s: f64) -> Vec<Vector3<f64>> {
+    let n = time_s.len().min(values.len());
     if n < 2 {
         return Vec::new();
     }
     let count = n.min(NODES);
     let interval_s = (time_s[n - 1] - time_s[0]) / (n - 1) as f64;
     // The cast of a NaN or a negative number is zero. Every n / count samples there is room for all nodes about each sample.
-    let stride = ((SLOPE_STEP_S / interval_s).round() as usize).clamp(1, n / count);
+    let stride = ((step_s / interval_s).round() as usize).clamp(1, n / count);
     let derivative = |k: usize| {
         // Half of the nodes are before sample k, at the ends as many as have room there.
         let after = ((n - 1 - k) / stride).min(count - 1);
         let before = (k / stride).min((count / 2).max(count - 1 - after));
         let first = k - before * stride;
-        slope_at(before, count, |j| time_s[first + j * stride], |j| Vector3::from(angular_rate[first + j * stride]))
+        slope_at(before, count, |j| time_s[first + j * stride], |j| values[first + j * stride])
     };
-    (0..n).map(|k| derivative(k).into()).collect()
+    (0..n).map(derivative).collect()
 }
 
 /// Derivative at node `at` of the polynomial through `count` nodes, after Lagrange:
-/// `sum over j of (w_j - w_at) / (t_j - t_at) * product over the other i of (t_at - t_i) / (t_j - t_i)`.
+/// `sum over j of (v_j - v_at) / (t_j - t_at) * product over the other i of (t_at - t_i) / (t_j - t_i)`.
 fn slope_at(
     at: usize,
     count: usize,
     time: impl Fn(usize) -> f64,
-    rate: impl Fn(usize) -> Vector3<f64>,
+    value: impl Fn(usize) -> Vector3<f64>,
 ) -> Vector3<f64> {
     let others = |j: usize| (0..count).filter(move |i| *i != j && *i != at);
     (0..count).filter(|j| *j != at).fold(Vector3::zeros(), |sum, j| {
         let weight: f64 = others(j).map(|i| (time(at) - time(i)) / (time(j) - time(i))).product();
-        sum + (rate(j) - rate(at)) * (weight / (time(j) - time(at)))
+        sum + (value(j) - value(at)) * (weight / (time(j) - time(at)))
     })
 }
 

@@ -1,11 +1,11 @@
 //! Finding the missing effect: score every effect, add the one that explains most, until nothing is left (model.md (23), (24)).
 //!
-//! * [`evidence`]: what a model explains, with units (priors at typical sizes), with its number of parameters and with the scatter
+//! * `evidence`: what a model explains, with units (priors at typical sizes), with its number of parameters and with the scatter
 //!   of each kind of residual taken into account.
-//! * [`generic`]: what is not in the catalogue competes with whole paths of named effects.
-//! * [`detect`]: how small an effect would have been seen.
+//! * `generic`: what is not in the catalogue competes with whole paths of named effects.
+//! * `detect`: how small an effect would have been seen.
 //!
-//! [`search`] looks at one or more recordings of a unit. Judging what it found on a control recording, and refusing what makes
+//! [`search()`] looks at one or more recordings of a unit. Judging what it found on a control recording, and refusing what makes
 //! that worse, is for its caller.
 
 mod design;

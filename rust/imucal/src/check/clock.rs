@@ -1,8 +1,9 @@
 //! The time column: enough of it, in order, without gaps, regular, and in the right unit.
 
-use super::{Tally, names, quantile};
+use super::{Tally, names};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
+use crate::stats::quantile;
 
 /// Fewer samples than this hold no rest, no move and no noise level.
 const MIN_SAMPLES: usize = 200;

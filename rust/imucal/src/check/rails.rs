@@ -4,9 +4,10 @@ use std::ops::Range;
 
 use super::plateau::{PLATEAU, piles_up, plateaus};
 use super::values::{converter_step, extremes};
-use super::{ACCEL, GYRO, Tally, names, quantile, unit_name};
+use super::{ACCEL, GYRO, Tally, names, unit_name};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
+use crate::stats::quantile;
 
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
 const SHARE_OF_REACH: f64 = 0.8;

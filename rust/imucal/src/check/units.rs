@@ -5,9 +5,10 @@ use std::ops::Range;
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
 use super::values::extremes;
-use super::{ACCEL, GYRO, names, quantile};
+use super::{ACCEL, GYRO, names};
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
+use crate::stats::quantile;
 
 /// |f| over g at rest that bias and scale of a sensor can explain.
 const AT_REST: [f64; 2] = [0.75, 1.25];

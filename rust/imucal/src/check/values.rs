@@ -1,8 +1,9 @@
 //! Single columns: numbers that are none, and temperature that jumps.
 
-use super::{ACCEL, GYRO, Tally, names, quantile};
+use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
 use crate::recording::Recording;
+use crate::stats::quantile;
 
 /// Temperature step between neighbours, K.
 const TEMPERATURE_STEP_K: f64 = 5.0;

@@ -200,10 +200,9 @@ impl<'a> Hunt<'a> {
         self.eliminate(prepared, &open, &mut stage, &mut path)?;
         let path_log_bayes_factor = stage.evidence.log - start_log;
         let excess = stage.evidence.scales.iter().copied().fold(1.0, f64::max).sqrt();
-        let (generic, path_at_rests) = self.generic(prepared, triads, &open, &stage.members)?;
-        let generic_log_bayes_factor = generic.as_ref().map_or(0.0, |g| g.log_bayes_factor);
-        let generic =
-            generic.filter(|g| g.log_bayes_factor > GENERIC_LEAST && g.log_bayes_factor > path_at_rests + GENERIC_LEAD);
+        let pattern = self.pattern(prepared, triads, &open, &stage.members)?;
+        let generic_log_bayes_factor = pattern.alone.as_ref().map_or(0.0, |g| g.log_bayes_factor);
+        let generic = pattern.winner();
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
         self.left_out.extend(first.blind);
@@ -245,15 +244,14 @@ impl<'a> Hunt<'a> {
         Ok((stage, open))
     }
 
-    /// The best generic hypothesis against no effect, and the path against no effect on the same residuals: rests, and moves
-    /// from rest to rest.
-    fn generic(
+    /// Generic hypotheses alone and on top of the path, on rests and moves from rest to rest.
+    fn pattern(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         members: &[Member],
-    ) -> Result<(Option<BestGeneric>, f64), Error> {
+    ) -> Result<Pattern, Error> {
         let kinds = self.kinds;
         self.kinds = Kinds { in_motion: false, encoders: false };
         let seen: Vec<EffectChoice> = open.iter().filter(|c| Kinds::needed_by(&[**c]) == self.kinds).copied().collect();
@@ -262,15 +260,12 @@ impl<'a> Hunt<'a> {
         };
         let members: Vec<Member> = members.iter().filter(own).cloned().collect();
         let without = self.stage(prepared, triads, &[], &[], Beside::Generics);
-        let with = if members.is_empty() {
-            None
-        } else {
-            Some(self.stage(prepared, triads, &seen, &members, Beside::Nothing))
-        };
+        let with = (!members.is_empty()).then(|| self.stage(prepared, triads, &seen, &members, Beside::Generics));
         self.kinds = kinds;
-        let without = without?;
-        let path = with.transpose()?.map_or(0.0, |with| with.evidence.log - without.evidence.log);
-        Ok((best_generic(&without), path))
+        let (without, with) = (without?, with.transpose()?);
+        let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
+        let on_top = with.as_ref().and_then(best_generic).map_or(0.0, |g| g.log_bayes_factor);
+        Ok(Pattern { alone: best_generic(&without), path, on_top })
     }
 
     /// Fits the model with these members, from `near`, and linearises what is beside it.
@@ -528,6 +523,28 @@ fn best_generic(stage: &Stage) -> Option<BestGeneric> {
     let generic = &generics[found.index];
     let raw = generic.typical / generic.block.typical_si();
     Some(BestGeneric { biases: found.biases.iter().map(|b| b.map(|v| v / raw)).collect(), ..found })
+}
+
+/// Logarithms of Bayes factors on the residuals that generic hypotheses act on.
+struct Pattern {
+    /// The best one against no effect.
+    alone: Option<BestGeneric>,
+    /// The path against no effect.
+    path: f64,
+    /// The best one on top of the path, against the path.
+    on_top: f64,
+}
+
+impl Pattern {
+    /// The generic hypothesis, if it explains more than the path, or if with it the path explains nothing more.
+    fn winner(self) -> Option<BestGeneric> {
+        let (path, on_top) = (self.path, self.on_top);
+        self.alone.filter(|g| {
+            let more = g.log_bayes_factor > path + GENERIC_LEAD;
+            let superfluous = on_top > GENERIC_LEAST && path + on_top < g.log_bayes_factor + GENERIC_LEAD;
+            g.log_bayes_factor > GENERIC_LEAST && (more || superfluous)
+        })
+    }
 }
 
 impl BestGeneric {

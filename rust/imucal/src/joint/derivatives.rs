@@ -1,75 +1,29 @@
 //! Derivatives of the whitened residuals against central differences, for every kind of row and every kind of column.
 
-use std::f64::consts::PI;
-
-use imucal_core::effects::{Effect, Need, Sensor};
-use nalgebra::Vector3;
+use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
 use super::encoders::STAND_PARAMETERS;
 use super::model::{BASE, GYRO_SENSITIVITY, Model};
 use super::problem::{Joint, Prepared};
 use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};
+use super::tests::{Run, STAND_RAD};
 use crate::calibrate::{Options, prepare};
-use crate::recording::Recording;
-use crate::simulate::motion::Motion;
-use crate::simulate::stand::Stand;
-use crate::simulate::{Program, RandomMoves, Unit};
-
-const RATE_HZ: f64 = 100.0;
-
-/// A run of the paper's unit with warm-up, one field of a user, and the angles of a crooked stand.
-struct Run {
-    time_s: Vec<f64>,
-    force: Vec<[f64; 3]>,
-    rate: Vec<[f64; 3]>,
-    temperature: Vec<f64>,
-    stand: Vec<[f64; 3]>,
-    field: Vec<f64>,
-}
-
-impl Run {
-    fn new() -> Self {
-        let program = Program::random(&RandomMoves { moves: 12, hold_s: 1.5, ..RandomMoves::default() }, 1).unwrap();
-        let unit = Unit::paper();
-        let stand = Stand { mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05), ..Stand::perfect() };
-        let samples = (program.duration_s() * RATE_HZ) as usize;
-        let motion = Motion::Stand { program, stand };
-        let mut run =
-            Self { time_s: vec![], force: vec![], rate: vec![], temperature: vec![], stand: vec![], field: vec![] };
-        for i in 0..samples {
-            let time_s = i as f64 / RATE_HZ;
-            let moment = motion.at(time_s);
-            let force = moment.rotation_world_from_body.inverse() * Vector3::new(0.0, 0.0, 9.80665);
-            let seen =
-                |sensor: &crate::simulate::Sensor, v: Vector3<f64>| (sensor.sensitivity * v + sensor.bias).into();
-            run.time_s.push(time_s);
-            run.force.push(seen(&unit.accelerometer, force));
-            run.rate.push(seen(&unit.gyroscope, moment.angular_rate));
-            run.temperature.push(25.0 + 15.0 * (time_s / 40.0).sin());
-            run.stand.push(moment.stand.unwrap().angle_rad.into());
-            run.field.extend((0..3).map(|axis| (time_s / 20.0 + PI / 2.0 * f64::from(axis)).sin()));
-        }
-        run
-    }
-}
+use crate::simulate::RandomMoves;
 
 /// A fit with these effects in their full forms and a user's field, at no effect but typical time constants.
 fn with(effects: &[&str], kinds: Kinds, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)) {
-    let run = Run::new();
-    let mut recording = Recording::try_new("run", &run.time_s, &run.force, &run.rate).unwrap();
-    recording.temperature_degc = Some(&run.temperature);
-    recording.stand_rad = Some(&run.stand);
+    let run = Run::new(&RandomMoves { moves: 12, hold_s: 1.5, ..RandomMoves::default() }, 100.0, &EffectSet::none());
+    let wave = |time_s: &f64| [0.0, 1.0, 2.0].map(|phase| (time_s / 20.0 + phase).sin());
+    let field: Vec<f64> = run.time_s.iter().flat_map(wave).collect();
     let effects: Vec<EffectChoice> =
         effects.iter().map(|name| EffectChoice { effect: Effect::find(name).unwrap(), full: true }).collect();
-    let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&run.field] }];
+    let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
-    prepare(&[recording], &Options::default(), kinds, |prepared, accelerometer, gyroscope| {
-        let model = Model {
-            accelerometer: *accelerometer,
-            gyroscope: *gyroscope,
-            values: super::start_values(&terms),
-            stand: super::start_stand(prepared, &terms, accelerometer),
-        };
+    prepare(&[run.recording()], &Options::default(), kinds, |prepared, accelerometer, gyroscope| {
+        // Directions across gravity turn with it, and by as much as the residual is off zero the derivative with them.
+        let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
+        let values = super::start_values(&terms);
+        let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
         work(prepared, &terms, model.parameters());
         Ok(())
     })
@@ -115,14 +69,21 @@ fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: 
     }
 }
 
+const FEW: [&str; 4] = ["gyro_g_sensitivity", "earth_rate", "accel_scale_temperature", "accel_bias_warmup"];
+
 /// Without effects derivatives are exact, but for rows of the encoders inside moves: there the stand is taken as it is in the
 /// middle of 40 ms.
 #[test]
 fn derivatives_meet_central_differences() {
     for (in_motion, encoders) in [(false, false), (true, false), (false, true), (true, true)] {
+        // All at rest and over moves; inside the moves those that are seen there alone, and a few others.
         let seen = |effect: &&'static Effect<f64>| {
-            (in_motion || !effect.needs.contains(&Need::AngularAcceleration))
-                && (encoders || effect.sensor != Sensor::Encoder)
+            let own = match effect.sensor {
+                Sensor::Encoder => encoders,
+                _ if effect.needs.contains(&Need::AngularAcceleration) => in_motion,
+                _ => !in_motion && !encoders,
+            };
+            own || FEW.contains(&effect.name)
         };
         let names: Vec<&str> = Effect::<f64>::catalogue().filter(seen).map(|effect| effect.name).collect();
         with(&names, Kinds { in_motion, encoders }, |prepared, terms, parameters| {
@@ -137,8 +98,8 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// At an effect of typical size its slope with rate and force is left out: as much as the effect is of these. That of a delay
-/// is with the derivative of the rate, and shows in what the gyroscope's sensitivity does inside the moves.
+/// At an effect of typical size its slope with rate and force is left out: as much as the effect is of these. What a delay and
+/// a lever arm do follows the rate's derivative or its square, and so does what is left out of the gyroscope's sensitivity.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [
@@ -161,8 +122,8 @@ fn derivatives_at_an_effect_leave_its_slope_out() {
                 parameters[BASE + terms.all[0].linear] = 0.8 * shape.typical;
             }
             let problem = Joint::new(prepared, terms, &parameters).unwrap();
-            let late = |p: usize| name == "gyro_time_offset" && GYRO_SENSITIVITY.contains(&p);
-            check(&problem, terms, &parameters, |p| if late(p) { 0.5 } else { 0.05 });
+            let follows = |p: usize| kinds.in_motion && GYRO_SENSITIVITY.contains(&p);
+            check(&problem, terms, &parameters, |p| if follows(p) { 0.5 } else { 0.05 });
         });
     }
 }

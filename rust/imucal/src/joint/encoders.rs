@@ -18,8 +18,9 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::inside::{EndDirection, Filter};
 use super::model::BASE;
-use super::pass::{Pass, slopes};
+use super::pass::Pass;
 use super::terms::{Sample, Terms};
+use crate::correct::slopes;
 use crate::error::Error;
 use crate::moves::{Ends, Move, UnitRest};
 use crate::recording::Recording;
@@ -165,7 +166,8 @@ impl Angles {
         let mut jacobian = vec![Vector3::zeros(); terms.total()];
         let middle = &self.angle_rad[(samples.start + samples.end) / 2];
         let by_angle = stand.by_angle(middle) / samples.len() as f64;
-        for columns in self.columns[samples.start * terms.count..samples.end * terms.count].chunks_exact(terms.count) {
+        for sample in samples.clone() {
+            let columns = &self.columns[sample * terms.count..(sample + 1) * terms.count];
             for (p, column) in columns.iter().enumerate().filter(|(p, _)| terms.sensors[*p] == Sensor::Encoder) {
                 jacobian[BASE + p] -= by_angle * column;
             }

@@ -24,6 +24,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, surroundings};
 use super::terms::{Sample, Terms};
 use crate::carry::exp_and_left_jacobian;
+use crate::correct::{SLOPE_STEP_S, slopes};
 use crate::moves::Move;
 use crate::recording::Recording;
 
@@ -173,8 +174,6 @@ const UNEVEN: f64 = 0.01;
 /// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
 /// delay of the gyroscope over the time in which the rate changes, a fiftieth, and adds noise where the delay is long.
 const SLOPE_PASSES: usize = 3;
-/// Samples that are closer add more noise than sharpness, s.
-const SLOPE_STEP_S: f64 = 2e-3;
 
 impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
@@ -276,7 +275,7 @@ impl Route<'_> {
             let slopes = if passes > 1 {
                 slopes(&self.recording.time_s[reach.clone()], &all.rate, SLOPE_STEP_S)
             } else {
-                Vec::new()
+                vec![]
             };
             self.correct_once(&mut all, &slopes, model, terms);
         }
@@ -301,24 +300,4 @@ impl Route<'_> {
             (all.rate[k], all.force[k]) = terms.remove(&model.values, seen_rate, seen_force, &around, sample, columns);
         }
     }
-}
-
-/// Derivative of a rate by time: central differences of the fourth order over `step_s` or one sample, whichever is longer, and
-/// of the second order at the ends and where steps are uneven.
-pub(super) fn slopes(time_s: &[f64], rate: &[Vector3<f64>], step_s: f64) -> Vec<Vector3<f64>> {
-    let last = rate.len() - 1;
-    let interval_s = (time_s[last] - time_s[0]) / last.max(1) as f64;
-    let m = ((step_s / interval_s).round() as usize).max(1);
-    let slope = |k: usize| {
-        let (left, right) = (k.saturating_sub(1), (k + 1).min(last));
-        let plain = (rate[right] - rate[left]) / (time_s[right] - time_s[left]);
-        if k < 2 * m || k + 2 * m > last {
-            return plain;
-        }
-        let h = (time_s[k + 2 * m] - time_s[k - 2 * m]) / (4 * m) as f64;
-        let even = (k - 2 * m..k + 2 * m).all(|i| (time_s[i + 1] - time_s[i] - h).abs() <= UNEVEN * h);
-        let wide = rate[k - 2 * m] - rate[k - m] * 8.0 + rate[k + m] * 8.0 - rate[k + 2 * m];
-        if even { wide / (12.0 * m as f64 * h) } else { plain }
-    };
-    (0..rate.len()).map(slope).collect()
 }

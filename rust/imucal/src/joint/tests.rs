@@ -11,53 +11,71 @@ use crate::simulate::motion::Motion;
 use crate::simulate::stand::Stand;
 use crate::simulate::{Program, RandomMoves, Unit};
 
-struct Run {
-    time_s: Vec<f64>,
-    force: Vec<[f64; 3]>,
-    rate: Vec<[f64; 3]>,
-    temperature: Vec<f64>,
-    stand: Vec<[f64; 3]>,
+/// Mount rotation, base tilt and angles between the axes of the stand.
+pub(super) const STAND_RAD: [f64; 7] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003];
+
+/// Samples of the paper's unit without noise, on a crooked stand, heated and cooled.
+pub(super) struct Run {
+    pub(super) time_s: Vec<f64>,
+    pub(super) force: Vec<[f64; 3]>,
+    pub(super) rate: Vec<[f64; 3]>,
+    pub(super) temperature: Vec<f64>,
+    pub(super) stand: Vec<[f64; 3]>,
 }
 
-/// The paper's program and unit with one effect, 1 kHz, no noise, heated and cooled.
+impl Run {
+    pub(super) fn new(moves: &RandomMoves, rate_hz: f64, effects: &EffectSet<f64>) -> Self {
+        let program = Program::random(moves, 1).unwrap();
+        let unit = Unit::paper();
+        let samples = (program.duration_s() * rate_hz) as usize;
+        let stand = Stand {
+            mount_rotation_rad: Vector3::from_column_slice(&STAND_RAD[..3]),
+            base_tilt_rad: [STAND_RAD[3], STAND_RAD[4]],
+            non_orthogonality_rad: [STAND_RAD[5], STAND_RAD[6]],
+            ..Stand::perfect()
+        };
+        let motion = Motion::Stand { program, stand: stand.clone() };
+        let mut run = Self { time_s: vec![], force: vec![], rate: vec![], temperature: vec![], stand: vec![] };
+        for i in 0..samples {
+            let time_s = i as f64 / rate_hz;
+            let moment = motion.at(time_s);
+            let temperature_degc = 30.0 + 15.0 * (time_s / 50.0).sin();
+            let state = State {
+                angular_rate: moment.angular_rate,
+                specific_force: moment.rotation_world_from_body.inverse() * Vector3::new(0.0, 0.0, 9.80665),
+                surroundings: Surroundings {
+                    angular_acceleration: Some(moment.angular_acceleration),
+                    rotation_world_from_body: Some(moment.rotation_world_from_body),
+                    temperature_difference_k: Some(temperature_degc - REFERENCE_TEMPERATURE_DEGC),
+                    time_s: Some(time_s),
+                    stand: moment.stand,
+                },
+            };
+            let (on_rate, on_force) = effects.at(&state);
+            run.time_s.push(time_s);
+            let seen =
+                |sensor: &crate::simulate::Sensor, v: Vector3<f64>| (sensor.sensitivity * v + sensor.bias).into();
+            run.force.push(seen(&unit.accelerometer, state.specific_force + on_force));
+            run.rate.push(seen(&unit.gyroscope, state.angular_rate + on_rate));
+            run.temperature.push(temperature_degc);
+            run.stand.push(stand.read_encoders(&moment.stand.unwrap(), effects, Vector3::zeros()).into());
+        }
+        run
+    }
+
+    pub(super) fn recording(&self) -> Recording<'_> {
+        let mut recording = Recording::try_new("run", &self.time_s, &self.force, &self.rate).unwrap();
+        recording.temperature_degc = Some(&self.temperature);
+        recording.stand_rad = Some(&self.stand);
+        recording
+    }
+}
+
+/// The paper's program with one effect, 1 kHz.
 fn run(values: &EffectValues<f64>) -> Run {
-    let program = Program::random(&RandomMoves::default(), 1).unwrap();
-    let unit = Unit::paper();
     let mut effects = EffectSet::none();
     effects.push(*values).unwrap();
-    let samples = (program.duration_s() * 1000.0) as usize;
-    let stand = Stand {
-        mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),
-        base_tilt_rad: [0.01, -0.02],
-        non_orthogonality_rad: [0.005, -0.003],
-        ..Stand::perfect()
-    };
-    let motion = Motion::Stand { program, stand: stand.clone() };
-    let mut run = Run { time_s: vec![], force: vec![], rate: vec![], temperature: vec![], stand: vec![] };
-    for i in 0..samples {
-        let time_s = i as f64 / 1000.0;
-        let moment = motion.at(time_s);
-        let temperature_degc = 30.0 + 15.0 * (time_s / 50.0).sin();
-        let state = State {
-            angular_rate: moment.angular_rate,
-            specific_force: moment.rotation_world_from_body.inverse() * Vector3::new(0.0, 0.0, 9.80665),
-            surroundings: Surroundings {
-                angular_acceleration: Some(moment.angular_acceleration),
-                rotation_world_from_body: Some(moment.rotation_world_from_body),
-                temperature_difference_k: Some(temperature_degc - REFERENCE_TEMPERATURE_DEGC),
-                time_s: Some(time_s),
-                stand: moment.stand,
-            },
-        };
-        let (on_rate, on_force) = effects.at(&state);
-        run.time_s.push(time_s);
-        let seen = |sensor: &crate::simulate::Sensor, v: Vector3<f64>| (sensor.sensitivity * v + sensor.bias).into();
-        run.force.push(seen(&unit.accelerometer, state.specific_force + on_force));
-        run.rate.push(seen(&unit.gyroscope, state.angular_rate + on_rate));
-        run.temperature.push(temperature_degc);
-        run.stand.push(stand.read_encoders(&moment.stand.unwrap(), &effects, Vector3::zeros()).into());
-    }
-    run
+    Run::new(&RandomMoves::default(), 1000.0, &effects)
 }
 
 fn typical(effect: &'static Effect<f64>, count: usize) -> EffectValues<f64> {
@@ -70,11 +88,8 @@ fn typical(effect: &'static Effect<f64>, count: usize) -> EffectValues<f64> {
 }
 
 fn estimate(run: &Run, effect: &'static Effect<f64>, full: bool) -> Result<Outcome, Error> {
-    let mut recording = Recording::try_new("run", &run.time_s, &run.force, &run.rate).unwrap();
-    recording.temperature_degc = Some(&run.temperature);
-    recording.stand_rad = Some(&run.stand);
     let options = Options { effects: vec![EffectChoice { effect, full }], ..Options::default() };
-    calibrate(&[recording], &options)
+    calibrate(&[run.recording()], &options)
 }
 
 /// Largest error of the linear parameters as a share of the largest of them, and that of the shape.
