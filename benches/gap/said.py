@@ -47,7 +47,10 @@ def find_gap(
     start = time.perf_counter()
     try:
         gap = imucal.find_gap(measured, control=control, **given)
-    except imucal.ImucalError as error:
+    except BaseException as error:
+        # A panic of the library is no Exception; it counts as an answer, a wrong one, and the run goes on.
+        if not isinstance(error, imucal.ImucalError) and type(error).__name__ != "PanicException":
+            raise
         return Said(f"error: {error}"[:300], seconds=time.perf_counter() - start), None
     return read(gap, time.perf_counter() - start), gap
 
