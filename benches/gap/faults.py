@@ -17,7 +17,18 @@ def faults(runs: int) -> Iterator[Case]:
         yield _fault("accel_saturation", index, "A'", clipped_accel)
         yield _fault("samples_missing", index, "A'", random.uniform(0.005, 0.02))
         yield _fault("samples_duplicated", index, "A'", random.uniform(0.005, 0.02))
-        yield _fault("clock_irregular", index, "A'", random.uniform(1e-3, 3e-3))
+        stamps = Scene(stamp_jitter_s=random.uniform(1e-3, 3e-3))
+        yield Case(
+            "fault",
+            "clock_irregular",
+            index,
+            stamps,
+            Answer(verdicts=("data_fault",), fault="clock_irregular"),
+        )
+        # The stamps are even and the instants are not: no rule sees that, but something is wrong.
+        instants = Scene(effects=(imucal.EffectValues("clock_irregular", [random.uniform(1e-3, 3e-3)]),))
+        seen = Answer(verdicts=("data_fault", "unknown", "stochastic"), fault="clock_irregular")
+        yield Case("fault", "clock_irregular, even stamps", index, instants, seen)
         yield _fault("mount_slip", index, "C", random.uniform(1.0, 3.0) * DEG)
         tremor = random.uniform(1e-3, 3e-3)
         tumble = imucal.Tumble(int(random.integers(2**31)), translation_mm=0.0)

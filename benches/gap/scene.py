@@ -58,6 +58,7 @@ class Scene:
     user_effects: tuple[imucal.UserEffect, ...] = ()
     gravity_mps2: float | None = None
     clock_rate_error: float = 0.0
+    stamp_jitter_s: float = 0.0
 
     @property
     def has_temperature(self) -> bool:
@@ -102,8 +103,12 @@ def record(
         filter_hz=scene.filter_hz,
         averaging=scene.averaging,
     ).recording
+    jitter = np.random.default_rng([seed, 2]).normal(scale=scene.stamp_jitter_s, size=len(recording.time_s))
     return imucal.Recording(
-        recording.time_s,
+        # Stamps of a busy computer: late and early, never in another order.
+        np.maximum.accumulate(recording.time_s + jitter) + 1e-7 * np.arange(len(jitter))
+        if scene.stamp_jitter_s
+        else recording.time_s,
         recording.specific_force,
         recording.angular_rate,
         temperature_degc=recording.temperature_degc if scene.has_temperature else None,
