@@ -64,8 +64,8 @@ def verdicts(marks: Sequence[Mark], group: str) -> list[bool | None]:
 
 
 def blocks(marks: Sequence[Mark], group: str) -> list[bool | None]:
-    """Right verdict in the right part of the model; another verdict is not right."""
-    return [bool(m.verdict_ok and m.block_ok) for m in marks if m.group == group]
+    """Right verdict and, if it is that something is unknown, in the right part of the model."""
+    return [m.verdict_ok and m.block_ok is not False for m in marks if m.group == group]
 
 
 def scores(marks: Sequence[Mark]) -> np.ndarray:
