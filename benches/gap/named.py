@@ -15,8 +15,8 @@ from imucal.unit import unit_of
 
 LEVELS: Final = {"1x": 1.0, "2x": 2.0, "5x": 5.0, "10x": 10.0}
 EARTH_RATE_RADPS: Final = 7.292e-5
-# Another effect can be exactly this one (D = -tau 1; a warm-up of long time constant; f_x^2 on x is the products on
-# x less a bias, where |f| is all that is seen): then that name is right if this one is not there.
+# Another effect can be exactly this one (D = -tau 1; a warm-up of long time constant; where |f| is all that
+# is seen, f_x^2 on x is the products on x less a bias): then that name is right if this one is not there.
 CONTAINED: Final = {
     "gyro_time_offset": "gyro_angular_acceleration",
     "gyro_bias_drift": "gyro_bias_warmup",

@@ -24,8 +24,8 @@ until it has spoken. Unit, noise and program are the paper's: 46 rests, 320 s, 1
 * Data: A turned by hand, A' turned on a stand (the accelerometer within the moves counts), C with encoders;
   T with a temperature that goes up and down by 30 K.
 * Limit: the smallest root mean square of the parameters that one recording shows with 90 % power at a
-  family-wise alpha of 0.01, [predicted without the tool](../../benches/gap/limits.py) for A and A' and taken from an
-  earlier study for C. Hidden effects have multiples of it, in a random direction of their parameters.
+  family-wise alpha of 0.01, [predicted without the tool](../../benches/gap/limits.py) for A and A', taken
+  from an earlier study for C. Hidden effects have multiples of it, in a random direction of their parameters.
 * Rates are followed by counts and their 95 % interval (Clopper and Pearson).
 * Gap closed: of the chi2 of the control recording, as `imucal.evaluate` sees it, the share that the tool
   takes away of what a fit with the true effects takes away; where that is a third of it at least.
