@@ -5,6 +5,7 @@
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
 #   make bench     speed beside a SciPy program of the same model, and of the simulation
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md
+#   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
 #   make docs-figures  convergence of the integrated attitude, to docs/results/convergence.md
 #   make wheel     dist/*.whl
 #   make format    format Rust and Python
@@ -134,7 +135,7 @@ test-python: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy docs-figures
+.PHONY: demo bench accuracy gap-benchmark docs-figures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -147,6 +148,11 @@ bench: $(VENV)/.installed
 accuracy: $(VENV)/.installed
 	$(call say,Accuracy)
 	$(PY) benches/accuracy.py
+
+SHARE ?= 1
+gap-benchmark: $(VENV)/.installed
+	$(call say,Hidden effects)
+	PYTHONPATH=benches $(PY) -m gap --share $(SHARE)
 
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)

@@ -1,0 +1,104 @@
+"""Run the benchmark; `python -m gap --help` with this folder's parent on the path."""
+
+import os
+
+# Two processes share the machine; threads within them would only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import json
+import sys
+import traceback
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict
+from functools import partial
+from pathlib import Path
+
+from rich.progress import track
+
+from gap.gates import gates
+from gap.judge import Mark
+from gap.page import page, record
+from gap.suite import TOOL, run, suite
+
+ROOT = Path(__file__).resolve().parents[2]
+REPORT = ROOT / "docs" / "results" / "gap.md"
+QUICK_SHARE = 0.0
+
+
+def job(share: float, with_baselines: bool, index: int) -> list[Mark]:
+    """One case by its number: cases hold functions, which do not travel between processes."""
+    case = suite(share)[index]
+    try:
+        return run(case, with_baselines)
+    except Exception:
+        # One case must not end a run of an hour; which one it was is what is needed.
+        print(f"{case.group}, {case.label}, {case.level}, {case.kind}, {case.index}", file=sys.stderr)
+        traceback.print_exc()
+        raise
+
+
+def chosen(share: float, only: dict[str, list[str]], quick: bool) -> list[int]:
+    """Numbers of the cases to run."""
+    if quick:
+        # One case in so many: all groups, not all cells.
+        return [i for group in dict.fromkeys(c.group for c in suite(share)) for i in _few(share, group)]
+    return [
+        i
+        for i, case in enumerate(suite(share))
+        if all(not wanted or getattr(case, name) in wanted for name, wanted in only.items())
+    ]
+
+
+def _few(share: float, group: str, count: int = 1) -> list[int]:
+    mine = [i for i, case in enumerate(suite(share)) if case.group == group and case.level != "1x"]
+    return mine[:: max(1, len(mine) // count)][:count]
+
+
+def main() -> int:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument(
+        "--share", type=float, default=1.0, help="share of each cell, at least one case of it"
+    )
+    arguments.add_argument("--group", action="append", default=[], help="only this group (several times)")
+    arguments.add_argument("--label", action="append", default=[], help="only this label (several times)")
+    arguments.add_argument("--level", action="append", default=[], help="only this level (several times)")
+    arguments.add_argument(
+        "--quick", action="store_true", help="a few cases of each group, to standard output"
+    )
+    arguments.add_argument("--no-baselines", action="store_true")
+    arguments.add_argument("--processes", type=int, default=2)
+    arguments.add_argument("--log", type=Path, help="append each case as it is done, one JSON object a line")
+    arguments.add_argument("--output", type=Path, default=REPORT)
+    given = arguments.parse_args()
+    share = QUICK_SHARE if given.quick else given.share
+    only = {"group": given.group, "label": given.label, "level": given.level}
+    # Mixed, so that a run that is broken off has seen a bit of everything.
+    numbers = sorted(chosen(share, only, given.quick), key=lambda i: suite(share)[i].mixed)
+    work = partial(job, share, not given.no_baselines)
+    marks: list[Mark] = []
+    with ProcessPoolExecutor(given.processes) as pool:
+        jobs = [pool.submit(work, number) for number in numbers]
+        for finished in track(as_completed(jobs), "asking", total=len(jobs), disable=given.quick):
+            done = finished.result()
+            marks += done
+            if given.log is not None:
+                with given.log.open("a", encoding="utf-8") as log:
+                    log.writelines(json.dumps(asdict(mark)) + "\n" for mark in done)
+    order = {case.key: place for place, case in enumerate(suite(share))}
+    marks.sort(key=lambda mark: order[mark.key])
+    text = page(marks)
+    print(text)
+    if not given.quick:
+        given.output.parent.mkdir(parents=True, exist_ok=True)
+        given.output.write_text(text, encoding="utf-8")
+        table = given.output.with_suffix(".json")
+        table.write_text(json.dumps(record(marks), indent=1, allow_nan=False) + "\n", encoding="utf-8")
+        print(f"written to {given.output} and {table.name}")
+    # The page prints what is missed; only a tool that answers nothing is a failure of the run.
+    return 0 if any(gate.of for gate in gates([m for m in marks if m.tool == TOOL])) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,123 @@
+"""A hidden case: what the tool is given, and what is hidden in it under a seal."""
+
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+import imucal
+from gap.scene import Scene, cycle, record
+
+BENCHMARK_SEED: Final = 20240
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What is hidden.
+
+    effects   of the catalogue or the user's own, with their numbers; empty for a clean run
+    verdicts  what a tool may say; the first is the best
+    names     names that are right for it though the form is another (off-form cases)
+    block     "gyroscope" or "accelerometer" and "bias" or "scale"; "encoder"; or ""
+    fault     of spoilt data, else ""
+    """
+
+    effects: tuple[imucal.EffectValues, ...] = ()
+    verdicts: tuple[str, ...] = ("named",)
+    names: tuple[str, ...] = ()
+    block: str = ""
+    fault: str = ""
+
+    @property
+    def truth(self) -> tuple[str, ...]:
+        return tuple(effect.name for effect in self.effects) or self.names
+
+
+class Sealed:
+    """The answer; it opens for whoever has answered first."""
+
+    def __init__(self, answer: Answer, scene: Scene) -> None:
+        self.__answer = answer
+        self.__scene = scene
+
+    def open(self, said: object) -> Answer:
+        if said is None:
+            raise ValueError("the answer is sealed until the tool has answered")
+        return self.__answer
+
+    def run_again(
+        self, said: object, seed: int, program: imucal.Program, heat_and_cool: bool
+    ) -> imucal.Recording:
+        """What the unit measures in the motion that the tool asked for."""
+        if said is None:
+            raise ValueError("the tool has not asked for a motion yet")
+        scene = self.__scene
+        if heat_and_cool:
+            scene = replace(
+                scene, temperature=cycle(sum(step.move_s + step.hold_s for step in program.steps))
+            )
+        return record(scene, seed, program, name="advised")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One question to a tool.
+
+    group       what it counts for
+    label       what it is, for the table; it may give the answer away, so no tool sees it
+    given       what a user would give besides the recordings: candidates, user_effects
+    """
+
+    group: str
+    label: str
+    index: int
+    scene: Scene = field(repr=False)
+    answer: Answer = field(repr=False)
+    given: dict[str, object] = field(default_factory=dict, repr=False)
+    level: str = ""
+
+    @property
+    def kind(self) -> str:
+        return self.scene.kind
+
+    @property
+    def seed(self) -> int:
+        """Differs from case to case, and is the same in every run of the benchmark."""
+        return seed_of(self.group, self.label, self.level, self.index)
+
+    @property
+    def key(self) -> tuple[str, str, str, str, int]:
+        """What tells it from all others."""
+        return self.group, self.label, self.level, self.kind, self.index
+
+    @property
+    def mixed(self) -> int:
+        """A number that mixes the cases."""
+        return zlib.crc32("/".join(map(str, self.key)).encode())
+
+    def pose(self) -> tuple[imucal.Recording, imucal.Recording, Sealed]:
+        """The recording, the control recording, and the sealed answer."""
+        measured = record(self.scene, self.seed)
+        control = record(self.scene, self.seed + 1, name="control")
+        return measured, control, Sealed(self.answer, self.scene)
+
+
+def seed_of(*names: object) -> int:
+    """A seed out of names, far from all others."""
+    words = "/".join(map(str, names)).encode()
+    return (BENCHMARK_SEED << 33) + (zlib.crc32(words) << 1)
+
+
+def generator(*names: object) -> np.random.Generator:
+    """The numbers that are drawn for a case; another stream than that of its noise."""
+    return np.random.default_rng([BENCHMARK_SEED, zlib.crc32("/".join(map(str, names)).encode())])
+
+
+def spread(cases: Sequence[Case], share: float) -> list[Case]:
+    """The first cases of every cell, at least one of each."""
+    cells: dict[tuple[str, str, str, str], list[Case]] = {}
+    for case in cases:
+        cells.setdefault((case.group, case.label, case.level, case.kind), []).append(case)
+    return [case for cell in cells.values() for case in cell[: max(1, round(share * len(cell)))]]

@@ -1,0 +1,40 @@
+"""Cases whose data are spoilt: that is to be said, and nothing else."""
+
+from collections.abc import Iterator
+
+import imucal
+from gap.case import Answer, Case, generator
+from gap.scene import Scene
+from gap.sizes import DEG
+
+
+def faults(runs: int) -> Iterator[Case]:
+    for index in range(runs):
+        random = generator("fault", index)
+        clipped_gyro = random.uniform(60.0, 120.0) * DEG
+        clipped_accel = random.uniform(8.5, 9.5)
+        yield _fault("gyro_saturation", index, "A'", clipped_gyro)
+        yield _fault("accel_saturation", index, "A'", clipped_accel)
+        yield _fault("samples_missing", index, "A'", random.uniform(0.005, 0.02))
+        yield _fault("samples_duplicated", index, "A'", random.uniform(0.005, 0.02))
+        stamps = Scene(stamp_jitter_s=random.uniform(1e-3, 3e-3))
+        yield Case(
+            "fault",
+            "clock_irregular",
+            index,
+            stamps,
+            Answer(verdicts=("data_fault",), fault="clock_irregular"),
+        )
+        # The stamps are even and the instants are not: no rule sees that, but something is wrong.
+        instants = Scene(effects=(imucal.EffectValues("clock_irregular", [random.uniform(1e-3, 3e-3)]),))
+        seen = Answer(verdicts=("data_fault", "unknown", "stochastic"), fault="clock_irregular")
+        yield Case("fault", "clock_irregular, even stamps", index, instants, seen)
+        yield _fault("mount_slip", index, "C", random.uniform(1.0, 3.0) * DEG)
+        tremor = random.uniform(1e-3, 3e-3)
+        tumble = imucal.Tumble(int(random.integers(2**31)), translation_mm=0.0)
+        yield _fault("rest_not_still", index, "A'", tremor, tumble)
+
+
+def _fault(name: str, index: int, kind: str, value: float, motion: imucal.Tumble | None = None) -> Case:
+    scene = Scene(kind, (imucal.EffectValues(name, [value]),), motion=motion)
+    return Case("fault", name, index, scene, Answer(verdicts=("data_fault",), fault=name))

@@ -1,0 +1,239 @@
+"""The page of results, and the same for programs."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import asdict
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+from gap.gates import blocks, gates, scores, verdicts
+from gap.judge import Mark
+from gap.rates import Rate
+from gap.sizes import SIZES, typical
+from gap.suite import TOOL
+
+LEVELS = ("1x", "2x", "5x", "10x", "typical")
+INTRODUCTION = """# Finding hidden effects
+
+Written by `make gap-benchmark`: {cases} cases in which something was hidden, or nothing, by named seeds. The
+tool gets a recording and a control recording, which has other moves and other noise; the answer is sealed
+until it has spoken. Unit, noise and program are the paper's: 46 rests, 320 s, 100 Hz.
+
+* Data: A turned by hand, A' turned on a stand (the accelerometer within the moves counts), C with encoders;
+  T with a temperature that goes up and down by 30 K.
+* Limit: the smallest root mean square of the parameters that one recording shows with 90 % power at a
+  family-wise alpha of 0.01, [predicted without the tool](../../benches/gap/limits.py) for A and A', taken
+  from an earlier study for C. Hidden effects have multiples of it, in a random direction of their parameters.
+* Rates are followed by counts and their 95 % interval (Clopper and Pearson).
+* Gap closed: of the chi2 of the control recording, as `imucal.evaluate` sees it, the share that the tool
+  takes away of what a fit with the true effects takes away; where that is a third of it at least.
+"""
+
+
+def page(marks: Sequence[Mark]) -> str:
+    mine = [mark for mark in marks if mark.tool == TOOL]
+    sections = [
+        INTRODUCTION.format(cases=len(mine)),
+        _gates(mine),
+        _tools(marks),
+        _effects(mine),
+        _confusion(mine),
+        _clean(mine),
+        _other(mine),
+        _times(marks),
+    ]
+    return "\n".join(sections)
+
+
+def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    rule = ["---", *["---:"] * (len(heading) - 1)]
+    return "\n".join("| " + " | ".join(map(str, row)) + " |" for row in (heading, rule, *rows)) + "\n"
+
+
+def _gates(marks: Sequence[Mark]) -> str:
+    rows = [(g.what, g.aim, g.found, "met" if g.met else "**missed**") for g in gates(marks)]
+    return "## Gates\n\n" + table(("", "aim", "found", ""), rows)
+
+
+def _tools(marks: Sequence[Mark]) -> str:
+    """The textbook ways on the cases that they were asked."""
+    tools = list(dict.fromkeys(mark.tool for mark in marks))
+    if len(tools) < 2:
+        return ""
+    asked = {m.key for m in marks if m.tool != TOOL}
+    rows = []
+    for tool in tools:
+        of = [m for m in marks if m.tool == tool and m.key in asked]
+        single = [m for m in of if m.group == "single"]
+        rows.append(
+            (
+                tool,
+                *(_short([m.first for m in single if m.level == level]) for level in LEVELS[:4]),
+                _short([m.exact for m in single if m.level in ("5x", "10x")]),
+                _short([m.exact for m in of if m.group == "pair"]),
+                _short([m.wrong for m in of if m.group == "single"]),
+                _short([m.false_alarm for m in of if m.group == "clean"]),
+                _short(verdicts(of, "outside")),
+            )
+        )
+    heading = (
+        "", "first at 1x", "2x", "5x", "10x", "exact at 5x, 10x", "pairs exact", "wrong names",
+        "false alarms", "outside: unknown",
+    )  # fmt: skip
+    words = (
+        "The same cases, whitened residuals and columns. The textbook ways cannot say that an effect is\n"
+        "unknown or that two are alike; wrong is an answer with a name in it that is not hidden.\n\n"
+    )
+    return "## Beside the textbook ways\n\n" + words + table(heading, rows)
+
+
+def _short(flags: Sequence[bool | None]) -> str:
+    rate = Rate.count(flags)
+    return f"{100 * rate.value:.1f} %" if rate.of else "-"
+
+
+def _effects(marks: Sequence[Mark]) -> str:
+    """First names effect by effect, and the tool's own limits, in clean runs, beside those of the table."""
+    rows = []
+    for name, size in SIZES.items():
+        mine = [m for m in marks if m.group == "single" and m.label == name]
+        found = [_count(m.first for m in mine if m.level == level) for level in LEVELS]
+        exact = _count(m.exact for m in mine if m.level in ("5x", "10x"))
+        usual = f"{typical(name) / size.here:.1f}"
+        limits = " / ".join(_limit(marks, name, kind) for kind in ("A", "A'", "C"))
+        rows.append((f"`{name}`", size.kind, *found, exact, usual, limits))
+    heading = (
+        "first name right", "data", *LEVELS, "exact, 5x and 10x", "typical / limit",
+        "limit by the tool / predicted: A / A' / C",
+    )  # fmt: skip
+    return "## Effect by effect\n\n" + table(heading, rows)
+
+
+def _limit(marks: Sequence[Mark], name: str, kind: str) -> str:
+    """The tool's limit over the predicted one in clean runs; those of temperature where it changes."""
+    kind_of_run = kind + "T" * SIZES[name].kind.endswith("T")
+    limits = [
+        mark.said["smallest_visible"].get(name)
+        for mark in marks
+        if mark.group == "clean" and mark.label == "white" and mark.kind == kind_of_run
+    ]
+    known = [limit for limit in limits if limit is not None]
+    return f"{np.median(known) / SIZES[name].limit[kind]:.2f}" if known and kind in SIZES[name].limit else "-"
+
+
+def _count(flags: Any) -> str:
+    rate = Rate.count(flags)
+    return f"{rate.hits}/{rate.of}" if rate.of else "-"
+
+
+def answer_in_words(mark: Mark) -> str:
+    """What was said, short enough to be counted."""
+    verdict, names = mark.said["verdict"], mark.said["names"]
+    if verdict == "named":
+        return " + ".join(names)
+    if verdict == "ambiguous":
+        return " or ".join([*names, *mark.said["ambiguous_with"]])
+    if verdict in ("unknown", "stochastic"):
+        return f"{verdict} ({mark.said['generic']})"
+    return f"{verdict} ({' + '.join(names)})" if names else verdict.split(":")[0]
+
+
+def _confusion(marks: Sequence[Mark]) -> str:
+    """Hidden against said, at five times the limit and more."""
+    rows = []
+    for name in SIZES:
+        of = [m for m in marks if m.group == "single" and m.label == name and m.level in ("5x", "10x")]
+        rows.append((f"`{name}`", len(of), _answers(of)))
+    heading = ("hidden", "runs", "said")
+    return "## Confusion, at 5 and 10 times the limit\n\n" + table(heading, rows)
+
+
+def _answers(marks: Sequence[Mark], most: int = 6) -> str:
+    counted = Counter(answer_in_words(mark) for mark in marks).most_common()
+    words = [f"{said} {count}" for said, count in counted[:most]]
+    rest = sum(count for _, count in counted[most:])
+    return "; ".join([*words, *([f"others {rest}"] if rest else [])])
+
+
+def _clean(marks: Sequence[Mark]) -> str:
+    rows = []
+    of = [m for m in marks if m.group == "clean"]
+    for label, level in dict.fromkeys((m.label, m.level) for m in of):
+        mine = [m for m in of if (m.label, m.level) == (label, level)]
+        alarms = Rate.count(m.false_alarm for m in mine)
+        rows.append(
+            (
+                f"{label} {level}".strip(),
+                alarms,
+                _count([bool(m.said["names"]) for m in mine]),
+                _answers(mine),
+            )
+        )
+    return "## Clean runs\n\n" + table(("noise", "false alarms", "with a name", "said"), rows)
+
+
+def _other(marks: Sequence[Mark]) -> str:
+    """Everything but single effects and clean runs."""
+    rows = []
+    of = [m for m in marks if m.group not in ("single", "clean")]
+    for group, label in dict.fromkeys((m.group, m.label) for m in of):
+        mine = [m for m in of if (m.group, m.label) == (group, label)]
+        right = Rate.count(verdicts(mine, group))
+        block = _count(blocks(mine, group)) if any(m.block_ok is not None for m in mine) else "-"
+        exact, advice = _count(m.exact for m in mine), _count(m.solved_by_advice for m in mine)
+        said = "" if group in ("pair", "triple") else _answers(mine, 4)
+        rows.append((group, label, right, exact, block, advice, said))
+    heading = (
+        "",
+        "hidden",
+        "verdict right",
+        "exact",
+        "right part of the model",
+        "solved by the advised motion",
+        "said",
+    )
+    return "## Everything else\n\n" + table(heading, rows)
+
+
+def _times(marks: Sequence[Mark]) -> str:
+    rows = []
+    for tool in dict.fromkeys(mark.tool for mark in marks):
+        for kind in ("A", "A'", "C"):
+            seconds = [
+                m.said["seconds"] for m in marks if m.tool == tool and m.kind.removesuffix("T") == kind
+            ]
+            if seconds:
+                rows.append((tool, kind, f"{np.median(seconds):.2f}", f"{np.max(seconds):.2f}"))
+    errors = scores([m for m in marks if m.tool == TOOL])
+    square = f"{np.mean(errors**2):.2f}" if len(errors) else "-"
+    words = f"\nMean of (error / stated σ)² of named effects: {square}, of {len(errors)} parameters.\n"
+    return "## Times\n\n" + table(("", "data", "median, s", "longest, s"), rows) + words
+
+
+def record(marks: Sequence[Mark]) -> dict[str, Any]:
+    """All cases, for programs; the limits of the tool are in the page."""
+    cases = []
+    for mark in marks:
+        case = asdict(mark)
+        case["said"].pop("smallest_visible")
+        if case["advised"] is not None:
+            case["advised"].pop("smallest_visible")
+        cases.append(_finite(case))
+    return {
+        "schema": "imucal.gap-benchmark/1",
+        "gates": [asdict(gate) for gate in gates([m for m in marks if m.tool == TOOL])],
+        "cases": cases,
+    }
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no NaN."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    if isinstance(value, np.generic):
+        value = value.item()
+    return None if isinstance(value, float) and not isfinite(value) else value
