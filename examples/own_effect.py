@@ -1,6 +1,6 @@
 """An effect of your own: the gyroscope's bias follows the supply voltage, recorded along.
 
-Simulate it, estimate it together with the 21 parameters, and judge on a run that the fit never saw.
+Simulate it, estimate it together with the 21 parameters, judge on a run that the fit never saw, and let it be found.
 """
 
 import numpy as np
@@ -43,6 +43,10 @@ for name, judged in (("before", plain), ("after", result)):
     )
 for parameter, true in zip(result.parameters[21:], TRUE["gyro_bias_supply"], strict=True):
     print(f"{parameter.name}: {parameter.value:.5f} +- {parameter.std:.5f} {parameter.unit}, true {true}")
+
+# Is it that effect? The search knows all of the catalogue, too.
+gap = imucal.find_gap(run, control=control, user_effects=[supply])
+print(gap.summary())
 
 # The file has the numbers, not the function: give the definition again.
 result.calibration.save("unit.json")
