@@ -1,6 +1,7 @@
 """An effect of your own: the gyroscope's bias follows the supply voltage, recorded along.
 
-Simulate it, estimate it together with the 21 parameters, judge on a run that the fit never saw, and let it be found.
+Simulate it, estimate it together with the 21 parameters, judge on a run that the fit never saw,
+and let it be found.
 """
 
 import numpy as np
