@@ -13,6 +13,9 @@ mod detect;
 mod evidence;
 mod generic;
 mod path;
+mod pattern;
+mod score;
+mod stage;
 
 pub use generic::{Block, Kernel};
 pub use path::{linearise, search};

@@ -1,0 +1,155 @@
+//! Scoring every candidate beside a model.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use imucal_core::effects::Effect;
+
+use super::Score;
+use super::design::{Candidate, Design};
+use super::detect::{p_value, visible_noncentrality};
+use super::evidence::{Column, Gram};
+use super::stage::Stage;
+
+/// Prior widths in units of the typical size.
+const WIDTHS: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
+/// So wide that the prior does not count.
+const NO_PRIOR: f64 = 1e4;
+/// Ten typical effects must move chi2 by one.
+const LEAST_CHANGE: f64 = 0.01;
+/// Scatter of rests that chance makes less often than this is that of something unknown.
+const SCATTER_CHANCE: f64 = 1e-6;
+
+/// A candidate with the prior's width and the time constant that are best.
+pub(super) struct Judged {
+    pub(super) score: Score,
+    pub(super) width: f64,
+    pub(super) shape: Option<f64>,
+}
+
+/// All candidates.
+pub(super) struct Judgement {
+    pub(super) scores: Vec<Judged>,
+    /// Effects that are not seen at all, and what would show them.
+    pub(super) blind: Vec<(String, String)>,
+    /// The smallest size of each that would be seen, and its unit.
+    pub(super) visible: Vec<(String, f64, String)>,
+}
+
+/// Scores all candidates beside the model of a stage.
+pub(super) fn judge(stage: &Stage) -> Judgement {
+    let Design { gram, model, candidates, .. } = &stage.design;
+    let mut names: Vec<&str> = candidates.iter().map(|c| c.name.as_str()).collect();
+    names.dedup();
+    let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
+    let mut spectra = Vec::new();
+    for candidate in candidates {
+        let spectrum = projected(gram, model, candidate, &stage.evidence.scales);
+        spectra.push(spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>());
+    }
+    let tests = {
+        let mut seen: Vec<&str> =
+            candidates.iter().zip(&spectra).filter(|(_, s)| !s.is_empty()).map(|(c, _)| c.name.as_str()).collect();
+        seen.sort_unstable();
+        seen.dedup();
+        seen.len()
+    };
+    for (candidate, spectrum) in candidates.iter().zip(&spectra) {
+        if spectrum.is_empty() {
+            if !blind.iter().any(|(name, _)| *name == candidate.name) {
+                blind.push((candidate.name.clone(), observable(&candidate.name)));
+            }
+            continue;
+        }
+        let dof = spectrum.len();
+        let noncentrality = visible_noncentrality(dof, tests);
+        let size = (noncentrality / spectrum.iter().sum::<f64>()).sqrt() * candidate.typical[0];
+        match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
+            Some(entry) => entry.1 = entry.1.min(size),
+            None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
+        }
+        let with = |width: f64| {
+            let columns: Vec<Column> = model.iter().copied().chain(candidate.columns(width)).collect();
+            gram.evidence(&columns)
+        };
+        let best = WIDTHS
+            .iter()
+            .filter_map(|&width| Some((with(width)?.log - stage.evidence.log, width)))
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let (Some((log_bayes_factor, width)), Some(free)) = (best, with(NO_PRIOR)) else { continue };
+        let statistic = (stage.evidence.deviance - free.deviance).max(0.0);
+        let score = Score {
+            name: candidate.name.clone(),
+            log_bayes_factor,
+            statistic,
+            dof,
+            p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
+            rivals: Vec::new(),
+        };
+        let judged = Judged { score, width, shape: candidate.shape };
+        match scores.iter_mut().find(|other| other.score.name == candidate.name) {
+            Some(other) if other.score.log_bayes_factor >= log_bayes_factor => {}
+            Some(other) => *other = judged,
+            None => scores.push(judged),
+        }
+    }
+    blind.retain(|(name, _)| !scores.iter().any(|judged| judged.score.name == *name));
+    Judgement { scores, blind, visible }
+}
+
+fn observable(name: &str) -> String {
+    Effect::<f64>::find(name)
+        .map_or_else(|| "data in which its field changes".to_owned(), |effect| effect.observable.to_owned())
+}
+
+fn unit(name: &str) -> String {
+    let effect = Effect::<f64>::find(name);
+    effect.and_then(|effect| effect.parameters.first()).map_or_else(String::new, |p| p.unit.to_owned())
+}
+
+impl Candidate {
+    /// Its columns with a prior of this width.
+    pub(super) fn columns(&self, width: f64) -> impl Iterator<Item = Column> {
+        self.columns.clone().zip(&self.typical).map(move |(place, typical)| Column {
+            place,
+            precision: 1.0 / (width * typical).powi(2),
+            value: 0.0,
+        })
+    }
+}
+
+/// What each direction of an effect's parameters, at typical size, moves chi2 by, after projection of the model.
+fn projected(gram: &Gram, model: &[Column], candidate: &Candidate, scales: &[f64]) -> Vec<f64> {
+    let sum = |i: usize, j: usize| gram.sums.iter().zip(scales).map(|(g, s)| g[(i, j)] / s).sum::<f64>();
+    let n = model.len();
+    let size: Vec<f64> = model.iter().map(|c| sum(c.place, c.place).sqrt().max(1e-300)).collect();
+    let normal = Mat::from_fn(n, n, |i, j| {
+        let jitter = if i == j { 1e-12 } else { 0.0 };
+        sum(model[i].place, model[j].place) / (size[i] * size[j]) + jitter
+    });
+    let p = candidate.typical.len();
+    let place = |k: usize| candidate.columns.start + k;
+    let cross = Mat::from_fn(n, p, |i, k| sum(model[i].place, place(k)) / size[i] * candidate.typical[k]);
+    let own = Mat::from_fn(p, p, |a, b| sum(place(a), place(b)) * candidate.typical[a] * candidate.typical[b]);
+    let Ok(factor) = normal.llt(faer::Side::Lower) else { return Vec::new() };
+    let left = own - cross.transpose() * factor.solve(&cross);
+    let symmetric = Mat::from_fn(p, p, |a, b| (left[(a, b)] + left[(b, a)]) / 2.0);
+    let Ok(eigen) = symmetric.self_adjoint_eigen(faer::Side::Lower) else { return Vec::new() };
+    // What is below the rounding of what was subtracted is nothing.
+    let rounding = 1e-9 * (0..p).map(|k| sum(place(k), place(k)) * candidate.typical[k].powi(2)).sum::<f64>();
+    (0..p).map(|k| eigen.S()[k]).map(|value| if value > rounding { value } else { 0.0 }).collect()
+}
+
+/// The residual of the rests that scatters most beyond noise, if chance does not explain it. Moves are not asked: a gyroscope
+/// that is louder in motion is no missing effect.
+pub(super) fn scattering_rests(stage: &Stage) -> Option<(&'static str, f64, f64)> {
+    const NAMES: [(usize, &str); 4] = [(0, "accel_norm"), (2, "gyro_rate_x"), (3, "gyro_rate_y"), (4, "gyro_rate_z")];
+    let gram = &stage.design.gram;
+    let of = |(group, name)| {
+        let place = gram.groups.iter().position(|g| *g == group)?;
+        let (scale, rows) = (stage.evidence.scales[place], gram.rows[place]);
+        // The scale is chi2 over what is free; the rows are a little more than that.
+        let chance = p_value(scale * rows, rows as usize);
+        (chance < SCATTER_CHANCE).then(|| (name, scale.sqrt(), chance))
+    };
+    NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
+}

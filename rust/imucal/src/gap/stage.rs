@@ -1,0 +1,104 @@
+//! A model on the path: fitted, and linearised with what stands beside it.
+
+use imucal_core::sensor::Triad;
+
+use super::design::{Design, design};
+use super::evidence::Evidence;
+use super::path::Hunt;
+use crate::calibrate::{EffectChoice, UserField};
+use crate::error::Error;
+use crate::joint::{self, Model, Prepared, SHAPE_SHARES, Terms};
+
+/// A model on the path.
+pub(super) struct Stage {
+    pub(super) design: Design,
+    pub(super) evidence: Evidence,
+    /// The fit.
+    pub(super) model: Model,
+    /// The catalogue's effects in it, the user's, and the prior's width of each.
+    pub(super) members: Vec<Member>,
+}
+
+/// An effect in a model.
+#[derive(Clone)]
+pub(super) struct Member {
+    pub(super) name: String,
+    pub(super) width: f64,
+    /// Where its time constant starts, if it has one.
+    pub(super) shape: Option<f64>,
+    /// Its parameters in the last fit; empty before.
+    pub(super) values: Vec<f64>,
+}
+
+/// What is linearised beside a model.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(super) enum Beside {
+    Candidates,
+    Generics,
+    Nothing,
+}
+
+impl Hunt<'_> {
+    /// Fits the model with these members, from `near`, and linearises what is beside it.
+    pub(super) fn stage(
+        &self,
+        prepared: &Prepared<'_>,
+        near: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+        beside: Beside,
+    ) -> Result<Stage, Error> {
+        let is_member = |name: &str| members.iter().any(|member| member.name == name);
+        let own: Vec<EffectChoice> =
+            members.iter().filter_map(|m| open.iter().find(|choice| choice.effect.name == m.name)).copied().collect();
+        let fields: Vec<UserField<'_>> = self.user_fields.iter().filter(|f| is_member(f.name)).cloned().collect();
+        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
+        let mut start = joint::start_model(prepared, &terms, near[0], near[1]);
+        let mut precisions = vec![0.0; terms.count];
+        for term in &terms.all {
+            let Some(member) = members.iter().find(|m| m.name == term.name()) else { continue };
+            for (k, typical) in term.typical().iter().enumerate() {
+                precisions[term.first + k] = 1.0 / (member.width * typical).powi(2);
+            }
+            let own = &mut start.values[term.first..term.first + term.count()];
+            if member.values.len() == own.len() {
+                own.copy_from_slice(&member.values);
+            } else if let (true, Some(shape)) = (term.has_shape(), member.shape) {
+                own[term.linear] = shape;
+            }
+        }
+        let model = joint::fit_for_search(prepared, &terms, &start)?;
+
+        let rest: Vec<EffectChoice> =
+            open.iter().filter(|c| beside == Beside::Candidates && !is_member(c.effect.name)).copied().collect();
+        let (timed, plain): (Vec<_>, Vec<_>) = rest.into_iter().partition(|choice| choice.effect.shape.is_some());
+        let free = self.user_fields.iter().filter(|f| beside == Beside::Candidates && !is_member(f.name));
+        let all_fields: Vec<UserField<'_>> = fields.iter().chain(free).cloned().collect();
+        let choices: Vec<EffectChoice> = own.iter().chain(&plain).copied().collect();
+        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, self.kinds)?;
+        let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
+        for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
+            all.push_frozen(choice.effect, share * longest_s)?;
+        }
+        let mut values = vec![0.0; all.count];
+        for term in &terms.all {
+            if let Some(same) = all.all.iter().find(|other| other.name() == term.name()) {
+                let own = &model.values[term.first..term.first + term.count()];
+                values[same.first..same.first + same.count()].copy_from_slice(own);
+            }
+        }
+        let generics = beside == Beside::Generics;
+        let design = design(prepared, (&terms, &precisions), (&all, &values), &model, generics)?;
+        let evidence = design
+            .gram
+            .evidence(&design.model)
+            .ok_or_else(|| Error::Fit("the evidence of the model cannot be computed: check the recordings".into()))?;
+        let mut members = members.to_vec();
+        for member in &mut members {
+            if let Some(term) = terms.all.iter().find(|term| term.name() == member.name) {
+                member.values = model.values[term.first..term.first + term.count()].to_vec();
+            }
+        }
+        Ok(Stage { design, evidence, members, model })
+    }
+}
