@@ -123,6 +123,11 @@ def long_recording(tmp_path_factory):
     return path
 
 
+def heed_interrupts():
+    """A test run in the background of a script ignores SIGINT, and what it starts would inherit that."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
 def convert(source, output):
     """The installed command at work, caught in the middle of its writing."""
     process = subprocess.Popen(
@@ -130,6 +135,7 @@ def convert(source, output):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        preexec_fn=heed_interrupts,
     )
     patience = time.monotonic() + 30
     while not any(path.stat().st_size for path in output.parent.glob(f".{output.name}.*.tmp")):
@@ -188,6 +194,7 @@ def test_interrupted_at_any_time(long_recording, tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+            preexec_fn=heed_interrupts,
         )
         process.stdout.readline()
         time.sleep(delay_s)
