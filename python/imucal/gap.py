@@ -19,6 +19,7 @@ import numpy as np
 from imucal.calibrate import Options, calibrate, fields_for_library
 from imucal.calibration import Calibration
 from imucal.calibration_result import CalibrationResult
+from imucal.disturbances import disturbances
 from imucal.document import plain, without_nan
 from imucal.effects import Effect, UserEffect, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
@@ -34,17 +35,6 @@ __all__ = ["Gap", "find_gap"]
 SCHEMA: Final = "imucal.gap/1"
 FOLDS: Final = 3
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
-# Faults of the data that explain a disagreement before any effect does.
-RULES: Final = (
-    "gyro_saturation",
-    "accel_saturation",
-    "samples_missing",
-    "samples_duplicated",
-    "clock_irregular",
-    "rest_not_still",
-    "mount_slip",
-    "noise_grows_in_motion",
-)
 # Figures of two fits that differ by less than this share are the same.
 SAME: Final = 0.005
 
@@ -181,9 +171,16 @@ class _Trial:
         self.unit_data, self.judges, self.user_effects = unit_data, judges, user_effects
         self.gravity_mps2, self.min_rest_s = gravity_mps2, min_rest_s
         self.exclude_saturated = exclude_saturated
+        self._fits: dict[tuple[str, ...], CalibrationResult] = {}
 
     def fit(self, names: Sequence[str]) -> CalibrationResult:
         """The calibration with these effects, judged on the control recordings or on held-out moves."""
+        key = tuple(names)
+        if key not in self._fits:
+            self._fits[key] = self._fit(key)
+        return self._fits[key]
+
+    def _fit(self, names: tuple[str, ...]) -> CalibrationResult:
         return calibrate(
             list(self.unit_data),
             control=None if self.judges is None else list(self.judges),
@@ -278,7 +275,9 @@ def _result(
     from imucal.next_motion import next_motion
 
     scores = {score.name: score for score in found.path}
-    faults = [finding for finding in before.findings if finding.code in RULES]
+    # Faults of the data explain a disagreement before any effect does.
+    rules = {row.name for row in disturbances() if row.kind == "fault"}
+    faults = [finding for finding in before.findings if finding.code in rules]
     rivals = tuple(
         dict.fromkeys(rival for name in path for rival in scores[name].rivals if rival not in path)
     )

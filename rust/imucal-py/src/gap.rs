@@ -40,11 +40,8 @@ pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
-    path_log_bayes_factor: f64,
-    generic_log_bayes_factor: f64,
     not_observable: Vec<(String, String)>,
     smallest_visible: Vec<(String, f64, String)>,
-    excess_scatter: f64,
     scattering_rests: Option<(&'static str, f64, f64)>,
     in_motion_left_out: Option<String>,
 }
@@ -105,11 +102,8 @@ pub(crate) fn search_gap(
         path: scores(found.path)?,
         ranking: scores(found.ranking)?,
         generic: generic.transpose()?,
-        path_log_bayes_factor: found.path_log_bayes_factor,
-        generic_log_bayes_factor: found.generic_log_bayes_factor,
         not_observable: found.not_observable,
         smallest_visible: found.smallest_visible,
-        excess_scatter: found.excess_scatter,
         scattering_rests: found.scattering_rests,
         in_motion_left_out: found.in_motion_left_out,
     })

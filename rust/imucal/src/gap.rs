@@ -29,16 +29,10 @@ pub struct Search {
     pub ranking: Vec<Score>,
     /// The best generic hypothesis, if it explains more than the path.
     pub generic: Option<GenericFinding>,
-    /// Logarithm of the Bayes factor of the best generic hypothesis against no effect.
-    pub generic_log_bayes_factor: f64,
-    /// Logarithm of the Bayes factor of the whole path against no effect.
-    pub path_log_bayes_factor: f64,
     /// Effects that these recordings cannot show, and what would.
     pub not_observable: Vec<(String, String)>,
     /// Smallest rms size of a parameter that is seen with 90 % probability, by effect, and its unit.
     pub smallest_visible: Vec<(String, f64, String)>,
-    /// By how much residuals scatter more than noise under the final model: the largest factor of a kind of residual.
-    pub excess_scatter: f64,
     /// Rests that scatter by more than noise and chance under the final model: the name of the residual, the factor, and the
     /// probability of it.
     pub scattering_rests: Option<(&'static str, f64, f64)>,

@@ -31,7 +31,7 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use model::{BASE, Model};
-pub(crate) use problem::{INSIDE, Joint, Prepared};
+pub(crate) use problem::{INSIDE, Joint, Linear, Prepared};
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;
 pub(crate) use terms::{Kinds, Terms};
@@ -93,7 +93,7 @@ pub(crate) fn fit(
             return JointFit::new(&problem, terms, found, iterations);
         }
         parameters.clone_from(&found.parameters);
-        problem.weights = Weights::of(prepared, terms, &parameters, Some((&found, &problem.weights.scales)))?;
+        problem.weigh_by(&found)?;
     }
     Err(Error::Fit("the joint fit made no step".into()))
 }
@@ -132,8 +132,8 @@ pub(crate) fn predict(
     model: &Model,
 ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
     let parameters = model.parameters();
-    let weights = Weights::of(prepared, terms, &parameters, None)?;
     let linear = prepared.linearise(terms, &parameters)?;
+    let weights = Weights::of(prepared, terms, &linear, None);
     Ok(report::moves_of(&linear, &weights))
 }
 
@@ -146,8 +146,7 @@ fn begin(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Resu
     let (residuals, jacobian) = problem.whitened(parameters)?;
     check_determined(&jacobian, terms)?;
     let start = Solution::at(parameters, residuals, jacobian);
-    problem.weights = Weights::of(problem.prepared, terms, parameters, Some((&start, &problem.weights.scales)))?;
-    Ok(())
+    problem.weigh_by(&start)
 }
 
 /// The largest change of a parameter in units of its standard deviation.

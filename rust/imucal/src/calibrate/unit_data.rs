@@ -144,21 +144,27 @@ impl<'a> UnitData<'a> {
         Ok((moves, unusable))
     }
 
+    fn noise(&self) -> Vec<NoiseDensity> {
+        self.segments.iter().map(|segments| segments.noise_density).collect()
+    }
+
+    fn directions<'b>(
+        &'b self,
+        noise: &'b [NoiseDensity],
+        accelerometer: &'b Triad<f64>,
+        gyroscope_inverse: &'b Matrix3<f64>,
+    ) -> Directions<'b> {
+        Directions { recordings: self.recordings, rests: &self.rests, noise, accelerometer, gyroscope_inverse }
+    }
+
     pub(super) fn ends(
         &self,
         moves: &[Move],
         accelerometer: &AccelerometerFit,
         inverse: &Matrix3<f64>,
     ) -> (Vec<Ends>, Vec<f64>) {
-        let noise: Vec<NoiseDensity> = self.segments.iter().map(|segments| segments.noise_density).collect();
-        let directions = Directions {
-            recordings: self.recordings,
-            rests: &self.rests,
-            noise: &noise,
-            accelerometer: &accelerometer.triad,
-            gyroscope_inverse: inverse,
-        };
-        directions.ends_of(moves)
+        let noise = self.noise();
+        self.directions(&noise, &accelerometer.triad, inverse).ends_of(moves)
     }
 
     pub(super) fn fit_gyroscope(
@@ -238,14 +244,8 @@ impl UnitData<'_> {
         (kinds, drifts): (Kinds, bool),
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
-        let noise: Vec<NoiseDensity> = self.segments.iter().map(|segments| segments.noise_density).collect();
-        let directions = Directions {
-            recordings: self.recordings,
-            rests: &self.rests,
-            noise: &noise,
-            accelerometer: &accelerometer.triad,
-            gyroscope_inverse: gyroscope.inverse(),
-        };
+        let noise = self.noise();
+        let directions = self.directions(&noise, &accelerometer.triad, gyroscope.inverse());
         let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, drifts)).collect();
         work(&Prepared {
             recordings: self.recordings,

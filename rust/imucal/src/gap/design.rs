@@ -8,7 +8,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use super::evidence::{Column, Gram};
 use super::generic::{Block, Epoch, Kernel, factor};
 use crate::error::Error;
-use crate::joint::{BASE, Joint, Model, Prepared, Terms};
+use crate::joint::{BASE, Joint, Linear, Model, Prepared, Terms};
 
 /// One effect in the design.
 pub(crate) struct Candidate {
@@ -55,9 +55,10 @@ pub(crate) fn design(
     // One pass serves all: the columns of the candidates are those of the corrected state.
     let full: Vec<f64> =
         parameters[..BASE].iter().chain(values).chain(&parameters[BASE + own.count..]).copied().collect();
-    let problem = Joint::of_noise(prepared, all, &full)?;
-    let (residual, jacobian) = problem.whitened(&full)?;
-    let groups = problem.groups_of_rows(&full)?;
+    let mut problem = Joint::new(prepared, all, &full)?;
+    let linear = problem.linear(&full)?;
+    problem.weigh_by_noise(&linear);
+    let (residual, jacobian) = problem.whiten(&linear);
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
     let mut parts = vec![jacobian.subcols(0, BASE).to_owned()];
     for term in &own.all {
@@ -78,8 +79,8 @@ pub(crate) fn design(
     }
     let mut generics = Vec::new();
     if with_generics {
-        let epochs = epochs(prepared, all, &full)?;
-        let [gyroscope, accelerometer] = problem.by_biases_of_rests(&full)?;
+        let epochs = epochs(prepared, &linear);
+        let [gyroscope, accelerometer] = problem.by_biases_of_rests(&linear);
         for (block, by_bias) in [(Block::GyroscopeBias, gyroscope), (Block::AccelerometerBias, accelerometer)] {
             for kernel in Kernel::ALL {
                 let used: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
@@ -108,12 +109,11 @@ pub(crate) fn design(
             Column { place: p, precision, value: if effect.is_some() { parameters[p] } else { 0.0 } }
         })
         .collect();
-    Ok(Design { gram: Gram::new(&all, &groups), model, candidates, generics, columns: all })
+    Ok(Design { gram: Gram::new(&all, &linear.groups_of_rows()), model, candidates, generics, columns: all })
 }
 
 /// What the kernels need to know of the rests that take part.
-fn epochs(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<Vec<Epoch>, Error> {
-    let linear = prepared.linearise(terms, parameters)?;
+fn epochs(prepared: &Prepared<'_>, linear: &Linear) -> Vec<Epoch> {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];
     for (m, at_move) in prepared.moves.iter().zip(&linear.moves) {
@@ -137,5 +137,5 @@ fn epochs(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Res
             turn,
         }
     };
-    Ok(linear.directions().map(|(k, up)| epoch(k, up)).collect())
+    linear.directions().map(|(k, up)| epoch(k, up)).collect()
 }

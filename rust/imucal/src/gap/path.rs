@@ -120,7 +120,6 @@ impl<'a> Hunt<'a> {
     ) -> Result<Search, Error> {
         let (mut stage, open) = self.start(prepared, triads, open)?;
         let first = judge(&stage);
-        let start_log = stage.evidence.log;
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         while path.len() < MOST_EFFECTS {
@@ -161,10 +160,7 @@ impl<'a> Hunt<'a> {
             }
         }
         self.eliminate(prepared, &open, &mut stage, &mut path)?;
-        let path_log_bayes_factor = stage.evidence.log - start_log;
-        let excess = stage.evidence.scales.iter().copied().fold(1.0, f64::max).sqrt();
         let pattern = self.pattern(prepared, triads, &open, &stage.members)?;
-        let generic_log_bayes_factor = pattern.alone.as_ref().map_or(0.0, |g| g.log_bayes_factor);
         let generic = pattern.winner();
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
@@ -173,11 +169,8 @@ impl<'a> Hunt<'a> {
             path,
             ranking,
             generic: generic.map(|g| g.finding(prepared)),
-            path_log_bayes_factor,
-            generic_log_bayes_factor,
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
-            excess_scatter: excess,
             scattering_rests: scattering_rests(&stage),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })

@@ -38,8 +38,6 @@ pub(super) struct Judgement {
 /// Scores all candidates beside the model of a stage.
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &stage.design;
-    let mut names: Vec<&str> = candidates.iter().map(|c| c.name.as_str()).collect();
-    names.dedup();
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     let mut spectra = Vec::new();
     for candidate in candidates {

@@ -34,22 +34,28 @@ const STEP_RAD: f64 = 1e-4;
 const PASSES: usize = 3;
 
 /// The stand at given parameters.
-pub(crate) struct StandModel(Stand);
+pub(crate) struct StandModel {
+    stand: Stand,
+    parameters: [f64; STAND_PARAMETERS],
+}
 
 impl StandModel {
     pub(crate) fn of(parameters: &[f64]) -> Self {
-        let p = parameters;
-        Self(Stand {
+        // Without encoders there are none, and nobody asks.
+        let mut p = [0.0; STAND_PARAMETERS];
+        p.iter_mut().zip(parameters).for_each(|(own, given)| *own = *given);
+        let stand = Stand {
             mount_rotation_rad: Vector3::new(p[0], p[1], p[2]),
             base_tilt_rad: [p[3], p[4]],
             non_orthogonality_rad: [p[5], p[6]],
             ..Stand::perfect()
-        })
+        };
+        Self { stand, parameters: p }
     }
 
     /// Attitude of the body for motor angles.
     fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
-        self.0.attitude(angle_rad)
+        self.stand.attitude(angle_rad)
     }
 
     /// Rotation vectors in the world by each motor angle, column by column.
@@ -62,9 +68,9 @@ impl StandModel {
     }
 
     /// Rotation vector in the world by a stand parameter.
-    fn by_parameter(parameters: &[f64], p: usize, angle_rad: &Vector3<f64>) -> Vector3<f64> {
+    fn by_parameter(&self, p: usize, angle_rad: &Vector3<f64>) -> Vector3<f64> {
         let moved = |step: f64| {
-            let mut changed = parameters.to_vec();
+            let mut changed = self.parameters;
             changed[p] += step;
             Self::of(&changed).attitude(angle_rad)
         };
@@ -156,13 +162,7 @@ impl Angles {
 
     /// Mean derivative of the attitude of `samples` by every parameter: rotation vectors in the world. The stand is taken as it
     /// is in the middle; the columns, which may jump where a motor turns back, are those of all samples.
-    fn attitude_jacobian(
-        &self,
-        samples: Range<usize>,
-        terms: &Terms<'_>,
-        stand: &StandModel,
-        parameters: &[f64],
-    ) -> Vec<Vector3<f64>> {
+    fn attitude_jacobian(&self, samples: Range<usize>, terms: &Terms<'_>, stand: &StandModel) -> Vec<Vector3<f64>> {
         let mut jacobian = vec![Vector3::zeros(); terms.total()];
         let middle = &self.angle_rad[(samples.start + samples.end) / 2];
         let by_angle = stand.by_angle(middle) / samples.len() as f64;
@@ -171,9 +171,8 @@ impl Angles {
                 jacobian[BASE + p] -= by_angle * self.columns[k * terms.count + p];
             }
         }
-        let own = &parameters[BASE + terms.count..];
         for p in 0..STAND_PARAMETERS {
-            jacobian[BASE + terms.count + p] = StandModel::by_parameter(own, p, middle);
+            jacobian[BASE + terms.count + p] = stand.by_parameter(p, middle);
         }
         jacobian
     }
@@ -184,7 +183,6 @@ pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,
     stand: &StandModel,
-    parameters: &[f64],
     measured: &EndDirection,
 ) -> [Vec<f64>; 2] {
     let body_from_world = stand.attitude(&angles.angle_rad[0]).inverse();
@@ -192,7 +190,7 @@ pub(crate) fn rest_rows(
     let residual = across * (body_from_world * Vector3::z() - measured.up);
     // R <- exp(turn) R, so R^T e_z changes by R^T (e_z x turn).
     let columns: Vec<_> = angles
-        .attitude_jacobian(0..1, terms, stand, parameters)
+        .attitude_jacobian(0..1, terms, stand)
         .iter()
         .zip(&measured.jacobian)
         .map(|(turn, by)| across * (body_from_world * Vector3::z().cross(turn) - by))
@@ -300,14 +298,13 @@ impl EncoderMove<'_> {
         &self,
         pass: &Pass,
         terms: &Terms<'_>,
-        parameters: &[f64],
         [start, end]: [&EndDirection; 2],
         noise: &EncoderNoise,
         mut push: impl FnMut(&[f64]),
     ) {
         let n = terms.total();
         let first = self.stand.attitude(&self.rest.angle_rad[0]).inverse();
-        let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand, parameters);
+        let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand);
         // Mean residual of each block and its derivatives, in the body frame at the start.
         let blocks: Vec<(f64, Vector3<f64>, Vec<Vector3<f64>>)> = pass
             .blocks
@@ -322,7 +319,7 @@ impl EncoderMove<'_> {
                 let mean = samples.clone().map(residual).sum::<Vector3<f64>>() / samples.len() as f64;
                 let jacobian = self
                     .angles
-                    .attitude_jacobian(samples, terms, self.stand, parameters)
+                    .attitude_jacobian(samples, terms, self.stand)
                     .iter()
                     .zip(&rest_jacobian)
                     .zip(&block.turn)

@@ -1,6 +1,8 @@
 //! The residuals of the joint fit and their derivatives.
 
+use std::cell::RefCell;
 use std::ops::Range;
+use std::rc::Rc;
 
 use faer::Mat;
 use imucal_core::effects::{Need, Sensor, Surroundings};
@@ -11,10 +13,10 @@ use super::encoders::{self, EncoderMove, Encoders, StandModel};
 use super::inside::{self, EndDirection};
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
 use super::pass::{Pass, Route};
-use super::terms::Terms;
+use super::terms::{Kinds, Terms};
 use super::weights::Weights;
 use crate::error::Error;
-use crate::lsq::Residuals;
+use crate::lsq::{Residuals, Solution};
 use crate::moves::{End, Ends, Move, UnitRest};
 use crate::recording::Recording;
 use crate::segment::NoiseDensity;
@@ -70,14 +72,14 @@ pub(crate) struct AtMove {
 
 /// All residuals at given parameters, not whitened.
 pub(crate) struct Linear {
+    pub(crate) model: Model,
     pub(crate) lines: Vec<Line>,
     /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
     pub(crate) rates: Vec<(usize, [Line; 3])>,
     pub(crate) moves: Vec<AtMove>,
     /// Direction of gravity at the rests that take part.
     directions: Vec<(usize, EndDirection)>,
-    in_motion: bool,
-    encoders: bool,
+    kinds: Kinds,
 }
 
 /// Rows of the whitened residuals beyond the lines and the rates.
@@ -95,12 +97,24 @@ impl Linear {
 
     pub(crate) fn groups(&self) -> Groups {
         let start = self.lines.len() + 3 * self.rates.len();
-        let inside: usize = if self.in_motion { self.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
-        let rests = if self.encoders { 2 * self.directions.len() } else { 0 };
-        let count = |m: &AtMove| encoders::count(&m.pass, !self.in_motion);
-        let moves: usize = if self.encoders { self.moves.iter().map(count).sum() } else { 0 };
+        let inside: usize =
+            if self.kinds.in_motion { self.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
+        let rests = if self.kinds.encoders { 2 * self.directions.len() } else { 0 };
+        let count = |m: &AtMove| encoders::count(&m.pass, !self.kinds.in_motion);
+        let moves: usize = if self.kinds.encoders { self.moves.iter().map(count).sum() } else { 0 };
         let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
+    }
+
+    /// The group that each row of the whitened residuals belongs to: norms, moves, rates x, y and z, inside the moves,
+    /// rests and moves against the stand.
+    pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
+        let groups = self.groups();
+        let lines = self.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
+        let rates = (0..3 * self.rates.len()).map(|row| 2 + row % 3);
+        let rest = [(INSIDE, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
+        let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
+        lines.chain(rates).chain(rest).collect()
     }
 }
 
@@ -114,26 +128,40 @@ pub(crate) struct Joint<'a> {
     pub(crate) weights: Weights,
     /// Parameters that stay where they start.
     pub(crate) fixed: Vec<usize>,
+    /// The last linearisation: weights, steps and report ask for the same point.
+    last: RefCell<Option<(Vec<f64>, Rc<Linear>)>>,
     rows: usize,
 }
 
 impl<'a> Joint<'a> {
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
-        let weights = Weights::of(prepared, terms, parameters, None)?;
-        let linear = prepared.linearise(terms, parameters)?;
+        let linear = Rc::new(prepared.linearise(terms, parameters)?);
+        let weights = Weights::of(prepared, terms, &linear, None);
         let rows = linear.groups().stand_moves.end;
-        Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
+        let last = RefCell::new(Some((parameters.to_vec(), linear)));
+        Ok(Self { prepared, terms, weights, fixed: Vec::new(), last, rows })
     }
 
-    /// The problem with the weights of noise alone.
-    pub(crate) fn of_noise(
-        prepared: &'a Prepared<'a>,
-        terms: &'a Terms<'a>,
-        parameters: &[f64],
-    ) -> Result<Self, Error> {
-        let weights = Weights::of_noise(prepared, terms, parameters)?;
-        let rows = prepared.linearise(terms, parameters)?.groups().stand_moves.end;
-        Ok(Self { prepared, terms, weights, fixed: Vec::new(), rows })
+    /// The linearisation at these parameters.
+    pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Rc<Linear>, Error> {
+        if let Some((_, linear)) = self.last.borrow().as_ref().filter(|(at, _)| at == parameters) {
+            return Ok(Rc::clone(linear));
+        }
+        let linear = Rc::new(self.prepared.linearise(self.terms, parameters)?);
+        *self.last.borrow_mut() = Some((parameters.to_vec(), Rc::clone(&linear)));
+        Ok(linear)
+    }
+
+    /// Takes the weights that a fit leaves.
+    pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
+        let linear = self.linear(&found.parameters)?;
+        self.weights = Weights::of(self.prepared, self.terms, &linear, Some((found, &self.weights.scales)));
+        Ok(())
+    }
+
+    /// Takes the weights of noise alone.
+    pub(crate) fn weigh_by_noise(&mut self, linear: &Linear) {
+        self.weights = Weights::of_noise(self.prepared, self.terms, linear);
     }
 
     /// Raw units per SI unit of a sensor.
@@ -142,22 +170,9 @@ impl<'a> Joint<'a> {
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// The group that each row of [`whitened`](Self::whitened) belongs to: norms, moves, rates x, y and z, inside the moves,
-    /// rests and moves against the stand.
-    pub(crate) fn groups_of_rows(&self, parameters: &[f64]) -> Result<Vec<usize>, Error> {
-        let linear = self.prepared.linearise(self.terms, parameters)?;
-        let groups = linear.groups();
-        let lines = linear.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
-        let rates = (0..3 * linear.rates.len()).map(|row| 2 + row % 3);
-        let rest = [(INSIDE, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
-        let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
-        Ok(lines.chain(rates).chain(rest).collect())
-    }
-
     /// Whitened derivatives by a bias of its own at each rest, three columns for each: of the gyroscope and of the
     /// accelerometer. A move has the mean of the gyroscope's bias at its two rests. Rows of lines and rates only.
-    pub(crate) fn by_biases_of_rests(&self, parameters: &[f64]) -> Result<[Mat<f64>; 2], Error> {
-        let linear = self.prepared.linearise(self.terms, parameters)?;
+    pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
         for (row, line) in linear.lines.iter().enumerate() {
@@ -185,13 +200,17 @@ impl<'a> Joint<'a> {
                 gyroscope[(head + 3 * k + axis, 3 * rest + axis)] = -1.0 / self.weights.rate_sigma[*rest][axis];
             }
         }
-        Ok([gyroscope, accelerometer])
+        [gyroscope, accelerometer]
     }
 
     /// Whitened residuals and Jacobian: first the lines, then the rates, then what is inside the moves.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
-        let n = parameters.len();
-        let linear = self.prepared.linearise(self.terms, parameters)?;
+        Ok(self.whiten(&*self.linear(parameters)?))
+    }
+
+    /// As [`whitened`](Self::whitened), of a linearisation that is there.
+    pub(crate) fn whiten(&self, linear: &Linear) -> (Mat<f64>, Mat<f64>) {
+        let n = self.terms.total();
         let head = linear.lines.len();
         let mut lines = Mat::from_fn(head, n + 1, |i, p| {
             let line = &linear.lines[i];
@@ -223,35 +242,28 @@ impl<'a> Joint<'a> {
             }
         }
         if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
-            self.stand_rows(encoders, &linear, parameters, |z, sigma| {
+            self.stand_rows(encoders, linear, |z, sigma| {
                 for (p, value) in z.iter().enumerate() {
                     all[(row, p)] = *value / sigma;
                 }
                 row += 1;
-            })?;
+            });
         }
         for &p in &self.fixed {
             all.col_mut(p).fill(0.0);
         }
-        Ok((all.subcols(n, 1).to_owned(), all.subcols(0, n).to_owned()))
+        (all.subcols(n, 1).to_owned(), all.subcols(0, n).to_owned())
     }
 }
 
 impl Joint<'_> {
     /// Residuals against the stand; `push` takes each with its standard deviation.
-    fn stand_rows(
-        &self,
-        encoders: &Encoders,
-        linear: &Linear,
-        parameters: &[f64],
-        mut push: impl FnMut(&[f64], f64),
-    ) -> Result<(), Error> {
-        let (prepared, terms) = (self.prepared, self.terms);
-        let model = Model::of(parameters, terms)?;
+    fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(&[f64], f64)) {
+        let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);
         for (k, direction) in &linear.directions {
             let angles = encoders.at_rest(*k, &prepared.rests[*k], &model.values, terms);
-            for z in encoders::rest_rows(&angles, terms, &stand, parameters, direction) {
+            for z in encoders::rest_rows(&angles, terms, &stand, direction) {
                 push(&z, self.weights.stand_sigma_rad);
             }
         }
@@ -260,9 +272,8 @@ impl Joint<'_> {
             let rest = encoders.at_rest(m.from, &prepared.rests[m.from], &model.values, terms);
             let seen = EncoderMove { span: m, angles: &angles, rest: &rest, stand: &stand };
             let ends = [&at_move.before, &at_move.after];
-            seen.innovations(&at_move.pass, terms, parameters, ends, noise, |z| push(z, 1.0));
+            seen.innovations(&at_move.pass, terms, ends, noise, |z| push(z, 1.0));
         }
-        Ok(())
     }
 }
 
@@ -313,7 +324,7 @@ impl Prepared<'_> {
             }
             rests[k] = Some(at_rest);
         }
-        Ok(self.lines(&model, terms, &rests, moves))
+        Ok(self.lines(model, terms, &rests, moves))
     }
 
     /// The unit at a rest, `reading` being the mean of its accelerometer.
@@ -347,7 +358,7 @@ impl Prepared<'_> {
         AtRest { force, force_jacobian, by_mean: *model.accelerometer.inverse(), on_rate, columns }
     }
 
-    fn lines(&self, model: &Model, terms: &Terms<'_>, rests: &[Option<AtRest>], moves: Vec<AtMove>) -> Linear {
+    fn lines(&self, model: Model, terms: &Terms<'_>, rests: &[Option<AtRest>], moves: Vec<AtMove>) -> Linear {
         let n = terms.total();
         let mut directions = Vec::new();
         let (mut lines, mut rates) = (Vec::new(), Vec::new());
@@ -368,10 +379,9 @@ impl Prepared<'_> {
                 next_move += 1;
             }
             directions.push((k, at_rest.direction()));
-            rates.push((k, self.rate_lines(k, at_rest, model, n, terms)));
+            rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
         }
-        let (in_motion, encoders) = (terms.kinds.in_motion, terms.kinds.encoders);
-        Linear { lines, rates, moves, directions, in_motion, encoders }
+        Linear { model, lines, rates, moves, directions, kinds: terms.kinds }
     }
 
     /// Components of the carried minus the measured direction, across the latter.

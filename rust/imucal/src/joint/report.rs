@@ -48,8 +48,8 @@ impl JointFit {
         solution: Solution,
         iterations: u64,
     ) -> Result<Self, Error> {
-        let model = Model::of(&solution.parameters, terms)?;
-        let linear = problem.prepared.linearise(terms, &solution.parameters)?;
+        let linear = problem.linear(&solution.parameters)?;
+        let model = &linear.model;
         let covariance = lsq::covariance(&solution.jacobian);
         let mut norms = vec![None; problem.prepared.rests.len()];
         let sigma = |k: usize| crate::accelerometer::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer);
@@ -84,7 +84,7 @@ impl JointFit {
             termination: solution.termination,
         };
         let moves = moves_of(&linear, &problem.weights);
-        Ok(Self { model, covariance, report, norms, moves, terms: estimates })
+        Ok(Self { model: model.clone(), covariance, report, norms, moves, terms: estimates })
     }
 }
 

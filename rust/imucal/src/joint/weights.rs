@@ -13,7 +13,6 @@ use super::model::Model;
 use super::problem::{Linear, Prepared, Source};
 use super::terms::Terms;
 use super::whiten::{Shares, Whitening};
-use crate::error::Error;
 use crate::lsq::{self, Solution};
 use crate::moves::{End, Move, random_walk_rad};
 use crate::stats::median;
@@ -52,32 +51,32 @@ pub(crate) struct Scales {
 
 impl Weights {
     /// What noise alone explains: nothing is widened.
-    pub(crate) fn of_noise(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<Self, Error> {
-        Self::new(prepared, terms, parameters, None, true)
+    pub(crate) fn of_noise(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
+        Self::new(prepared, terms, linear, None, true)
     }
 
-    /// Weights at these parameters; `found` is the last fit, if there was one, with the scales that it was made with.
+    /// Weights at a linearisation; `found` is the fit that ended there, if there was one, with the scales that it was made
+    /// with.
     pub(crate) fn of(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,
-        parameters: &[f64],
+        linear: &Linear,
         found: Option<(&Solution, &Scales)>,
-    ) -> Result<Self, Error> {
-        Self::new(prepared, terms, parameters, found, false)
+    ) -> Self {
+        Self::new(prepared, terms, linear, found, false)
     }
 
     fn new(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,
-        parameters: &[f64],
+        linear: &Linear,
         found: Option<(&Solution, &Scales)>,
         noise_alone: bool,
-    ) -> Result<Self, Error> {
-        let model = Model::of(parameters, terms)?;
-        let linear = prepared.linearise(terms, parameters)?;
+    ) -> Self {
+        let model = &linear.model;
         let leverages = found.map(|(solution, _)| lsq::leverages(&solution.jacobian));
         let scales = match (found, &leverages) {
-            (Some((solution, before)), Some(leverages)) => before.refined(&linear, solution, leverages),
+            (Some((solution, before)), Some(leverages)) => before.refined(linear, solution, leverages),
             _ => Scales::NONE,
         };
         let head = linear.lines.len();
@@ -90,7 +89,7 @@ impl Weights {
             linear.rates.len() as f64 - spent
         };
         let own: Vec<f64> =
-            linear.lines.iter().map(|line| own_variance(prepared, &model, line.source, &scales)).collect();
+            linear.lines.iter().map(|line| own_variance(prepared, model, line.source, &scales)).collect();
         let shares: Vec<Shares> = linear
             .lines
             .iter()
@@ -99,15 +98,15 @@ impl Weights {
                 line.by_means.iter().flat_map(|(rest, by)| share(prepared, *rest, by, scale)).collect()
             })
             .collect();
-        Ok(Self {
+        Self {
             whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
-            rate_sigma: rate_sigmas(prepared, &model, &linear, [0, 1, 2].map(free)),
-            inside: if terms.kinds.in_motion { inside_noise(prepared, &model, &scales) } else { Vec::new() },
+            rate_sigma: rate_sigmas(prepared, model, linear, [0, 1, 2].map(free)),
+            inside: if terms.kinds.in_motion { inside_noise(prepared, model, &scales) } else { Vec::new() },
             stand_sigma_rad: stand_sigma_rad(prepared, &scales),
-            encoders: encoder_noise(prepared, &model, &scales, !terms.kinds.in_motion),
-            move_sigma_rad: (0..prepared.moves.len()).map(|k| move_sigma_rad(prepared, &model, k)).collect(),
+            encoders: encoder_noise(prepared, model, &scales, !terms.kinds.in_motion),
+            move_sigma_rad: (0..prepared.moves.len()).map(|k| move_sigma_rad(prepared, model, k)).collect(),
             scales,
-        })
+        }
     }
 }
 
