@@ -52,7 +52,7 @@ class Check:
     def used(self) -> float:
         """Share of the limit: 0 in the middle of a range, 1 at its ends, infinite without a value.
 
-        It orders checks by how near to failing they are; a least number is kept or not, so it is 0 or above 1.
+        It orders checks by how near to failing they are. A least number is kept or not: 0, or above 1.
         """
         if self.problem or self.value is None or math.isnan(self.value):
             return math.inf
@@ -73,19 +73,19 @@ class Check:
             return self.problem or f"{self.what} has no value"
         below = self.low is not None and self.value < self.low
         limit = self.low if below else self.high
-        return f"{self._against(limit)}, {'below' if below else 'above'} its limit {limit}"
+        return f"{self._against(limit)}, {'below' if below else 'above'} its limit {limit:.10g}"
 
     @property
     def warning(self) -> str:
         """That a limit is nearer than 2 sigma; empty if none is."""
-        if self.value is None or not self.std:
+        if self.problem or self.value is None or not self.std:
             return ""
         for limit in (self.low, self.high):
             if limit is not None and abs(self.value - limit) < NEAR_SIGMAS * self.std:
                 sigmas = abs(self.value - limit) / self.std
                 return (
-                    f"{self._against(limit)}, {sigmas:.1f} sigma from its limit {limit}: measured again it "
-                    "may fall on the other side"
+                    f"{self._against(limit)}, {sigmas:.1f} sigma from its limit {limit:.10g}: measured "
+                    "again it may fall on the other side"
                 )
         return ""
 
@@ -98,8 +98,8 @@ class Check:
     def limit_text(self) -> str:
         """The limit in words."""
         if self.low is not None and self.high is not None:
-            return f"{self.low} to {self.high}"
-        return f"at least {self.low}" if self.low is not None else f"at most {self.high}"
+            return f"{self.low:.10g} to {self.high:.10g}"
+        return f"at least {self.low:.10g}" if self.low is not None else f"at most {self.high:.10g}"
 
     def _against(self, limit: float | None) -> str:
         """The value in words, with as many digits as set it apart from its limit."""

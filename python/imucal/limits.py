@@ -85,23 +85,24 @@ class ParameterLimit:
         covered = [parameter for parameter in calibration.parameters if self.covers(parameter.name)]
         if not covered:
             carried = ", ".join(values.name for values in calibration.effects) or "none"
-            problem = f"the calibration has no such parameter (frame {calibration.frame}, effects {carried})"
+            problem = (
+                f"the calibration has no parameter {self.name} (frame {calibration.frame}, effects {carried})"
+            )
             most = self.max_std if self.low is None else self.high
             return [Check(self.name, None, self.low, most, self.unit, problem=problem)]
         return [check for parameter in covered for check in self._of(parameter)]
 
     def _of(self, parameter: Parameter) -> list[Check]:
         name, std = parameter.name, parameter.std
-        other_unit = (
-            "" if parameter.unit == self.unit else f"it is in {parameter.unit}, its limit in {self.unit}"
-        )
+        same_unit = parameter.unit == self.unit
+        other_unit = "" if same_unit else f"{name} is in {parameter.unit}, its limit in {self.unit}"
         checks = []
         if self.low is not None:
             checks.append(
                 Check(name, parameter.value, self.low, self.high, parameter.unit, std, problem=other_unit)
             )
         if self.max_std is not None:
-            problem = other_unit or ("the standard deviation is not known" if std is None else "")
+            problem = other_unit or (f"the std of {name} is not known" if std is None else "")
             checks.append(Check(f"std of {name}", std, None, self.max_std, parameter.unit, problem=problem))
         return checks
 
@@ -124,16 +125,21 @@ class FigureLimit:
             raise InputError(f"{self.of} has no figure {self.figure} that a limit could be for")
         if not (math.isfinite(self.limit) and self.limit > 0):
             raise InputError(f"the limit of {self.of} {self.figure} is {self.limit}: it must be positive")
+        if self.figure in COUNTS and self.limit != int(self.limit):
+            raise InputError(
+                f"the limit of {self.of} {self.figure} is {self.limit}: a whole number is needed"
+            )
 
     def check(self, figures: Mapping[str, Any] | None) -> Check:
         """The check of these figures, None if there are none."""
         value = None if figures is None else figures.get(self.figure)
         exists = isinstance(value, (int, float)) and not isinstance(value, bool)
-        problem = MISSING[self.of] if figures is None else "" if exists else "the figure does not exist"
+        what = f"{self.of} {self.figure}"
+        problem = MISSING[self.of] if figures is None else "" if exists else f"{what} does not exist"
         low, high = (self.limit, None) if self.figure in COUNTS else (None, self.limit)
         number = float(value) if exists and value is not None else None
         unit = FIGURE_UNITS.get(self.figure, "")
-        return Check(f"{self.of} {self.figure}", number, low, high, unit, problem=problem)
+        return Check(what, number, low, high, unit, problem=problem)
 
 
 @dataclass(frozen=True)
@@ -173,8 +179,9 @@ class Limits:
         checks += [limit.check(sets[limit.of]) for limit in self.figures]
         if self.effects is not None:
             extra = [values.name for values in calibration.effects if values.name not in self.effects]
-            problem = f"{', '.join(extra)}; allowed: {', '.join(self.effects) or 'none'}" if extra else ""
-            checks.append(Check("effects not allowed", float(len(extra)), None, 0.0, problem=problem))
+            allowed = ", ".join(self.effects) or "none"
+            problem = f"{', '.join(extra)} is carried, effects allowed: {allowed}" if extra else ""
+            checks.append(Check("effects not allowed", float(len(extra)), None, 0, problem=problem))
         return Judgement(tuple(checks), self.source)
 
     @staticmethod

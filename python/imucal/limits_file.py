@@ -35,7 +35,8 @@ def document_of(limits: Limits) -> dict[str, Any]:
             for limit in limits.parameters
         }
     for limit in limits.figures:
-        document.setdefault(limit.of, {})[limit.figure] = {_side(limit.figure): limit.limit}
+        number = int(limit.limit) if limit.figure in COUNTS else limit.limit
+        document.setdefault(limit.of, {})[limit.figure] = {_side(limit.figure): number}
     if limits.effects is not None:
         document["effects"] = list(limits.effects)
     return document
@@ -60,6 +61,7 @@ def limits_of(node: Node, user_effects: Sequence[UserEffect], source: Source | N
 
 
 def _parameters(node: Node, user_effects: Sequence[UserEffect]) -> tuple[ParameterLimit, ...]:
+    _require_some(node)
     known = _known_units(user_effects)
     limits = []
     for name in node.mapping():
@@ -92,8 +94,7 @@ def _figures(node: Node, of: str) -> list[FigureLimit]:
         item = node.get(figure)
         side = _side(figure)
         _require_known(item, (side,))
-        limit = item.get(side)
-        limits.append(FigureLimit(of, figure, limit.whole() if figure in COUNTS else limit.number()))
+        limits.append(FigureLimit(of, figure, item.get(side).number()))
     return limits
 
 
@@ -128,14 +129,18 @@ def _known_units(user_effects: Sequence[UserEffect]) -> Mapping[str, tuple[str, 
 
 def _require_known(node: Node, fields: Sequence[str]) -> None:
     """Refuse a field that is none: a limit with a slip in its name would judge nothing."""
-    if not node.mapping():
-        raise FormatError(f"{node.file}: {node.path} is empty: leave it out, or give {', '.join(fields)}")
+    _require_some(node)
     for name in node.mapping():
         if name not in fields:
             raise FormatError(
                 f"{node.file}: {node.path}.{name} is no field of a limits file{_close(name, fields)}; "
                 f"{node.path} may have {', '.join(fields)}"
             )
+
+
+def _require_some(node: Node) -> None:
+    if not node.mapping():
+        raise FormatError(f"{node.file}: {node.path} is empty: leave it out, or give a limit")
 
 
 def _close(name: str, known: Iterable[str]) -> str:
