@@ -64,13 +64,13 @@ FIGURE_TEXT: Final = {
 class Evaluation:
     """A calibration judged on recordings.
 
-    figures   chi2_per_dof, gravity_norm_rms_mps2, gravity_direction_rms_deg
-    before    the same of the unit as it comes, with its nominal sensitivity
+    figures    chi2_per_dof, gravity_norm_rms_mps2, gravity_direction_rms_deg
+    before     the same of the unit as it comes, with its nominal sensitivity
     rests, moves   one mapping for each; `excluded` says why one takes no part
-    carried   for each recording: time_s (K,) of the rests, and gravity there in m/s^2, (K, 3) each: measured,
-              uncalibrated and calibrated (carried from the first rest by the gyroscope)
-    findings  warnings about the recordings
-    reasons   why the verdict is poor; empty for a good one
+    carried    for each recording: time_s (K,) of the rests, and gravity there in m/s^2, (K, 3) each:
+               measured, uncalibrated and calibrated (carried from the first rest by the gyroscope)
+    findings   warnings about the recordings
+    reasons    why the verdict is poor; empty for a good one
     judgement  the checks of the calibration and these figures against limits, if it was judged by any
     """
 
@@ -198,13 +198,16 @@ def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:
 
 def saved_reasons(calibration: Calibration) -> list[str]:
     """Why the figures that a calibration file keeps make it poor; empty if they do not."""
+    needed = ("rests", "moves", "chi2_per_dof")
+    # Files hold figures as they were written, by whatever program.
     return [
         reason
         for name, figures in (
             ("calibration set", calibration.calibration_set),
             ("control set", calibration.control_set),
         )
-        if figures is not None and figures.keys() >= {"rests", "moves", "chi2_per_dof"}
+        if figures is not None
+        and all(name in figures and isinstance(figures[name], (int, float, type(None))) for name in needed)
         for reason in poor_figures(name, figures)
     ]
 

@@ -35,12 +35,13 @@ FIGURE_UNITS: Final = {
     "gravity_direction_rms_deg": "deg",
 }
 COUNTS: Final = ("rests", "moves")
-# Set of recordings -> its figures; and what gives them where they are missing.
+# Set of recordings -> the figures that a limit can be for.
 FIGURES: Final[dict[str, tuple[str, ...]]] = {
     "calibration_set": (*FIGURE_UNITS, *COUNTS),
     "control_set": (*FIGURE_UNITS, *COUNTS),
     "held_out": ("gravity_direction_rms_deg",),
 }
+# Why a set is not there.
 MISSING: Final = {
     "calibration_set": "the calibration has no figures of the recordings it was made of",
     "control_set": "there is no control recording: give one with --control",

@@ -50,8 +50,7 @@ def limits_from(calibrations: Sequence[Calibration], deviations: float = DEVIATI
         tuple(_parameters(calibrations, values, deviations)),
         tuple(_figures(calibrations, deviations)),
         tuple(dict.fromkeys(effect.name for c in calibrations for effect in c.effects)),
-        f"mean +- {deviations:g} standard deviations of {len(calibrations)} units: "
-        + ", ".join(c.serial_number or "without a serial number" for c in calibrations),
+        f"mean +- {deviations:g} standard deviations of {len(calibrations)} units",
     )
 
 
