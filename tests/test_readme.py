@@ -100,6 +100,17 @@ def test_page_of_simulation_prints_what_it_shows(tmp_path):
     assert run_page("docs/simulation.md", tmp_path) == 7
 
 
+def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
+    page = (ROOT / "docs/production-line.md").read_text(encoding="utf-8")
+    script = ROOT / "examples/production_line.sh"
+    shown = re.search(r"^```sh\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[1]
+    assert script.read_text(encoding="utf-8").endswith(shown)
+    shutil.copy(script, tmp_path)
+    limits = re.search(r"^```json\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[1]
+    (tmp_path / "limits.json").write_text(limits)
+    assert run_page("docs/production-line.md", tmp_path) == 10
+
+
 def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
     written = tmp_path / "effects.md"
     subprocess.run(

@@ -22,6 +22,8 @@ from imucal.finding import Finding, Place
 from imucal.gap import Gap, find_gap
 from imucal.inspection import Inspection, inspect
 from imucal.io import read, write
+from imucal.judgement import Check, Judgement
+from imucal.limits import FigureLimit, Limits, ParameterLimit
 from imucal.motion import Program, Static, Step, Tumble
 from imucal.recording import Recording, Source
 from imucal.simulate import Simulation, repeat, simulate
@@ -33,10 +35,12 @@ from imucal.unit import Sensor, Unit, unit_names
 __all__ = [
     "Calibration",
     "CalibrationResult",
+    "Check",
     "Effect",
     "EffectParameter",
     "EffectValues",
     "Evaluation",
+    "FigureLimit",
     "Finding",
     "FitError",
     "FormatError",
@@ -44,8 +48,11 @@ __all__ = [
     "ImucalError",
     "InputError",
     "Inspection",
+    "Judgement",
+    "Limits",
     "NotEnoughMotionError",
     "Parameter",
+    "ParameterLimit",
     "Place",
     "Program",
     "Provenance",

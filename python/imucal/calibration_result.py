@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
 
 from imucal.calibration import Calibration, Parameter
 from imucal.document import without_nan
 from imucal.evaluate import Evaluation, figures_text
 from imucal.finding import Finding
+from imucal.judgement import Judgement
+
+if TYPE_CHECKING:
+    from imucal.limits import Limits
 
 __all__ = ["CalibrationResult"]
 
@@ -23,6 +27,7 @@ class CalibrationResult:
     held_out       gravity direction on moves that the fit had not seen, if folds were asked for
     control        the calibration judged on the control recordings, if there are any
     reasons        why the verdict is poor; empty for a good one
+    judgement      the checks against limits, if it was judged by any
     """
 
     calibration: Calibration
@@ -32,6 +37,7 @@ class CalibrationResult:
     held_out: Mapping[str, Any] | None
     control: Evaluation | None
     reasons: tuple[str, ...]
+    judgement: Judgement | None = None
 
     @property
     def verdict(self) -> str:
@@ -98,6 +104,11 @@ class CalibrationResult:
         ]
         return tuple(notes)
 
+    def judged_by(self, limits: Limits) -> CalibrationResult:
+        """The same with its checks against limits; a limit that is not kept makes the verdict poor."""
+        judgement = limits.judge(self)
+        return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
+
     def summary(self) -> str:
         """The parameters, the figures and the verdict as plain text."""
         lines = ["parameter                        value        1 sigma  unit"]
@@ -115,6 +126,8 @@ class CalibrationResult:
                 lines.append(f"{name}: {figures_text(figures)}")
         lines += self.notes
         lines += [f"{finding.severity}: {finding}" for finding in self.findings]
+        if self.judgement is not None:
+            lines += [*(f"warning: {warning}" for warning in self.judgement.warnings), self.judgement.count]
         lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))
         return "\n".join(lines)
 
@@ -130,4 +143,5 @@ class CalibrationResult:
             "rests": without_nan(self.rests),
             "moves": without_nan(self.moves),
             "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "judgement": None if self.judgement is None else self.judgement.to_dict(),
         }

@@ -77,8 +77,18 @@ def read_json(path: str | os.PathLike[str]) -> Node:
     def refuse(constant: str) -> None:
         raise FormatError(f"{file.name}: {constant} is no JSON number: finite numbers are needed")
 
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        # json alone would keep the last of two fields of one name and say nothing.
+        found = dict(pairs)
+        if len(found) < len(pairs):
+            names = [name for name, _ in pairs]
+            twice = next(name for name in names if names.count(name) > 1)
+            raise FormatError(f"{file.name}: the field {twice!r} stands twice in one object: keep one")
+        return found
+
     try:
-        return Node(json.loads(file.content, parse_constant=refuse), "$", file.name)
+        content = json.loads(file.content, parse_constant=refuse, object_pairs_hook=once)
+        return Node(content, "$", file.name)
     except json.JSONDecodeError as error:
         raise FormatError(
             f"{file.name} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -12,7 +12,11 @@ from imucal.calibration import Calibration, Triad
 from imucal.document import without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
+from imucal.judgement import Judgement
 from imucal.recording import Recording
+
+if TYPE_CHECKING:
+    from imucal.limits import Limits
 
 __all__ = ["Evaluation", "evaluate"]
 
@@ -60,13 +64,14 @@ FIGURE_TEXT: Final = {
 class Evaluation:
     """A calibration judged on recordings.
 
-    figures   chi2_per_dof, gravity_norm_rms_mps2, gravity_direction_rms_deg
-    before    the same of the unit as it comes, with its nominal sensitivity
+    figures    chi2_per_dof, gravity_norm_rms_mps2, gravity_direction_rms_deg
+    before     the same of the unit as it comes, with its nominal sensitivity
     rests, moves   one mapping for each; `excluded` says why one takes no part
-    carried   for each recording: time_s (K,) of the rests, and gravity there in m/s^2, (K, 3) each: measured,
-              uncalibrated and calibrated (carried from the first rest by the gyroscope)
-    findings  warnings about the recordings
-    reasons   why the verdict is poor; empty for a good one
+    carried    for each recording: time_s (K,) of the rests, and gravity there in m/s^2, (K, 3) each:
+               measured, uncalibrated and calibrated (carried from the first rest by the gyroscope)
+    findings   warnings about the recordings
+    reasons    why the verdict is poor; empty for a good one
+    judgement  the checks of the calibration and these figures against limits, if it was judged by any
     """
 
     figures: Mapping[str, Any]
@@ -76,11 +81,20 @@ class Evaluation:
     carried: tuple[Mapping[str, Any], ...]
     findings: tuple[Finding, ...]
     reasons: tuple[str, ...]
+    judgement: Judgement | None = None
 
     @property
     def verdict(self) -> str:
         """`good` or `poor`."""
         return "poor" if self.reasons else "good"
+
+    def judged_by(self, limits: Limits, calibration: Calibration) -> Evaluation:
+        """The same with the checks of `calibration` against limits, these figures being its control set.
+
+        A limit that is not kept makes the verdict poor.
+        """
+        judgement = limits.judge(calibration, control_set=self.figures)
+        return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal evaluate --json`."""
@@ -92,6 +106,7 @@ class Evaluation:
             "moves": without_nan(self.moves),
             "carried": without_nan(self.carried),
             "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "judgement": None if self.judgement is None else self.judgement.to_dict(),
         }
 
 
@@ -178,6 +193,22 @@ def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:
     return [
         f"{name}: residuals are {chi2**0.5:.3g} times what noise explains (more than "
         f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion"
+    ]
+
+
+def saved_reasons(calibration: Calibration) -> list[str]:
+    """Why the figures that a calibration file keeps make it poor; empty if they do not."""
+    needed = ("rests", "moves", "chi2_per_dof")
+    # Files hold figures as they were written, by whatever program.
+    return [
+        reason
+        for name, figures in (
+            ("calibration set", calibration.calibration_set),
+            ("control set", calibration.control_set),
+        )
+        if figures is not None
+        and all(name in figures and isinstance(figures[name], (int, float, type(None))) for name in needed)
+        for reason in poor_figures(name, figures)
     ]
 
 

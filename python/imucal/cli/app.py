@@ -15,7 +15,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import apply, calibrate, convert, demo, effects, evaluate, gap, inspect, simulate
+from imucal.cli import apply, calibrate, convert, demo, effects, evaluate, gap, inspect, limits, simulate
 from imucal.errors import ImucalError
 
 __all__ = ["app", "main"]
@@ -45,6 +45,7 @@ for command in (
     effects.effects,
 ):
     app.command()(command)
+app.add_typer(limits.app, name="limits")
 
 
 def _print_version(wanted: bool) -> None:

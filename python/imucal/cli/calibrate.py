@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from imucal.cli.output import Gravity, JsonPath, MinRest, Output
+from imucal.cli.output import Gravity, JsonPath, LimitsPath, MinRest, Output, Verbose
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 from imucal.errors import InputError
@@ -61,6 +61,8 @@ def calibrate(
     serial_number: Annotated[
         str | None, typer.Option("--serial-number", help="Serial number of the unit, kept in the file.")
     ] = None,
+    limits: LimitsPath = None,
+    verbose: Verbose = False,
     report: Annotated[
         Path | None,
         typer.Option("--report", metavar="PAGE", help="HTML page to write; needs --control and plotly."),
@@ -69,13 +71,14 @@ def calibrate(
 ) -> None:
     """Calibrate one unit from its recordings.
 
-    Example: imucal calibrate run.csv --control control.csv -o unit-0042.json
+    Example: imucal calibrate run.csv --control control.csv -o unit-0042.json --limits limits.json
     """
     import imucal
 
     if report is not None and not control:
         raise InputError("--report shows the control recordings: give one with --control")
     with working("reading"):
+        wanted = imucal.Limits.load(limits) if limits else None
         unit_data = reading.each(recordings)
         judges = reading.each(control or [])
     with working("calibrating"):
@@ -92,6 +95,8 @@ def calibrate(
             folds=folds,
             serial_number=serial_number,
         )
+    if wanted is not None:
+        result = result.judged_by(wanted)
     if output is not None:
         result.calibration.save(output)
     if report is not None:
@@ -115,6 +120,7 @@ def calibrate(
     for note in result.notes:
         out.line(note)
     out.findings(result.findings)
+    out.judgement(result.judgement, verbose)
     out.verdict(result.verdict, result.reasons)
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli.output import JsonPath, MinRest, Output
+from imucal.cli.output import JsonPath, LimitsPath, MinRest, Output, Verbose
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -20,6 +20,8 @@ def evaluate(
     recordings: Files,
     reading: Reading,
     min_rest_s: MinRest = 1.0,
+    limits: LimitsPath = None,
+    verbose: Verbose = False,
     json: JsonPath = None,
 ) -> None:
     """Judge a calibration on recordings of the same unit that the fit never saw.
@@ -30,12 +32,16 @@ def evaluate(
 
     with working("reading"):
         loaded = imucal.Calibration.load(calibration)
+        wanted = imucal.Limits.load(limits, user_effects=loaded.user_effects) if limits else None
         judges = reading.each(recordings)
     with working("judging"):
         judged = imucal.evaluate(loaded, judges, min_rest_s=min_rest_s)
+    if wanted is not None:
+        judged = judged.judged_by(wanted, loaded)
     out = Output(json)
     out.document(judged.to_dict())
     out.line(f"{len(judged.rests)} rests, {len(judged.moves)} moves")
     out.figures({"uncalibrated": judged.before, "calibrated": judged.figures})
     out.findings(judged.findings)
+    out.judgement(judged.judgement, verbose)
     out.verdict(judged.verdict, judged.reasons)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import sys
 from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -12,8 +13,9 @@ import typer
 if TYPE_CHECKING:
     from imucal.calibration import Parameter
     from imucal.finding import Finding
+    from imucal.judgement import Judgement
 
-__all__ = ["Gravity", "JsonPath", "MinRest", "Output"]
+__all__ = ["Gravity", "JsonPath", "LimitsPath", "MinRest", "Output", "Verbose"]
 
 POOR_VERDICT = 2
 # Wide enough for every table when the output is a file or a pipe, where rich would assume 80 columns.
@@ -24,6 +26,14 @@ JsonPath = Annotated[
 ]
 Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
 MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest, s.")]
+
+LimitsPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--limits", metavar="LIMITS", help="Limits file: one that is not kept makes a poor verdict."
+    ),
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also list the limits that are kept.")]
 
 
 class Output:
@@ -91,6 +101,20 @@ class Output:
         """One line for each finding."""
         for finding in findings:
             self.line(f"{finding.severity}: {finding}")
+
+    def judgement(self, judgement: Judgement | None, verbose: bool) -> None:
+        """The limits that are not kept, the worst first, and with `verbose` the others after them."""
+        if judgement is None:
+            return
+        checks = judgement.by_use if verbose else judgement.failed
+        if checks:
+            rows = [
+                (c.what, c.value_text, c.limit_text, c.unit, "pass" if c.passed else "FAIL") for c in checks
+            ]
+            self.table(("check", "value", "limit", "unit", ""), rows)
+        for warning in judgement.warnings:
+            self.line(f"warning: {warning}")
+        self.line(judgement.count)
 
     def verdict(self, verdict: str, reasons: Sequence[str]) -> None:
         """The verdict; a poor one ends the command with its exit code."""

@@ -1,0 +1,22 @@
+#!/bin/sh
+# One unit on the line: calibrate it, judge it by limits.json, and put its file where the verdict says.
+#
+#   production_line.sh SERIAL RUN.CSV CONTROL.CSV
+#
+# Exit codes are those of imucal: 0 passed, 1 no result, 2 rejected.
+set -u
+serial=$1 run=$2 control=$3
+
+# A unit that comes a second time must not stay where its first verdict put it.
+mkdir -p passed rejected results || exit 1
+rm -f "$serial.json" "passed/$serial.json" "rejected/$serial.json" "results/$serial.json"
+
+imucal calibrate "$run" --control "$control" --serial-number "$serial" --limits limits.json \
+    -o "$serial.json" --json "results/$serial.json"
+code=$?
+case $code in
+    0) mv "$serial.json" passed && echo "$serial: passed" ;;
+    2) mv "$serial.json" rejected && echo "$serial: rejected" ;;
+    *) echo "$serial: no result, record again" ;;
+esac
+exit $code

@@ -1,0 +1,143 @@
+"""`imucal limits`: a first limits file, and many units against one."""
+
+from __future__ import annotations
+
+import csv as csv_module
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from imucal.cli.output import JsonPath, Output
+from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    from imucal.calibration import Calibration
+    from imucal.judgement import Judgement
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="What a unit must keep: a first limits file from good units, and a day's units against one.",
+    no_args_is_help=True,
+    epilog="Example: imucal limits check limits.json unit-*.json --csv day.csv",
+)
+
+Calibrations = Annotated[
+    list[Path], typer.Argument(metavar="CAL.JSON...", help="Calibration files, one for each unit.")
+]
+
+
+@app.command()
+def template(
+    calibrations: Calibrations,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="PATH", help="Limits file to write.")],
+    deviations: Annotated[
+        float,
+        typer.Option(
+            "--deviations", help="Ranges are the mean +- this many standard deviations over the units."
+        ),
+    ] = 4.0,
+    json: JsonPath = None,
+) -> None:
+    """Write limits that units like these keep, to be edited.
+
+    Example: imucal limits template good-*.json -o limits.json
+    """
+    import imucal
+    from imucal.limits_template import limits_from
+
+    limits = limits_from([imucal.Calibration.load(path) for path in calibrations], deviations)
+    limits.save(output)
+    out = Output(json)
+    out.document(limits.to_dict())
+    # s of n normal values has itself a standard deviation of s / sqrt(2 (n - 1)).
+    doubt = 100 / (2 * (len(calibrations) - 1)) ** 0.5
+    out.line(f"{output}: {limits.description}; their spread is itself known to {doubt:.0f} %")
+
+
+@app.command()
+def check(
+    limits: Annotated[Path, typer.Argument(metavar="LIMITS.JSON", help="Limits file.")],
+    calibrations: Calibrations,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="PATH", help="Also write the table as CSV.")
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Judge calibration files against limits, one line for each unit.
+
+    Example: imucal limits check limits.json unit-*.json --csv day.csv
+    """
+    import imucal
+    from imucal.atomic import write_text
+
+    with working("reading"):
+        loaded = [imucal.Calibration.load(path) for path in calibrations]
+        own = {effect.name: effect for calibration in loaded for effect in calibration.user_effects}
+        wanted = imucal.Limits.load(limits, user_effects=tuple(own.values()))
+    judged = [wanted.judge(calibration) for calibration in loaded]
+    rows = [_row(*unit) for unit in zip(calibrations, loaded, judged, strict=True)]
+    poor = sum(row["verdict"] == "poor" for row in rows)
+    if csv is not None:
+        write_text(csv, _csv_text(rows))
+    out = Output(json)
+    out.document(
+        {
+            "verdict": "poor" if poor else "good",
+            "units": [
+                {**row, "judgement": judgement.to_dict()} for row, judgement in zip(rows, judged, strict=True)
+            ],
+        }
+    )
+    out.table(
+        ("serial number", "verdict", "failed", "worst check", "value", "limit", "unit"),
+        [_shown(row, judgement) for row, judgement in zip(rows, judged, strict=True)],
+    )
+    out.verdict("poor" if poor else "good", [f"{poor} of {len(rows)} units do not pass"] if poor else [])
+
+
+def _row(path: Path, calibration: Calibration, judgement: Judgement) -> dict[str, Any]:
+    """One unit in the table of the day."""
+    from imucal.evaluate import saved_reasons
+
+    reasons = [*saved_reasons(calibration), *judgement.reasons]
+    worst = judgement.by_use[0]
+    return {
+        "serial_number": calibration.serial_number,
+        "file": str(path),
+        "date": calibration.provenance.date,
+        "verdict": "poor" if reasons else "good",
+        "checks": len(judgement.checks),
+        "failed": len(judgement.failed),
+        "warnings": len(judgement.warnings),
+        "worst_check": worst.what,
+        "value": worst.value,
+        "min": worst.low,
+        "max": worst.high,
+        "unit": worst.unit,
+        "reasons": reasons,
+    }
+
+
+def _shown(row: Mapping[str, Any], judgement: Judgement) -> list[str]:
+    worst = judgement.by_use[0]
+    return [
+        row["serial_number"] or row["file"],
+        row["verdict"],
+        str(row["failed"]),
+        worst.what,
+        worst.value_text,
+        worst.limit_text,
+        worst.unit,
+    ]
+
+
+def _csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv_module.DictWriter(text, rows[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({**row, "reasons": "; ".join(row["reasons"])} for row in rows)
+    return text.getvalue()
