@@ -63,7 +63,7 @@ class Options:
     gyro_nominal: float | None
     effects: tuple[tuple[str, bool], ...] = ()
     user_fields: tuple[UserField, ...] = ()
-    joint: bool = False
+    joint: bool = True
 
 
 def calibrate(
@@ -77,7 +77,7 @@ def calibrate(
     accel_nominal: float | None = None,
     gyro_nominal: float | None = None,
     effects: Sequence[str | UserEffect] = (),
-    joint: bool = False,
+    joint: bool = True,
     folds: int | None = None,
     serial_number: str | None = None,
 ) -> CalibrationResult:
@@ -92,7 +92,8 @@ def calibrate(
                        counts; without it start values come from the data
     effects            what to estimate together with the 21 parameters: names of the catalogue, with `:full`
                        for the full form of an effect that has two, and effects of one's own
-    joint              estimate all parameters at once even without effects; with effects this is always so
+    joint              estimate all parameters at once; if False, and without effects, the accelerometer first and
+                       the gyroscope after it
     folds              also fit that many times, each time without a part of the moves, and judge on that part
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,

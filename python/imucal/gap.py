@@ -188,7 +188,6 @@ class _Trial:
             min_rest_s=self.min_rest_s,
             exclude_saturated=self.exclude_saturated,
             effects=[self.user_effects.get(name, name) for name in names],
-            joint=True,
             folds=FOLDS if self.judges is None else None,
         )
 

@@ -1,6 +1,7 @@
 //! From recordings to a calibration, in the order of the method: check, find rests, fit the accelerometer to them,
 //! carry gravity from rest to rest to fit the gyroscope, say how sure all of it is.
 
+mod jointly;
 mod outcome;
 mod unit_data;
 
@@ -16,6 +17,7 @@ use crate::joint::{Kinds, Prepared};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
 use crate::stats::rms;
+use jointly::Selection;
 use unit_data::{UnitData, refuse_errors};
 
 pub use outcome::{Outcome, parameter_names, parameter_values};
@@ -38,7 +40,8 @@ pub struct Options<'a> {
     pub accel_nominal: Option<f64>,
     /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s.
     pub gyro_nominal: Option<f64>,
-    /// Estimate all parameters at once even where no effect is asked for.
+    /// Estimate all parameters at once; without it the accelerometer is fitted first and the gyroscope after, which
+    /// effects exclude.
     pub joint: bool,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
@@ -49,7 +52,11 @@ pub struct Options<'a> {
 impl Options<'_> {
     /// Whether the joint fit makes the estimate, which effects need.
     fn is_joint(&self) -> bool {
-        self.joint || !self.effects.is_empty() || !self.user_fields.is_empty()
+        self.joint || self.has_effects()
+    }
+
+    fn has_effects(&self) -> bool {
+        !self.effects.is_empty() || !self.user_fields.is_empty()
     }
 }
 
@@ -62,7 +69,7 @@ impl Default for Options<'_> {
             exclude_saturated: false,
             accel_nominal: None,
             gyro_nominal: None,
-            joint: false,
+            joint: true,
             effects: Vec::new(),
             user_fields: Vec::new(),
         }
@@ -82,8 +89,17 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     let outcome = if !options.is_joint() {
         Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?
     } else {
-        let joint = data.fit_jointly(&moves, &accelerometer, &gyroscope.fit.triad, options)?;
-        Outcome::joint(data, &accelerometer, &gyroscope, &joint, &unusable, options)?
+        let start = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
+        let triads = [&accelerometer.triad, &gyroscope.fit.triad];
+        let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
+        Outcome::joint(
+            data,
+            [accelerometer.report, gyroscope.fit.report],
+            &gyroscope.findings,
+            &joint,
+            &selection,
+            options,
+        )?
     };
     refuse_errors(&check_gains(&recordings[0], &outcome.calibration))?;
     Ok(outcome)
@@ -98,11 +114,11 @@ pub(crate) fn prepare<T>(
 ) -> Result<T, Error> {
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, _) = data.moves(&accelerometer)?;
-    let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?.fit.triad;
-    data.prepared(&moves, &accelerometer, &gyroscope, options, (kinds, true), |prepared| {
-        work(prepared, &accelerometer.triad, &gyroscope)
-    })
+    let (moves, unusable) = data.moves(&accelerometer)?;
+    let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
+    let selection = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
+    let triads = [&accelerometer.triad, &gyroscope.fit.triad];
+    data.prepared_for(&selection, triads, options, (kinds, true), |prepared| work(prepared, triads[0], triads[1]))
 }
 
 /// How well moves are predicted that the gyroscope's fit has not seen.
@@ -129,25 +145,25 @@ pub fn cross_validate(
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, _) = data.moves(&accelerometer)?;
-    let with_effects = options.is_joint();
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
         let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();
-        let fit = data.fit_gyroscope(&seen, &accelerometer, options)?.fit;
+        let gyroscope = data.fit_gyroscope(&seen, &accelerometer, options)?;
         let held_out = (fold..moves.len()).step_by(folds);
-        if with_effects {
-            let joint = data.fit_jointly(&seen, &accelerometer, &fit.triad, options)?;
-            let judged: Vec<Move> = held_out.clone().map(|k| moves[k]).collect();
-            let predicted = data.predict(&joint, &judged, &accelerometer, options)?;
+        if options.is_joint() {
+            let seen = Selection::of_two_stages(&accelerometer, &gyroscope, &[]);
+            let joint = data.fit_jointly(&seen, [&accelerometer.triad, &gyroscope.fit.triad], options)?;
+            let unseen = Selection { moves: held_out.clone().map(|k| moves[k]).collect(), ..seen };
+            let predicted = data.predict(&joint, &unseen, options)?;
             for (k, (ends, rotation)) in held_out.zip(&predicted) {
                 direction_error_deg[k] = direction_error_rad(ends, rotation).to_degrees();
             }
             continue;
         }
-        let (ends, _) = data.ends(&moves, &accelerometer, fit.triad.inverse());
+        let (ends, _) = data.ends(&moves, &accelerometer, gyroscope.fit.triad.inverse());
         for k in held_out {
             let m = &moves[k];
-            let rotation = rotate(&recordings[m.recording], m.first, m.last, &fit.triad);
+            let rotation = rotate(&recordings[m.recording], m.first, m.last, &gyroscope.fit.triad);
             direction_error_deg[k] = direction_error_rad(&ends[k], &rotation).to_degrees();
         }
     }
@@ -175,7 +191,7 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
             options.gravity_mps2
         )));
     }
-    if options.frame != Frame::Symmetric && options.is_joint() {
+    if options.frame != Frame::Symmetric && options.has_effects() {
         return Err(Error::Input(
             "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out"
                 .into(),

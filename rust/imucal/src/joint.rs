@@ -15,6 +15,7 @@ mod attitude;
 mod encoders;
 mod inside;
 mod model;
+mod outliers;
 mod pass;
 mod problem;
 mod report;
@@ -31,6 +32,7 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use model::{BASE, Model};
+pub(crate) use outliers::{Item, outliers};
 pub(crate) use problem::{INSIDE, Joint, Linear, Prepared};
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;

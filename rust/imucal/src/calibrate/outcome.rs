@@ -7,13 +7,14 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use super::Options;
+use super::jointly::Selection;
 use super::unit_data::{Gyroscope, UnitData};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
-use crate::joint::{JointFit, TermEstimate};
+use crate::joint::{JointFit, Model, TermEstimate};
 use crate::lsq::FitReport;
 use crate::moves::Unusable;
 use crate::segment::{NoiseDensity, Segments, Threshold};
@@ -46,7 +47,7 @@ pub struct Outcome {
     pub accelerometer_fit: FitReport,
     /// The gyroscope's fit.
     pub gyroscope_fit: FitReport,
-    /// The joint fit, where effects were asked for; the two others are its start then.
+    /// The joint fit, if it makes the estimate; the two others are its start then.
     pub joint_fit: Option<FitReport>,
     /// How well the calibration explains its own data.
     pub figures: Figures,
@@ -63,7 +64,7 @@ impl Outcome {
         unusable: &[Unusable],
         options: &Options<'_>,
     ) -> Result<Self, Error> {
-        let rests = data.rest_reports(accelerometer, options.gravity_mps2);
+        let rests = data.rest_reports(&accelerometer.triad, &accelerometer.used, options.gravity_mps2);
         let mut moves = gyroscope.move_reports(unusable);
         let figures = figures(&rests, &moves, &gyroscope.used_residuals(), 18);
         let covariance = data.covariance(accelerometer, gyroscope);
@@ -71,19 +72,7 @@ impl Outcome {
             accelerometer: *accelerometer.triad.sensitivity(),
             gyroscope: *gyroscope.fit.triad.sensitivity(),
         };
-        let (sensitivities, covariance) = match options.frame {
-            Frame::Symmetric => (symmetric, covariance),
-            frame => {
-                let converted = frame::convert(&symmetric, frame)?;
-                let jacobian = frame::parameter_jacobian(&symmetric, &converted, frame)?;
-                let turn = frame::rotation(&symmetric.accelerometer, &converted.accelerometer)?;
-                for report in &mut moves {
-                    report.gravity_before = turn * report.gravity_before;
-                    report.gravity_after = turn * report.gravity_after;
-                }
-                (converted, &jacobian * covariance * jacobian.transpose())
-            }
-        };
+        let (sensitivities, covariance) = in_frame(options.frame, symmetric, covariance, &mut moves)?;
         let calibration = Calibration::new(
             triad(sensitivities.accelerometer, *accelerometer.triad.bias())?,
             triad(sensitivities.gyroscope, data.bias.bias)?,
@@ -108,33 +97,41 @@ impl Outcome {
         })
     }
 
-    /// The result of the joint fit; `accelerometer` and `gyroscope` are what it started from.
+    /// The result of the joint fit; `started_from` are the fits of accelerometer and gyroscope that it began with.
     pub(super) fn joint(
         mut data: UnitData<'_>,
-        accelerometer: &AccelerometerFit,
-        gyroscope: &Gyroscope,
+        started_from: [FitReport; 2],
+        findings: &[Finding],
         joint: &JointFit,
-        unusable: &[Unusable],
+        selection: &Selection,
         options: &Options<'_>,
     ) -> Result<Self, Error> {
-        let mut rests = data.rest_reports(accelerometer, options.gravity_mps2);
+        let Model { accelerometer: force, gyroscope: rate, .. } = &joint.model;
+        let mut rests = data.rest_reports(force, &selection.used, options.gravity_mps2);
         for (report, norm) in rests.iter_mut().zip(&joint.norms) {
             if let Some(norm) = norm {
                 (report.norm_error_mps2, report.norm_sigma_mps2) = *norm;
             }
         }
-        let judged = gyroscope.moves.iter().zip(&joint.moves);
+        let judged = selection.moves.iter().zip(&joint.moves);
         let mut moves: Vec<MoveReport> = judged.map(|(m, (ends, r))| move_report(m, ends, r, None)).collect();
-        moves.extend(unusable.iter().map(|u| unusable_report(&u.span, u.reason)));
+        moves.extend(selection.left_out.iter().map(|u| unusable_report(&u.span, u.reason)));
         moves.sort_by_key(|report| (report.recording, report.first));
         let residuals: Vec<f64> = joint
             .moves
             .iter()
             .flat_map(|(ends, rotation)| <[f64; 2]>::from(ends.residual(rotation) / ends.sigma_rad))
             .collect();
-        let mut calibration = Calibration::new(joint.model.accelerometer, joint.model.gyroscope);
-        let (mut names, mut values) = (Vec::from(parameter_names(Frame::Symmetric)), Vec::new());
-        values.extend(parameter_values(&calibration, Frame::Symmetric));
+        let symmetric = Sensitivities { accelerometer: *force.sensitivity(), gyroscope: *rate.sensitivity() };
+        let all = 21 + joint.terms.iter().map(|term| term.parameter_names.len()).sum::<usize>();
+        let covariance = joint.covariance.submatrix(0, 0, all, all).to_owned();
+        let (sensitivities, covariance) = in_frame(options.frame, symmetric, covariance, &mut moves)?;
+        let mut calibration = Calibration::new(
+            triad(sensitivities.accelerometer, *force.bias())?,
+            triad(sensitivities.gyroscope, *rate.bias())?,
+        );
+        let mut names = Vec::from(parameter_names(options.frame));
+        let mut values = Vec::from(parameter_values(&calibration, options.frame));
         for estimate in &joint.terms {
             names.extend(estimate.parameter_names.iter().cloned());
             values.extend(estimate.values.iter().chain(&estimate.shape));
@@ -144,26 +141,45 @@ impl Outcome {
                 taken.map_err(|error| Error::Fit(error.to_string()))?;
             }
         }
-        let parameters = values.len();
-        data.findings.extend(gyroscope.findings.iter().cloned());
+        data.findings.extend(findings.iter().cloned());
         Ok(Self {
-            frame: Frame::Symmetric,
+            frame: options.frame,
             effects: joint.terms.clone(),
             names,
             values,
-            covariance: rows(&joint.covariance.submatrix(0, 0, parameters, parameters).to_owned()),
-            figures: figures(&rests, &moves, &residuals, parameters - 3),
+            covariance: rows(&covariance),
+            figures: figures(&rests, &moves, &residuals, all - 3),
             rests,
             moves,
             noise_density: noise_density(&data.segments, &calibration),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
-            accelerometer_fit: accelerometer.report,
-            gyroscope_fit: gyroscope.fit.report,
+            accelerometer_fit: started_from[0],
+            gyroscope_fit: started_from[1],
             joint_fit: Some(joint.report),
             findings: data.findings,
             calibration,
         })
     }
+}
+
+/// Sensitivities, covariance and directions of the moves in the body frame asked for; effects are of the symmetric one.
+fn in_frame(
+    frame: Frame,
+    symmetric: Sensitivities,
+    covariance: Mat<f64>,
+    moves: &mut [MoveReport],
+) -> Result<(Sensitivities, Mat<f64>), Error> {
+    if frame == Frame::Symmetric {
+        return Ok((symmetric, covariance));
+    }
+    let converted = frame::convert(&symmetric, frame)?;
+    let jacobian = frame::parameter_jacobian(&symmetric, &converted, frame)?;
+    let turn = frame::rotation(&symmetric.accelerometer, &converted.accelerometer)?;
+    for report in moves {
+        report.gravity_before = turn * report.gravity_before;
+        report.gravity_after = turn * report.gravity_after;
+    }
+    Ok((converted, &jacobian * covariance * jacobian.transpose()))
 }
 
 fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {

@@ -14,7 +14,6 @@ use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::finding::{Finding, Severity};
 use crate::gyroscope::{self, GyroscopeBias, GyroscopeFit};
-use crate::joint::{self, Encoders, JointFit, Kinds, Prepared, Terms};
 use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
@@ -22,7 +21,9 @@ use crate::segment::{NoiseDensity, Rest, Segments};
 use crate::uncertainty;
 
 /// Moves that the gyroscope's nine entries need at least, two numbers each.
-const FEWEST_MOVES: usize = 5;
+pub(super) const FEWEST_MOVES: usize = 5;
+/// Why a move takes no part that all others speak against.
+pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
 
 /// Checked recordings of one unit and the rests in them.
 pub(super) struct UnitData<'a> {
@@ -144,11 +145,11 @@ impl<'a> UnitData<'a> {
         Ok((moves, unusable))
     }
 
-    fn noise(&self) -> Vec<NoiseDensity> {
+    pub(super) fn noise(&self) -> Vec<NoiseDensity> {
         self.segments.iter().map(|segments| segments.noise_density).collect()
     }
 
-    fn directions<'b>(
+    pub(super) fn directions<'b>(
         &'b self,
         noise: &'b [NoiseDensity],
         accelerometer: &'b Triad<f64>,
@@ -201,69 +202,12 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// The joint fit of both triads and the effects that are asked for.
-    pub(super) fn fit_jointly(
-        &self,
-        moves: &[Move],
-        accelerometer: &AccelerometerFit,
-        gyroscope: &Triad<f64>,
-        options: &Options<'_>,
-    ) -> Result<JointFit, Error> {
-        let needed = (Kinds::needed_by(&options.effects), joint::may_drift(options));
-        self.prepared(moves, accelerometer, gyroscope, options, needed, |prepared| {
-            let terms = self.terms(options)?;
-            joint::fit(prepared, &terms, &accelerometer.triad, gyroscope)
-        })
-    }
-
-    /// Directions and rotations of moves that a joint fit has not seen.
-    pub(super) fn predict(
-        &self,
-        fit: &JointFit,
-        moves: &[Move],
-        accelerometer: &AccelerometerFit,
-        options: &Options<'_>,
-    ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
-        let needed = (Kinds::needed_by(&options.effects), joint::may_drift(options));
-        self.prepared(moves, accelerometer, &fit.model.gyroscope, options, needed, |prepared| {
-            joint::predict(prepared, &self.terms(options)?, &fit.model)
-        })
-    }
-
-    fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
-        let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
-        Terms::try_new(&options.effects, &options.user_fields, &samples, Kinds::needed_by(&options.effects))
-    }
-
-    pub(super) fn prepared<T>(
-        &self,
-        moves: &[Move],
-        accelerometer: &AccelerometerFit,
-        gyroscope: &Triad<f64>,
-        options: &Options<'_>,
-        (kinds, drifts): (Kinds, bool),
-        work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
-    ) -> Result<T, Error> {
-        let noise = self.noise();
-        let directions = self.directions(&noise, &accelerometer.triad, gyroscope.inverse());
-        let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, drifts)).collect();
-        work(&Prepared {
-            recordings: self.recordings,
-            rests: &self.rests,
-            used: &accelerometer.used,
-            moves,
-            ends: &ends,
-            noise: &noise,
-            gravity_mps2: options.gravity_mps2,
-            encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
-        })
-    }
-
-    pub(super) fn rest_reports(&self, accelerometer: &AccelerometerFit, gravity_mps2: f64) -> Vec<RestReport> {
+    /// `used` says which rests take part.
+    pub(super) fn rest_reports(&self, accelerometer: &Triad<f64>, used: &[bool], gravity_mps2: f64) -> Vec<RestReport> {
         let report = |k: usize| {
-            let contradicts = (!accelerometer.used[k]).then_some("contradicts_other_rests");
+            let contradicts = (!used[k]).then_some("contradicts_other_rests");
             let excluded = self.excluded[k].or(contradicts);
-            rest_report(&self.rests[k], &accelerometer.triad, gravity_mps2, excluded)
+            rest_report(&self.rests[k], accelerometer, gravity_mps2, excluded)
         };
         (0..self.rests.len()).map(report).collect()
     }
@@ -278,7 +222,7 @@ impl UnitData<'_> {
 impl Gyroscope {
     pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
         let report = |k: usize| {
-            let excluded = (!self.fit.used[k]).then_some("contradicts_other_moves");
+            let excluded = (!self.fit.used[k]).then_some(CONTRADICTS_MOVES);
             move_report(&self.moves[k], &self.ends[k], &self.fit.carried[k].rotation, excluded)
         };
         let spoilt = unusable.iter().map(|u| unusable_report(&u.span, u.reason));

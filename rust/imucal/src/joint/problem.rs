@@ -203,6 +203,16 @@ impl<'a> Joint<'a> {
         [gyroscope, accelerometer]
     }
 
+    /// What whitening makes of an error of one in each line and each rate: the first row, and the values from there on.
+    pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
+        let head = linear.lines.len();
+        let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
+        let rates = linear.rates.iter().enumerate().flat_map(|(place, (k, _))| {
+            (0..3).map(move |axis| (head + 3 * place + axis, vec![1.0 / self.weights.rate_sigma[*k][axis]]))
+        });
+        lines.chain(rates).collect()
+    }
+
     /// Whitened residuals and Jacobian: first the lines, then the rates, then what is inside the moves.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))

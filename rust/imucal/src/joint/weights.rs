@@ -158,10 +158,10 @@ fn rate_sigmas(prepared: &Prepared<'_>, model: &Model, linear: &Linear, free: [f
     sigmas
 }
 
-/// The variance that has to be added to each for the sum of `square / variance` to be `free`; zero if none has.
+/// The variance that has to be added to each for the sum of `square / variance` to be `free`; zero if chance explains it.
 fn excess_variance(seen: &[(f64, f64)], free: f64) -> f64 {
     let chi2 = |between: f64| seen.iter().map(|(square, variance)| square / (variance + between)).sum::<f64>();
-    if free <= 0.0 || chi2(0.0) <= free {
+    if free <= 0.0 || chi2(0.0) <= free * by_chance(free) {
         return 0.0;
     }
     let (mut low, mut high) = (0.0, seen.iter().map(|(square, _)| square).sum::<f64>() / free);
@@ -255,6 +255,10 @@ fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(u
         return scale;
     }
     let reduced = scale * scale * rows.iter().map(|&row| residuals[(row, 0)].powi(2)).sum::<f64>() / free;
-    let by_chance = 1.0 + 3.0 * (2.0 / free).sqrt();
-    if reduced > by_chance { reduced.sqrt() } else { 1.0 }
+    if reduced > by_chance(free) { reduced.sqrt() } else { 1.0 }
+}
+
+/// The largest chi2 per degree of freedom that chance explains: three standard deviations.
+fn by_chance(free: f64) -> f64 {
+    1.0 + 3.0 * (2.0 / free).sqrt()
 }

@@ -56,6 +56,26 @@ impl Whitening {
     }
 }
 
+impl Whitening {
+    /// `L^-1 e_j` from its row j on, to where nothing is left of it.
+    pub(crate) fn unit(&self, j: usize) -> Vec<f64> {
+        let band = self.rows.iter().enumerate().map(|(i, (first, _))| i - first).max().unwrap_or(0);
+        let mut column = vec![1.0 / self.rows[j].1[j - self.rows[j].0]];
+        let nothing = 1e-14 * column[0].abs();
+        for (i, (first, row)) in self.rows.iter().enumerate().skip(j + 1) {
+            let (before, last) = row.split_at(i - first);
+            let from = (*first).max(j);
+            let dot: f64 = before[from - first..].iter().zip(&column[from - j..]).map(|(a, b)| a * b).sum();
+            column.push(-dot / last[0]);
+            let end = column.len();
+            if end > band && column[end - band.max(1)..].iter().all(|value| value.abs() < nothing) {
+                break;
+            }
+        }
+        column
+    }
+}
+
 fn product(a: &Shares, b: &Shares) -> f64 {
     a.iter()
         .map(|&(error, left)| left * b.iter().filter(|(e, _)| *e == error).map(|(_, right)| right).sum::<f64>())
@@ -73,6 +93,16 @@ mod tests {
         let own = [0.1, 0.2, 0.3, 0.4, 0.5];
         let whitening = Whitening::new(&own, &shares, 3);
         let covariance = Mat::from_fn(5, 5, |i, j| product(&shares[i], &shares[j]) + if i == j { own[i] } else { 0.0 });
+        for j in 0..5 {
+            let unit = whitening.unit(j);
+            let mut column = Mat::from_fn(5, 1, |i, _| f64::from(u8::from(i == j)));
+            whitening.apply(&mut column);
+            (0..5).for_each(|i| {
+                assert!(
+                    (column[(i, 0)] - i.checked_sub(j).and_then(|k| unit.get(k)).copied().unwrap_or(0.0)).abs() < 1e-13
+                )
+            });
+        }
         // L^-1 C L^-T is the identity.
         let mut half = covariance.clone();
         whitening.apply(&mut half);

@@ -1,0 +1,165 @@
+//! The joint fit of a unit's data, with what contradicts all others left out.
+
+use imucal_core::sensor::Triad;
+use nalgebra::Matrix3;
+
+use super::Options;
+use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, UnitData};
+use crate::accelerometer::AccelerometerFit;
+use crate::error::Error;
+use crate::joint::{self, Encoders, Item, JointFit, Kinds, Prepared, Terms};
+use crate::moves::{Ends, Move, Unusable, between};
+use crate::recording::Recording;
+
+/// Fits in which rests and moves are left out or taken in again.
+const MOST_ROUNDS: usize = 4;
+
+/// The rests and moves that a fit is made of.
+#[derive(Clone)]
+pub(super) struct Selection {
+    /// Which rests take part.
+    pub(super) used: Vec<bool>,
+    pub(super) moves: Vec<Move>,
+    /// Stretches between rests that take no part, and why.
+    pub(super) left_out: Vec<Unusable>,
+}
+
+impl Selection {
+    /// What the two-stage fit uses.
+    pub(super) fn of_two_stages(
+        accelerometer: &AccelerometerFit,
+        gyroscope: &Gyroscope,
+        unusable: &[Unusable],
+    ) -> Self {
+        let mut selection =
+            Self { used: accelerometer.used.clone(), moves: gyroscope.moves.clone(), left_out: unusable.to_vec() };
+        let contradicts: Vec<Move> =
+            gyroscope.moves.iter().zip(&gyroscope.fit.used).filter(|(_, used)| !**used).map(|(m, _)| *m).collect();
+        selection.leave_out(&contradicts);
+        selection
+    }
+
+    fn leave_out(&mut self, contradicts: &[Move]) {
+        self.moves.retain(|m| !contradicts.contains(m));
+        self.left_out.extend(contradicts.iter().map(|m| Unusable { span: *m, reason: CONTRADICTS_MOVES }));
+    }
+}
+
+impl UnitData<'_> {
+    /// The joint fit of both triads and the effects that are asked for, and what it is made of.
+    ///
+    /// All rests and moves are judged by a fit without those that the last round left out, so one that a better fit explains
+    /// comes back.
+    pub(super) fn fit_without_outliers(
+        &self,
+        start: Selection,
+        model: [&Triad<f64>; 2],
+        options: &Options<'_>,
+    ) -> Result<(JointFit, Selection), Error> {
+        let all = {
+            let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
+            let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
+            Selection { used, moves, left_out }
+        };
+        let mut selection = start;
+        for _ in 1..MOST_ROUNDS {
+            let fit = self.fit_jointly(&selection, model, options)?;
+            let contradicts = self.prepared(&all, model, options, |prepared| {
+                joint::outliers(prepared, &self.terms(options)?, &fit.model)
+            })?;
+            let next = self.without(&all, &contradicts);
+            let same = next.used == selection.used && next.moves == selection.moves;
+            if same || next.moves.len() < FEWEST_MOVES {
+                return Ok((fit, selection));
+            }
+            selection = next;
+        }
+        Ok((self.fit_jointly(&selection, model, options)?, selection))
+    }
+
+    /// A selection without these rests and moves of it; moves lead over a rest that is gone.
+    fn without(&self, all: &Selection, contradicts: &[Item]) -> Selection {
+        let mut used = all.used.clone();
+        let mut bad = Vec::new();
+        for item in contradicts {
+            match *item {
+                Item::Rest(k) => used[k] = false,
+                Item::Move(k) => bad.push(all.moves[k]),
+            }
+        }
+        let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
+        bad.retain(|m| moves.contains(m));
+        let mut selection = Selection { used, moves, left_out };
+        selection.leave_out(&bad);
+        selection
+    }
+
+    /// The joint fit of what is selected.
+    pub(super) fn fit_jointly(
+        &self,
+        selection: &Selection,
+        model: [&Triad<f64>; 2],
+        options: &Options<'_>,
+    ) -> Result<JointFit, Error> {
+        self.prepared(selection, model, options, |prepared| {
+            joint::fit(prepared, &self.terms(options)?, model[0], model[1])
+        })
+    }
+
+    /// Directions and rotations of moves that a joint fit has not seen.
+    pub(super) fn predict(
+        &self,
+        fit: &JointFit,
+        unseen: &Selection,
+        options: &Options<'_>,
+    ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
+        self.prepared(unseen, [&fit.model.accelerometer, &fit.model.gyroscope], options, |prepared| {
+            joint::predict(prepared, &self.terms(options)?, &fit.model)
+        })
+    }
+
+    fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
+        let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
+        Terms::try_new(&options.effects, &options.user_fields, &samples, Kinds::needed_by(&options.effects))
+    }
+
+    fn prepared<T>(
+        &self,
+        selection: &Selection,
+        model: [&Triad<f64>; 2],
+        options: &Options<'_>,
+        work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        self.prepared_for(
+            selection,
+            model,
+            options,
+            (Kinds::needed_by(&options.effects), joint::may_drift(options)),
+            work,
+        )
+    }
+
+    /// What a joint fit is made of. `kinds` are the residuals that it needs; `drifts` says whether a sensor at rest may drift.
+    pub(super) fn prepared_for<T>(
+        &self,
+        selection: &Selection,
+        [accelerometer, gyroscope]: [&Triad<f64>; 2],
+        options: &Options<'_>,
+        (kinds, drifts): (Kinds, bool),
+        work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
+    ) -> Result<T, Error> {
+        let noise = self.noise();
+        let directions = self.directions(&noise, accelerometer, gyroscope.inverse());
+        let ends: Vec<_> = selection.moves.iter().map(|m| directions.readings(m, drifts)).collect();
+        work(&Prepared {
+            recordings: self.recordings,
+            rests: &self.rests,
+            used: &selection.used,
+            moves: &selection.moves,
+            ends: &ends,
+            noise: &noise,
+            gravity_mps2: options.gravity_mps2,
+            encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
+        })
+    }
+}

@@ -1,0 +1,224 @@
+//! Rests and moves that contradict all others (model.md (25)).
+//!
+//! ```text
+//! d = (P r)_I^T (P_II)^-1 (P r)_I,   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
+//! ```
+//!
+//! is the misfit of the residuals I of one rest or one move as seen by a fit without them: chi2 with as many degrees of
+//! freedom, whatever they share with others. C is that of noise alone, and what scatters more throughout is judged by its
+//! median. The worst one is left out, all others are judged again without it, until chance explains them.
+
+use faer::Mat;
+use nalgebra::{DMatrix, DVector};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+use super::model::Model;
+use super::problem::{Joint, Linear, Prepared, Source};
+use super::terms::Terms;
+use crate::error::Error;
+use crate::robust::may_exclude;
+use crate::stats::median;
+
+/// Chance makes a rest or a move look as bad as this less often than once in 10^5.
+const CHANCE: f64 = 1e-5;
+/// A direction of the residuals that the fit follows but for this share of its variance cannot be judged.
+const LEAST_FREEDOM: f64 = 0.05;
+/// So many have to stay.
+const FEWEST_RESTS: usize = 12;
+const FEWEST_MOVES: usize = 9;
+
+/// A rest or a move of the fit, by its index.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Item {
+    Rest(usize),
+    Move(usize),
+}
+
+/// Residuals of an item that are judged together.
+struct Group {
+    item: Item,
+    rows: Vec<usize>,
+    kind: Kind,
+}
+
+/// What scatters alike.
+#[derive(Clone, Copy, PartialEq)]
+enum Kind {
+    Norm,
+    Rate,
+    Move,
+    /// The norm of a rest and the moves that begin and end there: a wrong direction shows in all of them.
+    Around,
+}
+
+/// The rests and moves that contradict all others under a model that is near the best one, worst first.
+pub(crate) fn outliers(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model) -> Result<Vec<Item>, Error> {
+    let parameters = model.parameters();
+    let mut problem = Joint::new(prepared, terms, &parameters)?;
+    let linear = problem.linear(&parameters)?;
+    problem.weigh_by_noise(&linear);
+    let groups = groups(&linear);
+    let mut without = Without::new(&problem, &linear);
+    let (mut rests, mut moves) = (prepared.used.to_vec(), vec![true; linear.moves.len()]);
+    let mut found = Vec::new();
+    loop {
+        let open = |group: &&Group| match group.item {
+            Item::Rest(k) => rests[k],
+            Item::Move(k) => moves[k],
+        };
+        let judged: Vec<(&Group, f64, usize)> = groups
+            .iter()
+            .filter(open)
+            .map(|group| (group, without.misfit(&group.rows)))
+            .map(|(group, (misfit, freedom))| (group, misfit, freedom))
+            .collect();
+        let scales = [Kind::Norm, Kind::Rate, Kind::Move].map(|kind| scale(kind, &judged));
+        let chance = |(group, misfit, freedom): &(&Group, f64, usize)| {
+            let scale = match group.kind {
+                Kind::Norm => scales[0],
+                Kind::Rate => scales[1],
+                Kind::Move => scales[2],
+                Kind::Around => scales[0].max(scales[2]),
+            };
+            ChiSquared::new(*freedom as f64).map_or(1.0, |chi2| chi2.sf(misfit / scale))
+        };
+        let Some(worst) = judged.iter().min_by(|a, b| chance(a).total_cmp(&chance(b))) else { return Ok(found) };
+        let item = worst.0.item;
+        let (used, fewest) = match item {
+            Item::Rest(_) => (&mut rests, FEWEST_RESTS),
+            Item::Move(_) => (&mut moves, FEWEST_MOVES),
+        };
+        if chance(worst) > CHANCE || !may_exclude(used, fewest) {
+            return Ok(found);
+        }
+        let (Item::Rest(k) | Item::Move(k)) = item;
+        used[k] = false;
+        found.push(item);
+        // All of it goes, whichever of its residuals gave it away.
+        let mut gone: Vec<usize> = groups.iter().filter(|g| g.item == item).flat_map(|g| g.rows.clone()).collect();
+        gone.sort_unstable();
+        gone.dedup();
+        gone.iter().for_each(|&row| without.leave_out(row));
+    }
+}
+
+fn groups(linear: &Linear) -> Vec<Group> {
+    let lines = &linear.lines;
+    let mut groups: Vec<Group> =
+        (0..linear.moves.len()).map(|k| Group { item: Item::Move(k), rows: Vec::new(), kind: Kind::Move }).collect();
+    let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
+    let mut around: Vec<Vec<usize>> = vec![Vec::new(); norm_of.len()];
+    for (row, line) in lines.iter().enumerate() {
+        match line.source {
+            Source::Move(k) => groups[k].rows.push(row),
+            Source::Norm(k) => norm_of[k] = Some(row),
+        }
+        line.by_means.iter().for_each(|(k, _)| around[*k].push(row));
+    }
+    for (place, (k, _)) in linear.rates.iter().enumerate() {
+        let first = lines.len() + 3 * place;
+        let item = Item::Rest(*k);
+        groups.push(Group { item, rows: norm_of[*k].into_iter().collect(), kind: Kind::Norm });
+        groups.push(Group { item, rows: (first..first + 3).collect(), kind: Kind::Rate });
+        groups.push(Group { item, rows: std::mem::take(&mut around[*k]), kind: Kind::Around });
+    }
+    groups
+}
+
+/// Variance of a kind of residual in units of what noise explains: that of the median, one at least.
+fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
+    let of_kind = judged.iter().filter(|(group, _, freedom)| group.kind == kind && *freedom > 0);
+    // Wilson and Hilferty's median of chi2.
+    let median_of = |freedom: f64| freedom * (1.0 - 2.0 / (9.0 * freedom)).powi(3);
+    let mut ratios: Vec<f64> = of_kind.map(|(_, misfit, freedom)| misfit / median_of(*freedom as f64)).collect();
+    if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
+}
+
+/// The fit without some of the residuals: each that is left out is a parameter of its own.
+struct Without {
+    /// `L^-1 e_j` for every line and rate: the first row that is not zero, and the values from there.
+    columns: Vec<(usize, Vec<f64>)>,
+    /// Orthonormal basis of the whitened Jacobian, column by column.
+    basis: Vec<Vec<f64>>,
+    /// The basis on each of `columns`.
+    seen: Vec<Vec<f64>>,
+    /// Whitened residuals across the basis.
+    residuals: Vec<f64>,
+}
+
+impl Without {
+    fn new(problem: &Joint<'_>, linear: &Linear) -> Self {
+        let (residuals, jacobian) = problem.whiten(linear);
+        let columns = problem.whitened_units(linear);
+        let all = residuals.nrows();
+        let mut without = Self {
+            seen: vec![Vec::new(); columns.len()],
+            columns,
+            basis: Vec::new(),
+            residuals: (0..all).map(|row| residuals[(row, 0)]).collect(),
+        };
+        let q = {
+            let size: Vec<f64> = (0..jacobian.ncols()).map(|p| jacobian.col(p).norm_l2()).collect();
+            let kept: Vec<usize> = (0..size.len()).filter(|&p| size[p] > 0.0).collect();
+            Mat::from_fn(all, kept.len(), |row, p| jacobian[(row, kept[p])] / size[kept[p]]).qr().compute_thin_Q()
+        };
+        (0..q.ncols()).for_each(|p| without.push((0..all).map(|row| q[(row, p)]).collect()));
+        without
+    }
+
+    fn push(&mut self, direction: Vec<f64>) {
+        let along = dot(&direction, &self.residuals);
+        self.residuals.iter_mut().zip(&direction).for_each(|(r, d)| *r -= along * d);
+        for ((first, column), seen) in self.columns.iter().zip(&mut self.seen) {
+            seen.push(dot(&direction[*first..first + column.len()], column));
+        }
+        self.basis.push(direction);
+    }
+
+    /// The misfit of these rows, and how many directions of them can be judged.
+    fn misfit(&self, rows: &[usize]) -> (f64, usize) {
+        let n = rows.len();
+        let whole = DMatrix::from_fn(n, n, |a, b| {
+            let ((i, x), (j, y)) = (&self.columns[rows[a]], &self.columns[rows[b]]);
+            let (start, end) = ((*i).max(*j), (i + x.len()).min(j + y.len()));
+            if start < end { dot(&x[start - i..end - i], &y[start - j..end - j]) } else { 0.0 }
+        });
+        let Some(factor) = whole.clone().cholesky() else { return (0.0, 0) };
+        let spent = DMatrix::from_fn(n, n, |a, b| dot(&self.seen[rows[a]], &self.seen[rows[b]]));
+        let half = |m: &DMatrix<f64>| factor.l().solve_lower_triangular(m);
+        let Some(spent) = half(&spent).and_then(|m| half(&m.transpose())) else { return (0.0, 0) };
+        let seen = DVector::from_fn(n, |a, _| {
+            let (first, column) = &self.columns[rows[a]];
+            dot(&self.residuals[*first..first + column.len()], column)
+        });
+        let Some(seen) = factor.l().solve_lower_triangular(&seen) else { return (0.0, 0) };
+        // Of each direction the share that the fit does not follow is left.
+        let eigen = (DMatrix::identity(n, n) - spent).symmetric_eigen();
+        let free = (0..n).filter(|&k| eigen.eigenvalues[k] > LEAST_FREEDOM);
+        let misfit = free.clone().map(|k| eigen.eigenvectors.column(k).dot(&seen).powi(2) / eigen.eigenvalues[k]).sum();
+        (misfit, free.count())
+    }
+
+    fn leave_out(&mut self, row: usize) {
+        let (first, column) = &self.columns[row];
+        let mut direction = vec![0.0; self.residuals.len()];
+        direction[*first..first + column.len()].copy_from_slice(column);
+        let size = dot(column, column).sqrt();
+        // Twice is enough.
+        for _ in 0..2 {
+            for known in &self.basis {
+                let along = dot(known, &direction);
+                direction.iter_mut().zip(known).for_each(|(d, k)| *d -= along * k);
+            }
+        }
+        let left = dot(&direction, &direction).sqrt();
+        if left > 1e-6 * size {
+            direction.iter_mut().for_each(|d| *d /= left);
+            self.push(direction);
+        }
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
