@@ -82,7 +82,7 @@ impl Default for Options<'_> {
 /// [`Error::Data`] lists faults that would make the result wrong, [`Error::NotEnoughMotion`] names what is missing,
 /// [`Error::Fit`] says why a fit has no acceptable end.
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
-    let data = UnitData::try_new(recordings, options)?;
+    let mut data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, unusable) = data.moves(&accelerometer)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
@@ -91,6 +91,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     } else {
         let start = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
         let triads = [&accelerometer.triad, &gyroscope.fit.triad];
+        data.free_of_tremor(triads[0], triads[1]);
         let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
         Outcome::joint(
             data,
@@ -112,12 +113,13 @@ pub(crate) fn prepare<T>(
     kinds: Kinds,
     work: impl FnOnce(&Prepared<'_>, &Triad<f64>, &Triad<f64>) -> Result<T, Error>,
 ) -> Result<T, Error> {
-    let data = UnitData::try_new(recordings, options)?;
+    let mut data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, unusable) = data.moves(&accelerometer)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     let selection = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
     let triads = [&accelerometer.triad, &gyroscope.fit.triad];
+    data.free_of_tremor(triads[0], triads[1]);
     data.prepared_for(&selection, triads, options, (kinds, true), |prepared| work(prepared, triads[0], triads[1]))
 }
 
@@ -142,9 +144,13 @@ pub fn cross_validate(
     if folds < 2 {
         return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
     }
-    let data = UnitData::try_new(recordings, options)?;
+    let mut data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, _) = data.moves(&accelerometer)?;
+    if options.is_joint() {
+        let all = data.fit_gyroscope(&moves, &accelerometer, options)?.fit.triad;
+        data.free_of_tremor(&accelerometer.triad, &all);
+    }
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
         let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();
@@ -160,7 +166,7 @@ pub fn cross_validate(
             }
             continue;
         }
-        let (ends, _) = data.ends(&moves, &accelerometer, gyroscope.fit.triad.inverse());
+        let (ends, _) = data.ends(&moves, &accelerometer, &gyroscope.fit.triad);
         for k in held_out {
             let m = &moves[k];
             let rotation = rotate(&recordings[m.recording], m.first, m.last, &gyroscope.fit.triad);

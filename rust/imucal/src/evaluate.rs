@@ -16,6 +16,7 @@ use crate::moves::{Ends, Move};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Segments};
 use crate::stats::rms;
+use crate::tremor::{self, Sensors};
 
 /// How well a calibration explains recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -185,17 +186,14 @@ fn judge(
             (corrected, Calibration::identity())
         }
     };
-    let rests = rests_of(&segments);
+    let mut rests = rests_of(&segments);
     let usable: Vec<bool> = rests.iter().map(|rest| !rest.is_saturated(&saturated)).collect();
     let (moves, unusable) = between(recordings, &rests, &usable, &saturated);
-    let noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
-    let directions = Directions {
-        recordings: judged,
-        rests: &rests,
-        noise: &noise,
-        accelerometer: &triads.accelerometer,
-        gyroscope_inverse: triads.gyroscope.inverse(),
-    };
+    let mut noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
+    let Calibration { accelerometer, gyroscope, .. } = &triads;
+    let hands = tremor::hands(judged, &mut rests, &mut noise, Sensors { accelerometer, gyroscope });
+    let directions =
+        Directions { recordings: judged, rests: &rests, noise: &noise, hands: &hands, accelerometer, gyroscope };
     let (ends, _) = directions.ends_of(&moves);
     let rotations: Vec<Matrix3<f64>> =
         moves.iter().map(|m| rotate(&judged[m.recording], m.first, m.last, &triads.gyroscope)).collect();

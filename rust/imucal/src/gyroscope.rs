@@ -116,7 +116,11 @@ fn finish(
 }
 
 pub(crate) fn triad_of(entries: &[f64], bias: Vector3<f64>) -> Result<Triad<f64>, Error> {
-    Triad::try_new(Matrix3::from_row_slice(entries), bias).map_err(|error| Error::Fit(format!("gyroscope: {error}")))
+    triad_with(&Matrix3::from_row_slice(entries), bias)
+}
+
+pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Result<Triad<f64>, Error> {
+    Triad::try_new(*sensitivity, bias).map_err(|error| Error::Fit(format!("gyroscope: {error}")))
 }
 
 /// Derivative of a move's residual in rad with respect to the nine entries and the three biases, 2 x 12.

@@ -55,6 +55,7 @@ mod moves;
 mod observability;
 mod robust;
 mod stats;
+mod tremor;
 mod uncertainty;
 
 pub use lsq::{FitReport, Termination};

@@ -10,6 +10,7 @@ use crate::check::saturated_samples;
 use crate::finding::Finding;
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
+use crate::tremor::{Hand, Sensors};
 
 /// A step in time of more than this many sample intervals inside a move loses too much of the rotation.
 const LONGEST_STEP: f64 = 2.5;
@@ -28,6 +29,10 @@ const FINEST_RAD: f64 = 2e-5;
 pub(crate) struct UnitRest {
     pub(crate) recording: usize,
     pub(crate) rest: Rest,
+    /// Covariance of the mean rate, raw units squared.
+    pub(crate) rate_covariance: Matrix3<f64>,
+    /// What the gyroscope reads there without turning, as far as is known, raw units.
+    pub(crate) bias: Vector3<f64>,
 }
 
 /// The way from one rest to the next, from the last sample of the one to the first sample of the other.
@@ -80,7 +85,13 @@ pub(crate) struct Unusable {
 /// All rests of all recordings, in order.
 pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     let of = |(recording, segments): (usize, &Segments)| {
-        segments.rests.iter().map(move |rest| UnitRest { recording, rest: *rest }).collect::<Vec<_>>()
+        let unit_rest = move |rest: &Rest| UnitRest {
+            recording,
+            rest: *rest,
+            rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
+            bias: rest.angular_rate.mean,
+        };
+        segments.rests.iter().map(unit_rest).collect::<Vec<_>>()
     };
     segments.iter().enumerate().flat_map(of).collect()
 }
@@ -139,9 +150,11 @@ pub(crate) struct Directions<'a> {
     pub(crate) rests: &'a [UnitRest],
     /// Noise of each recording, raw units.
     pub(crate) noise: &'a [NoiseDensity],
+    /// The hand that holds the unit, if one does, for each recording.
+    pub(crate) hands: &'a [Option<Hand>],
     pub(crate) accelerometer: &'a Triad<f64>,
-    /// Inverse sensitivity of the gyroscope, as far as it is known.
-    pub(crate) gyroscope_inverse: &'a Matrix3<f64>,
+    /// The gyroscope, as far as it is known.
+    pub(crate) gyroscope: &'a Triad<f64>,
 }
 
 /// What the accelerometer reads at one end of a move, and the variance of each component of the direction.
@@ -164,7 +177,8 @@ impl Directions<'_> {
             .iter()
             .map(|m| {
                 let [before, after] = self.readings(m, false);
-                let walk = random_walk_rad(&self.noise[m.recording].angular_rate, self.gyroscope_inverse, m.duration_s);
+                let walk =
+                    random_walk_rad(&self.noise[m.recording].angular_rate, self.gyroscope.inverse(), m.duration_s);
                 let own = walk * walk + before.own_variance + after.own_variance;
                 let sigma_rad = (own + before.shared_variance + after.shared_variance).sqrt().max(FINEST_RAD);
                 let up = |end: &End| self.accelerometer.correct(end.raw).normalize();
@@ -177,13 +191,16 @@ impl Directions<'_> {
     ///
     /// Where `sensors_drift` may explain that a reading wanders, the gyroscope alone says whether a hand holds the unit.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
-        let steady = |k: usize| self.rests[k].rest.is_steady() || (sensors_drift && !self.trembles(k));
+        let steady = |k: usize| {
+            let UnitRest { recording, rest, .. } = &self.rests[k];
+            self.hands[*recording].is_none() && (rest.is_steady() || (sensors_drift && !self.trembles(k)))
+        };
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
     /// Whether the gyroscope feels a hand: more than its noise within a tenth of a second.
     fn trembles(&self, k: usize) -> bool {
-        let UnitRest { recording, rest } = &self.rests[k];
+        let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = &self.recordings[*recording].angular_rate[rest.first..rest.end];
         let interval_s = (rest.end_s - rest.start_s) / (rates.len() - 1).max(1) as f64;
         let noise = self.noise[*recording].angular_rate / interval_s.sqrt();
@@ -195,14 +212,14 @@ impl Directions<'_> {
             squares += window.iter().map(|w| (Vector3::from(*w) - mean).map(|v| v * v)).sum::<Vector3<f64>>();
             count += (window.len() - 1) as f64;
         }
-        let scatter = (self.gyroscope_inverse * (squares / count).map(f64::sqrt)).abs();
-        let floor = (self.gyroscope_inverse * noise).abs().map(|n| (n * TREMBLING).max(STILL_RADPS));
+        let scatter = (self.gyroscope.inverse() * (squares / count).map(f64::sqrt)).abs();
+        let floor = (self.gyroscope.inverse() * noise).abs().map(|n| (n * TREMBLING).max(STILL_RADPS));
         (0..3).any(|axis| scatter[axis] > floor[axis])
     }
 
     /// The reading of gravity at the last (`at_end`) or first sample of a rest.
     fn reading(&self, k: usize, at_end: bool, steady: bool) -> End {
-        let UnitRest { recording, rest } = &self.rests[k];
+        let UnitRest { recording, rest, bias, .. } = &self.rests[k];
         let mean = &rest.specific_force;
         let force = self.accelerometer.correct(mean.mean);
         let noise = self.accelerometer.inverse() * Matrix3::from_diagonal(&mean.variance_of_mean.map(f64::sqrt));
@@ -210,8 +227,14 @@ impl Directions<'_> {
         if steady {
             return End { raw: mean.mean, steady: true, shared_variance: variance, own_variance: 0.0 };
         }
+        if let Some(hand) = &self.hands[*recording] {
+            let sensors = Sensors { accelerometer: self.accelerometer, gyroscope: self.gyroscope };
+            let force = hand.force_at(&self.recordings[*recording], rest, sensors, *bias, at_end);
+            let raw = self.accelerometer.measure(force);
+            return End { raw, steady: false, shared_variance: 0.0, own_variance: hand.variance_rad2(rest) };
+        }
         let (force, scatter, span_s) = self.tremor_free(k, at_end);
-        let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope_inverse, span_s);
+        let walk = random_walk_rad(&self.noise[*recording].angular_rate, self.gyroscope.inverse(), span_s);
         // The mean over a span of a random walk that is zero at its end has a third of the walk's variance.
         let raw = self.accelerometer.measure(force);
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 }
@@ -223,7 +246,7 @@ impl Directions<'_> {
     /// A hand that holds a pose trembles: the plain mean is not where the move starts. The mean rate of the rest is
     /// taken for the gyroscope's bias, so that a bias that depends on the pose does no harm.
     fn tremor_free(&self, k: usize, at_end: bool) -> (Vector3<f64>, f64, f64) {
-        let UnitRest { recording, rest } = &self.rests[k];
+        let UnitRest { recording, rest, .. } = &self.rests[k];
         let recording = &self.recordings[*recording];
         let samples = rest.end - rest.first;
         let interval_s = (rest.end_s - rest.start_s) / (samples - 1).max(1) as f64;
@@ -234,7 +257,7 @@ impl Directions<'_> {
         let step = if at_end { interval_s } else { -interval_s };
         let rate = |i: usize| {
             let raw = Vector3::from(recording.angular_rate[index(i)]);
-            self.gyroscope_inverse * (raw - rest.angular_rate.mean)
+            self.gyroscope.inverse() * (raw - rest.angular_rate.mean)
         };
         let mut turn = Vector3::zeros();
         let mut last_rate = rate(0);

@@ -148,8 +148,7 @@ impl UnitData<'_> {
         (kinds, drifts): (Kinds, bool),
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
-        let noise = self.noise();
-        let directions = self.directions(&noise, accelerometer, gyroscope.inverse());
+        let directions = self.directions(accelerometer, gyroscope);
         let ends: Vec<_> = selection.moves.iter().map(|m| directions.readings(m, drifts)).collect();
         work(&Prepared {
             recordings: self.recordings,
@@ -157,7 +156,7 @@ impl UnitData<'_> {
             used: &selection.used,
             moves: &selection.moves,
             ends: &ends,
-            noise: &noise,
+            noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
         })

@@ -17,7 +17,7 @@ use crate::frame::{self, Frame, Sensitivities};
 use crate::joint::{JointFit, Model, TermEstimate};
 use crate::lsq::FitReport;
 use crate::moves::Unusable;
-use crate::segment::{NoiseDensity, Segments, Threshold};
+use crate::segment::{NoiseDensity, Threshold};
 use crate::stats::median;
 
 /// A calibration and all that is known about it.
@@ -86,7 +86,7 @@ impl Outcome {
             covariance: rows(&covariance),
             rests,
             moves,
-            noise_density: noise_density(&data.segments, &calibration),
+            noise_density: noise_density(data.noise(), &calibration),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
             accelerometer_fit: accelerometer.report,
             gyroscope_fit: gyroscope.fit.report,
@@ -151,7 +151,7 @@ impl Outcome {
             figures: figures(&rests, &moves, &residuals, all - 3),
             rests,
             moves,
-            noise_density: noise_density(&data.segments, &calibration),
+            noise_density: noise_density(data.noise(), &calibration),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
             accelerometer_fit: started_from[0],
             gyroscope_fit: started_from[1],
@@ -187,10 +187,10 @@ fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
 }
 
 /// Median over the recordings, in SI units of the calibrated sensors.
-fn noise_density(segments: &[Segments], calibration: &Calibration<f64>) -> NoiseDensity {
+fn noise_density(noise: &[NoiseDensity], calibration: &Calibration<f64>) -> NoiseDensity {
     let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
         Vector3::from_fn(|axis, _| {
-            let mut values: Vec<f64> = segments.iter().map(|s| pick(&s.noise_density)[axis]).collect();
+            let mut values: Vec<f64> = noise.iter().map(|noise| pick(noise)[axis]).collect();
             median(&mut values)
         })
     };

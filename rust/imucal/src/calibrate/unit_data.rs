@@ -18,6 +18,7 @@ use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
 use crate::segment::{NoiseDensity, Rest, Segments};
+use crate::tremor::{self, Hand, Sensors};
 use crate::uncertainty;
 
 /// Moves that the gyroscope's nine entries need at least, two numbers each.
@@ -33,6 +34,10 @@ pub(super) struct UnitData<'a> {
     /// Why a rest takes no part; `None` if it does.
     pub(super) excluded: Vec<Option<&'static str>>,
     pub(super) bias: GyroscopeBias,
+    /// White noise of each recording, raw units.
+    noise: Vec<NoiseDensity>,
+    /// The hand that holds the unit, if one does, for each recording.
+    hands: Vec<Option<Hand>>,
     pub(super) saturated: Vec<Vec<Range<usize>>>,
     pub(super) findings: Vec<Finding>,
 }
@@ -86,7 +91,15 @@ impl<'a> UnitData<'a> {
                 }
             })
             .collect();
-        Ok(Self { recordings, segments, rests, excluded, bias, saturated, findings })
+        let noise = segments.iter().map(|segments| segments.noise_density).collect();
+        let hands = vec![None; recordings.len()];
+        Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
+    }
+
+    /// Frees rests and noise of the tremor of a hand, now that the sensors are known.
+    pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) {
+        let sensors = Sensors { accelerometer, gyroscope };
+        self.hands = tremor::hands(self.recordings, &mut self.rests, &mut self.noise, sensors);
     }
 
     fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
@@ -145,27 +158,22 @@ impl<'a> UnitData<'a> {
         Ok((moves, unusable))
     }
 
-    pub(super) fn noise(&self) -> Vec<NoiseDensity> {
-        self.segments.iter().map(|segments| segments.noise_density).collect()
+    pub(super) fn noise(&self) -> &[NoiseDensity] {
+        &self.noise
     }
 
-    pub(super) fn directions<'b>(
-        &'b self,
-        noise: &'b [NoiseDensity],
-        accelerometer: &'b Triad<f64>,
-        gyroscope_inverse: &'b Matrix3<f64>,
-    ) -> Directions<'b> {
-        Directions { recordings: self.recordings, rests: &self.rests, noise, accelerometer, gyroscope_inverse }
+    pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
+        let Self { recordings, rests, noise, hands, .. } = self;
+        Directions { recordings, rests, noise, hands, accelerometer, gyroscope }
     }
 
     pub(super) fn ends(
         &self,
         moves: &[Move],
         accelerometer: &AccelerometerFit,
-        inverse: &Matrix3<f64>,
+        gyroscope: &Triad<f64>,
     ) -> (Vec<Ends>, Vec<f64>) {
-        let noise = self.noise();
-        self.directions(&noise, &accelerometer.triad, inverse).ends_of(moves)
+        self.directions(&accelerometer.triad, gyroscope).ends_of(moves)
     }
 
     pub(super) fn fit_gyroscope(
@@ -193,9 +201,9 @@ impl<'a> UnitData<'a> {
             )));
         }
         // The weights need the scale, the scale needs a fit: the second round starts at the first one's result.
-        let (ends, _) = self.ends(moves, accelerometer, &inverse(&starts[0])?);
+        let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
         let first = gyroscope::first_estimate(self.recordings, moves, &ends, bias.bias, &starts)?;
-        let (ends, random_walk_rad) = self.ends(moves, accelerometer, first.inverse());
+        let (ends, random_walk_rad) = self.ends(moves, accelerometer, &first);
         let fit = gyroscope::fit(self.recordings, moves, &ends, &first)?;
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
@@ -276,8 +284,4 @@ pub(super) fn refuse_errors(findings: &[Finding]) -> Result<(), Error> {
 fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
     let size = sensitivity.norm() / 3f64.sqrt();
     size.is_finite() && sensitivity.determinant().abs() > 0.05 * size.powi(3)
-}
-
-fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
-    matrix.try_inverse().ok_or_else(|| Error::Fit("a sensitivity matrix is singular".into()))
 }

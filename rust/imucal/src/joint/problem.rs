@@ -196,8 +196,8 @@ impl<'a> Joint<'a> {
         };
         let (mut gyroscope, accelerometer) = (whole(gyroscope), whole(accelerometer));
         for (k, (rest, _)) in linear.rates.iter().enumerate() {
-            for axis in 0..3 {
-                gyroscope[(head + 3 * k + axis, 3 * rest + axis)] = -1.0 / self.weights.rate_sigma[*rest][axis];
+            for (row, axis) in (0..3).flat_map(|row| (0..=row).map(move |axis| (row, axis))) {
+                gyroscope[(head + 3 * k + row, 3 * rest + axis)] = -self.weights.rates[*rest][(row, axis)];
             }
         }
         [gyroscope, accelerometer]
@@ -208,7 +208,8 @@ impl<'a> Joint<'a> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
         let rates = linear.rates.iter().enumerate().flat_map(|(place, (k, _))| {
-            (0..3).map(move |axis| (head + 3 * place + axis, vec![1.0 / self.weights.rate_sigma[*k][axis]]))
+            let column = |axis: usize| self.weights.rates[*k].column(axis).iter().skip(axis).copied().collect();
+            [0, 1, 2].map(|axis| (head + 3 * place + axis, column(axis)))
         });
         lines.chain(rates).collect()
     }
@@ -231,14 +232,13 @@ impl<'a> Joint<'a> {
         all.as_mut().subrows_mut(0, head).copy_from(&lines);
         let mut row = head;
         for (rest, rates) in &linear.rates {
-            for (axis, line) in rates.iter().enumerate() {
-                let sigma = self.weights.rate_sigma[*rest][axis];
-                for p in 0..n {
-                    all[(row, p)] = line.jacobian[p] / sigma;
-                }
-                all[(row, n)] = line.residual / sigma;
-                row += 1;
+            let whitening = &self.weights.rates[*rest];
+            for p in 0..=n {
+                let at = |line: &Line| if p < n { line.jacobian[p] } else { line.residual };
+                let white = whitening * Vector3::from_fn(|axis, _| at(&rates[axis]));
+                (0..3).for_each(|axis| all[(row + axis, p)] = white[axis]);
             }
+            row += 3;
         }
         if self.terms.kinds.in_motion {
             for (k, m) in linear.moves.iter().enumerate() {
@@ -346,7 +346,7 @@ impl Prepared<'_> {
         model: &Model,
         terms: &Terms<'_>,
     ) -> AtRest {
-        let UnitRest { recording, rest } = &self.rests[k];
+        let UnitRest { recording, rest, .. } = &self.rests[k];
         let seen = model.accelerometer.correct(*reading);
         let around: Vec<Surroundings<f64>> = moments(&self.recordings[*recording], rest.first..rest.end)
             .into_iter()

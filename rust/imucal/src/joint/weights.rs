@@ -26,8 +26,8 @@ const FINEST_RADPS: f64 = 1e-6;
 /// Weights of all residuals.
 pub(crate) struct Weights {
     pub(crate) whitening: Whitening,
-    /// Standard deviation of the mean rate at each rest, raw units.
-    pub(crate) rate_sigma: Vec<Vector3<f64>>,
+    /// Whitening of the mean rate at each rest, per raw unit: the inverse of the lower factor of its covariance.
+    pub(crate) rates: Vec<Matrix3<f64>>,
     /// One for each move.
     pub(crate) inside: Vec<InsideNoise>,
     /// Standard deviation of the stand's direction of gravity against the measured one, rad, for each rest.
@@ -100,7 +100,7 @@ impl Weights {
             .collect();
         Self {
             whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
-            rate_sigma: rate_sigmas(prepared, model, linear, [0, 1, 2].map(free)),
+            rates: rate_whitenings(prepared, model, linear, [0, 1, 2].map(free)),
             inside: if terms.kinds.in_motion { inside_noise(prepared, model, &scales) } else { Vec::new() },
             stand_sigma_rad: stand_sigma_rad(prepared, &scales),
             encoders: encoder_noise(prepared, model, &scales, !terms.kinds.in_motion),
@@ -136,26 +136,26 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
     }
 }
 
-/// Standard deviations of the mean rates, with the scatter from rest to rest beyond their own noise (Paule and Mandel,
-/// J. Res. NBS 87, 1982, 377-385): with it, chi2 is what is free.
-fn rate_sigmas(prepared: &Prepared<'_>, model: &Model, linear: &Linear, free: [f64; 3]) -> Vec<Vector3<f64>> {
+/// Whitening of the mean rates, with the scatter from rest to rest beyond their own noise (Paule and Mandel, J. Res. NBS 87,
+/// 1982, 377-385): with it, chi2 is what is free.
+fn rate_whitenings(prepared: &Prepared<'_>, model: &Model, linear: &Linear, free: [f64; 3]) -> Vec<Matrix3<f64>> {
     let finest = model.gyroscope.sensitivity().norm() / 3f64.sqrt() * FINEST_RADPS;
-    let mut sigmas = vec![Vector3::repeat(f64::INFINITY); prepared.rests.len()];
-    for axis in 0..3 {
+    let covariance = |k: usize| prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest);
+    let between = Vector3::from_fn(|axis, _| {
         let seen: Vec<(f64, f64)> = linear
             .rates
             .iter()
-            .map(|(k, lines)| {
-                let variance = prepared.rests[*k].rest.angular_rate.variance_of_mean[axis];
-                (lines[axis].residual.powi(2), variance + finest * finest)
-            })
+            .map(|(k, lines)| (lines[axis].residual.powi(2), covariance(*k)[(axis, axis)]))
             .collect();
-        let between = excess_variance(&seen, free[axis]);
-        for ((k, _), (_, variance)) in linear.rates.iter().zip(&seen) {
-            sigmas[*k][axis] = (variance + between).sqrt();
-        }
+        excess_variance(&seen, free[axis])
+    });
+    let mut whitenings = vec![Matrix3::zeros(); prepared.rests.len()];
+    for (k, _) in &linear.rates {
+        let whole = covariance(*k) + Matrix3::from_diagonal(&between);
+        let factor = whole.cholesky().map(|factor| factor.l());
+        whitenings[*k] = factor.and_then(|l| l.solve_lower_triangular(&Matrix3::identity())).unwrap_or_default();
     }
-    sigmas
+    whitenings
 }
 
 /// The variance that has to be added to each for the sum of `square / variance` to be `free`; zero if chance explains it.

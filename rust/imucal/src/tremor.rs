@@ -1,0 +1,219 @@
+//! A unit that a hand holds: what trembles is the unit, not its sensors (model.md (26)).
+//!
+//! ```text
+//! tremor^2 = 1/2 mean (f_i - f)^T (u x (phi_i - phi)) / |f|      phi_i turn of the gyroscope up to sample i
+//! density^2 = dt / 70 mean (4th difference)^2
+//! ```
+//!
+//! Accelerometer and gyroscope see the same tremor and have noise of their own, so what their wandering has in common is the
+//! tremor's variance. Where it is more than a direction costs that is averaged along the gyroscope, no mean over a rest says
+//! where a move begins, and the scatter within a rest is not the sensors' noise: that is left in differences of neighbouring
+//! samples, which no hand can follow.
+
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::moves::UnitRest;
+use crate::recording::Recording;
+use crate::segment::{NoiseDensity, Rest, sample_interval_s};
+use crate::stats::{median, random_effects_mean};
+
+/// Coefficients of the fourth difference and their sum of squares.
+const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
+const SQUARES: f64 = 70.0;
+/// Samples further from the end of a rest than this many averaging times have no weight.
+const REACH: f64 = 5.0;
+/// Averaging times that a rest has room for at least.
+const ROOM: f64 = 6.0;
+
+/// How a hand holds the unit in a recording.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hand {
+    /// White noise of the sensors, raw units.
+    pub(crate) noise: NoiseDensity,
+    /// Variance of the turn about each axis from the first to the last sample of a rest, rad^2.
+    turn_rad2: f64,
+    /// Spectral density of the tilt that the accelerometer's noise makes, rad^2 s.
+    tilt_rad2_s: f64,
+    /// Of the rate that the gyroscope's noise makes, rad^2 / s.
+    walk_rad2_per_s: f64,
+}
+
+/// Both sensors, as far as they are known.
+#[derive(Clone, Copy)]
+pub(crate) struct Sensors<'a> {
+    pub(crate) accelerometer: &'a Triad<f64>,
+    pub(crate) gyroscope: &'a Triad<f64>,
+}
+
+impl Hand {
+    /// The hand that holds the unit in nearly all rests of a recording, if there is one.
+    pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
+        let dt_s = sample_interval_s(recording.time_s);
+        let noise = NoiseDensity {
+            specific_force: white_noise(recording.specific_force, rests) * dt_s.sqrt(),
+            angular_rate: white_noise(recording.angular_rate, rests) * dt_s.sqrt(),
+        };
+        let mut tremors: Vec<f64> = rests.iter().map(|rest| common_wandering(recording, rest, sensors, dt_s)).collect();
+        let force = rests.iter().map(|r| sensors.accelerometer.correct(r.specific_force.mean).norm()).sum::<f64>()
+            / rests.len() as f64;
+        let squared = |triad: &Triad<f64>, density: &Vector3<f64>| {
+            (triad.inverse() * Matrix3::from_diagonal(density)).norm_squared() / 3.0
+        };
+        let tilt = squared(sensors.accelerometer, &noise.specific_force) / (force * force);
+        let walk = squared(sensors.gyroscope, &noise.angular_rate);
+        let tremor_rad2 = median(&mut tremors);
+        let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt();
+        trembles.then(|| Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
+    }
+
+    /// Time constant of the weights with which the direction at the end of a rest is averaged along the gyroscope, s: that of
+    /// the filter that weighs the one noise against the other, or what a short rest has room for.
+    fn averaging_s(&self, rest: &Rest) -> f64 {
+        (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
+    }
+
+    /// Variance of each component of such a direction, rad^2: `r / (2 a) + q a / 2`.
+    pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
+        let averaging_s = self.averaging_s(rest);
+        (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
+    }
+
+    /// Variance of the turn across gravity that the gyroscope makes of its noise within a rest, less what the directions at its
+    /// ends say of it, rad^2. The errors of these two directions are in it no longer: `q (T - 3 a) + r / a`.
+    fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
+        let averaging_s = self.averaging_s(rest);
+        let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
+        self.walk_rad2_per_s * between_s + self.tilt_rad2_s / averaging_s
+    }
+
+    /// The force at the first or last sample of a rest, SI units: samples turned there along the gyroscope, whose bias is
+    /// `bias`, the less weight the further they are.
+    pub(crate) fn force_at(
+        &self,
+        recording: &Recording<'_>,
+        rest: &Rest,
+        sensors: Sensors<'_>,
+        bias: Vector3<f64>,
+        at_end: bool,
+    ) -> Vector3<f64> {
+        let samples = rest.end - rest.first;
+        let interval_s = (rest.end_s - rest.start_s) / (samples - 1).max(1) as f64;
+        let averaging_s = self.averaging_s(rest);
+        let count = ((REACH * averaging_s / interval_s).ceil() as usize).clamp(1, samples);
+        let index = |i: usize| if at_end { rest.end - 1 - i } else { rest.first + i };
+        let step = if at_end { interval_s } else { -interval_s };
+        let rate = |i: usize| sensors.gyroscope.inverse() * (Vector3::from(recording.angular_rate[index(i)]) - bias);
+        let fade = (-interval_s / averaging_s).exp();
+        let (mut turn, mut last_rate) = (Vector3::zeros(), rate(0));
+        let (mut sum, mut weights, mut weight) = (Vector3::zeros(), 0.0, 1.0);
+        for i in 0..count {
+            let here = rate(i);
+            if i > 0 {
+                turn += (last_rate + here) * (step / 2.0);
+            }
+            last_rate = here;
+            let force = sensors.accelerometer.correct(Vector3::from(recording.specific_force[index(i)]));
+            sum += (force - turn.cross(&force)) * weight;
+            weights += weight;
+            weight *= fade;
+        }
+        sum / weights
+    }
+
+    /// Frees the means of a rest of the tremor: its noise is that of the sensors, and the mean rate has no longer in it what
+    /// the unit turned from the first to the last sample. The turn about gravity is not known.
+    /// What it turned across gravity is the result, rad.
+    fn steady(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
+        let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
+        let duration_s = end_s - start_s;
+        let at = |at_end| self.force_at(recording, &rest.rest, sensors, bias, at_end).normalize();
+        let (before, after) = (at(false), at(true));
+        let up = (before + after).normalize();
+        let rate = |sample: usize| Vector3::from(recording.angular_rate[sample]);
+        // By trapezoids, as the turn is that from the first to the last sample.
+        let seen = (first..end).map(rate).sum::<Vector3<f64>>() - (rate(first) + rate(end - 1)) / 2.0;
+        let turn = (after - before).cross(&up);
+        let along = up * up.transpose();
+        let across = Matrix3::identity() - along;
+        let walk = self.walk_rad2_per_s * duration_s;
+        let of_rate = (along * (walk + self.turn_rad2) + across * self.turn_variance_rad2(&rest.rest))
+            / (duration_s * duration_s);
+        let sensitivity = sensors.gyroscope.sensitivity();
+        rest.rest.specific_force.variance_of_mean = self.noise.specific_force.map(|d| d * d / duration_s);
+        rest.rest.angular_rate.mean = seen / (end - first - 1) as f64 - sensitivity * turn / duration_s;
+        rest.rate_covariance = sensitivity * of_rate * sensitivity.transpose();
+        rest.rest.angular_rate.variance_of_mean = rest.rate_covariance.diagonal();
+        turn
+    }
+}
+
+/// The hands that hold the unit, one entry for each recording; rests and noise are freed of what they do.
+pub(crate) fn hands(
+    recordings: &[Recording<'_>],
+    rests: &mut [UnitRest],
+    noise: &mut [NoiseDensity],
+    sensors: Sensors<'_>,
+) -> Vec<Option<Hand>> {
+    let mut of_recording = |(index, recording): (usize, &Recording<'_>)| {
+        let own: Vec<&Rest> = rests.iter().filter(|r| r.recording == index).map(|r| &r.rest).collect();
+        let mut hand = Hand::of(recording, &own, sensors)?;
+        noise[index] = hand.noise;
+        let mut own: Vec<&mut UnitRest> = rests.iter_mut().filter(|r| r.recording == index).collect();
+        own.iter_mut().for_each(|rest| rest.bias = *sensors.gyroscope.bias());
+        // About gravity it turns as far as about the two axes across, of which the errors of the directions are taken off.
+        let turned = |rest: &mut &mut UnitRest| {
+            let errors = 2.0 * hand.variance_rad2(&rest.rest);
+            hand.steady(recording, rest, sensors).norm_squared() / 2.0 - errors
+        };
+        hand.turn_rad2 = (own.iter_mut().map(turned).sum::<f64>() / own.len() as f64).max(0.0);
+        biases_of_poses(&mut own);
+        own.iter_mut().for_each(|rest| {
+            hand.steady(recording, rest, sensors);
+        });
+        Some(hand)
+    };
+    recordings.iter().enumerate().map(|item| of_recording(item)).collect()
+}
+
+/// The bias at each rest: the mean of all, and as much of its own as the rests differ beyond noise. A pose may have a bias
+/// of its own, but a mean rate that is taken for it takes a part of the turn, too.
+fn biases_of_poses(rests: &mut [&mut UnitRest]) {
+    for axis in 0..3 {
+        let (values, variances): (Vec<f64>, Vec<f64>) =
+            rests.iter().map(|r| (r.rest.angular_rate.mean[axis], r.rate_covariance[(axis, axis)])).unzip();
+        let all = random_effects_mean(&values, &variances);
+        for (rest, (value, variance)) in rests.iter_mut().zip(values.iter().zip(&variances)) {
+            rest.bias[axis] = all.mean + (value - all.mean) * all.between / (all.between + variance);
+        }
+    }
+}
+
+/// What force and turn have in common within a rest, rad^2 about each axis: a turn of the body moves gravity in it.
+fn common_wandering(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
+    let samples = (rest.end - rest.first) as f64;
+    let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
+    for i in rest.first..rest.end {
+        turn += (Vector3::from(recording.angular_rate[i]) - rest.angular_rate.mean) * dt_s;
+        products += (Vector3::from(recording.specific_force[i]) - rest.specific_force.mean) * turn.transpose();
+    }
+    // Raw covariance of force and turn; the mean of the force is that of the rest already.
+    let both = sensors.accelerometer.inverse() * (products / samples) * sensors.gyroscope.inverse().transpose();
+    let force = sensors.accelerometer.correct(rest.specific_force.mean);
+    // f^T (u x phi) = u^T (phi x f)
+    let cross = Vector3::new(both[(2, 1)] - both[(1, 2)], both[(0, 2)] - both[(2, 0)], both[(1, 0)] - both[(0, 1)]);
+    cross.dot(&force) / (2.0 * force.norm_squared())
+}
+
+/// Standard deviation of the white noise of one sample, from fourth differences within the rests.
+fn white_noise(rows: &[[f64; 3]], rests: &[&Rest]) -> Vector3<f64> {
+    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
+    for rest in rests {
+        for window in rows[rest.first..rest.end].windows(DIFFERENCE.len()) {
+            let difference: Vector3<f64> = window.iter().zip(DIFFERENCE).map(|(row, c)| Vector3::from(*row) * c).sum();
+            sum += difference.component_mul(&difference);
+            count += 1.0;
+        }
+    }
+    (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)
+}
