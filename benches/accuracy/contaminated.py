@@ -109,13 +109,13 @@ class Contamination:
             Gate(
                 f"{self.name}: RMSE / bound, all parameters",
                 f"at most {WITHIN}",
-                f"{self.pooled:.3f} +- {self.pooled_error:.3f}",
+                f"{self.pooled:.3f} ± {self.pooled_error:.3f}",
                 self.pooled <= together,
             ),
             Gate(
                 f"{self.name}: RMSE / bound, each parameter",
                 f"at most {WITHIN}",
-                f"worst {self.ratio[worst]:.3f} +- {self.ratio_error:.3f}",
+                f"worst {self.ratio[worst]:.3f} ± {self.ratio_error:.3f}",
                 bool(self.ratio[worst] <= each),
             ),
             Gate(

@@ -3,8 +3,54 @@
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from accuracy.band import BESIDE, root_mean_square_error
+from accuracy.bound import PARAMETERS
 from accuracy.contaminated import Contamination
+from accuracy.figures import LEVELS, Figures, SceneFigures
 from accuracy.gates import Gate
+
+INTRODUCTION = """# Accuracy
+
+Written by `make accuracy`: simulated runs of the paper's unit with datasheet white noise and counts, each seed with
+its own moves and its own noise.
+
+* paper: its gyroscope program, 45 moves of 2 s, holds of 5 s, 200 Hz. hand-held: 40 poses of 4 s, moves of 2 s in a
+  cube of 30 cm, by a hand that trembles by 0.05 deg about each axis all the time.
+* bound: standard deviation at the Cramér-Rao bound of the same runs, [from the truth
+  alone](../../benches/accuracy/bound.py). For the hand-held run the tremor is unknown, and so is where the hand goes.
+* RMSE and sigmas are root mean squares over the runs; ± is one standard deviation of a perfect estimator's.
+* 68 %, 95 %, 99.7 %: share of the runs with the truth inside the stated interval. Where the bias wanders (flicker), the
+  truth is its mean over the record, and there is no bound.
+* bold: outside what 99 of 100 perfect estimators give. A gate asks for what 99 of 100 perfect ones give in all
+  figures of a table together (Bonferroni).
+"""
+
+
+def page(scenes: Sequence[SceneFigures], contaminations: Sequence[Contamination], seconds: float) -> str:
+    gates = [gate for one in (*scenes, *contaminations) for gate in one.gates()]
+    missed = sum(not gate.met for gate in gates)
+    sections = [INTRODUCTION]
+    if scenes:
+        sections += ["## Conditions\n", conditions_table(scenes), FLAGS]
+    if contaminations:
+        sections += ["## Contaminated runs\n", contaminated_table(contaminations), FAULTS]
+    sections += [f"## Gates\n\n{missed} of {len(gates)} are missed.\n", gates_table(gates)]
+    for one in scenes:
+        if one.scene.is_main:
+            sections += [f"## Parameter by parameter: {one.scene.name}\n", parameters_table(one)]
+    return "\n".join([*sections, f"All of it took {seconds / 60.0:.0f} min.\n"])
+
+
+FLAGS = f"""Coverages: lowest and highest of {PARAMETERS} parameters. Outside: coverages outside the band of one figure; of a
+perfect estimator's {len(LEVELS) * PARAMETERS} it would be {BESIDE * len(LEVELS) * PARAMETERS:.1f}. In brackets: outside that of all together. Named: rests and moves
+that were left out though nothing was wrong.
+"""
+FAULTS = """RMSE over the bound of the rests and moves that are left: of all parameters, and of the worst one. Worst run: largest
+root mean square over the parameters of error / bound. [What is wrong](../../benches/accuracy/faults.py) and
+[when it counts as named](../../benches/accuracy/naming.py).
+"""
 
 
 def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
@@ -13,30 +59,113 @@ def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
 
 
 def gates_table(gates: Sequence[Gate]) -> str:
-    return table(
-        ("", "aim", "found", ""), [(g.what, g.aim, g.found, "met" if g.met else "**missed**") for g in gates]
+    rows = [(g.what, g.aim, g.found, "met" if g.met else "**missed**") for g in gates]
+    return table(("", "aim", "found", ""), rows)
+
+
+def conditions_table(scenes: Sequence[SceneFigures]) -> str:
+    """One row for each scene: the worst figures of all parameters."""
+    names = _names(scenes)
+    rows = []
+    for one in scenes:
+        joint, (of_one, of_all) = one.joint, one.coverage_outside
+        worst = int(np.argmax(joint.ratio))
+        farthest = int(np.argmax(np.abs(joint.bias)))
+        chi2_off = abs(one.chi2 - 1.0) > 2.576 * one.chi2_error
+        rows.append(
+            (
+                one.scene.name,
+                joint.runs,
+                _ratio(joint, worst) + f" {names[worst]}" if one.scene.has_bound else "-",
+                "{:.3f} ± {:.3f}".format(*one.efficiency) if one.scene.has_bound else "-",
+                f"{_bias(joint, farthest)} {names[farthest]}",
+                *(
+                    f"{100 * joint.inside[level].min():.1f} to {100 * joint.inside[level].max():.1f}"
+                    for level in LEVELS
+                ),
+                f"{of_one} ({of_all})",
+                _bold(f"{one.chi2:.4f} ± {one.chi2_error:.4f}", chi2_off),
+                sum(trial.named for trial in one.trials),
+            )
+        )
+    heading = (
+        "", "runs", "worst RMSE / bound", "efficiency", "worst bias / σ", *LEVELS, "outside", "reduced chi2",
+        "named",
+    )  # fmt: skip
+    return table(heading, rows)
+
+
+def parameters_table(one: SceneFigures) -> str:
+    """One row for each parameter: the joint fit beside the two-stage one."""
+    joint, two_stage = one.joint, one.two_stage
+    rows = []
+    for i, name in enumerate(_names([one])):
+        rows.append(
+            (
+                name,
+                f"{joint.bound[i]:.2e}",
+                f"{joint.rmse[i]:.2e}",
+                f"{joint.stated[i]:.2e}",
+                _ratio(joint, i),
+                f"{joint.rmse[i] / joint.stated[i]:.3f}",
+                _bias(joint, i),
+                *(_coverage(joint, level, i) for level in LEVELS),
+                f"{two_stage.rmse[i]:.2e}",
+                f"{two_stage.stated[i]:.2e}",
+                _ratio(two_stage, i),
+                f"{two_stage.rmse[i] / joint.rmse[i]:.3f}",
+            )
+        )
+    heading = (
+        "SI units", "bound", "RMSE", "stated σ", "RMSE / bound", "RMSE / σ", "bias / σ", *LEVELS,
+        "two-stage: RMSE", "stated σ", "RMSE / bound", "RMSE, two-stage / joint",
+    )  # fmt: skip
+    bands = [(level, joint.band(level, BESIDE)) for level in LEVELS]
+    words = ", ".join(f"{level} {100 * low:.1f} to {100 * high:.1f}" for level, (low, high) in bands)
+    return table(heading, rows) + (
+        f"\n{joint.runs} runs: RMSE is uncertain by {100 * root_mean_square_error(joint.runs):.1f} %, "
+        f"bias by {1 / np.sqrt(joint.runs):.3f} σ. Bands of one coverage: {words}.\n"
     )
 
 
-def contaminated_section(all_of_them: Sequence[Contamination]) -> str:
+def contaminated_table(contaminations: Sequence[Contamination]) -> str:
     rows = []
-    for one in all_of_them:
-        worst = one.ratio.max()
+    for one in contaminations:
+        named = one.named
         rows.append(
             (
                 one.name,
                 one.runs,
                 len(one.refused),
                 f"{one.pooled:.3f} ± {one.pooled_error:.3f}",
-                f"{worst:.3f} ± {one.ratio_error:.3f}",
+                f"{one.ratio.max():.3f} ± {one.ratio_error:.3f}",
                 f"{one.worst_run:.1f}",
-                f"{100 * one.recall:.1f} % ({one.named.found}/{one.named.bad})" if one.named.bad else "-",
-                f"{100 * one.false:.2f} % ({one.named.false}/{one.named.good})",
+                f"{100 * one.recall:.1f} % ({named.found}/{named.bad})" if named.bad else "-",
+                f"{100 * one.false:.2f} % ({named.false}/{named.good})",
             )
         )
     heading = (
         "fault", "runs", "no result", "RMSE / bound", "worst parameter", "worst run", "bad ones named",
         "good ones named",
     )  # fmt: skip
-    gates = [gate for one in all_of_them for gate in one.gates()]
-    return "\n".join([table(heading, rows), gates_table(gates)])
+    return table(heading, rows)
+
+
+def _names(scenes: Sequence[SceneFigures]) -> tuple[str, ...]:
+    return scenes[0].trials[0].names
+
+
+def _bold(text: str, wrong: bool) -> str:
+    return f"**{text}**" if wrong else text
+
+
+def _ratio(figures: Figures, i: int) -> str:
+    return _bold(f"{figures.ratio[i]:.3f}", bool(figures.ratio[i] > figures.ratio_limit(BESIDE)))
+
+
+def _bias(figures: Figures, i: int) -> str:
+    return _bold(f"{figures.bias[i]:+.3f}", bool(abs(figures.bias[i]) > figures.bias_limit(BESIDE)))
+
+
+def _coverage(figures: Figures, level: str, i: int) -> str:
+    return _bold(f"{100 * figures.inside[level][i]:.1f}", bool(figures.outside(level, BESIDE)[i]))

@@ -1,8 +1,8 @@
 """How a run is made: motion, unit and rate; the seed draws moves and noise.
 
-The paper run is its gyroscope program: 45 moves of 2 s, holds of 5 s, on a stand. The hand-held run is 40 poses
-of 4 s and moves of 2 s between them, in a cube of 30 cm, by a hand that trembles by 0.05 deg about each axis all
-the time.
+The paper run is its gyroscope program: 45 moves of 2 s, holds of 5 s, on a stand. The hand-held run is 40
+poses of 4 s and moves of 2 s between them, in a cube of 30 cm, by a hand that trembles by 0.05 deg about each
+axis all the time.
 """
 
 from dataclasses import dataclass, replace
@@ -35,6 +35,16 @@ class Scene:
     noise: float = 1.0
     flicker: float = 0.0
     bits: int | None = None
+
+    @property
+    def is_main(self) -> bool:
+        """Whether it is one of the two runs that are reported parameter by parameter."""
+        return self in (PAPER, HELD)
+
+    @property
+    def has_bound(self) -> bool:
+        """The bound is that of white noise."""
+        return self.flicker == 0.0
 
     @property
     def unit(self) -> Unit:

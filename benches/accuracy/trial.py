@@ -6,6 +6,7 @@ import numpy as np
 
 import imucal
 from accuracy.bound import PARAMETERS, bound
+from accuracy.naming import is_named
 from accuracy.scene import Scene
 
 
@@ -21,8 +22,14 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Trial:
-    """A run; `bound` is the standard deviation of each parameter at the Cramér-Rao bound, (21,)."""
+    """A run, in which nothing is wrong.
 
+    names  of the parameters
+    bound  standard deviation of each parameter at the Cramér-Rao bound, (21,)
+    named  how many rests and moves were left out or down-weighted
+    """
+
+    names: tuple[str, ...]
     joint: Estimate
     two_stage: Estimate
     bound: np.ndarray
@@ -36,10 +43,11 @@ def trial(scene: Scene, seed: int) -> Trial:
     two_stage = imucal.calibrate(run.recording, joint=False)
     covariance = bound(run.truth, scene.sample_noise, held=scene.held)
     return Trial(
+        tuple(parameter.name for parameter in run.truth.calibration.parameters),
         estimate(joint, true),
         estimate(two_stage, true),
         np.sqrt(np.diag(covariance)),
-        sum(item["excluded"] is not None for item in (*joint.rests, *joint.moves)),
+        sum(map(is_named, (*joint.rests, *joint.moves))),
     )
 
 
