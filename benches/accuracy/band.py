@@ -1,14 +1,15 @@
 """Bands of what a perfect estimator gives by chance.
 
-A figure outside the band of 99 % of perfect estimators is printed bold. In a table of m figures m/100 of those
-are expected, so a gate asks for a band that holds all figures of a table together with 99 %: each with
-1 - 1/(100 m) (Bonferroni).
+A figure outside the band of 99 % of perfect estimators is printed bold. In a table of m figures m/100 of
+those are expected, so a gate asks for the band that holds all figures of a table together with 99.9 %
+(Bonferroni): of perfect estimators nearly all meet all gates.
 """
 
 import numpy as np
 from scipy.stats import binom, norm
 
 BESIDE = 0.01
+BESIDE_GATE = 0.001
 
 
 def binomial(runs: int, share: float, beside: float) -> tuple[float, float]:

@@ -14,6 +14,7 @@ accelerometer says within the moves is not used, for the way of a hand is not kn
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import solveh_banded
@@ -70,7 +71,7 @@ def bound(
     gone = [np.searchsorted(truth.time_s, stretch) for stretch in lost or []]
     node = 0
     for number, block in enumerate(blocks):
-        for first, end in zip(block[:-1], block[1:], strict=True):
+        for first, end in pairwise(block):
             information.add_rest(truth, noise, first, end, node, node + held)
             if held:
                 information.add_move(truth, noise, dt_s, first, end, node)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 import imucal
-from accuracy.band import BESIDE, one_sided, root_mean_square_error
+from accuracy.band import BESIDE_GATE, one_sided, root_mean_square_error
 from accuracy.bound import PARAMETERS, bound
 from accuracy.faults import contaminated
 from accuracy.gates import Gate
@@ -75,8 +75,11 @@ class Contamination:
         refused = tuple(run.refused for run in runs if run.error is None)
         error = np.array([run.error for run in done]).reshape(-1, PARAMETERS)
         least = np.array([np.sqrt(np.diag(run.bound)) for run in done]).reshape(-1, PARAMETERS)
+        if not done:
+            nothing = np.full(PARAMETERS, np.nan), np.nan, np.nan, np.nan, np.nan, Named(0, 0, 0, 0)
+            return Contamination(name, len(runs), refused, *nothing)
         squares = ((error / least) ** 2).mean(axis=1)
-        # Parameters of one run hang together: their mean square has the variance 2 sum of correlation^2 / 21^2.
+        # Parameters of one run are correlated: the variance of their mean square is 2 sum of r^2 / 21^2.
         tied = np.mean([np.mean((r.bound / np.outer(s, s)) ** 2) for r, s in zip(done, least, strict=True)])
         return Contamination(
             name,
@@ -96,12 +99,12 @@ class Contamination:
 
     @property
     def false(self) -> float:
-        return self.named.false / self.named.good
+        return self.named.false / self.named.good if self.named.good else np.nan
 
     def gates(self) -> list[Gate]:
         worst = int(np.argmax(self.ratio))
-        each = WITHIN * (1.0 + one_sided(BESIDE / PARAMETERS) * self.ratio_error)
-        together = WITHIN * (1.0 + one_sided(BESIDE) * self.pooled_error)
+        each = WITHIN * (1.0 + one_sided(BESIDE_GATE / PARAMETERS) * self.ratio_error)
+        together = WITHIN * (1.0 + one_sided(BESIDE_GATE) * self.pooled_error)
         refused = len(self.refused)
         named = self.named
         gates = [

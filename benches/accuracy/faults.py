@@ -1,12 +1,12 @@
 """Contaminated runs: the paper run with something wrong in it, and what is bad in it.
 
-slip         the unit slips on its mount by 1 to 3 deg, within 50 ms at any time, and both sensors see it; in a
-             move that is a turn like any other and harms nothing, in a rest the pose changes
+slip         the unit slips on its mount by 1 to 3 deg, within 50 ms at any time, and both sensors see it; in
+             a move that is a turn like any other and harms nothing, in a rest the pose changes
 nudge        in one rest the unit is pushed by 0.5 to 2 deg about each motor, within 0.2 s, and stays there
-bad rests    two of 46: the mean force is off by 0.05 to 0.2 m/s^2 in any direction, or the unit creeps by 0.5 to
-             1.5 deg about each motor over the whole rest, or is shaken (5 to 15 Hz, 0.1 to 0.5 deg)
-bad moves    two of 45: a bump holds an axis of the gyroscope at its rail for 50 to 100 ms, or a glitch adds 50
-             to 200 deg/s to an axis for 20 to 100 ms, or 0.1 to 0.3 s of samples are missing
+bad rests    two of 46: the mean force is off by 0.05 to 0.2 m/s^2 in any direction, or the unit creeps by 0.5
+             to 1.5 deg about each motor over the whole rest, or is shaken (5 to 15 Hz, 0.1 to 0.5 deg)
+bad moves    two of 45: a bump holds an axis of the gyroscope at its rail for 50 to 100 ms, or a glitch adds
+             50 to 200 deg/s to an axis for 20 to 100 ms, or 0.1 to 0.3 s of samples are missing
 heavy tails  white noise of Student's t with three degrees of freedom, of the datasheet's variance
 clean        nothing
 """
@@ -185,7 +185,7 @@ def _turn(random: np.random.Generator, least_deg: float, most_deg: float) -> tup
 def _shaking(
     run: imucal.Simulation, inside: np.ndarray, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """What a small turn d = a sin(s) n, to and fro in the body, adds: f x d to the force, its rate to the rate."""
+    """What a small turn d = a sin(s) n to and fro adds: f x d to the force, its derivative to the rate."""
     unit = run.truth.calibration
     axis, hz = _direction(random), random.uniform(5.0, 15.0)
     angle_rad = np.radians(random.uniform(0.1, 0.5))

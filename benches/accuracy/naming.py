@@ -1,9 +1,9 @@
 """Whether what is bad was named, and what was named that is not bad.
 
-A rest or move is named if it is left out or down-weighted. A bad stretch of a rest is dealt with if no rest that
-counts unnamed overlaps it (the rest is named, or was not taken for one, or was cut there), or if a finding
-points at it; a bad stretch of a move likewise. A good rest or move must not be named; a move between rests of
-which one is bad is neither good nor bad.
+A rest or move is named if it is left out or down-weighted. A bad stretch of a rest is dealt with if no rest
+overlaps it unnamed (the rest is named, or was not taken for one, or was cut there), or if a finding points at
+it; a bad stretch of a move likewise. A good rest or move must not be named; a move between rests of which one
+is bad is neither good nor bad.
 """
 
 from collections.abc import Mapping, Sequence

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from accuracy.band import BESIDE, root_mean_square_error
+from accuracy.band import BESIDE, root_mean_square_error, two_sided
 from accuracy.bound import PARAMETERS
 from accuracy.contaminated import Contamination
 from accuracy.figures import LEVELS, Figures, SceneFigures
@@ -13,18 +13,31 @@ from accuracy.gates import Gate
 
 INTRODUCTION = """# Accuracy
 
-Written by `make accuracy`: simulated runs of the paper's unit with datasheet white noise and counts, each seed with
-its own moves and its own noise.
+Written by `make accuracy`: simulated runs of the paper's unit with datasheet white noise and counts, each
+seed with its own moves and its own noise.
 
-* paper: its gyroscope program, 45 moves of 2 s, holds of 5 s, 200 Hz. hand-held: 40 poses of 4 s, moves of 2 s in a
-  cube of 30 cm, by a hand that trembles by 0.05 deg about each axis all the time.
-* bound: standard deviation at the Cramér-Rao bound of the same runs, [from the truth
-  alone](../../benches/accuracy/bound.py). For the hand-held run the tremor is unknown, and so is where the hand goes.
-* RMSE and sigmas are root mean squares over the runs; ± is one standard deviation of a perfect estimator's.
-* 68 %, 95 %, 99.7 %: share of the runs with the truth inside the stated interval. Where the bias wanders (flicker), the
-  truth is its mean over the record, and there is no bound.
-* bold: outside what 99 of 100 perfect estimators give. A gate asks for what 99 of 100 perfect ones give in all
+* paper: its gyroscope program, 45 moves of 2 s, holds of 5 s, 200 Hz. hand-held: 40 poses of 4 s, moves of
+  2 s in a cube of 30 cm, by a hand that trembles by 0.05 deg about each axis all the time. The conditions
+  change one thing in the paper run.
+* bound: standard deviation at the Cramér-Rao bound of the same runs,
+  [from the truth alone](../../benches/accuracy/bound.py). In the hand-held run nothing is known of the
+  tremor, nor of the way from pose to pose.
+* RMSE and σ are root mean squares over the runs; ± is one standard deviation by chance.
+* 68 %, 95 %, 99.7 %: share of the runs with the truth inside the stated interval. Where the bias wanders
+  (flicker), the truth is its mean over the record, and there is no bound.
+* bold: outside what 99 of 100 perfect estimators give. A gate asks for what 999 of 1000 give in all
   figures of a table together (Bonferroni).
+"""
+CONDITIONS = """Efficiency: bound over mean square error, over all parameters. (error / σ)²: mean over all
+parameters, 1 if the stated σ are true. Coverages: lowest and highest of all parameters. Outside: how many of
+the {figures} coverages are outside the band of one; of a perfect estimator's it would be {expected:.1f}.
+In brackets: outside the band of all together. Named: rests and moves that were left out or down-weighted
+though nothing was wrong.
+"""
+CONTAMINATED = """RMSE over the bound of the rests and moves that are left: of all parameters, and of the
+worst one. Worst run: largest root mean square over the parameters of error / bound. Files that say
+[what is wrong](../../benches/accuracy/faults.py) and
+[when it is named](../../benches/accuracy/naming.py).
 """
 
 
@@ -33,24 +46,14 @@ def page(scenes: Sequence[SceneFigures], contaminations: Sequence[Contamination]
     missed = sum(not gate.met for gate in gates)
     sections = [INTRODUCTION]
     if scenes:
-        sections += ["## Conditions\n", conditions_table(scenes), FLAGS]
+        sections += ["## Conditions\n", conditions_table(scenes)]
     if contaminations:
-        sections += ["## Contaminated runs\n", contaminated_table(contaminations), FAULTS]
+        sections += ["## Contaminated runs\n", contaminated_table(contaminations), CONTAMINATED]
     sections += [f"## Gates\n\n{missed} of {len(gates)} are missed.\n", gates_table(gates)]
     for one in scenes:
         if one.scene.is_main:
             sections += [f"## Parameter by parameter: {one.scene.name}\n", parameters_table(one)]
     return "\n".join([*sections, f"All of it took {seconds / 60.0:.0f} min.\n"])
-
-
-FLAGS = f"""Coverages: lowest and highest of {PARAMETERS} parameters. Outside: coverages outside the band of one figure; of a
-perfect estimator's {len(LEVELS) * PARAMETERS} it would be {BESIDE * len(LEVELS) * PARAMETERS:.1f}. In brackets: outside that of all together. Named: rests and moves
-that were left out though nothing was wrong.
-"""
-FAULTS = """RMSE over the bound of the rests and moves that are left: of all parameters, and of the worst one. Worst run: largest
-root mean square over the parameters of error / bound. [What is wrong](../../benches/accuracy/faults.py) and
-[when it counts as named](../../benches/accuracy/naming.py).
-"""
 
 
 def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
@@ -71,7 +74,7 @@ def conditions_table(scenes: Sequence[SceneFigures]) -> str:
         joint, (of_one, of_all) = one.joint, one.coverage_outside
         worst = int(np.argmax(joint.ratio))
         farthest = int(np.argmax(np.abs(joint.bias)))
-        chi2_off = abs(one.chi2 - 1.0) > 2.576 * one.chi2_error
+        chi2_off = abs(one.chi2 - 1.0) > two_sided(BESIDE) * one.chi2_error
         rows.append(
             (
                 one.scene.name,
@@ -79,20 +82,19 @@ def conditions_table(scenes: Sequence[SceneFigures]) -> str:
                 _ratio(joint, worst) + f" {names[worst]}" if one.scene.has_bound else "-",
                 "{:.3f} ± {:.3f}".format(*one.efficiency) if one.scene.has_bound else "-",
                 f"{_bias(joint, farthest)} {names[farthest]}",
-                *(
-                    f"{100 * joint.inside[level].min():.1f} to {100 * joint.inside[level].max():.1f}"
-                    for level in LEVELS
-                ),
+                _mean_square(one),
+                *(_range(100.0 * joint.inside[level]) for level in LEVELS),
                 f"{of_one} ({of_all})",
                 _bold(f"{one.chi2:.4f} ± {one.chi2_error:.4f}", chi2_off),
                 sum(trial.named for trial in one.trials),
             )
         )
     heading = (
-        "", "runs", "worst RMSE / bound", "efficiency", "worst bias / σ", *LEVELS, "outside", "reduced chi2",
-        "named",
+        "", "runs", "worst RMSE / bound", "efficiency", "worst bias / σ", "(error / σ)²", *LEVELS, "outside",
+        "reduced chi2", "named",
     )  # fmt: skip
-    return table(heading, rows)
+    figures = len(LEVELS) * PARAMETERS
+    return table(heading, rows) + "\n" + CONDITIONS.format(figures=figures, expected=BESIDE * figures)
 
 
 def parameters_table(one: SceneFigures) -> str:
@@ -157,6 +159,15 @@ def _names(scenes: Sequence[SceneFigures]) -> tuple[str, ...]:
 
 def _bold(text: str, wrong: bool) -> str:
     return f"**{text}**" if wrong else text
+
+
+def _mean_square(one: SceneFigures) -> str:
+    square, error = one.mean_square_score
+    return _bold(f"{square:.3f} ± {error:.3f}", abs(square - 1.0) > two_sided(BESIDE) * error)
+
+
+def _range(values: np.ndarray) -> str:
+    return f"{values.min():.1f} to {values.max():.1f}"
 
 
 def _ratio(figures: Figures, i: int) -> str:
