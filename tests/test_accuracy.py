@@ -218,6 +218,9 @@ def test_names_are_compared_with_what_is_bad(accuracy):
     assert score(result(plain, [None, None]), [rest]) == Named(1, 0, 2, 0)
     left_out = [plain[0], (7.0, 12.0, "contradicts_other_rests"), plain[2]]
     assert score(result(left_out, [None, None]), [rest]) == Named(1, 1, 2, 0)
+    both = ["contradicts_other_moves"] * 2
+    assert score(result(plain, both), [rest]) == Named(1, 1, 2, 0)
+    assert score(result(plain, [None, both[1]]), [rest]) == Named(1, 0, 2, 0)
     # The rest was not taken for one.
     assert score(result([plain[0], plain[2]], [None]), [rest]) == Named(1, 1, 2, 0)
     assert score(result(plain, [None, "contradicts_other_moves"]), [move]) == Named(1, 1, 4, 0)

@@ -1,9 +1,13 @@
 """Whether what is bad was named, and what was named that is not bad.
 
-A rest or move is named if it is left out or down-weighted. A bad stretch of a rest is dealt with if no rest
-overlaps it unnamed (the rest is named, or was not taken for one, or was cut there), or if a finding points at
-it; a bad stretch of a move likewise. A good rest or move must not be named; a move between rests of which one
-is bad is neither good nor bad.
+A rest or move is named if it is left out or down-weighted. A bad stretch of a rest is dealt with if
+
+    no rest overlaps it unnamed: the rest is named, or was not taken for one, or was cut there; or
+    all moves to and from it are named: a force across gravity shows in nothing else; or
+    a finding points at it.
+
+A bad stretch of a move is dealt with if no move overlaps it unnamed, or a finding points at it. A good rest
+or move must not be named; a move to or from a bad rest is neither good nor bad.
 """
 
 from collections.abc import Mapping, Sequence
@@ -54,9 +58,15 @@ def score(result: imucal.CalibrationResult, bad: Sequence[Bad]) -> Named:
     places = [finding.place for finding in result.findings if finding.place is not None]
 
     def found(one: Bad) -> bool:
-        kind = rests if one.of == "rest" else moves
-        counts = any(one.touches(start, end) and not named for start, end, named in kind)
-        return not counts or any(one.touches(place.start_s, place.end_s) for place in places)
+        def touched(kind: Sequence[tuple[float, float, bool]]) -> list[bool]:
+            return [named for start, end, named in kind if one.touches(start, end)]
+
+        around = touched(with_rests) if one.of == "rest" else []
+        return (
+            all(touched(rests if one.of == "rest" else moves))
+            or (bool(around) and all(around))
+            or any(one.touches(place.start_s, place.end_s) for place in places)
+        )
 
     good = [
         named
