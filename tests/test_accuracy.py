@@ -1,5 +1,7 @@
 """A small part of `make accuracy`: the bound, the fit beside it, and that its scoring can fail."""
 
+import os
+import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -80,6 +82,15 @@ def test_less_data_is_a_larger_bound(accuracy):
     assert (half > 1.1 * whole).all()
     assert (lost[12:] > 1.05 * whole[12:]).all()
     np.testing.assert_allclose(lost[:9], whole[:9], rtol=0.02)
+
+
+def test_how_many_nodes_follow_a_hand_does_not_matter(accuracy, monkeypatch):
+    scene = accuracy.scene.HELD
+    run = scene.run(1)
+    ours = deviations(accuracy.bound.bound(run.truth, scene.sample_noise, held=True))
+    monkeypatch.setattr(accuracy.bound, "NODE_S", accuracy.bound.NODE_S / 4.0)
+    finer = deviations(accuracy.bound.bound(run.truth, scene.sample_noise, held=True))
+    np.testing.assert_allclose(ours, finer, rtol=1e-3)
 
 
 # --- runs ---
@@ -246,3 +257,18 @@ def test_one_wild_run_is_not_forgiven(accuracy):
     runs[0] = replace(runs[0], error=100.0 * runs[0].error)
     gates = accuracy.contaminated.Contamination.of("clean", runs).gates()
     assert [gate.met for gate in gates if "RMSE" in gate.what] == [False, False]
+
+
+def test_the_program_runs(tmp_path):
+    page = tmp_path / "page.md"
+    done = subprocess.run(
+        [sys.executable, "-m", "accuracy", "paper", "contaminated", "--runs", "2", "--output", page],
+        env={**os.environ, "PYTHONPATH": str(BENCHES)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+    assert done.returncode == 0, done.stderr
+    text = page.read_text(encoding="utf-8")
+    assert "## Parameter by parameter: paper" in text
+    assert "| heavy tails: RMSE / bound, all parameters |" in text

@@ -9,7 +9,7 @@ across gravity can be seen; it is unknown at every node, and every node is estim
 
 T and b are sensitivity and bias, w and f the true rate and specific force in the body, R takes a vector from
 the body to the world. A unit that lies on something firm is still: one node for each rest. One that a hand
-holds is not, and how it trembles is not known: a node every tenth of a second, and no third line. What the
+holds is not, and how it trembles is not known: a node every fifth of a second, and no third line. What the
 accelerometer says within the moves is not used, for the way of a hand is not known.
 """
 
@@ -22,7 +22,7 @@ from scipy.linalg import solveh_banded
 import imucal
 
 SYMMETRIC = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-NODE_S = 0.1
+NODE_S = 0.2
 PARAMETERS = 21
 
 
