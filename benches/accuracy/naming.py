@@ -18,6 +18,8 @@ import imucal
 
 # Rests are found to a few hundredths of a second.
 EDGE_S = 0.06
+# A finding that spans more than a rest and a move points at nothing.
+POINTED_S = 10.0
 WORDS = ("excluded", "down_weighted")
 
 
@@ -56,6 +58,7 @@ def score(result: imucal.CalibrationResult, bad: Sequence[Bad]) -> Named:
     moves = [(a["end_s"], b["start_s"], named) for (a, b), named in zip(ends, names, strict=True)]
     with_rests = [(a["start_s"], b["end_s"], named) for (a, b), named in zip(ends, names, strict=True)]
     places = [finding.place for finding in result.findings if finding.place is not None]
+    places = [place for place in places if place.end_s - place.start_s <= POINTED_S]
 
     def found(one: Bad) -> bool:
         def touched(kind: Sequence[tuple[float, float, bool]]) -> list[bool]:
