@@ -147,7 +147,7 @@ bench: $(VENV)/.installed
 
 accuracy: $(VENV)/.installed
 	$(call say,Accuracy)
-	$(PY) benches/accuracy.py
+	PYTHONPATH=benches $(PY) -m accuracy
 
 SHARE ?= 1
 gap-benchmark: $(VENV)/.installed

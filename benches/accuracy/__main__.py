@@ -1,0 +1,72 @@
+"""Run it all, or a part; `python -m accuracy --help` with this folder's parent on the path."""
+
+import os
+
+# Two processes share the machine; threads within them would only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rich.progress import track
+
+from accuracy.contaminated import Contamination, spoilt
+from accuracy.faults import FAULTS
+from accuracy.figures import SceneFigures
+from accuracy.page import page
+from accuracy.scene import CONDITIONS, HELD, PAPER
+from accuracy.trial import trial
+
+ROOT = Path(__file__).resolve().parents[2]
+REPORT = ROOT / "docs" / "results" / "accuracy.md"
+SEEDS = {"paper": 4000, "hand-held": 1000, "conditions": 2000, "contaminated": 100}
+SCENES = {"paper": (PAPER,), "hand-held": (HELD,), "conditions": CONDITIONS}
+
+
+def many(work: Callable[[int], Any], runs: int, processes: int, words: str) -> list[Any]:
+    """The work for the seeds 1 to `runs`."""
+    with ProcessPoolExecutor(processes) as pool:
+        done = pool.map(work, range(1, runs + 1), chunksize=8)
+        return list(track(done, words, total=runs, disable=not sys.stderr.isatty()))
+
+
+def main() -> int:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("parts", nargs="*", help=f"of {', '.join(SEEDS)}; all without any")
+    arguments.add_argument("--runs", type=int, help="seeds of each kind, instead of the full numbers")
+    arguments.add_argument("--processes", type=int, default=2)
+    arguments.add_argument("--output", type=Path, help="the page; a part goes to standard output alone")
+    given = arguments.parse_args()
+    parts = given.parts or list(SEEDS)
+    unknown = [part for part in parts if part not in SEEDS]
+    if unknown:
+        arguments.error(f"{unknown[0]!r} is no part: give one or more of {', '.join(SEEDS)}")
+    start_s = time.monotonic()
+    scenes, contaminations = [], []
+    for part in parts:
+        runs = given.runs or SEEDS[part]
+        for scene in SCENES.get(part, ()):
+            trials = many(partial(trial, scene), runs, given.processes, scene.name)
+            scenes.append(SceneFigures(scene, trials))
+        for name in FAULTS if part == "contaminated" else ():
+            done = many(partial(spoilt, name), runs, given.processes, name)
+            contaminations.append(Contamination.of(name, done))
+    text = page(scenes, contaminations, time.monotonic() - start_s)
+    print(text)
+    output = given.output or (None if given.parts or given.runs else REPORT)
+    if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        output.write_text(text, encoding="utf-8")
+        print(f"written to {output}")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
