@@ -21,6 +21,7 @@ __all__ = [
     "Inspection",
     "Move",
     "Outcome",
+    "Prospect",
     "Rest",
     "Search",
     "Simulation",
@@ -42,6 +43,7 @@ __all__ = [
     "inspect",
     "integrate",
     "parameter_names",
+    "prospect",
     "random_program",
     "search_gap",
     "simulate",
@@ -339,6 +341,15 @@ class Inspection:
     def explanation(self) -> str: ...
 
 @final
+class Prospect:
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def predicted_sigma(self) -> list[float | None]: ...
+    @property
+    def missing(self) -> str | None: ...
+
+@final
 class Simulation:
     @property
     def time_s(self) -> _Array: ...
@@ -534,6 +545,7 @@ def search_gap(
     user_fields: Sequence[_UserField],
 ) -> Search: ...
 def calibrate(recordings: Sequence[_Recording], options: _Options) -> Outcome: ...
+def prospect(recordings: Sequence[_Recording], options: _Options) -> Prospect: ...
 def cross_validate(
     recordings: Sequence[_Recording], options: _Options, folds: int
 ) -> tuple[float, _Array]: ...

@@ -307,3 +307,18 @@ impl Inspection {
         })
     }
 }
+
+/// What recordings can determine, before any fit.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Prospect {
+    names: Vec<String>,
+    /// None where a parameter is not determined.
+    predicted_sigma: Vec<Option<f64>>,
+    missing: Option<String>,
+}
+
+impl From<calibrate::Prospect> for Prospect {
+    fn from(p: calibrate::Prospect) -> Self {
+        Self { names: p.names.into(), predicted_sigma: p.predicted_sigma.into(), missing: p.missing }
+    }
+}

@@ -3,6 +3,7 @@
 
 mod jointly;
 mod outcome;
+mod prospect;
 mod unit_data;
 
 pub use imucal_core::STANDARD_GRAVITY_MPS2;
@@ -21,6 +22,7 @@ use jointly::Selection;
 use unit_data::{UnitData, refuse_errors};
 
 pub use outcome::{Outcome, parameter_names, parameter_values};
+pub use prospect::{Prospect, prospect};
 
 /// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
 const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
@@ -84,7 +86,7 @@ impl Default for Options<'_> {
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, unusable) = data.moves(&accelerometer)?;
+    let (moves, unusable) = data.moves(&accelerometer, options)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     let outcome = if !options.is_joint() {
         Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?
@@ -114,7 +116,7 @@ pub(crate) fn prepare<T>(
 ) -> Result<T, Error> {
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, unusable) = data.moves(&accelerometer)?;
+    let (moves, unusable) = data.moves(&accelerometer, options)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     let selection = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
     let triads = [&accelerometer.triad, &gyroscope.fit.triad];
@@ -144,7 +146,7 @@ pub fn cross_validate(
     }
     let data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, _) = data.moves(&accelerometer)?;
+    let (moves, _) = data.moves(&accelerometer, options)?;
     let mut direction_error_deg = vec![f64::NAN; moves.len()];
     for fold in 0..folds {
         let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();

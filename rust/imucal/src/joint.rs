@@ -33,7 +33,7 @@ pub use terms::{EffectChoice, UserField};
 pub(crate) use encoders::Encoders;
 pub(crate) use model::{BASE, Model};
 pub(crate) use outliers::{Item, outliers};
-pub(crate) use problem::{INSIDE, Joint, Linear, Prepared};
+pub(crate) use problem::{INSIDE, Joint, Line, Linear, Prepared, Source};
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;
 pub(crate) use terms::{Kinds, Terms};
