@@ -1,5 +1,6 @@
-"""What the words call undetermined is what the null space leaves open: NumPy, finite differences, the true motion."""
+"""What words call undetermined is what the null space leaves open: NumPy, finite differences, true motion."""
 
+import itertools
 import re
 
 import numpy as np
@@ -49,7 +50,7 @@ class Model:
         self.seen_force = truth.specific_force[middles] @ unit.accelerometer.sensitivity.T
         self.seen_force += unit.accelerometer.bias
         rate = truth.angular_rate @ unit.gyroscope.sensitivity.T
-        moves = [slice(before[1] - 1, after[0] + 1) for before, after in zip(spans, spans[1:], strict=False)]
+        moves = [slice(before[1] - 1, after[0] + 1) for before, after in itertools.pairwise(spans)]
         self.moves = [(rate[move], np.diff(time_s[move])[:, None]) for move in moves]
         entries = [unit.accelerometer.sensitivity[pair] for pair in PAIRS]
         self.true = np.concatenate([unit.accelerometer.bias, entries, unit.gyroscope.sensitivity.ravel()])

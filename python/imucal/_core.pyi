@@ -11,6 +11,7 @@ from imucal.finding import Finding
 __all__ = [
     "REFERENCE_TEMPERATURE_DEGC",
     "Carried",
+    "Diagnosis",
     "Effect",
     "EffectEstimate",
     "EffectScore",
@@ -304,6 +305,21 @@ class Outcome:
     def figures(self) -> Figures: ...
     @property
     def findings(self) -> list[Finding]: ...
+    @property
+    def diagnosis(self) -> list[Diagnosis]: ...
+
+@final
+class Diagnosis:
+    @property
+    def code(self) -> str: ...
+    @property
+    def parameters(self) -> list[str]: ...
+    @property
+    def value(self) -> float: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def way_out(self) -> str: ...
 
 @final
 class Carried:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["calibrate"]
 
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
+DIAGNOSIS = ("code", "parameters", "value", "message", "way_out")
 MOST_FOLDS = 1000
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
 MOST_FIELD_ROUNDS = 6
@@ -179,6 +180,7 @@ def calibrate(
         held_out=held_out,
         control=judged,
         reasons=tuple(reasons),
+        diagnosis=tuple(fields_of(item, DIAGNOSIS) for item in outcome.diagnosis),
     )
 
 

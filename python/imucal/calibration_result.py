@@ -27,6 +27,8 @@ class CalibrationResult:
     held_out       gravity direction on moves that the fit had not seen, if folds were asked for
     control        the calibration judged on the control recordings, if there are any
     reasons        why the verdict is poor; empty for a good one
+    diagnosis      what the data tell badly, one mapping for each: `code` (traded_off, flat or at_bound), the
+                   `parameters`, the `value` that decided, `message`, and `way_out`: the motion that helps
     judgement      the checks against limits, if it was judged by any
     """
 
@@ -37,6 +39,7 @@ class CalibrationResult:
     held_out: Mapping[str, Any] | None
     control: Evaluation | None
     reasons: tuple[str, ...]
+    diagnosis: tuple[Mapping[str, Any], ...] = ()
     judgement: Judgement | None = None
 
     @property
@@ -71,7 +74,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a careful reader should know: what was left out or widened, how far effects stand out."""
+        """What a careful reader should know: what was left out, is widened or hardly known; effects."""
         notes = [
             f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
             f"left out: {rest['excluded']}"
@@ -102,6 +105,7 @@ class CalibrationResult:
             f"{effect['dof']} or so if it were not there"
             for effect in self.fit.get("effects", ())
         ]
+        notes += [f"{item['message']}: {item['way_out']}" for item in self.diagnosis]
         return tuple(notes)
 
     def judged_by(self, limits: Limits) -> CalibrationResult:
@@ -143,5 +147,6 @@ class CalibrationResult:
             "rests": without_nan(self.rests),
             "moves": without_nan(self.moves),
             "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "diagnosis": without_nan(self.diagnosis),
             "judgement": None if self.judgement is None else self.judgement.to_dict(),
         }

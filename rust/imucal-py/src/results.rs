@@ -2,6 +2,7 @@
 
 use imucal::Termination;
 use imucal::calibrate;
+use imucal::diagnosis;
 use imucal::error::Error;
 use imucal::evaluate;
 use imucal::segment::{self, Segments};
@@ -206,10 +207,27 @@ pub(crate) struct Outcome {
     effects: Vec<Py<EffectEstimate>>,
     figures: Py<Figures>,
     findings: Vec<Py<PyAny>>,
+    diagnosis: Vec<Py<Diagnosis>>,
+}
+
+/// What a calibration knows badly.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Diagnosis {
+    code: &'static str,
+    parameters: Vec<String>,
+    value: f64,
+    message: String,
+    way_out: String,
+}
+
+impl From<diagnosis::Diagnosis> for Diagnosis {
+    fn from(d: diagnosis::Diagnosis) -> Self {
+        Self { code: d.code, parameters: d.parameters, value: d.value, message: d.message, way_out: d.way_out }
+    }
 }
 
 impl Outcome {
-    pub(crate) fn new(py: Python<'_>, o: calibrate::Outcome) -> PyResult<Self> {
+    pub(crate) fn new(py: Python<'_>, o: calibrate::Outcome, diagnosis: Vec<diagnosis::Diagnosis>) -> PyResult<Self> {
         let size = o.values.len();
         let covariance: Vec<f64> = o.covariance.concat();
         Ok(Self {
@@ -231,6 +249,7 @@ impl Outcome {
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: Py::new(py, Figures::from(o.figures))?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
+            diagnosis: diagnosis.into_iter().map(|d| Py::new(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
         })
     }
 }
