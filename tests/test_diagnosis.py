@@ -4,11 +4,13 @@ import json
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, kstest
 
 import imucal
 from imucal import Program, Tumble
 
 RATE_HZ = 100
+G_MPS2 = 9.80665
 
 
 def paper_run(seed=1, **options):
@@ -71,6 +73,45 @@ def test_an_effect_that_the_run_does_not_show():
             usual = imucal.effects.find("gyro_bias_warmup").parameters[0].typical
             assert item["value"] == pytest.approx(stds[name] / usual)
             assert item["value"] > 1
+
+
+# --- how well noise explains the fit ---
+
+
+def test_chi2_of_the_fit_and_of_each_rest_and_move():
+    """In a simulation noise is all there is: every probability is as likely as any other."""
+    p_values = {"fit": [], "rests": [], "moves": []}
+    for seed in range(6):
+        result = imucal.calibrate(paper_run(seed, hold_s=2.0).recording)
+        whole = result.fit["noise_alone"]
+        # A norm and three rates for each rest, two directions for each move.
+        assert whole["degrees_of_freedom"] == 4 * len(result.rests) + 2 * len(result.moves) - 21
+        assert whole["p_value"] == pytest.approx(
+            chi2.sf(whole["chi2"], whole["degrees_of_freedom"]), rel=1e-6
+        )
+        p_values["fit"].append(whole["p_value"])
+        for name, freedom in (("rests", 4), ("moves", 2)):
+            for item in getattr(result, name):
+                assert item["degrees_of_freedom"] == freedom
+                assert item["p_value"] == pytest.approx(chi2.sf(item["chi2"], freedom), rel=1e-6)
+                p_values[name].append(item["p_value"])
+    for name, values in p_values.items():
+        assert kstest(values, "uniform").pvalue > 1e-3, name
+    assert "chi2 / dof of all residuals is" in result.summary()
+
+
+def test_a_nudged_rest_has_a_small_probability():
+    """Too little to be left out, too much for chance."""
+    recording = paper_run().recording
+    rest = imucal.calibrate(recording).rests[20]
+    force = recording.specific_force.copy()
+    force[rest["first"] : rest["end"]] *= 1 + 5 * rest["norm_sigma_mps2"] / G_MPS2
+    nudged = imucal.Recording(recording.time_s, force, recording.angular_rate, name="nudged")
+    result = imucal.calibrate(nudged)
+    p_values = [item["p_value"] for item in result.rests]
+    assert result.rests[20]["excluded"] is None
+    assert result.rests[20]["chi2"] > rest["chi2"] + 8
+    assert np.argsort(p_values).tolist().index(20) < 3
 
 
 # --- predicted standard deviations ---

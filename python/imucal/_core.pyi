@@ -20,6 +20,7 @@ __all__ = [
     "FitReport",
     "GenericFinding",
     "Inspection",
+    "Misfit",
     "Move",
     "Outcome",
     "Prospect",
@@ -181,7 +182,18 @@ class Figures:
     def moves(self) -> int: ...
 
 @final
+class Misfit:
+    @property
+    def chi2(self) -> float: ...
+    @property
+    def degrees_of_freedom(self) -> int: ...
+    @property
+    def p_value(self) -> float: ...
+
+@final
 class Rest:
+    @property
+    def misfit(self) -> Misfit | None: ...
     @property
     def recording(self) -> int: ...
     @property
@@ -207,6 +219,8 @@ class Rest:
 
 @final
 class Move:
+    @property
+    def misfit(self) -> Misfit | None: ...
     @property
     def recording(self) -> int: ...
     @property
@@ -269,6 +283,8 @@ class EffectEstimate:
 
 @final
 class Outcome:
+    @property
+    def misfit(self) -> Misfit | None: ...
     @property
     def accel_sensitivity(self) -> _Array: ...
     @property

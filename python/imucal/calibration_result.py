@@ -22,7 +22,8 @@ __all__ = ["CalibrationResult"]
 class CalibrationResult:
     """A calibration and all that is known about it.
 
-    rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part
+    rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part, `chi2` and
+                   `p_value` how well noise alone explains one that does, as a fit without it would see it
     findings       warnings about the recordings
     held_out       gravity direction on moves that the fit had not seen, if folds were asked for
     control        the calibration judged on the control recordings, if there are any
@@ -100,6 +101,13 @@ class CalibrationResult:
             for which, what, times in widened
             if times > 1
         ]
+        alone = self.fit.get("noise_alone", {}).get("p_value")
+        if alone is not None:
+            chi2, free = self.fit["noise_alone"]["chi2"], self.fit["noise_alone"]["degrees_of_freedom"]
+            notes.append(
+                f"chi2 / dof of all residuals is {chi2 / free:.3g} ({free} degrees of freedom); noise alone makes "
+                f"it larger with the probability {alone:.2g}"
+            )
         notes += [
             f"{effect['name']}: chi2 of its {effect['dof']} parameters is {effect['statistic']:.4g}, "
             f"{effect['dof']} or so if it were not there"

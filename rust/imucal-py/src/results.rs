@@ -50,6 +50,25 @@ impl From<evaluate::Figures> for Figures {
     }
 }
 
+/// How well noise alone explains residuals.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Misfit {
+    chi2: f64,
+    degrees_of_freedom: usize,
+    p_value: f64,
+}
+
+impl Misfit {
+    fn new(py: Python<'_>, misfit: Option<calibrate::Misfit>) -> PyResult<Option<Py<Self>>> {
+        misfit
+            .map(|m| {
+                let misfit = Self { chi2: m.chi2, degrees_of_freedom: m.degrees_of_freedom, p_value: m.p_value };
+                Py::new(py, misfit)
+            })
+            .transpose()
+    }
+}
+
 /// One rest, judged.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Rest {
@@ -63,6 +82,7 @@ pub(crate) struct Rest {
     mean_angular_rate: Vector,
     norm_error_mps2: f64,
     norm_sigma_mps2: f64,
+    misfit: Option<Py<Misfit>>,
     excluded: Option<&'static str>,
 }
 
@@ -79,6 +99,7 @@ impl Rest {
             mean_angular_rate: vector(py, &r.mean_angular_rate),
             norm_error_mps2: r.norm_error_mps2,
             norm_sigma_mps2: r.norm_sigma_mps2,
+            misfit: Misfit::new(py, r.misfit)?,
             excluded: r.excluded,
         };
         Py::new(py, rest)
@@ -98,6 +119,7 @@ pub(crate) struct Move {
     direction_sigma_deg: f64,
     gravity_before: Vector,
     gravity_after: Vector,
+    misfit: Option<Py<Misfit>>,
     excluded: Option<&'static str>,
 }
 
@@ -114,6 +136,7 @@ impl Move {
             direction_sigma_deg: m.direction_sigma_deg,
             gravity_before: vector(py, &m.gravity_before),
             gravity_after: vector(py, &m.gravity_after),
+            misfit: Misfit::new(py, m.misfit)?,
             excluded: m.excluded,
         };
         Py::new(py, report)
@@ -204,6 +227,7 @@ pub(crate) struct Outcome {
     accelerometer_fit: Py<FitReport>,
     gyroscope_fit: Py<FitReport>,
     joint_fit: Option<Py<FitReport>>,
+    misfit: Option<Py<Misfit>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Py<Figures>,
     findings: Vec<Py<PyAny>>,
@@ -246,6 +270,7 @@ impl Outcome {
             accelerometer_fit: Py::new(py, FitReport::from(o.accelerometer_fit))?,
             gyroscope_fit: Py::new(py, FitReport::from(o.gyroscope_fit))?,
             joint_fit: o.joint_fit.map(|fit| Py::new(py, FitReport::from(fit))).transpose()?,
+            misfit: Misfit::new(py, o.misfit)?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: Py::new(py, Figures::from(o.figures))?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,

@@ -13,7 +13,7 @@ use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
-pub use crate::joint::{EffectChoice, TermEstimate, UserField};
+pub use crate::joint::{EffectChoice, Misfit, TermEstimate, UserField};
 use crate::joint::{Kinds, Prepared};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
@@ -94,11 +94,13 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
         let start = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
         let triads = [&accelerometer.triad, &gyroscope.fit.triad];
         let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
+        let misfits = data.misfits(&joint, &selection, options)?;
         Outcome::joint(
             data,
             [accelerometer.report, gyroscope.fit.report],
             &gyroscope.findings,
             &joint,
+            &misfits,
             &selection,
             options,
         )?
