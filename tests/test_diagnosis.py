@@ -97,7 +97,7 @@ def test_chi2_of_the_fit_and_of_each_rest_and_move():
                 p_values[name].append(item["p_value"])
     for name, values in p_values.items():
         assert kstest(values, "uniform").pvalue > 1e-3, name
-    assert "chi2 / dof of all residuals is" in result.summary()
+    assert "noise alone makes it larger with the probability" in result.summary()
 
 
 def test_a_nudged_rest_has_a_small_probability():
@@ -105,13 +105,12 @@ def test_a_nudged_rest_has_a_small_probability():
     recording = paper_run().recording
     rest = imucal.calibrate(recording).rests[20]
     force = recording.specific_force.copy()
-    force[rest["first"] : rest["end"]] *= 1 + 5 * rest["norm_sigma_mps2"] / G_MPS2
+    force[rest["first"] : rest["end"]] *= 1 + 4 * rest["norm_sigma_mps2"] / G_MPS2
     nudged = imucal.Recording(recording.time_s, force, recording.angular_rate, name="nudged")
     result = imucal.calibrate(nudged)
-    p_values = [item["p_value"] for item in result.rests]
     assert result.rests[20]["excluded"] is None
-    assert result.rests[20]["chi2"] > rest["chi2"] + 8
-    assert np.argsort(p_values).tolist().index(20) < 3
+    assert result.rests[20]["chi2"] > rest["chi2"] + 5
+    assert result.rests[20]["p_value"] < 0.01 < rest["p_value"]
 
 
 # --- predicted standard deviations ---

@@ -101,13 +101,6 @@ class CalibrationResult:
             for which, what, times in widened
             if times > 1
         ]
-        alone = self.fit.get("noise_alone", {}).get("p_value")
-        if alone is not None:
-            chi2, free = self.fit["noise_alone"]["chi2"], self.fit["noise_alone"]["degrees_of_freedom"]
-            notes.append(
-                f"chi2 / dof of all residuals is {chi2 / free:.3g} ({free} degrees of freedom); noise alone makes "
-                f"it larger with the probability {alone:.2g}"
-            )
         notes += [
             f"{effect['name']}: chi2 of its {effect['dof']} parameters is {effect['statistic']:.4g}, "
             f"{effect['dof']} or so if it were not there"
@@ -136,6 +129,12 @@ class CalibrationResult:
         ):
             if figures is not None:
                 lines.append(f"{name}: {figures_text(figures)}")
+        alone = self.fit.get("noise_alone", {})
+        if alone.get("p_value") is not None:
+            lines.append(
+                f"chi2 is {alone['chi2']:.4g} with {alone['degrees_of_freedom']} degrees of freedom; noise "
+                f"alone makes it larger with the probability {alone['p_value']:.2g}"
+            )
         lines += self.notes
         lines += [f"{finding.severity}: {finding}" for finding in self.findings]
         if self.judgement is not None:

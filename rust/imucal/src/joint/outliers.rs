@@ -183,6 +183,9 @@ impl Without {
     /// The misfit of these rows, and how many directions of them can be judged.
     pub(super) fn misfit(&self, rows: &[usize]) -> (f64, usize) {
         let n = rows.len();
+        if n == 0 {
+            return (0.0, 0);
+        }
         let whole = DMatrix::from_fn(n, n, |a, b| {
             let ((i, x), (j, y)) = (&self.columns[rows[a]], &self.columns[rows[b]]);
             let (start, end) = ((*i).max(*j), (i + x.len()).min(j + y.len()));
