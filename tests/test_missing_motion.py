@@ -137,11 +137,11 @@ def test_y_within_15_deg_of_the_level_is_not_enough(recorded):
 
 
 def test_two_faces(recorded):
-    turns = [(180, 0, 0)] * 14
-    message = refusal(recorded(turns))
-    open_entries = named(message, "accelerometer")
-    assert open_entries == null_space(accelerometer_design(turns), ACCELEROMETER)
-    assert "scale z" not in open_entries
+    """The moves see more than the rests: the level bias that a turn over does not take along."""
+    message = refusal(recorded([(180, 0, 0)] * 14))
+    seen_by_rests = set(null_space(accelerometer_design([(180, 0, 0)] * 14), ACCELEROMETER))
+    assert set(named(message, "accelerometer")) <= seen_by_rests
+    assert {"scale x", "scale y", "bias x"} <= set(named(message, "accelerometer"))
     assert "no rest with x within 40 deg of vertical" in message
     assert "no rest with y within 40 deg of vertical" in message
 
@@ -221,7 +221,7 @@ def test_poses_without_moves(recorded):
     starts = np.random.default_rng(5).uniform(-3, 3, (16, 3))
     runs = [recorded([(0, 0, 0)] * 2, rotation(vector), seed) for seed, vector in enumerate(starts)]
     message = refusal(runs)
-    assert "0 usable moves" in message
+    assert named(message, "gyroscope") == GYROSCOPE
     assert "at least 5 between different poses are needed" in message
 
 

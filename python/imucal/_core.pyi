@@ -11,6 +11,7 @@ from imucal.finding import Finding
 __all__ = [
     "REFERENCE_TEMPERATURE_DEGC",
     "Carried",
+    "Diagnosis",
     "Effect",
     "EffectEstimate",
     "EffectScore",
@@ -19,8 +20,10 @@ __all__ = [
     "FitReport",
     "GenericFinding",
     "Inspection",
+    "Misfit",
     "Move",
     "Outcome",
+    "Prospect",
     "Rest",
     "Search",
     "Simulation",
@@ -42,6 +45,7 @@ __all__ = [
     "inspect",
     "integrate",
     "parameter_names",
+    "prospect",
     "random_program",
     "search_gap",
     "simulate",
@@ -178,7 +182,18 @@ class Figures:
     def moves(self) -> int: ...
 
 @final
+class Misfit:
+    @property
+    def chi2(self) -> float: ...
+    @property
+    def degrees_of_freedom(self) -> int: ...
+    @property
+    def p_value(self) -> float: ...
+
+@final
 class Rest:
+    @property
+    def misfit(self) -> Misfit | None: ...
     @property
     def recording(self) -> int: ...
     @property
@@ -204,6 +219,8 @@ class Rest:
 
 @final
 class Move:
+    @property
+    def misfit(self) -> Misfit | None: ...
     @property
     def recording(self) -> int: ...
     @property
@@ -267,6 +284,8 @@ class EffectEstimate:
 @final
 class Outcome:
     @property
+    def misfit(self) -> Misfit | None: ...
+    @property
     def accel_sensitivity(self) -> _Array: ...
     @property
     def accel_bias(self) -> _Array: ...
@@ -302,6 +321,21 @@ class Outcome:
     def figures(self) -> Figures: ...
     @property
     def findings(self) -> list[Finding]: ...
+    @property
+    def diagnosis(self) -> list[Diagnosis]: ...
+
+@final
+class Diagnosis:
+    @property
+    def code(self) -> str: ...
+    @property
+    def parameters(self) -> list[str]: ...
+    @property
+    def value(self) -> float: ...
+    @property
+    def message(self) -> str: ...
+    @property
+    def way_out(self) -> str: ...
 
 @final
 class Carried:
@@ -337,6 +371,15 @@ class Inspection:
     def threshold(self) -> Threshold | None: ...
     @property
     def explanation(self) -> str: ...
+
+@final
+class Prospect:
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def predicted_sigma(self) -> list[float | None]: ...
+    @property
+    def missing(self) -> str | None: ...
 
 @final
 class Simulation:
@@ -534,6 +577,7 @@ def search_gap(
     user_fields: Sequence[_UserField],
 ) -> Search: ...
 def calibrate(recordings: Sequence[_Recording], options: _Options) -> Outcome: ...
+def prospect(recordings: Sequence[_Recording], options: _Options) -> Prospect: ...
 def cross_validate(
     recordings: Sequence[_Recording], options: _Options, folds: int
 ) -> tuple[float, _Array]: ...

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 __all__ = ["calibrate"]
 
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
+MISFIT = ("chi2", "degrees_of_freedom", "p_value")
+DIAGNOSIS = ("code", "parameters", "value", "message", "way_out")
 MOST_FOLDS = 1000
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
 MOST_FIELD_ROUNDS = 6
@@ -173,12 +175,13 @@ def calibrate(
     reasons = [*poor_figures("calibration set", figures), *(judged.reasons if judged else ())]
     return CalibrationResult(
         calibration=calibration,
-        rests=reported(outcome.rests, REST, unit_data),
-        moves=reported(outcome.moves, MOVE, unit_data),
+        rests=_with_misfits(reported(outcome.rests, REST, unit_data), outcome.rests),
+        moves=_with_misfits(reported(outcome.moves, MOVE, unit_data), outcome.moves),
         findings=tuple(outcome.findings),
         held_out=held_out,
         control=judged,
         reasons=tuple(reasons),
+        diagnosis=tuple(fields_of(item, DIAGNOSIS) for item in outcome.diagnosis),
     )
 
 
@@ -260,7 +263,22 @@ def _joint(outcome: _core.Outcome) -> dict[str, Any]:
     if outcome.joint_fit is None:
         return {}
     effects = [{"name": e.name, "statistic": e.statistic, "dof": len(e.values)} for e in outcome.effects]
-    return {"joint": fields_of(outcome.joint_fit, FIT), "effects": effects}
+    return {
+        "joint": fields_of(outcome.joint_fit, FIT),
+        "noise_alone": _misfit(outcome.misfit),
+        "effects": effects,
+    }
+
+
+def _misfit(misfit: _core.Misfit | None) -> dict[str, Any]:
+    """How well noise alone explains residuals, nothing being widened."""
+    return dict.fromkeys(MISFIT) if misfit is None else fields_of(misfit, MISFIT)
+
+
+def _with_misfits(
+    reports: tuple[Mapping[str, Any], ...], items: Sequence[_core.Rest | _core.Move]
+) -> tuple[Mapping[str, Any], ...]:
+    return tuple({**report, **_misfit(item.misfit)} for report, item in zip(reports, items, strict=True))
 
 
 def _as_list(recordings: Recording | Sequence[Recording] | None) -> list[Recording]:

@@ -22,11 +22,14 @@ __all__ = ["CalibrationResult"]
 class CalibrationResult:
     """A calibration and all that is known about it.
 
-    rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part
+    rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part, `chi2` and
+                   `p_value` how well noise alone explains one that does, as a fit without it would see it
     findings       warnings about the recordings
     held_out       gravity direction on moves that the fit had not seen, if folds were asked for
     control        the calibration judged on the control recordings, if there are any
     reasons        why the verdict is poor; empty for a good one
+    diagnosis      what the data tell badly, one mapping for each: `code` (traded_off, flat or at_bound), the
+                   `parameters`, the `value` that decided, `message`, and `way_out`: the motion that helps
     judgement      the checks against limits, if it was judged by any
     """
 
@@ -37,6 +40,7 @@ class CalibrationResult:
     held_out: Mapping[str, Any] | None
     control: Evaluation | None
     reasons: tuple[str, ...]
+    diagnosis: tuple[Mapping[str, Any], ...] = ()
     judgement: Judgement | None = None
 
     @property
@@ -71,7 +75,7 @@ class CalibrationResult:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a careful reader should know: what was left out or widened, how far effects stand out."""
+        """What a careful reader should know: what was left out, is widened or hardly known; effects."""
         notes = [
             f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
             f"left out: {rest['excluded']}"
@@ -102,6 +106,7 @@ class CalibrationResult:
             f"{effect['dof']} or so if it were not there"
             for effect in self.fit.get("effects", ())
         ]
+        notes += [f"{item['message']}: {item['way_out']}" for item in self.diagnosis]
         return tuple(notes)
 
     def judged_by(self, limits: Limits) -> CalibrationResult:
@@ -124,6 +129,12 @@ class CalibrationResult:
         ):
             if figures is not None:
                 lines.append(f"{name}: {figures_text(figures)}")
+        alone = self.fit.get("noise_alone", {})
+        if alone.get("p_value") is not None:
+            lines.append(
+                f"chi2 is {alone['chi2']:.4g} with {alone['degrees_of_freedom']} degrees of freedom; noise "
+                f"alone makes it larger with the probability {alone['p_value']:.2g}"
+            )
         lines += self.notes
         lines += [f"{finding.severity}: {finding}" for finding in self.findings]
         if self.judgement is not None:
@@ -143,5 +154,6 @@ class CalibrationResult:
             "rests": without_nan(self.rests),
             "moves": without_nan(self.moves),
             "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "diagnosis": without_nan(self.diagnosis),
             "judgement": None if self.judgement is None else self.judgement.to_dict(),
         }

@@ -6,7 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from imucal.calibrate import calibrate
+import numpy as np
+
+from imucal.calibrate import Options, calibrate
+from imucal.calibration import Calibration, Triad
 from imucal.document import without_nan
 from imucal.errors import ImucalError
 from imucal.evaluate import MIN_REST_S, THRESHOLD, fields_of
@@ -25,6 +28,9 @@ class Inspection:
     threshold     how the rests were found: the threshold chosen and why; None without samples
     explanation   why that threshold, or why there is no rest
     missing       what this recording alone does not determine, and what to add; None if nothing is missing
+    predicted_sigma   name, standard deviation and unit of each of the 21 parameters, before any fit, if the
+                      model describes the unit: noise is that of the rests, the sensors are nominal. The
+                      standard deviation of a parameter that is not determined is None
     """
 
     name: str
@@ -38,6 +44,7 @@ class Inspection:
     threshold: Mapping[str, Any] | None
     explanation: str
     missing: str | None
+    predicted_sigma: tuple[Mapping[str, Any], ...]
 
     @property
     def usable(self) -> bool:
@@ -72,6 +79,7 @@ def inspect(
         threshold=None if seen.threshold is None else fields_of(seen.threshold, THRESHOLD),
         explanation=seen.explanation,
         missing=_missing(recording, gravity_mps2, min_rest_s),
+        predicted_sigma=_predicted(recording, gravity_mps2, min_rest_s),
     )
 
 
@@ -83,3 +91,26 @@ def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> st
     except ImucalError as error:
         return str(error)
     return None
+
+
+def _predicted(
+    recording: Recording, gravity_mps2: float, min_rest_s: float
+) -> tuple[Mapping[str, str | float | None], ...]:
+    """The standard deviations that a calibration will have; none at all for a recording with faults."""
+    from imucal import _core
+
+    options = Options(gravity_mps2, "symmetric", min_rest_s, True, None, None)
+    try:
+        prospect = _core.prospect([recording], options)
+    except ImucalError:
+        return ()
+    nominal = Calibration(
+        Triad(np.eye(3), np.zeros(3)),
+        Triad(np.eye(3), np.zeros(3)),
+        accel_unit=recording.accel_unit,
+        gyro_unit=recording.gyro_unit,
+    )
+    return tuple(
+        {"name": parameter.name, "std": std, "unit": parameter.unit}
+        for parameter, std in zip(nominal.parameters, prospect.predicted_sigma, strict=True)
+    )

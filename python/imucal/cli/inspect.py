@@ -21,6 +21,9 @@ def inspect(
 ) -> None:
     """Show rate, faults and rests of recordings, and what they can and cannot determine.
 
+    The standard deviation of every parameter is predicted from the rests and moves and the noise at rest; it
+    will be that of a calibration if nothing but noise and the 21 parameters make the unit's readings.
+
     Ends with 2 if a calibration would refuse one of them.
 
     Example: imucal inspect run.csv
@@ -59,5 +62,13 @@ def inspect(
             out.line(f"no calibration from this recording alone: {seen.missing}")
         else:
             out.line("this recording determines all parameters")
+        if seen.usable and seen.predicted_sigma:
+            out.table(
+                ["parameter", "predicted 1 sigma", "unit"],
+                (
+                    [p["name"], "not determined" if p["std"] is None else f"{p['std']:.2e}", p["unit"]]
+                    for p in seen.predicted_sigma
+                ),
+            )
     if not all(seen.usable for seen in inspections):
         raise typer.Exit(POOR_VERDICT)

@@ -34,7 +34,8 @@ mod _core {
     use super::options::{CalibrateOptions, frame_named};
     #[pymodule_export]
     use super::results::{
-        Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold,
+        Carried, Diagnosis, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Misfit, Move, Outcome,
+        Prospect, Rest, Threshold,
     };
     #[pymodule_export]
     use super::simulation::{Simulation, earth_rate_radps, gravity_mps2, grid_program, random_program, simulate};
@@ -66,7 +67,20 @@ mod _core {
         let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let outcome = py.detach(|| library::calibrate::calibrate(&recordings, &options)).to_python(py)?;
-        Outcome::new(py, outcome)
+        let diagnosis = library::diagnosis::diagnose(&outcome, &recordings);
+        Outcome::new(py, outcome, diagnosis)
+    }
+
+    /// What recordings of one unit can determine, before any fit.
+    #[pyfunction]
+    fn prospect(
+        py: Python<'_>,
+        recordings: Vec<RecordingColumns<'_>>,
+        options: CalibrateOptions<'_>,
+    ) -> PyResult<Prospect> {
+        let options = options.options(py)?;
+        let recordings = RecordingColumns::views(py, &recordings)?;
+        Ok(py.detach(|| library::calibrate::prospect(&recordings, &options)).to_python(py)?.into())
     }
 
     /// Rms direction error, deg, over moves that the fit has not seen, and the error of each move.

@@ -2,6 +2,7 @@
 
 use imucal::Termination;
 use imucal::calibrate;
+use imucal::diagnosis;
 use imucal::error::Error;
 use imucal::evaluate;
 use imucal::segment::{self, Segments};
@@ -49,6 +50,25 @@ impl From<evaluate::Figures> for Figures {
     }
 }
 
+/// How well noise alone explains residuals.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Misfit {
+    chi2: f64,
+    degrees_of_freedom: usize,
+    p_value: f64,
+}
+
+impl Misfit {
+    fn new(py: Python<'_>, misfit: Option<calibrate::Misfit>) -> PyResult<Option<Py<Self>>> {
+        misfit
+            .map(|m| {
+                let misfit = Self { chi2: m.chi2, degrees_of_freedom: m.degrees_of_freedom, p_value: m.p_value };
+                Py::new(py, misfit)
+            })
+            .transpose()
+    }
+}
+
 /// One rest, judged.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Rest {
@@ -62,6 +82,7 @@ pub(crate) struct Rest {
     mean_angular_rate: Vector,
     norm_error_mps2: f64,
     norm_sigma_mps2: f64,
+    misfit: Option<Py<Misfit>>,
     excluded: Option<&'static str>,
 }
 
@@ -78,6 +99,7 @@ impl Rest {
             mean_angular_rate: vector(py, &r.mean_angular_rate),
             norm_error_mps2: r.norm_error_mps2,
             norm_sigma_mps2: r.norm_sigma_mps2,
+            misfit: Misfit::new(py, r.misfit)?,
             excluded: r.excluded,
         };
         Py::new(py, rest)
@@ -97,6 +119,7 @@ pub(crate) struct Move {
     direction_sigma_deg: f64,
     gravity_before: Vector,
     gravity_after: Vector,
+    misfit: Option<Py<Misfit>>,
     excluded: Option<&'static str>,
 }
 
@@ -113,6 +136,7 @@ impl Move {
             direction_sigma_deg: m.direction_sigma_deg,
             gravity_before: vector(py, &m.gravity_before),
             gravity_after: vector(py, &m.gravity_after),
+            misfit: Misfit::new(py, m.misfit)?,
             excluded: m.excluded,
         };
         Py::new(py, report)
@@ -203,13 +227,31 @@ pub(crate) struct Outcome {
     accelerometer_fit: Py<FitReport>,
     gyroscope_fit: Py<FitReport>,
     joint_fit: Option<Py<FitReport>>,
+    misfit: Option<Py<Misfit>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Py<Figures>,
     findings: Vec<Py<PyAny>>,
+    diagnosis: Vec<Py<Diagnosis>>,
+}
+
+/// What a calibration knows badly.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Diagnosis {
+    code: &'static str,
+    parameters: Vec<String>,
+    value: f64,
+    message: String,
+    way_out: String,
+}
+
+impl From<diagnosis::Diagnosis> for Diagnosis {
+    fn from(d: diagnosis::Diagnosis) -> Self {
+        Self { code: d.code, parameters: d.parameters, value: d.value, message: d.message, way_out: d.way_out }
+    }
 }
 
 impl Outcome {
-    pub(crate) fn new(py: Python<'_>, o: calibrate::Outcome) -> PyResult<Self> {
+    pub(crate) fn new(py: Python<'_>, o: calibrate::Outcome, diagnosis: Vec<diagnosis::Diagnosis>) -> PyResult<Self> {
         let size = o.values.len();
         let covariance: Vec<f64> = o.covariance.concat();
         Ok(Self {
@@ -228,9 +270,11 @@ impl Outcome {
             accelerometer_fit: Py::new(py, FitReport::from(o.accelerometer_fit))?,
             gyroscope_fit: Py::new(py, FitReport::from(o.gyroscope_fit))?,
             joint_fit: o.joint_fit.map(|fit| Py::new(py, FitReport::from(fit))).transpose()?,
+            misfit: Misfit::new(py, o.misfit)?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: Py::new(py, Figures::from(o.figures))?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
+            diagnosis: diagnosis.into_iter().map(|d| Py::new(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
         })
     }
 }
@@ -305,5 +349,20 @@ impl Inspection {
             Some(Err(error)) => Self { findings, rests: vec![], threshold: None, explanation: error.to_string() },
             None => Self { findings, rests: vec![], threshold: None, explanation: "the data cannot be read".into() },
         })
+    }
+}
+
+/// What recordings can determine, before any fit.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Prospect {
+    names: Vec<String>,
+    /// None where a parameter is not determined.
+    predicted_sigma: Vec<Option<f64>>,
+    missing: Option<String>,
+}
+
+impl From<calibrate::Prospect> for Prospect {
+    fn from(p: calibrate::Prospect) -> Self {
+        Self { names: p.names.into(), predicted_sigma: p.predicted_sigma.into(), missing: p.missing }
     }
 }

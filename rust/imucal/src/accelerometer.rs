@@ -46,7 +46,7 @@ pub(crate) fn fit(
         Some(start) => start,
         None => nominal
             .or_else(|| raw_is_si.then(|| Start { sensitivity: Matrix3::identity(), bias: Vector3::zeros() }))
-            .ok_or_else(|| Error::NotEnoughMotion(observability::too_few_poses(means.len())))?,
+            .ok_or_else(|| Error::NotEnoughMotion(observability::no_start(means.len())))?,
     };
     check_design(&means, &start, gravity_mps2)?;
 

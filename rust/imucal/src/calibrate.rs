@@ -3,6 +3,7 @@
 
 mod jointly;
 mod outcome;
+mod prospect;
 mod unit_data;
 
 pub use imucal_core::STANDARD_GRAVITY_MPS2;
@@ -12,7 +13,7 @@ use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
-pub use crate::joint::{EffectChoice, TermEstimate, UserField};
+pub use crate::joint::{EffectChoice, Misfit, TermEstimate, UserField};
 use crate::joint::{Kinds, Prepared};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
@@ -21,6 +22,7 @@ use jointly::Selection;
 use unit_data::{UnitData, refuse_errors};
 
 pub use outcome::{Outcome, parameter_names, parameter_values};
+pub use prospect::{Prospect, prospect};
 
 /// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
 const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
@@ -84,7 +86,7 @@ impl Default for Options<'_> {
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
     let mut data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, unusable) = data.moves(&accelerometer)?;
+    let (moves, unusable) = data.moves(&accelerometer, options)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     let outcome = if !options.is_joint() {
         Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?
@@ -93,11 +95,13 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
         let triads = [&accelerometer.triad, &gyroscope.fit.triad];
         data.free_of_tremor(triads[0], triads[1]);
         let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
+        let misfits = data.misfits(&joint, &selection, options)?;
         Outcome::joint(
             data,
             [accelerometer.report, gyroscope.fit.report],
             &gyroscope.findings,
             &joint,
+            &misfits,
             &selection,
             options,
         )?
@@ -115,7 +119,7 @@ pub(crate) fn prepare<T>(
 ) -> Result<T, Error> {
     let mut data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, unusable) = data.moves(&accelerometer)?;
+    let (moves, unusable) = data.moves(&accelerometer, options)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     let selection = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
     let triads = [&accelerometer.triad, &gyroscope.fit.triad];
@@ -146,7 +150,7 @@ pub fn cross_validate(
     }
     let mut data = UnitData::try_new(recordings, options)?;
     let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, _) = data.moves(&accelerometer)?;
+    let (moves, _) = data.moves(&accelerometer, options)?;
     if options.is_joint() {
         let all = data.fit_gyroscope(&moves, &accelerometer, options)?.fit.triad;
         data.free_of_tremor(&accelerometer.triad, &all);

@@ -20,21 +20,15 @@ pub(crate) struct Start {
     pub(crate) bias: Vector3<f64>,
 }
 
+/// Means in a plane have a smallest singular value of zero; noise lifts it to less than this share of the largest.
+const LEAST_SINGULAR: f64 = 1e-3;
+
 /// The ellipsoid through `means` (one per rest, any raw unit), or the sphere where no ellipsoid is determined.
 ///
 /// Returns `None` when not even a sphere fits, that is, when the means lie in one plane.
 pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     // Centred and scaled, so that counts with an offset and m/s^2 give alike columns.
-    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
-    for mean in means {
-        low = low.inf(mean);
-        high = high.sup(mean);
-    }
-    let centre = (low + high) / 2.0;
-    let size = (high - low).max() / 2.0;
-    if means.len() < 4 || size <= 0.0 {
-        return Ok(None);
-    }
+    let Some((centre, size)) = extent(means).filter(|_| means.len() >= 4) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
     let unit = match ellipsoid(&points)? {
         Some(start) => Some(start),
@@ -44,6 +38,38 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
         sensitivity: start.sensitivity * (size / gravity_mps2),
         bias: centre + start.bias * size,
     }))
+}
+
+/// The sphere through `means` whose centre is nearest to their middle: for poses that determine no sphere, too. `None` for a
+/// single pose.
+pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
+    let Some((centre, size)) = extent(means) else { return Ok(None) };
+    let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
+    let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
+    let (values, vectors) = lsq::singular(&design)?;
+    let mut solution = [0.0; 4];
+    for k in (0..4).filter(|&k| values[k] > LEAST_SINGULAR * values[0]) {
+        let along = |row: usize| (0..4).map(|j| design[(row, j)] * vectors[(j, k)]).sum::<f64>();
+        let seen: f64 = points.iter().enumerate().map(|(row, point)| along(row) * point.norm_squared()).sum();
+        for (j, entry) in solution.iter_mut().enumerate() {
+            *entry += vectors[(j, k)] * seen / values[k].powi(2);
+        }
+    }
+    let bias = Vector3::from_column_slice(&solution[..3]);
+    let radius = (solution[3] + bias.norm_squared()).max(0.0).sqrt();
+    let sensitivity = Matrix3::from_diagonal_element(radius * size / gravity_mps2);
+    Ok((radius > 0.0).then(|| Start { sensitivity, bias: centre + bias * size }))
+}
+
+/// Middle and half width of the box around the means; `None` if it has no width.
+fn extent(means: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
+    let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
+    for mean in means {
+        low = low.inf(mean);
+        high = high.sup(mean);
+    }
+    let size = (high - low).max() / 2.0;
+    (size > 0.0).then(|| ((low + high) / 2.0, size))
 }
 
 /// Ellipsoid of points for |T^-1 (a - b)| = 1; `None` if the quadric is not an ellipsoid.
@@ -82,7 +108,7 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
 fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
     let (values, _) = lsq::singular(&design)?;
-    if values[3] < 1e-3 * values[0] {
+    if values[3] < LEAST_SINGULAR * values[0] {
         return Ok(None);
     }
     let gain = lsq::gain(&design);

@@ -9,6 +9,7 @@ use crate::check::check_columns;
 use crate::correct::correct;
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
+use crate::joint::Misfit;
 use crate::moves::{
     Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of, saturated_stretches,
 };
@@ -56,6 +57,8 @@ pub struct RestReport {
     pub norm_error_mps2: f64,
     /// Standard deviation of |f| that noise explains, m/s^2.
     pub norm_sigma_mps2: f64,
+    /// How well noise alone explains its residuals; `None` if no joint fit used it.
+    pub misfit: Option<Misfit>,
     /// Why the rest takes no part; `None` if it does.
     pub excluded: Option<&'static str>,
 }
@@ -83,6 +86,8 @@ pub struct MoveReport {
     pub gravity_before: Vector3<f64>,
     /// Direction of gravity in the body frame at the last sample, unit length.
     pub gravity_after: Vector3<f64>,
+    /// How well noise alone explains its residuals; `None` if no joint fit used it.
+    pub misfit: Option<Misfit>,
     /// Why the move takes no part; `None` if it does.
     pub excluded: Option<&'static str>,
 }
@@ -264,6 +269,7 @@ pub(crate) fn rest_report(
         mean_angular_rate: rest.rest.angular_rate.mean,
         norm_error_mps2,
         norm_sigma_mps2,
+        misfit: None,
         excluded,
     }
 }
@@ -296,6 +302,7 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
         direction_sigma_deg: f64::NAN,
         gravity_before: Vector3::repeat(f64::NAN),
         gravity_after: Vector3::repeat(f64::NAN),
+        misfit: None,
         excluded: Some(reason),
     }
 }

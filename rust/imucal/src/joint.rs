@@ -14,6 +14,7 @@
 mod attitude;
 mod encoders;
 mod inside;
+mod misfit;
 mod model;
 mod outliers;
 mod pass;
@@ -31,9 +32,11 @@ mod tests;
 pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
+pub use misfit::Misfit;
+pub(crate) use misfit::Misfits;
 pub(crate) use model::{BASE, Model};
 pub(crate) use outliers::{Item, outliers};
-pub(crate) use problem::{INSIDE, Joint, Linear, Prepared};
+pub(crate) use problem::{INSIDE, Joint, Line, Linear, Prepared, Source};
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;
 pub(crate) use terms::{Kinds, Terms};

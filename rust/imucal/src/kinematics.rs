@@ -54,6 +54,23 @@ pub(crate) fn rate_from_gravity(
     p.filter(|p| p.iter().all(|entry| entry.is_finite()))
 }
 
+/// The one scale for all axes in `true rate = scale (raw - bias)`, for motion that does not determine P; `None` without any.
+pub(crate) fn scale_from_gravity(
+    recordings: &[Recording<'_>],
+    moves: &[Move],
+    accelerometer: &Triad<f64>,
+    gyroscope_bias: Vector3<f64>,
+) -> Option<f64> {
+    let mut equations = Vec::new();
+    for m in moves {
+        pairs(&recordings[m.recording], m, accelerometer, gyroscope_bias, &mut equations);
+    }
+    let seen = |e: &Pair| e.up.cross(&e.turn);
+    let scale = equations.iter().map(|e| seen(e).dot(&e.change)).sum::<f64>()
+        / equations.iter().map(|e| seen(e).norm_squared()).sum::<f64>();
+    (scale.is_finite() && scale != 0.0).then_some(scale)
+}
+
 /// One pair of neighbouring blocks.
 struct Pair {
     up: Vector3<f64>,

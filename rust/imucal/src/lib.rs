@@ -35,6 +35,7 @@
 pub mod calibrate;
 pub mod check;
 pub mod correct;
+pub mod diagnosis;
 pub mod error;
 pub mod evaluate;
 pub mod finding;

@@ -1,4 +1,4 @@
-//! A unit that a hand holds: what trembles is the unit, not its sensors (model.md (26)).
+//! A unit that a hand holds: what trembles is the unit, not its sensors (model.md (27)).
 //!
 //! ```text
 //! tremor^2 = 1/2 mean (f_i - f)^T (u x (phi_i - phi)) / |f|      phi_i turn of the gyroscope up to sample i

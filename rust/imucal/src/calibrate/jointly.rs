@@ -7,7 +7,7 @@ use super::Options;
 use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, UnitData};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
-use crate::joint::{self, Encoders, Item, JointFit, Kinds, Prepared, Terms};
+use crate::joint::{self, Encoders, Item, JointFit, Kinds, Misfits, Prepared, Terms};
 use crate::moves::{Ends, Move, Unusable, between};
 use crate::recording::Recording;
 
@@ -103,6 +103,18 @@ impl UnitData<'_> {
     ) -> Result<JointFit, Error> {
         self.prepared(selection, model, options, |prepared| {
             joint::fit(prepared, &self.terms(options)?, model[0], model[1])
+        })
+    }
+
+    /// How well noise alone explains a joint fit.
+    pub(super) fn misfits(
+        &self,
+        fit: &JointFit,
+        selection: &Selection,
+        options: &Options<'_>,
+    ) -> Result<Misfits, Error> {
+        self.prepared(selection, [&fit.model.accelerometer, &fit.model.gyroscope], options, |prepared| {
+            Misfits::of(prepared, &self.terms(options)?, &fit.model)
         })
     }
 

@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
-use crate::joint::{JointFit, Model, TermEstimate};
+use crate::joint::{JointFit, Misfit, Misfits, Model, TermEstimate};
 use crate::lsq::FitReport;
 use crate::moves::Unusable;
 use crate::segment::{NoiseDensity, Threshold};
@@ -49,6 +49,8 @@ pub struct Outcome {
     pub gyroscope_fit: FitReport,
     /// The joint fit, if it makes the estimate; the two others are its start then.
     pub joint_fit: Option<FitReport>,
+    /// How well noise alone explains the joint fit, nothing being widened.
+    pub misfit: Option<Misfit>,
     /// How well the calibration explains its own data.
     pub figures: Figures,
     /// Warnings about the data.
@@ -91,6 +93,7 @@ impl Outcome {
             accelerometer_fit: accelerometer.report,
             gyroscope_fit: gyroscope.fit.report,
             joint_fit: None,
+            misfit: None,
             figures,
             findings: data.findings,
             calibration,
@@ -103,6 +106,7 @@ impl Outcome {
         started_from: [FitReport; 2],
         findings: &[Finding],
         joint: &JointFit,
+        misfits: &Misfits,
         selection: &Selection,
         options: &Options<'_>,
     ) -> Result<Self, Error> {
@@ -113,8 +117,13 @@ impl Outcome {
                 (report.norm_error_mps2, report.norm_sigma_mps2) = *norm;
             }
         }
-        let judged = selection.moves.iter().zip(&joint.moves);
-        let mut moves: Vec<MoveReport> = judged.map(|(m, (ends, r))| move_report(m, ends, r, None)).collect();
+        for (report, misfit) in rests.iter_mut().zip(&misfits.rests) {
+            report.misfit = *misfit;
+        }
+        let judged = selection.moves.iter().zip(&joint.moves).zip(&misfits.moves);
+        let mut moves: Vec<MoveReport> = judged
+            .map(|((m, (ends, r)), misfit)| MoveReport { misfit: *misfit, ..move_report(m, ends, r, None) })
+            .collect();
         moves.extend(selection.left_out.iter().map(|u| unusable_report(&u.span, u.reason)));
         moves.sort_by_key(|report| (report.recording, report.first));
         let residuals: Vec<f64> = joint
@@ -156,6 +165,7 @@ impl Outcome {
             accelerometer_fit: started_from[0],
             gyroscope_fit: started_from[1],
             joint_fit: Some(joint.report),
+            misfit: misfits.all,
             findings: data.findings,
             calibration,
         })

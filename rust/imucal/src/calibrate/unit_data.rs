@@ -6,6 +6,7 @@ use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
+use super::prospect::Prospect;
 use super::{Options, check_options};
 use crate::accelerometer::{self, AccelerometerFit};
 use crate::check;
@@ -102,7 +103,7 @@ impl<'a> UnitData<'a> {
         self.hands = tremor::hands(self.recordings, &mut self.rests, &mut self.noise, sensors);
     }
 
-    fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
+    pub(super) fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
         self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
     }
 
@@ -114,7 +115,7 @@ impl<'a> UnitData<'a> {
             .map(|scale| Start { sensitivity: Matrix3::from_diagonal_element(scale), bias: Vector3::zeros() });
         let si = self.raw_is_si(|recording| recording.accel_unit);
         let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si)
-            .map_err(|error| self.with_short_rests(error, options))?;
+            .map_err(|error| self.with_all_that_is_missing(error, options))?;
         // From here on there is one entry per rest found, clean or not.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
@@ -128,32 +129,45 @@ impl<'a> UnitData<'a> {
         Ok(fit)
     }
 
-    /// Stretches that are a little too short to be rests are worth a word where rests are missing.
-    fn with_short_rests(&self, error: Error, options: &Options<'_>) -> Error {
-        let Error::NotEnoughMotion(message) = error else {
-            return error;
-        };
-        for (recording, segments) in self.recordings.iter().zip(&self.segments) {
-            if let Some(range) = segments.too_short.iter().max_by_key(|range| range.len()) {
-                let (start_s, end_s) = (recording.time_s[range.start], recording.time_s[range.end - 1]);
-                return Error::NotEnoughMotion(format!(
-                    "{message}; {} still stretches are too short to be rests, the longest ({start_s:.2} s to {end_s:.2} s) \
-                     has {} samples: hold each pose for {} s, or pass min_rest_s={:.2}",
-                    segments.too_short.len(),
-                    range.len(),
-                    options.min_rest_s,
-                    0.9 * (end_s - start_s)
-                ));
-            }
+    /// All that is missing, in place of what one stage has found to be missing.
+    fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
+        let Error::NotEnoughMotion(_) = &error else { return error };
+        match self.prospect(options) {
+            Ok(Prospect { missing: Some(words), .. }) => Error::NotEnoughMotion(words),
+            _ => error,
         }
-        Error::NotEnoughMotion(message)
+    }
+
+    /// Stretches that are a little too short to be rests are worth a word where rests are missing.
+    pub(super) fn short_rests(&self, options: &Options<'_>) -> Option<String> {
+        self.recordings.iter().zip(&self.segments).find_map(|(recording, segments)| {
+            let range = segments.too_short.iter().max_by_key(|range| range.len())?;
+            let (start_s, end_s) = (recording.time_s[range.start], recording.time_s[range.end - 1]);
+            Some(format!(
+                "{} still stretches are too short to be rests, the longest ({start_s:.2} s to {end_s:.2} s) \
+                 has {} samples: hold each pose for {} s, or pass min_rest_s={:.2}",
+                segments.too_short.len(),
+                range.len(),
+                options.min_rest_s,
+                0.9 * (end_s - start_s)
+            ))
+        })
     }
 
     /// The moves between neighbouring rests, and those that cannot be used; too few are refused.
-    pub(super) fn moves(&self, accelerometer: &AccelerometerFit) -> Result<(Vec<Move>, Vec<Unusable>), Error> {
+    pub(super) fn moves(
+        &self,
+        accelerometer: &AccelerometerFit,
+        options: &Options<'_>,
+    ) -> Result<(Vec<Move>, Vec<Unusable>), Error> {
         let (moves, unusable) = between(self.recordings, &self.rests, &accelerometer.used, &self.saturated);
-        if moves.len() < FEWEST_MOVES {
-            return Err(Error::NotEnoughMotion(too_few_moves(moves.len(), &unusable)));
+        if moves.len() < FEWEST_MOVES || self.has_silent_gyroscope(&moves, &accelerometer.triad) {
+            let words = format!(
+                "{} moves do not determine the gyroscope: {}",
+                moves.len(),
+                too_few_moves(moves.len(), &unusable)
+            );
+            return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
         }
         Ok((moves, unusable))
     }
@@ -194,17 +208,19 @@ impl<'a> UnitData<'a> {
         let starts: Vec<Matrix3<f64>> =
             kinematic.and_then(|p| p.try_inverse()).into_iter().chain(nominal).filter(well_conditioned).collect();
         if starts.is_empty() {
-            return Err(Error::NotEnoughMotion(format!(
+            let words = format!(
                 "{} moves do not determine the gyroscope's scale in raw counts: add moves of 90 deg or more about \
                  each axis, or pass its nominal sensitivity",
                 moves.len()
-            )));
+            );
+            return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
         }
         // The weights need the scale, the scale needs a fit: the second round starts at the first one's result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
         let first = gyroscope::first_estimate(self.recordings, moves, &ends, bias.bias, &starts)?;
         let (ends, random_walk_rad) = self.ends(moves, accelerometer, &first);
-        let fit = gyroscope::fit(self.recordings, moves, &ends, &first)?;
+        let fit = gyroscope::fit(self.recordings, moves, &ends, &first)
+            .map_err(|error| self.with_all_that_is_missing(error, options))?;
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
 }
@@ -249,14 +265,11 @@ impl Gyroscope {
     }
 }
 
-/// Says how many moves there are, and why others cannot be used.
-fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
+/// What to do about too few moves, and why others cannot be used.
+pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     let needed = format!("at least {FEWEST_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {
-        return format!(
-            "{usable} usable moves between rests do not determine the gyroscope: {needed}; move the unit about all \
-             three axes, resting in between"
-        );
+        return format!("{needed}; move the unit about all three axes, resting in between");
     };
     let count = |reason: &str| unusable.iter().filter(|u| u.reason == reason).count();
     let reasons: Vec<String> = [("samples_missing", "gaps in time"), ("saturation", "saturated samples")]
@@ -265,8 +278,8 @@ fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
         .map(|(reason, words)| format!("{} for {words} [{reason}]", count(reason)))
         .collect();
     format!(
-        "{usable} of {} moves are usable and do not determine the gyroscope: {needed}; left out: {} (the first between \
-         rests {} and {}): record again without them",
+        "{usable} of {} moves are usable and {needed}; left out: {} (the first between rests {} and {}): record again \
+         without them",
         usable + unusable.len(),
         reasons.join(", "),
         first.span.from,

@@ -3,6 +3,7 @@
 use super::values::{converter_step, extremes, range};
 use super::{ACCEL, GYRO, names, unit_name};
 use crate::finding::{Finding, Place};
+use crate::observability;
 use crate::recording::Recording;
 
 /// Share of the recording over which an axis must stand still to be called stuck.
@@ -46,12 +47,8 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
         }
     }
     let (certain, possible): (Vec<_>, Vec<_>) = stuck.into_iter().partition(|axis| axis.is_certain);
-    let certain = stuck_axes(
-        recording,
-        &certain,
-        Finding::error("stuck_axis", recording.name),
-        "check the wiring, the reader's column order and the sensor's axis enable bits; the axis cannot be calibrated",
-    );
+    let certain =
+        stuck_axes(recording, &certain, Finding::error("stuck_axis", recording.name), &undetermined(&certain));
     let possible = stuck_axes(
         recording,
         &possible,
@@ -59,6 +56,28 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
         "nothing to do if the motion never moves this axis; else check the wiring and the sensor's axis enable bits",
     );
     certain.into_iter().chain(possible).collect()
+}
+
+/// What nothing can be said of without these axes, and the way out.
+fn undetermined(axes: &[Stuck]) -> String {
+    let is_stuck = |name: &str| axes.iter().any(|axis| axis.column == name);
+    let stuck = |names: [&str; 3]| names.map(is_stuck);
+    let open = |gyroscope: bool| observability::of_axes(gyroscope, stuck(if gyroscope { GYRO } else { ACCEL }));
+    let (accelerometer, mut gyroscope) = (open(false), open(true));
+    let mut parts = Vec::new();
+    const WAY_OUT: &str = "check the wiring, the reader's column order and the sensor's axis enable bits";
+    if !accelerometer.is_empty() {
+        parts.push(format!("the data do not determine the accelerometer's {}: {WAY_OUT}", accelerometer.join(", ")));
+    }
+    let mut needed = WAY_OUT;
+    if stuck(ACCEL) == [true; 3] {
+        gyroscope = observability::of_axes(true, [true; 3]);
+        needed = "gravity, which they are seen by, is not measured";
+    }
+    if !gyroscope.is_empty() {
+        parts.push(format!("the data do not determine the gyroscope's {}: {needed}", gyroscope.join(", ")));
+    }
+    parts.join("; ")
 }
 
 /// One axis that holds one value.

@@ -135,7 +135,7 @@ fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
 }
 
 /// The fit without some of the residuals: each that is left out is a parameter of its own.
-struct Without {
+pub(super) struct Without {
     /// `L^-1 e_j` for every line and rate: the first row that is not zero, and the values from there.
     columns: Vec<(usize, Vec<f64>)>,
     /// Orthonormal basis of the whitened Jacobian, column by column.
@@ -147,7 +147,7 @@ struct Without {
 }
 
 impl Without {
-    fn new(problem: &Joint<'_>, linear: &Linear) -> Self {
+    pub(super) fn new(problem: &Joint<'_>, linear: &Linear) -> Self {
         let (residuals, jacobian) = problem.whiten(linear);
         let columns = problem.whitened_units(linear);
         let all = residuals.nrows();
@@ -175,9 +175,17 @@ impl Without {
         self.basis.push(direction);
     }
 
+    /// The misfit of all rows, and how many directions of them the fit does not follow.
+    pub(super) fn whole(&self) -> (f64, usize) {
+        (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
+    }
+
     /// The misfit of these rows, and how many directions of them can be judged.
-    fn misfit(&self, rows: &[usize]) -> (f64, usize) {
+    pub(super) fn misfit(&self, rows: &[usize]) -> (f64, usize) {
         let n = rows.len();
+        if n == 0 {
+            return (0.0, 0);
+        }
         let whole = DMatrix::from_fn(n, n, |a, b| {
             let ((i, x), (j, y)) = (&self.columns[rows[a]], &self.columns[rows[b]]);
             let (start, end) = ((*i).max(*j), (i + x.len()).min(j + y.len()));
