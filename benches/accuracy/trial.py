@@ -39,7 +39,7 @@ class Trial:
 def trial(scene: Scene, seed: int) -> Trial:
     run = scene.run(seed)
     true = scene.true_parameters(run)
-    joint = imucal.calibrate(run.recording, joint=True)
+    joint = imucal.calibrate(run.recording, unit=scene.unit)
     two_stage = imucal.calibrate(run.recording, joint=False)
     covariance = bound(run.truth, scene.sample_noise, held=scene.held)
     return Trial(

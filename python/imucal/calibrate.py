@@ -27,6 +27,7 @@ from imucal.evaluate import (
     reported,
 )
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
+from imucal.unit import Unit
 
 if TYPE_CHECKING:
     from imucal import _core
@@ -66,6 +67,15 @@ class Options:
     effects: tuple[tuple[str, bool], ...] = ()
     user_fields: tuple[UserField, ...] = ()
     joint: bool = True
+    wander: tuple[Wander, Wander] | None = None
+
+
+@dataclass(frozen=True)
+class Wander:
+    """How the biases of a sensor wander as the library takes it, x, y and z, SI units."""
+
+    bias_instability: tuple[float, ...]
+    random_walk: tuple[float, ...]
 
 
 def calibrate(
@@ -80,6 +90,7 @@ def calibrate(
     gyro_nominal: float | None = None,
     effects: Sequence[str | UserEffect] = (),
     joint: bool = True,
+    unit: Unit | str | None = None,
     folds: int | None = None,
     serial_number: str | None = None,
 ) -> CalibrationResult:
@@ -96,6 +107,9 @@ def calibrate(
                        for the full form of an effect that has two, and effects of one's own
     joint              estimate all parameters at once; if False, and without effects, the accelerometer first and
                        the gyroscope after it
+    unit               profile of the unit, or the name of one: its bias instabilities and random walks, which
+                       recordings of minutes hardly show, widen the standard deviations; the biases are means
+                       over the recording then
     folds              also fit that many times, each time without a part of the moves, and judge on that part
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
@@ -119,6 +133,7 @@ def calibrate(
         gyro_nominal,
         wanted,
         joint=joint,
+        wander=_wander(unit),
     )
     raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
     outcome = _core.calibrate(unit_data, options)
@@ -183,6 +198,19 @@ def calibrate(
         reasons=tuple(reasons),
         diagnosis=tuple(fields_of(item, DIAGNOSIS) for item in outcome.diagnosis),
     )
+
+
+def _wander(unit: Unit | str | None) -> tuple[Wander, Wander] | None:
+    """How the biases of the accelerometer and of the gyroscope wander, None if that is not known."""
+    if unit is None:
+        return None
+    profile = Unit.named(unit) if isinstance(unit, str) else unit
+    of = [
+        Wander((sensor.bias_instability,) * 3, tuple(map(float, sensor.random_walk)))
+        for sensor in (profile.accelerometer, profile.gyroscope)
+    ]
+    still = not any(value for wander in of for value in (*wander.bias_instability, *wander.random_walk))
+    return None if still else (of[0], of[1])
 
 
 def _asked_for(

@@ -1,6 +1,6 @@
 //! Options of a calibration from Python.
 
-use imucal::calibrate::{EffectChoice, Options};
+use imucal::calibrate::{BiasWander, EffectChoice, Options, UnitWander};
 use imucal::error::Error;
 use imucal::frame::Frame;
 use pyo3::prelude::*;
@@ -17,6 +17,19 @@ pub(crate) fn frame_named(name: &str) -> Result<Frame, Error> {
     }
 }
 
+/// How the biases of a sensor wander, x, y and z, SI units.
+#[derive(FromPyObject)]
+struct Wander {
+    bias_instability: [f64; 3],
+    random_walk: [f64; 3],
+}
+
+impl Wander {
+    fn to_library(&self) -> BiasWander {
+        BiasWander { bias_instability: self.bias_instability, random_walk: self.random_walk }
+    }
+}
+
 /// Options of a calibration from keyword arguments.
 #[derive(FromPyObject)]
 pub(crate) struct CalibrateOptions<'py> {
@@ -27,6 +40,8 @@ pub(crate) struct CalibrateOptions<'py> {
     accel_nominal: Option<f64>,
     gyro_nominal: Option<f64>,
     joint: bool,
+    /// Accelerometer and gyroscope.
+    wander: Option<(Wander, Wander)>,
     /// Name, and whether the full form is asked for.
     effects: Vec<(String, bool)>,
     user_fields: Vec<UserFieldArrays<'py>>,
@@ -44,6 +59,10 @@ impl CalibrateOptions<'_> {
             accel_nominal: self.accel_nominal,
             gyro_nominal: self.gyro_nominal,
             joint: self.joint,
+            wander: self.wander.as_ref().map(|(accelerometer, gyroscope)| UnitWander {
+                accelerometer: accelerometer.to_library(),
+                gyroscope: gyroscope.to_library(),
+            }),
             effects: effects.to_python(py)?,
             user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
         })

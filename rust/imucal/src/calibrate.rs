@@ -13,7 +13,7 @@ use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
-pub use crate::joint::{EffectChoice, Misfit, TermEstimate, UserField};
+pub use crate::joint::{BiasWander, EffectChoice, Misfit, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
@@ -45,6 +45,8 @@ pub struct Options<'a> {
     /// Estimate all parameters at once; without it the accelerometer is fitted first and the gyroscope after, which
     /// effects exclude.
     pub joint: bool,
+    /// How the biases wander, which recordings of minutes hardly show; without it they are constant.
+    pub wander: Option<UnitWander>,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
     /// A user's own effects, as columns.
@@ -72,6 +74,7 @@ impl Default for Options<'_> {
             accel_nominal: None,
             gyro_nominal: None,
             joint: true,
+            wander: None,
             effects: Vec::new(),
             user_fields: Vec::new(),
         }
@@ -192,6 +195,7 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
             first.name, other.name
         )));
     }
+    options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
     // No data can tell a wrong gravity from a wrong scale, so a value that no place has is refused.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;
     if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {

@@ -21,6 +21,7 @@ mod pass;
 mod problem;
 mod report;
 mod terms;
+mod wander;
 mod weights;
 mod whiten;
 
@@ -40,6 +41,7 @@ pub(crate) use problem::{INSIDE, Joint, Line, Linear, Prepared, Source};
 pub(crate) use report::JointFit;
 pub use report::TermEstimate;
 pub(crate) use terms::{Kinds, Terms};
+pub use wander::{BiasWander, UnitWander};
 
 use faer::Mat;
 use imucal_core::effects::Need;

@@ -217,3 +217,57 @@ fn white_noise(rows: &[[f64; 3]], rests: &[&Rest]) -> Vector3<f64> {
     }
     (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simulate::motion::Motion;
+    use crate::simulate::tumble::{HandMoves, Tumble};
+    use crate::simulate::{Faults, Program, RandomMoves, Setup, Stand, Temperature, Unit, run};
+
+    fn found(motion: &Motion) -> Option<Hand> {
+        let unit = Unit::paper();
+        let setup = Setup {
+            motion,
+            unit: &unit,
+            rate_hz: 200.0,
+            gravity_mps2: 9.81,
+            temperature: &Temperature::constant(25.0),
+            faults: Faults::none(),
+            added: None,
+            seed: 3,
+            threads: None,
+        };
+        let run = run(&setup).unwrap();
+        let recording = run.recording("run");
+        let segments = crate::segment::Segments::find(&recording, 1.0).unwrap();
+        let rests: Vec<&Rest> = segments.rests.iter().collect();
+        let sensors = Sensors {
+            accelerometer: &Triad::try_new(unit.accelerometer.sensitivity, unit.accelerometer.bias).unwrap(),
+            gyroscope: &Triad::try_new(unit.gyroscope.sensitivity, unit.gyroscope.bias).unwrap(),
+        };
+        Hand::of(&recording, &rests, sensors)
+    }
+
+    #[test]
+    fn a_stand_is_no_hand() {
+        let program = Program::random(&RandomMoves { moves: 10, ..RandomMoves::default() }, 1).unwrap();
+        assert!(found(&Motion::Stand { program, stand: Stand::perfect() }).is_none());
+    }
+
+    #[test]
+    fn a_hand_is_known_by_its_tremor_and_the_noise_stays_that_of_the_sensors() {
+        let tremor_rad = 0.05_f64.to_radians();
+        let moves = HandMoves { poses: 15, tremor_rad, ..HandMoves::default() };
+        let hand = found(&Motion::Tumble(Tumble::random(&moves, 2).unwrap())).unwrap();
+        // From the variance of 15 rests about two axes each.
+        let turn_rad = (hand.turn_rad2 / 2.0).sqrt();
+        assert!((turn_rad / tremor_rad - 1.0).abs() < 0.2, "{turn_rad:e}");
+        let unit = Unit::paper();
+        for axis in 0..3 {
+            let rate = hand.noise.angular_rate[axis] / unit.gyroscope.noise_density;
+            let force = hand.noise.specific_force[axis] / unit.accelerometer.noise_density;
+            assert!((rate - 1.0).abs() < 0.05 && (force - 1.0).abs() < 0.05, "{rate} {force}");
+        }
+    }
+}

@@ -170,6 +170,7 @@ impl UnitData<'_> {
             ends: &ends,
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
+            wander: options.wander,
             encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
         })
     }

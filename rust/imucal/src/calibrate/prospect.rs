@@ -88,6 +88,7 @@ impl UnitData<'_> {
             ends: &ends,
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
+            wander: options.wander,
             encoders: None,
         };
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();

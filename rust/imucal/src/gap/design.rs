@@ -57,7 +57,7 @@ pub(crate) fn design(
         parameters[..BASE].iter().chain(values).chain(&parameters[BASE + own.count..]).copied().collect();
     let mut problem = Joint::new(prepared, all, &full)?;
     let linear = problem.linear(&full)?;
-    problem.weigh_by_noise(&linear);
+    problem.weigh_by_noise(&linear)?;
     let (residual, jacobian) = problem.whiten(&linear);
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
     let mut parts = vec![jacobian.subcols(0, BASE).to_owned()];

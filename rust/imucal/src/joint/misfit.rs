@@ -47,7 +47,7 @@ impl Misfits {
         let parameters = model.parameters();
         let mut problem = Joint::new(prepared, terms, &parameters)?;
         let linear = problem.linear(&parameters)?;
-        problem.weigh_by_noise(&linear);
+        problem.weigh_by_noise(&linear)?;
         let without = Without::new(&problem, &linear);
         let (mut of_rests, mut of_moves) =
             (vec![Vec::new(); prepared.rests.len()], vec![Vec::new(); linear.moves.len()]);

@@ -56,7 +56,7 @@ pub(crate) fn outliers(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model
     let parameters = model.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let linear = problem.linear(&parameters)?;
-    problem.weigh_by_noise(&linear);
+    problem.weigh_by_noise(&linear)?;
     let groups = groups(&linear);
     let mut without = Without::new(&problem, &linear);
     let (mut rests, mut moves) = (prepared.used.to_vec(), vec![true; linear.moves.len()]);

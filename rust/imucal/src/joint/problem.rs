@@ -14,6 +14,7 @@ use super::inside::{self, EndDirection};
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
 use super::pass::{Pass, Route};
 use super::terms::{Kinds, Terms};
+use super::wander::{UnitWander, Wandering};
 use super::weights::Weights;
 use crate::error::Error;
 use crate::lsq::{Residuals, Solution};
@@ -32,6 +33,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
+    /// How the biases wander, if that is known.
+    pub(crate) wander: Option<UnitWander>,
     /// Where an effect of the encoders is to be estimated.
     pub(crate) encoders: Option<Encoders>,
 }
@@ -126,6 +129,7 @@ pub(crate) struct Joint<'a> {
     pub(crate) prepared: &'a Prepared<'a>,
     terms: &'a Terms<'a>,
     pub(crate) weights: Weights,
+    wandering: Option<Wandering>,
     /// Parameters that stay where they start.
     pub(crate) fixed: Vec<usize>,
     /// The last linearisation: weights, steps and report ask for the same point.
@@ -138,8 +142,18 @@ impl<'a> Joint<'a> {
         let linear = Rc::new(prepared.linearise(terms, parameters)?);
         let weights = Weights::of(prepared, terms, &linear, None);
         let rows = linear.groups().stand_moves.end;
-        let last = RefCell::new(Some((parameters.to_vec(), linear)));
-        Ok(Self { prepared, terms, weights, fixed: Vec::new(), last, rows })
+        let last = RefCell::new(Some((parameters.to_vec(), Rc::clone(&linear))));
+        let mut joint = Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), last, rows };
+        joint.let_biases_wander(&linear)?;
+        Ok(joint)
+    }
+
+    fn let_biases_wander(&mut self, linear: &Linear) -> Result<(), Error> {
+        self.wandering = None;
+        if let Some(unit) = &self.prepared.wander {
+            self.wandering = Some(Wandering::new(self, linear, unit)?);
+        }
+        Ok(())
     }
 
     /// The linearisation at these parameters.
@@ -156,12 +170,13 @@ impl<'a> Joint<'a> {
     pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::of(self.prepared, self.terms, &linear, Some((found, &self.weights.scales)));
-        Ok(())
+        self.let_biases_wander(&linear)
     }
 
     /// Takes the weights of noise alone.
-    pub(crate) fn weigh_by_noise(&mut self, linear: &Linear) {
+    pub(crate) fn weigh_by_noise(&mut self, linear: &Linear) -> Result<(), Error> {
         self.weights = Weights::of_noise(self.prepared, self.terms, linear);
+        self.let_biases_wander(linear)
     }
 
     /// Raw units per SI unit of a sensor.
@@ -211,7 +226,11 @@ impl<'a> Joint<'a> {
             let column = |axis: usize| self.weights.rates[*k].column(axis).iter().skip(axis).copied().collect();
             [0, 1, 2].map(|axis| (head + 3 * place + axis, column(axis)))
         });
-        lines.chain(rates).collect()
+        let white = |(first, column): (usize, Vec<f64>)| match &self.wandering {
+            None => (first, column),
+            Some(wandering) => (first, wandering.unit(first, &column)),
+        };
+        lines.chain(rates).map(white).collect()
     }
 
     /// Whitened residuals and Jacobian: first the lines, then the rates, then what is inside the moves.
@@ -239,6 +258,9 @@ impl<'a> Joint<'a> {
                 (0..3).for_each(|axis| all[(row + axis, p)] = white[axis]);
             }
             row += 3;
+        }
+        if let Some(wandering) = &self.wandering {
+            wandering.apply(&mut all);
         }
         if self.terms.kinds.in_motion {
             for (k, m) in linear.moves.iter().enumerate() {
