@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from imucal.allan import allan_deviation
 from imucal.calibrate import calibrate
 from imucal.calibration import Calibration, Parameter, Provenance, Triad
 from imucal.calibration_result import CalibrationResult
@@ -23,6 +24,7 @@ from imucal.gap import Gap, find_gap
 from imucal.inspection import Inspection, inspect
 from imucal.io import read, write
 from imucal.motion import Program, Static, Step, Tumble
+from imucal.noise import AxisNoise, NoiseFigure, NoiseResult, noise
 from imucal.recording import Recording, Source
 from imucal.simulate import Simulation, repeat, simulate
 from imucal.stand import Stand
@@ -31,6 +33,7 @@ from imucal.truth import Truth
 from imucal.unit import Sensor, Unit, unit_names
 
 __all__ = [
+    "AxisNoise",
     "Calibration",
     "CalibrationResult",
     "Effect",
@@ -44,6 +47,8 @@ __all__ = [
     "ImucalError",
     "InputError",
     "Inspection",
+    "NoiseFigure",
+    "NoiseResult",
     "NotEnoughMotionError",
     "Parameter",
     "Place",
@@ -64,10 +69,12 @@ __all__ = [
     "Unit",
     "UserEffect",
     "__version__",
+    "allan_deviation",
     "calibrate",
     "evaluate",
     "find_gap",
     "inspect",
+    "noise",
     "read",
     "repeat",
     "simulate",

@@ -1,0 +1,193 @@
+//! The noise of a unit from a recording at rest: what kinds there are, how much of each, and how sure that is.
+//!
+//! ```text
+//!                      power density, two-sided       Allan deviation              figure
+//! white noise          N^2                            N / sqrt(tau)                noise_density, v/sqrt(Hz)
+//! bias instability     B^2 / (2 pi |f|)               0.664 B                      bias_instability, v
+//! rate random walk     K^2 / (2 pi f)^2               K sqrt(tau / 3)              random_walk, v/s/sqrt(Hz)
+//! quantisation         Q^2 (2 pi f)^2 / rate          sqrt(3) Q / tau              quantisation, v s
+//! ```
+//!
+//! v is the unit of the sensor. These are the definitions of [`crate::simulate`] and of IEEE Std 952; for a gyroscope N is the angle
+//! random walk. Quantisation is that of an angle or a velocity whose increments are put out; the rounding of a rate to
+//! counts is white, known from the count, and no part of N.
+//!
+//! The figures are maximum-likelihood estimates from the powers of cosines over the record, model.md (27) and (28), at the
+//! Cramer-Rao bound of such a record; the Allan deviations are there to be looked at, with bands from the fitted model.
+//! A kind that the record does not show has no value: its band starts at zero, and its end is what the record excludes.
+
+mod axis;
+mod cosines;
+mod likelihood;
+mod power_law;
+
+use std::num::NonZeroUsize;
+use std::sync::{Mutex, PoisonError};
+
+use crate::check;
+use crate::error::Error;
+use crate::finding::{Finding, Severity};
+use crate::recording::Recording;
+use crate::segment::{Rest, Segments};
+use crate::simulate::share_out;
+
+pub use axis::{AllanPoint, AxisNoise, Estimate};
+use cosines::Layout;
+
+/// Fewer samples hold nothing but white noise, and that badly.
+const FEWEST_SAMPLES: usize = 1000;
+/// More lost or repeated samples than this share, and the power at high frequency is another one.
+const IRREGULAR_SHARE: f64 = 1e-4;
+/// A rest that is less of the recording than this is worth a word.
+const WHOLE_SHARE: f64 = 0.9;
+
+/// The noise of both triads of a unit.
+#[derive(Clone, Debug)]
+pub struct Noise {
+    /// Time of the first sample used, s.
+    pub start_s: f64,
+    /// Time of the last sample used, s.
+    pub end_s: f64,
+    /// Number of samples used.
+    pub samples: usize,
+    /// Sample rate, Hz.
+    pub rate_hz: f64,
+    /// Accelerometer x, y, z, in the recording's unit.
+    pub accelerometer: [AxisNoise; 3],
+    /// Gyroscope x, y, z, in the recording's unit.
+    pub gyroscope: [AxisNoise; 3],
+    /// What is worth knowing about the recording.
+    pub findings: Vec<Finding>,
+}
+
+/// Identifies the noise in the longest rest of `recording`.
+///
+/// `min_rest_s` is for the search of rests. `threads` share the work and change no bit of the result.
+///
+/// # Errors
+/// [`Error::Data`] for a recording with faults, lost and repeated samples among them; [`Error::NotEnoughMotion`] if the unit is
+/// never at rest; [`Error::Input`] if it is so for fewer than 1000 samples.
+pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsize) -> Result<Noise, Error> {
+    let mut findings = check::check_columns(recording);
+    for finding in &mut findings {
+        let irregular = ["samples_missing", "samples_duplicated"].contains(&finding.code);
+        if irregular && finding.count as f64 > IRREGULAR_SHARE * recording.len() as f64 {
+            finding.severity = Severity::Error;
+        }
+    }
+    let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
+    if !errors.is_empty() {
+        return Err(Error::Data(errors));
+    }
+    let rest = longest_rest(recording, min_rest_s)?;
+    let samples = rest.first..rest.end;
+    if samples.len() < (WHOLE_SHARE * recording.len() as f64) as usize {
+        findings.push(moving(recording, &rest));
+    }
+    let rate_hz = (samples.len() - 1) as f64 / (rest.end_s - rest.start_s);
+    let layout = Layout::new(samples.len());
+    let channels: [(&[[f64; 3]], usize); 6] = [0, 1, 2, 3, 4, 5].map(|channel| {
+        let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
+        (&rows[samples.clone()], channel % 3)
+    });
+    let found: [Mutex<Option<Result<AxisNoise, Error>>>; 6] = std::array::from_fn(|_| Mutex::new(None));
+    share_out(threads.get(), channels.iter().zip(&found).collect(), |((rows, axis), place)| {
+        let result = AxisNoise::identify(rows, *axis, rate_hz, &layout);
+        *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    });
+    let mut axes = Vec::with_capacity(6);
+    for place in found {
+        match place.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            Some(axis) => axes.push(axis?),
+            None => return Err(Error::Fit("an axis was not judged: run it again".into())),
+        }
+    }
+    findings.extend(remarks(recording, &rest, &axes));
+    let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not judged".into()))?;
+    let [ax, ay, az, gx, gy, gz] = triads;
+    Ok(Noise {
+        start_s: rest.start_s,
+        end_s: rest.end_s,
+        samples: samples.len(),
+        rate_hz,
+        accelerometer: [ax, ay, az],
+        gyroscope: [gx, gy, gz],
+        findings,
+    })
+}
+
+fn longest_rest(recording: &Recording<'_>, min_rest_s: f64) -> Result<Rest, Error> {
+    let segments = Segments::find(recording, min_rest_s)?;
+    let longest = segments.rests.into_iter().max_by_key(|rest| rest.end - rest.first);
+    match longest {
+        Some(rest) if rest.end - rest.first >= FEWEST_SAMPLES => Ok(rest),
+        Some(rest) => Err(Error::Input(format!(
+            "{}: the longest rest, from {:.2} s to {:.2} s, has {} samples, {FEWEST_SAMPLES} are needed: let the unit lie still \
+             for minutes for white noise, for hours for bias instability and random walk",
+            recording.name,
+            rest.start_s,
+            rest.end_s,
+            rest.end - rest.first
+        ))),
+        None => Err(Error::NotEnoughMotion(format!("{}: the unit is never at rest", recording.name))),
+    }
+}
+
+fn moving(recording: &Recording<'_>, rest: &Rest) -> Finding {
+    let share = (rest.end - rest.first) as f64 / recording.len() as f64;
+    Finding {
+        count: recording.len() - (rest.end - rest.first),
+        value: share,
+        unit: "1",
+        message: format!(
+            "the longest rest, from {:.2} s to {:.2} s, is {:.0} % of the recording, and only it is used",
+            rest.start_s,
+            rest.end_s,
+            100.0 * share
+        ),
+        way_out: "record the unit at rest on something firm".into(),
+        ..Finding::warning("recording_moves", recording.name)
+    }
+}
+
+/// What the figures of the axes, accelerometer first, say about the recording.
+fn remarks(recording: &Recording<'_>, rest: &Rest, axes: &[AxisNoise]) -> Vec<Finding> {
+    let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
+        check::CHANNELS.iter().zip(axes).filter(|(_, axis)| of(axis)).map(|(name, _)| (*name).to_owned()).collect()
+    };
+    let duration_s = rest.end_s - rest.start_s;
+    let kinds: [(&'static str, Vec<String>, &str, &str); 3] = [
+        (
+            "noise_below_lsb",
+            columns(&|axis| axis.is_below_lsb),
+            "white noise is less than half a count: it cannot be known from this recording better than one count over \
+             sqrt(12), and what the other kinds are is a guess",
+            "choose a smaller range or a higher resolution, or take the noise from the datasheet",
+        ),
+        (
+            "noise_model",
+            columns(&|axis| axis.misfit.abs() > axis::MISFIT),
+            "the power is not that of white noise, bias instability, random walk and quantisation: the figures are rough, and \
+             their bands too narrow",
+            "look at the Allan plot; record at a constant temperature, on something firm, away from motors",
+        ),
+        (
+            "recording_short",
+            columns(&|axis| axis.bias_instability.value.is_none()),
+            "the recording does not show the bias instability: it is below the end of its band",
+            "record for longer, hours at a constant temperature, if you need a figure",
+        ),
+    ];
+    let finding = |(code, columns, message, way_out): (&'static str, Vec<String>, &str, &str)| {
+        (!columns.is_empty()).then(|| Finding {
+            count: columns.len(),
+            value: duration_s,
+            unit: "s",
+            message: format!("{}: {message} ({duration_s:.0} s)", columns.join(", ")),
+            columns,
+            way_out: way_out.into(),
+            ..Finding::warning(code, recording.name)
+        })
+    };
+    kinds.into_iter().filter_map(finding).collect()
+}
