@@ -39,8 +39,10 @@ def allan_deviation(
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"values cannot be made an array: {error}: give numbers, (N,) or (N, C)") from None
+    if array.ndim not in (1, 2):
+        raise InputError(f"values have the shape {array.shape}: give (N,) or (N, C)")
     if isinstance(taus_s, str):
-        factors = _core.allan_factors(len(array) if array.ndim else 0, taus_s)
+        factors = _core.allan_factors(len(array), taus_s)
     else:
         wanted = np.asarray(taus_s, dtype=np.float64)
         if wanted.ndim != 1 or not np.all(np.isfinite(wanted)) or np.any(wanted < 0):

@@ -144,8 +144,8 @@ def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int 
     recording's units and have the definitions of the simulation, docs/model.md (22), and those of the unit
     files. threads: None takes all processors; the result is the same.
 
-    Raises InputError for faults, lost and repeated samples among them, and for rests of fewer than 1000 samples;
-    NotEnoughMotionError if the unit is never at rest.
+    Raises InputError for faults, lost and repeated samples among them, and for rests of fewer than 1000
+    samples; NotEnoughMotionError if the unit is never at rest.
     """
     from imucal import _core
 

@@ -103,7 +103,7 @@ def styled(figure: Figure) -> Figure:
 
 
 def plotly() -> tuple[Any, Any]:
-    """plotly's graph objects and `make_subplots`; ImucalError without plotly."""
+    """The graph objects of plotly and `make_subplots`; ImucalError without plotly."""
     try:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots

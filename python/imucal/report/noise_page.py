@@ -96,8 +96,8 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
     ]
     figures = Section(
         "Figures",
-        text="A kind of noise that the recording does not show has no value: the band ends where the recording "
-        "excludes it. The Allan deviation of a bias instability is flat at 0.664 of it.",
+        text="A kind of noise that the recording does not show has no value: the band ends where the "
+        "recording excludes it. The Allan deviation of a bias instability is flat at 0.664 of it.",
         tables=(table(["", "value", "1 σ", "95 % from", "to", "unit"], rows),),
     )
     remarks = " ".join(str(finding) for finding in noise.findings)

@@ -5,7 +5,8 @@ use std::num::NonZeroUsize;
 use imucal::allan;
 use imucal::error::Error;
 use imucal::noise as library;
-use numpy::{PyArray1, PyReadonlyArrayDyn};
+use numpy::ndarray::{ArrayView1, Axis};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use crate::arrays::RecordingColumns;
@@ -100,28 +101,43 @@ pub(crate) fn identify_noise(
     })
 }
 
-/// Overlapping Allan deviations of (N,) or of each column of (N, C), read in place, at averages of `factors` samples.
+/// One series, or one in each column, in any memory order.
+#[derive(FromPyObject)]
+pub(crate) enum Series<'py> {
+    One(PyReadonlyArray1<'py, f64>),
+    Columns(PyReadonlyArray2<'py, f64>),
+}
+
+impl Series<'_> {
+    fn views(&self) -> Vec<ArrayView1<'_, f64>> {
+        match self {
+            Self::One(values) => vec![values.as_array()],
+            Self::Columns(values) => {
+                let view = values.as_array();
+                (0..view.ncols()).map(|column| view.index_axis_move(Axis(1), column)).collect()
+            }
+        }
+    }
+}
+
+/// Overlapping Allan deviations of each series, read in place, at averages of `factors` samples.
 #[pyfunction]
 pub(crate) fn allan_deviations<'py>(
     py: Python<'py>,
-    values: PyReadonlyArrayDyn<'py, f64>,
+    values: Series<'py>,
     factors: Vec<usize>,
     threads: Option<NonZeroUsize>,
 ) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
-    let view = values.as_array();
-    let columns: Vec<_> = match view.ndim() {
-        1 => vec![Strided::new(&view, 0)],
-        2 => (0..view.shape()[1]).map(|column| Strided::new(&view, column)).collect(),
-        other => {
-            return Err(Error::Input(format!("values have {other} dimensions: give (N,) or (N, C)"))).to_python(py);
-        }
-    };
     let threads = or_all(threads);
+    let views = values.views();
     let deviations = py.detach(|| {
-        let of = |column: &Strided<'_>| allan::overlapping_deviations(column.iter(), &factors, threads);
-        columns.iter().map(of).collect::<Result<Vec<_>, _>>()
+        let of = |series: &ArrayView1<'_, f64>| match series.as_slice() {
+            Some(slice) => allan::overlapping_deviations(slice.iter().copied(), &factors, threads),
+            None => allan::overlapping_deviations(series.iter().copied(), &factors, threads),
+        };
+        views.iter().map(of).collect::<Result<Vec<_>, _>>()
     });
-    Ok(deviations.to_python(py)?.into_iter().map(|column| PyArray1::from_vec(py, column)).collect())
+    Ok(deviations.to_python(py)?.into_iter().map(|series| PyArray1::from_vec(py, series)).collect())
 }
 
 /// Averaging factors for `samples` samples: "octave" or "decade".
@@ -136,20 +152,4 @@ pub(crate) fn allan_factors(py: Python<'_>, samples: usize, spacing: &str) -> Py
 
 fn or_all(threads: Option<NonZeroUsize>) -> NonZeroUsize {
     threads.or_else(|| std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN)
-}
-
-/// One column of an array in any order.
-struct Strided<'a>(numpy::ndarray::ArrayView1<'a, f64>);
-
-impl<'a> Strided<'a> {
-    fn new(view: &numpy::ndarray::ArrayViewD<'a, f64>, column: usize) -> Self {
-        let last = numpy::ndarray::Axis(1);
-        let flat = if view.ndim() == 1 { view.clone() } else { view.clone().index_axis_move(last, column) };
-        // The dimension is one by now; an empty view stands for what cannot be.
-        Self(flat.into_dimensionality().unwrap_or_else(|_| numpy::ndarray::ArrayView1::from(&[])))
-    }
-
-    fn iter(&self) -> impl ExactSizeIterator<Item = f64> + Clone + '_ {
-        self.0.iter().copied()
-    }
 }

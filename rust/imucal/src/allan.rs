@@ -74,13 +74,12 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
             |at| format!("value {at} is not finite: leave out the samples around it, or interpolate them"),
         )));
     }
-    let mut phase = Vec::with_capacity(samples + 1);
+    let mut phase = vec![0.0; samples + 1];
     let mut sum = 0.0;
-    phase.push(sum);
-    phase.extend(values.map(|value| {
+    phase[1..].iter_mut().zip(values).for_each(|(place, value)| {
         sum += value - mean;
-        sum
-    }));
+        *place = sum;
+    });
     Ok(phase)
 }
 

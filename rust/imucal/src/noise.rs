@@ -191,3 +191,127 @@ fn remarks(recording: &Recording<'_>, rest: &Rest, axes: &[AxisNoise]) -> Vec<Fi
     };
     kinds.into_iter().filter_map(finding).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::simulate::{Converter, Program, Sensor, Simulation, Step, Unit, simulate};
+
+    const RATE_HZ: f64 = 100.0;
+
+    fn still(sensor: Sensor, duration_s: f64, seed: u64) -> Simulation {
+        let unit = Unit { accelerometer: sensor, gyroscope: sensor, ..Unit::paper() };
+        simulate(&Program::try_new(vec![Step::hold(duration_s)]).unwrap(), &unit, RATE_HZ, 9.80665, seed).unwrap()
+    }
+
+    fn noise_of(run: &Simulation) -> Noise {
+        identify(&run.recording("still"), 1.0, NonZeroUsize::MIN).unwrap()
+    }
+
+    fn axes(noise: &Noise) -> impl Iterator<Item = &AxisNoise> {
+        noise.accelerometer.iter().chain(&noise.gyroscope)
+    }
+
+    fn all_kinds() -> Sensor {
+        Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
+    }
+
+    /// Over a handful of runs the errors are as large as they are said to be: mean square within its own 99.9 %.
+    #[test]
+    fn standard_deviations_are_those_of_the_errors() {
+        let mut squares = [0.0; 3];
+        let runs = 10;
+        for seed in 0..runs {
+            for axis in axes(&noise_of(&still(all_kinds(), 1800.0, seed))) {
+                let figures = [(axis.noise_density, 1e-3), (axis.bias_instability, 5e-4), (axis.random_walk, 1e-4)];
+                for (square, (found, truth)) in squares.iter_mut().zip(figures) {
+                    let (value, std) = (found.value.unwrap(), found.std.unwrap());
+                    *square += ((value - truth) / std).powi(2) / (6 * runs) as f64;
+                    assert!(found.low < value && value < found.high, "{found:?}");
+                }
+            }
+        }
+        // 60 squares: 0.49 to 1.74 in 999 of 1000 cases.
+        assert!(squares.iter().all(|square| (0.49..1.74).contains(square)), "{squares:?}");
+    }
+
+    #[test]
+    fn what_is_absent_has_a_bound_and_no_value() {
+        let white = Sensor { noise_density: 1e-3, ..Sensor::ideal() };
+        let noise = noise_of(&still(white, 600.0, 3));
+        for axis in axes(&noise) {
+            assert!(axis.noise_density.value.is_some());
+            for absent in [axis.bias_instability, axis.random_walk, axis.quantisation] {
+                assert_eq!((absent.value, absent.std, absent.low), (None, None, 0.0));
+                assert!(absent.high > 0.0);
+            }
+        }
+        assert_eq!(noise.findings[0].code, "recording_short");
+    }
+
+    #[test]
+    fn rounding_to_counts_is_no_part_of_the_noise() {
+        let noise_std = 1e-3 * RATE_HZ.sqrt();
+        let counted = |counts: f64| Sensor {
+            noise_density: 1e-3,
+            converter: Some(Converter { lsb: noise_std * counts, bits: 24 }),
+            ..Sensor::ideal()
+        };
+        // Without the correction it would be 4 % too much.
+        for axis in axes(&noise_of(&still(counted(1.0), 1200.0, 5))) {
+            let (value, std) = (axis.noise_density.value.unwrap(), axis.noise_density.std.unwrap());
+            assert!(((value - 1e-3) / std).abs() < 4.0, "{value}");
+            assert!((axis.lsb / noise_std - 1.0).abs() < 1e-6);
+        }
+        let coarse = noise_of(&still(counted(3.0), 1200.0, 5));
+        assert!(coarse.findings.iter().any(|finding| finding.code == "noise_below_lsb"));
+        for axis in axes(&coarse) {
+            assert!(axis.is_below_lsb && axis.noise_density.value.is_none());
+            assert!(axis.noise_density.high > 0.99e-3);
+        }
+    }
+
+    #[test]
+    fn only_the_longest_rest_is_used_and_that_is_said() {
+        let turn = Step { turn_rad: [1.0, 0.5, -0.5], move_s: 2.0, hold_s: 60.0 };
+        let program = Program::try_new(vec![Step::hold(10.0), turn, Step { hold_s: 5.0, ..turn }]).unwrap();
+        let run = simulate(&program, &Unit::paper(), RATE_HZ, 9.80665, 1).unwrap();
+        let noise = noise_of(&run);
+        assert!(
+            noise.start_s > 11.9 && noise.end_s < 72.2 && noise.samples > 5900,
+            "{} {}",
+            noise.start_s,
+            noise.end_s
+        );
+        assert_eq!(noise.findings[0].code, "recording_moves");
+    }
+
+    #[test]
+    fn a_rest_that_is_too_short_is_refused_with_its_length() {
+        let run = still(all_kinds(), 8.0, 1);
+        let message = identify(&run.recording("short"), 1.0, NonZeroUsize::MIN).unwrap_err().to_string();
+        assert!(message.contains("short: the longest rest") && message.contains("1000 are needed"), "{message}");
+    }
+
+    #[test]
+    fn lost_samples_are_refused() {
+        let run = still(all_kinds(), 60.0, 1);
+        let keep = |i: &usize| !(2000..2050).contains(i);
+        let kept: Vec<usize> = (0..run.time_s.len()).filter(keep).collect();
+        let time: Vec<f64> = kept.iter().map(|&i| run.time_s[i]).collect();
+        let force: Vec<[f64; 3]> = kept.iter().map(|&i| run.specific_force[i]).collect();
+        let rate: Vec<[f64; 3]> = kept.iter().map(|&i| run.angular_rate[i]).collect();
+        let recording = Recording::try_new("gap", &time, &force, &rate).unwrap();
+        let error = identify(&recording, 1.0, NonZeroUsize::MIN).unwrap_err();
+        assert!(matches!(&error, Error::Data(findings) if findings[0].code == "samples_missing"), "{error}");
+    }
+
+    #[test]
+    fn threads_change_no_bit() {
+        let run = still(all_kinds(), 100.0, 1);
+        let found = |threads| format!("{:?}", identify(&run.recording("r"), 1.0, threads).unwrap());
+        assert_eq!(found(NonZeroUsize::MIN), found(NonZeroUsize::new(4).unwrap()));
+    }
+}
