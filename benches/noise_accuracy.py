@@ -143,17 +143,18 @@ def main() -> None:
                     judge.add(f"{case.unit}, {sensor}, {figure}", truth, found)
     trials = 3 * given.runs
     low, high = binomial_band(trials, 0.95)
+    band = f"{100 * low:.1f} to {100 * high:.1f}"
     expected = (1 - BAND) * judge.checked
     body = f"""
-Written by `make accuracy`: {given.runs} simulated units at rest of each kind, {DURATION_S / 3600:g} h at {RATE_HZ:g} Hz,
-in counts, with the white noise of the datasheet, and flicker noise and random walk as in the table; three axes
-each.
+Written by `make accuracy`: {given.runs} simulated units at rest of each kind, {DURATION_S / 3600:g} h
+at {RATE_HZ:g} Hz, in counts, with the white noise of the datasheet, and flicker noise and random walk as in
+the table; three axes each.
 
 * seen: share of the axes with a value, %. The others have the end of a band. What is not there (truth 0) may
   be seen 5 times of 100.
 * σ: the stated standard deviation, % of the truth, where all are seen; error / σ: root mean square, 1 if σ is
   true.
-* 95 %: share of the bands that hold the truth. Of {trials} perfect bands {100 * low:.1f} to {100 * high:.1f} % do,
+* 95 %: share of the bands that hold the truth. Of {trials} perfect bands {band} % do,
   {100 * BAND:.0f} times of 100; figures outside are bold. A figure that is not seen on every axis may be held
   more often: its band begins at zero.
 

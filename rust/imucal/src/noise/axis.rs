@@ -16,6 +16,8 @@ pub(super) const MISFIT: f64 = 5.0;
 const QUANTISATION_GAIN: f64 = 10.83;
 /// Octaves of frequency, from half the rate down, that a filter may have coloured.
 const MOST_FILTERED: u32 = 8;
+/// Octaves left out beyond those that are seen to be: what a filter of second order takes falls by 16 in each.
+const MARGIN: u32 = 2;
 /// Without rounding errors that depend on the signal, a count is at most this many standard deviations of the noise.
 const COARSEST_COUNT: f64 = 2.0;
 /// The longest tau is this share of the record.
@@ -140,9 +142,8 @@ impl Model {
             return whole;
         }
         (1..=MOST_FILTERED)
-            .map(|filtered| Self::above(powers, rounding, filtered))
-            .find(|model| model.misfit.abs() <= MISFIT)
-            .unwrap_or(whole)
+            .find(|&filtered| Self::above(powers, rounding, filtered).misfit.abs() <= MISFIT)
+            .map_or(whole, |filtered| Self::above(powers, rounding, filtered + MARGIN))
     }
 
     fn above(powers: &[Power], rounding: f64, filtered: u32) -> Self {

@@ -76,10 +76,10 @@ pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
 /// edf = 2 E^2 / Var = c_0^2 n^2 / sum over |h| < n of (n - |h|) c_h^2
 /// ```
 ///
-/// c is the covariance of the differences of neighbouring means. From a factor of 32 on only every (factor / 16)-th of the
+/// c is the covariance of the differences of neighbouring means. From a factor of 128 on only every (factor / 64)-th of the
 /// overlapping differences counts: the others hang so closely together with these that they add nothing.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
-    const PER_WINDOW: usize = 16;
+    const PER_WINDOW: usize = 64;
     /// Differences this many windows apart are independent: their covariance falls with the square of the distance.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);
@@ -138,16 +138,24 @@ mod tests {
         assert!((odd_harmonic(32.0) - sum).abs() < 1e-12);
     }
 
-    /// Of white noise by the formulas of the handbook (NIST SP 1065, table 5): exact enough for m of one, and for large ones.
+    /// As allantools 2024.6 has them, `edf_greenhall` with d = 2, overlapping (Greenhall and Riley, 2003).
     #[test]
-    fn degrees_of_freedom_of_white_noise_are_those_of_the_handbook() {
-        let white = [1.0, 0.0, 0.0, 0.0];
-        for (m, n) in [(1, 10_000), (10, 10_000), (64, 100_000), (1000, 8_000)] {
-            let (m_, phases) = (m as f64, n as f64 + 1.0);
-            let handbook = (3.0 * (phases - 1.0) / (2.0 * m_) - 2.0 * (phases - 2.0) / phases) * 4.0 * m_ * m_
-                / (4.0 * m_ * m_ + 5.0);
-            let found = degrees_of_freedom(&white, m, n);
-            assert!((found / handbook - 1.0).abs() < 0.03, "{m} of {n}: {found}, not {handbook}");
+    fn degrees_of_freedom_are_those_of_greenhall_and_riley() {
+        for (kind, m, samples, expected) in [
+            (WHITE, 64, 100_000, 2341.524),
+            (WHITE, 1000, 8_000, 9.82),
+            (WHITE, 32_768, 120_000, 3.562),
+            (FLICKER, 64, 100_000, 1832.108),
+            (FLICKER, 2048, 120_000, 66.946),
+            (FLICKER, 32_768, 120_000, 2.623),
+            (WALK, 64, 100_000, 1446.577),
+            (WALK, 1000, 8_000, 5.897),
+            (WALK, 32_768, 120_000, 1.939),
+        ] {
+            let mut parameters = [0.0; KINDS];
+            parameters[kind] = 1.0;
+            let found = degrees_of_freedom(&parameters, m, samples);
+            assert!((found / expected - 1.0).abs() < 0.01, "{kind}, {m} of {samples}: {found}, not {expected}");
         }
     }
 }
