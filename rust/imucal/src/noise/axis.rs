@@ -14,10 +14,10 @@ use crate::error::Error;
 pub(super) const MISFIT: f64 = 5.0;
 /// What quantisation must explain to be called that, twice the logarithm of the likelihood: one in 1000 by chance.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Octaves of frequency, from half the rate down, that a filter may have coloured.
-const MOST_FILTERED: u32 = 8;
-/// Octaves left out beyond those that are seen to be: what a filter of second order takes falls by 16 in each.
-const MARGIN: u32 = 2;
+/// Octaves of frequency, from half the rate down, that are left out where a filter has coloured the noise. A window of 32 values
+/// has sharp ends, and what is missing at high frequencies is missing in all of its cosines: whole stages go, of five octaves
+/// each, and the octave where the means of the next one are still blind to what they average.
+const FILTERED: [u32; 2] = [6, 11];
 /// Without rounding errors that depend on the signal, a count is at most this many standard deviations of the noise.
 const COARSEST_COUNT: f64 = 2.0;
 /// The longest tau is this share of the record.
@@ -134,16 +134,15 @@ struct Model {
 }
 
 impl Model {
-    /// White noise, bias instability and random walk; quantisation if it explains much; and without octaves at the high end
-    /// if that makes all others fit.
+    /// White noise, bias instability and random walk; quantisation if it explains much; without the highest octaves if that
+    /// makes all others fit.
     fn of(powers: &[Power], rounding: f64) -> Self {
         let whole = Self::above(powers, rounding, 0);
         if whole.misfit.abs() <= MISFIT {
             return whole;
         }
-        (1..=MOST_FILTERED)
-            .find(|&filtered| Self::above(powers, rounding, filtered).misfit.abs() <= MISFIT)
-            .map_or(whole, |filtered| Self::above(powers, rounding, filtered + MARGIN))
+        let cut = FILTERED.map(|filtered| Self::above(powers, rounding, filtered));
+        cut.into_iter().find(|model| model.misfit.abs() <= MISFIT).unwrap_or(whole)
     }
 
     fn above(powers: &[Power], rounding: f64, filtered: u32) -> Self {
