@@ -22,13 +22,16 @@ mod likelihood;
 mod power_law;
 
 use std::num::NonZeroUsize;
+use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
+
+use nalgebra::Vector6;
 
 use crate::check;
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
 use crate::recording::Recording;
-use crate::segment::{Rest, Segments};
+use crate::segment::Segments;
 use crate::simulate::share_out;
 
 pub use axis::{AllanPoint, AxisNoise, Estimate};
@@ -79,12 +82,12 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
     if !errors.is_empty() {
         return Err(Error::Data(errors));
     }
-    let rest = longest_rest(recording, min_rest_s)?;
-    let samples = rest.first..rest.end;
+    let samples = longest_rest(recording, min_rest_s)?;
     if samples.len() < (WHOLE_SHARE * recording.len() as f64) as usize {
-        findings.push(moving(recording, &rest));
+        findings.push(moving(recording, &samples));
     }
-    let rate_hz = (samples.len() - 1) as f64 / (rest.end_s - rest.start_s);
+    let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
+    let rate_hz = (samples.len() - 1) as f64 / (end_s - start_s);
     let layout = Layout::new(samples.len());
     let channels: [(&[[f64; 3]], usize); 6] = [0, 1, 2, 3, 4, 5].map(|channel| {
         let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
@@ -102,12 +105,12 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
             None => return Err(Error::Fit("an axis was not judged: run it again".into())),
         }
     }
-    findings.extend(remarks(recording, &rest, &axes));
+    findings.extend(remarks(recording, end_s - start_s, &axes));
     let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not judged".into()))?;
     let [ax, ay, az, gx, gy, gz] = triads;
     Ok(Noise {
-        start_s: rest.start_s,
-        end_s: rest.end_s,
+        start_s,
+        end_s,
         samples: samples.len(),
         rate_hz,
         accelerometer: [ax, ay, az],
@@ -116,33 +119,65 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
     })
 }
 
-fn longest_rest(recording: &Recording<'_>, min_rest_s: f64) -> Result<Rest, Error> {
+/// The longest stretch at rest.
+fn longest_rest(recording: &Recording<'_>, min_rest_s: f64) -> Result<Range<usize>, Error> {
     let segments = Segments::find(recording, min_rest_s)?;
-    let longest = segments.rests.into_iter().max_by_key(|rest| rest.end - rest.first);
-    match longest {
-        Some(rest) if rest.end - rest.first >= FEWEST_SAMPLES => Ok(rest),
-        Some(rest) => Err(Error::Input(format!(
-            "{}: the longest rest, from {:.2} s to {:.2} s, has {} samples, {FEWEST_SAMPLES} are needed: let the unit lie still \
-             for minutes for white noise, for hours for bias instability and random walk",
-            recording.name,
-            rest.start_s,
-            rest.end_s,
-            rest.end - rest.first
-        ))),
-        None => Err(Error::NotEnoughMotion(format!("{}: the unit is never at rest", recording.name))),
+    let floor = &segments.threshold.noise_floor;
+    let mut longest = 0..0;
+    let mut current = 0..0;
+    for rest in &segments.rests {
+        let joins = !current.is_empty() && is_noise(recording, current.clone(), rest.first, floor);
+        current = if joins { current.start..rest.end } else { rest.first..rest.end };
+        if current.len() > longest.len() {
+            longest = current.clone();
+        }
+    }
+    if longest.len() >= FEWEST_SAMPLES {
+        return Ok(longest);
+    }
+    Err(Error::Input(format!(
+        "{}: the longest rest, {}, has {} samples, {FEWEST_SAMPLES} are needed: let the unit lie still for minutes for \
+         white noise, for hours for bias instability and random walk",
+        recording.name,
+        place(recording, &longest),
+        longest.len()
+    )))
+}
+
+/// Whether nothing but noise parts a rest from the next one, at `next`: no sample between them leaves the end of the rest by
+/// more than six standard deviations. Noise alone cuts a long rest here and there, filtered noise above all: its variance
+/// in half a second scatters widely.
+fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
+    const NEAR: usize = 200;
+    const LIMIT: f64 = 6.0;
+    let near = rest.end.saturating_sub(NEAR).max(rest.start)..rest.end;
+    [(recording.angular_rate, 0), (recording.specific_force, 3)].iter().all(|(rows, first)| {
+        (0..3).all(|axis| {
+            let values = || rows[near.clone()].iter().map(|row| row[axis]);
+            let mean = values().sum::<f64>() / near.len() as f64;
+            let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / near.len() as f64;
+            let limit = LIMIT * variance.sqrt().max(floor[first + axis]);
+            rows[rest.end..next].iter().all(|row| (row[axis] - mean).abs() <= limit)
+        })
+    })
+}
+
+fn place(recording: &Recording<'_>, rest: &Range<usize>) -> String {
+    match recording.time_s.get(rest.clone()) {
+        Some([first, .., last]) => format!("from {first:.2} s to {last:.2} s"),
+        _ => "none".to_owned(),
     }
 }
 
-fn moving(recording: &Recording<'_>, rest: &Rest) -> Finding {
-    let share = (rest.end - rest.first) as f64 / recording.len() as f64;
+fn moving(recording: &Recording<'_>, rest: &Range<usize>) -> Finding {
+    let share = rest.len() as f64 / recording.len() as f64;
     Finding {
-        count: recording.len() - (rest.end - rest.first),
+        count: recording.len() - rest.len(),
         value: share,
         unit: "1",
         message: format!(
-            "the longest rest, from {:.2} s to {:.2} s, is {:.0} % of the recording, and only it is used",
-            rest.start_s,
-            rest.end_s,
+            "the longest rest, {}, is {:.0} % of the recording, and only it is used",
+            place(recording, rest),
             100.0 * share
         ),
         way_out: "record the unit at rest on something firm".into(),
@@ -151,11 +186,10 @@ fn moving(recording: &Recording<'_>, rest: &Rest) -> Finding {
 }
 
 /// What the figures of the axes, accelerometer first, say about the recording.
-fn remarks(recording: &Recording<'_>, rest: &Rest, axes: &[AxisNoise]) -> Vec<Finding> {
+fn remarks(recording: &Recording<'_>, duration_s: f64, axes: &[AxisNoise]) -> Vec<Finding> {
     let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
         check::CHANNELS.iter().zip(axes).filter(|(_, axis)| of(axis)).map(|(name, _)| (*name).to_owned()).collect()
     };
-    let duration_s = rest.end_s - rest.start_s;
     let kinds: [(&'static str, Vec<String>, &str, &str); 3] = [
         (
             "noise_below_lsb",
@@ -197,7 +231,7 @@ mod tests {
     use nalgebra::Vector3;
 
     use super::*;
-    use crate::simulate::{Converter, Program, Sensor, Simulation, Step, Unit, simulate};
+    use crate::simulate::{Converter, LowPass, Program, Sensor, Simulation, Step, Unit, simulate};
 
     const RATE_HZ: f64 = 100.0;
 
@@ -286,6 +320,18 @@ mod tests {
             noise.end_s
         );
         assert_eq!(noise.findings[0].code, "recording_moves");
+    }
+
+    #[test]
+    fn a_long_rest_is_not_cut_by_its_own_noise() {
+        let filtered =
+            Sensor { low_pass: Some(LowPass { bandwidth_hz: 10.0 }), noise_density: 1e-3, ..Sensor::ideal() };
+        let run = still(filtered, 3600.0, 1);
+        let rests = Segments::find(&run.recording("still"), 1.0).unwrap().rests.len();
+        assert!(rests > 1, "this tests nothing where the rest is found whole");
+        let noise = noise_of(&run);
+        assert!(noise.samples > 359_900, "{} to {}", noise.start_s, noise.end_s);
+        assert!(axes(&noise).all(|axis| axis.shortest_period_s > 1.0));
     }
 
     #[test]
