@@ -105,7 +105,7 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
             None => return Err(Error::Fit("an axis was not judged: run it again".into())),
         }
     }
-    findings.extend(remarks(recording, end_s - start_s, &axes));
+    findings.extend(remarks(recording, end_s - start_s, rate_hz, &axes));
     let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not judged".into()))?;
     let [ax, ay, az, gx, gy, gz] = triads;
     Ok(Noise {
@@ -186,17 +186,23 @@ fn moving(recording: &Recording<'_>, rest: &Range<usize>) -> Finding {
 }
 
 /// What the figures of the axes, accelerometer first, say about the recording.
-fn remarks(recording: &Recording<'_>, duration_s: f64, axes: &[AxisNoise]) -> Vec<Finding> {
+fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[AxisNoise]) -> Vec<Finding> {
     let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
         check::CHANNELS.iter().zip(axes).filter(|(_, axis)| of(axis)).map(|(name, _)| (*name).to_owned()).collect()
     };
-    let kinds: [(&'static str, Vec<String>, &str, &str); 3] = [
+    let kinds: [(&'static str, Vec<String>, &str, &str); 4] = [
         (
             "noise_below_lsb",
             columns(&|axis| axis.is_below_lsb),
             "white noise is less than half a count: it cannot be known from this recording better than one count over \
              sqrt(12), and what the other kinds are is a guess",
             "choose a smaller range or a higher resolution, or take the noise from the datasheet",
+        ),
+        (
+            "noise_filtered",
+            columns(&|axis| axis.shortest_period_s * rate_hz > 2.5 && axis.misfit.abs() <= axis::MISFIT),
+            "at high frequencies the noise is not of these kinds, as behind a filter: the figures are those of what is slower",
+            "nothing to do; record without the filter and at a higher rate if you need the noise density more exactly",
         ),
         (
             "noise_model",
@@ -332,6 +338,7 @@ mod tests {
         let noise = noise_of(&run);
         assert!(noise.samples > 359_900, "{} to {}", noise.start_s, noise.end_s);
         assert!(axes(&noise).all(|axis| axis.shortest_period_s > 1.0));
+        assert_eq!(noise.findings[0].code, "noise_filtered");
     }
 
     #[test]
