@@ -4,7 +4,7 @@
 #   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
 #   make bench     speed beside a SciPy program of the same model, of the simulation, and of Allan deviations
-#   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md
+#   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
 #   make docs-figures  convergence of the integrated attitude, to docs/results/convergence.md
 #   make wheel     dist/*.whl

@@ -174,6 +174,7 @@ def test_a_coarse_converter_gives_a_bound():
     found = imucal.noise(still(lsb=3.0 * DENSITY * np.sqrt(RATE_HZ), instability=0.0, walk=0.0))
     finding = next(f for f in found.findings if f.code == "noise_below_lsb")
     assert "one count over sqrt(12)" in str(finding)
+    assert (found.verdict, len(found.reasons)) == ("poor", 1)
     for axis in found.axes.values():
         assert axis.is_below_lsb
         assert axis.noise_density.value is None
@@ -299,6 +300,7 @@ def test_the_command_writes_everything_it_is_asked_for(recording, tmp_path, caps
     shown = capsys.readouterr().out
     assert "gyro_x noise_density" in shown
     assert "95 % from" in shown
+    assert "verdict: good" in shown
     assert json.loads(paths["n.json"].read_text())["samples"] == pytest.approx(len(recording), abs=10)
     assert yaml.safe_load(paths["imu.yaml"].read_text())["rostopic"] == "/imu7"
     assert imucal.Unit.read(paths["unit.json"]).name == "unit"

@@ -25,6 +25,8 @@ FIGURES: Final = {
     "random_walk": "{}/s/sqrt(Hz)",
     "quantisation": "{} s",
 }
+# Findings with which the figures are not to be relied on.
+POOR: Final = ("noise_below_lsb", "noise_model")
 
 
 @dataclass(frozen=True)
@@ -115,6 +117,16 @@ class NoiseResult:
         """Length of the stretch at rest, s."""
         return self.end_s - self.start_s
 
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the verdict is poor; empty for a good one."""
+        return tuple(f"{', '.join(f.columns)}: {f.code}" for f in self.findings if f.code in POOR)
+
+    @property
+    def verdict(self) -> str:
+        """`good` or `poor`."""
+        return "poor" if self.reasons else "good"
+
     def heading(self) -> str:
         """What was used, in one line."""
         return (
@@ -134,7 +146,7 @@ class NoiseResult:
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal noise --json`."""
         document: dict[str, Any] = without_nan(self)
-        return {"schema": SCHEMA, **document}
+        return {"schema": SCHEMA, "verdict": self.verdict, "reasons": list(self.reasons), **document}
 
 
 def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int | None = None) -> NoiseResult:

@@ -45,7 +45,7 @@ def noise(
     """Allan deviation, noise density, bias instability and random walk of a unit at rest.
 
     Every figure has a 95 % band. Where the recording does not show a kind of noise, the end of the band is
-    what it excludes.
+    what it excludes. Ends with 2 if the noise of an axis is below one count, or of another kind.
 
     Example: imucal noise still.csv --report noise.html --kalibr imu.yaml
     """
@@ -74,6 +74,7 @@ def noise(
     for path in (report, kalibr, unit_profile):
         if path is not None:
             out.line(f"written to {path}")
+    out.verdict(found.verdict, found.reasons)
 
 
 def _print(out: Output, found: NoiseResult) -> None:

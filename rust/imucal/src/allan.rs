@@ -12,8 +12,8 @@ use std::sync::Mutex;
 use crate::error::Error;
 use crate::simulate::share_out;
 
-/// The Allan deviations of three windows at a time, a block of starts after the other: what one tau has read is still in the
-/// cache for the next, whose windows are often the last one's.
+/// Differences that are summed for all averaging times before the next ones are: what one time has read is still in the cache
+/// for the next.
 const BLOCK: usize = 4096;
 /// Blocks of one job. Jobs are added in order, so that the result does not depend on the number of threads.
 const BLOCKS_PER_JOB: usize = 64;

@@ -88,11 +88,8 @@ impl Likelihood<'_> {
         let free = self.maximize(best.theta, None, Domain::Free);
         let bands = [(Domain::Physical, best), (Domain::Free, &free)].map(|(domain, peak)| {
             let excess = |value: f64| {
-                // Away from the edge, where nothing may be held that leaves a power without an explanation.
-                let start = std::array::from_fn(|k| {
-                    let least = if domain == Domain::Physical { 0.0 } else { 1e-3 * std[k] };
-                    if k == kind { value } else { best.theta[k].max(least) }
-                });
+                // Off the edge: a power that nothing explains has no likelihood to climb.
+                let start = std::array::from_fn(|k| if k == kind { value } else { best.theta[k].max(1e-3 * std[k]) });
                 self.maximize(start, Some(kind), domain).deviance - peak.deviance - BAND
             };
             self.crossings(peak.theta[kind], std[kind], excess)
