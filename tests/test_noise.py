@@ -181,6 +181,18 @@ def test_a_coarse_converter_gives_a_bound():
         assert axis.noise_density.high > axis.lsb / np.sqrt(12 * RATE_HZ)
 
 
+def test_a_constant_has_no_bound(recording):
+    rate, force = np.full((len(recording), 3), 1e-3), np.full((len(recording), 3), 5.66)
+    constant = replaced(recording, angular_rate=rate, specific_force=force)
+    found = imucal.noise(constant)
+    axis = found.axes["gyro_y"]
+    assert (axis.lsb, axis.is_below_lsb, axis.noise_density.high) == (0.0, True, np.inf)
+    assert "gyro_y noise_density not known" in found.summary()
+    assert found.to_dict()["axes"]["gyro_y"]["noise_density"]["high"] is None
+    with pytest.raises(imucal.InputError, match="constant"):
+        kalibr_yaml(found)
+
+
 def test_the_summary_and_the_document_say_all(found):
     text = found.summary()
     assert "gyro_z random_walk" in text

@@ -34,7 +34,7 @@ class NoiseFigure:
     """One figure: maximum-likelihood estimate, standard deviation and 95 % band.
 
     A kind of noise that the recording does not show has neither value nor std: `low` is 0, and `high` is what
-    the recording excludes.
+    the recording excludes, infinite for an axis that is constant.
     """
 
     value: float | None
@@ -44,6 +44,8 @@ class NoiseFigure:
     unit: str
 
     def __str__(self) -> str:
+        if self.value is None and self.high == float("inf"):
+            return "not known"
         if self.value is None:
             return f"below {self.high:.3g} {self.unit}"
         return f"{self.value:.4g} +- {self.std:.2g} {self.unit}"

@@ -37,6 +37,8 @@ def kalibr_yaml(noise: NoiseResult, rostopic: str = ROSTOPIC) -> str:
         estimates = [getattr(axis, figure) for axis in noise.triad(sensor)]
         seen = [e for e in estimates if e.value is not None]
         value, std = max(((e.value, e.std) for e in seen), default=(max(e.high for e in estimates), None))
+        if not np.isfinite(value):
+            raise InputError(f"{noise.name}: an axis of the {sensor} is constant: {name} is not known")
         how = "not seen on any axis: the end of its 95 % band" if std is None else f"1 sigma {std:.2g}"
         # YAML 1.1 reads a number without a point as text: 1e-05.
         lines.append(f"{name}: {np.format_float_scientific(value, precision=9, trim='0')}  # {unit}, {how}")

@@ -32,7 +32,7 @@ pub struct Estimate {
     pub std: Option<f64>,
     /// Begin of the 95 % band, zero where there is no value.
     pub low: f64,
-    /// End of the 95 % band: what the record excludes where there is no value.
+    /// End of the 95 % band: what the record excludes where there is no value. Infinite for an axis that is constant.
     pub high: f64,
 }
 
@@ -64,7 +64,7 @@ pub struct AxisNoise {
     pub random_walk: Estimate,
     /// Quantisation Q of an integrated output, v s.
     pub quantisation: Estimate,
-    /// One count of the converter: the smallest step between samples, v.
+    /// One count of the converter: the smallest step between samples, v; zero for a constant.
     pub lsb: f64,
     /// Whether white noise is less than half a count.
     pub is_below_lsb: bool,
@@ -85,7 +85,8 @@ impl AxisNoise {
         let model = Model::of(&powers, lsb * lsb / 12.0);
         let theta = &model.best.theta;
         let counts = (theta[WHITE] + model.rounding).sqrt() * COARSEST_COUNT;
-        let is_below_lsb = counts < lsb;
+        let is_constant = lsb == 0.0;
+        let is_below_lsb = is_constant || counts < lsb;
 
         let estimates: [Estimate; KINDS] = std::array::from_fn(|kind| {
             // From a parameter per sample to a figure per second.
@@ -98,6 +99,8 @@ impl AxisNoise {
             let estimate = model.estimate(&powers, kind, unit);
             match (is_below_lsb, kind) {
                 (false, _) => estimate,
+                // A constant does not even say how large its counts are.
+                (true, _) if is_constant => estimate.bounded(f64::INFINITY),
                 (true, WHITE) => estimate.bounded((model.rounding / rate_hz).sqrt()),
                 (true, _) => estimate.bounded(0.0),
             }

@@ -128,15 +128,11 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// All of the power of each kind alone, a tenth of it: no kind is far from it by orders of magnitude in the wrong place.
+    /// Of each kind a tenth of what the power that has least room for it allows.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
-            self.powers
-                .iter()
-                .filter(|power| power.expected[kind] > 0.0 && power.dof >= 1.0)
-                .map(|power| power.value / power.expected[kind])
-                .filter(|ratio| *ratio > 0.0)
-                .fold(f64::INFINITY, f64::min)
+            let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);
+            ratios.filter(|ratio| *ratio > 0.0).fold(f64::INFINITY, f64::min)
         };
         std::array::from_fn(|kind| {
             let ratio = least(kind);
