@@ -28,7 +28,7 @@ def allan_deviation(
              each is rounded to whole samples
     threads  how many share the work; None takes all processors. The result is the same.
 
-    docs/model.md (25). Raises InputError for values that are no numbers, and for a time of less than one
+    docs/model.md (29). Raises InputError for values that are no numbers, and for a time of less than one
     sample or of more than half of them.
     """
     from imucal import _core

@@ -1,4 +1,4 @@
-//! Overlapping Allan deviation (model.md (25)).
+//! Overlapping Allan deviation (model.md (29)).
 //!
 //! ```text
 //! sigma^2(m) = 1 / (2 m^2 (N - 2m + 1))  sum over i of (p_(i+2m) - 2 p_(i+m) + p_i)^2,    p_i = x_1 + ... + x_i

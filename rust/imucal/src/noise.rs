@@ -12,7 +12,7 @@
 //! random walk. Quantisation is that of an angle or a velocity whose increments are put out; the rounding of a rate to
 //! counts is white, known from the count, and no part of N.
 //!
-//! The figures are maximum-likelihood estimates from the powers of cosines over the record, model.md (27) and (28), at the
+//! The figures are maximum-likelihood estimates from the powers of cosines over the record, model.md (31) and (32), at the
 //! Cramer-Rao bound of such a record; the Allan deviations are there to be looked at, with bands from the fitted model.
 //! A kind that the record does not show has no value: its band starts at zero, and its end is what the record excludes.
 

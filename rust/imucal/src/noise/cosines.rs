@@ -1,4 +1,4 @@
-//! A record as powers of cosines, which noise of a power law makes independent: model.md (27).
+//! A record as powers of cosines, which noise of a power law makes independent: model.md (31).
 //!
 //! ```text
 //! z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1

@@ -1,4 +1,4 @@
-//! Maximum likelihood of the kinds of noise, and bands that hold the truth: model.md (28).
+//! Maximum likelihood of the kinds of noise, and bands that hold the truth: model.md (32).
 //!
 //! ```text
 //! -2 log L = sum over powers of dof (P / mu - 1 - ln(P / mu)),    mu = rounding + sum over kinds of theta_k expected_k

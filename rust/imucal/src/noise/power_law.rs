@@ -1,4 +1,4 @@
-//! What each kind of noise adds to the statistics of a record: model.md (26).
+//! What each kind of noise adds to the statistics of a record: model.md (30).
 //!
 //! For samples x at unit rate, p their sums, s(k) such that every second difference of p has the covariance that it would have
 //! if `E p_i p_j = s(i - j)`:
