@@ -3,8 +3,8 @@
 #   make test      lint, Rust tests, the source distribution in an empty environment, Python tests
 #   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
-#   make bench     speed beside a SciPy program of the same model, and of the simulation
-#   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md
+#   make bench     speed beside a SciPy program of the same model, of the simulation, and of Allan deviations
+#   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
 #   make docs-figures  convergence of the integrated attitude, to docs/results/convergence.md
 #   make wheel     dist/*.whl
@@ -144,10 +144,12 @@ bench: $(VENV)/.installed
 	$(call say,Speed)
 	$(PY) benches/compare.py
 	$(PY) benches/simulate.py
+	$(PY) benches/allan.py
 
 accuracy: $(VENV)/.installed
 	$(call say,Accuracy)
 	PYTHONPATH=benches $(PY) -m accuracy
+	$(PY) benches/noise_accuracy.py
 
 SHARE ?= 1
 gap-benchmark: $(VENV)/.installed

@@ -13,7 +13,7 @@ from imucal.cli import main
 from imucal.disturbances import disturbances
 
 HEADER = "time_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps"
-COMMANDS = ("demo", "convert", "inspect", "calibrate", "evaluate", "apply", "simulate", "effects")
+COMMANDS = ("demo", "convert", "inspect", "calibrate", "evaluate", "apply", "simulate", "noise", "effects")
 
 
 @pytest.fixture
@@ -52,6 +52,7 @@ def test_help_of_a_command_has_an_example_and_json(command, capsys):
         (["calibrate", "none.mat", "--format", "imu_tk"], "needs 2 for each recording"),
         (["evaluate", "none.json", "none.csv"], "none.json: there is no such file"),
         (["apply", "none.json", "none.csv", "-o", "y.csv"], "none.json: there is no such file"),
+        (["noise", "none.csv", "--report", "n.html"], "none.csv: there is no such file"),
         (["simulate", "none.json", "-o", "y.csv"], "none.json: there is no such file"),
         (["simulate", "random", "--unit", "bogus", "-o", "y.csv"], "the unit 'bogus' is not known"),
         (["simulate", "random", "--seed", "-1", "-o", "y.csv"], "seed is -1"),

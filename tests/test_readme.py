@@ -111,6 +111,10 @@ def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
     assert run_page("docs/production-line.md", tmp_path) == 10
 
 
+def test_page_of_noise_prints_what_it_shows(tmp_path):
+    assert run_page("docs/noise.md", tmp_path) == 4
+
+
 def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
     written = tmp_path / "effects.md"
     subprocess.run(

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from imucal.allan import allan_deviation
 from imucal.calibrate import calibrate
 from imucal.calibration import Calibration, Parameter, Provenance, Triad
 from imucal.calibration_result import CalibrationResult
@@ -25,6 +26,7 @@ from imucal.io import read, write
 from imucal.judgement import Check, Judgement
 from imucal.limits import FigureLimit, Limits, ParameterLimit
 from imucal.motion import Program, Static, Step, Tumble
+from imucal.noise import AxisNoise, NoiseFigure, NoiseResult, noise
 from imucal.recording import Recording, Source
 from imucal.simulate import Simulation, repeat, simulate
 from imucal.stand import Stand
@@ -33,6 +35,7 @@ from imucal.truth import Truth
 from imucal.unit import Sensor, Unit, unit_names
 
 __all__ = [
+    "AxisNoise",
     "Calibration",
     "CalibrationResult",
     "Check",
@@ -50,6 +53,8 @@ __all__ = [
     "Inspection",
     "Judgement",
     "Limits",
+    "NoiseFigure",
+    "NoiseResult",
     "NotEnoughMotionError",
     "Parameter",
     "ParameterLimit",
@@ -71,10 +76,12 @@ __all__ = [
     "Unit",
     "UserEffect",
     "__version__",
+    "allan_deviation",
     "calibrate",
     "evaluate",
     "find_gap",
     "inspect",
+    "noise",
     "read",
     "repeat",
     "simulate",

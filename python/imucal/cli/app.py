@@ -15,7 +15,19 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import apply, calibrate, convert, demo, effects, evaluate, gap, inspect, limits, simulate
+from imucal.cli import (
+    apply,
+    calibrate,
+    convert,
+    demo,
+    effects,
+    evaluate,
+    gap,
+    inspect,
+    limits,
+    noise,
+    simulate,
+)
 from imucal.errors import ImucalError
 
 __all__ = ["app", "main"]
@@ -42,6 +54,7 @@ for command in (
     gap.gap,
     apply.apply,
     simulate.simulate,
+    noise.noise,
     effects.effects,
 ):
     app.command()(command)

@@ -57,7 +57,7 @@ def carried_gravity_figure(
             )
     gravity, uncalibrated, calibrated = (values[:, column] for values in series)
 
-    go, make_subplots = _plotly()
+    go, make_subplots = plotly()
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.7, 0.3], vertical_spacing=0.06)
     rest = np.arange(1, time.size + 1)
 
@@ -86,10 +86,11 @@ def carried_gravity_figure(
     figure.update_yaxes(automargin=True, title_standoff=10)
     figure.data[3].showlegend = False
     figure.update_xaxes(title_text="time, s", row=2, col=1)
-    return _styled(figure)
+    return styled(figure)
 
 
-def _styled(figure: Figure) -> Figure:
+def styled(figure: Figure) -> Figure:
+    """The figure as all of them look."""
     return figure.update_layout(
         template="none",
         height=420,
@@ -101,7 +102,8 @@ def _styled(figure: Figure) -> Figure:
     )
 
 
-def _plotly() -> tuple[Any, Any]:
+def plotly() -> tuple[Any, Any]:
+    """The graph objects of plotly and `make_subplots`; ImucalError without plotly."""
     try:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots

@@ -7,6 +7,7 @@ mod arrays;
 mod effects;
 mod error;
 mod gap;
+mod noise;
 mod options;
 mod results;
 mod simulation;
@@ -31,6 +32,8 @@ mod _core {
     use super::error::{ToPython, finding};
     #[pymodule_export]
     use super::gap::{EffectScore, GenericFinding, Search, gap_design, search_gap};
+    #[pymodule_export]
+    use super::noise::{AxisNoise, Noise, NoiseEstimate, allan_deviations, allan_factors, identify_noise};
     use super::options::{CalibrateOptions, frame_named};
     #[pymodule_export]
     use super::results::{

@@ -64,6 +64,8 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
 
 const ACCEL: [&str; 3] = ["accel_x", "accel_y", "accel_z"];
 const GYRO: [&str; 3] = ["gyro_x", "gyro_y", "gyro_z"];
+/// Names of the six columns, accelerometer first.
+pub(crate) const CHANNELS: [&str; 6] = ["accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z"];
 
 impl Place {
     fn new(recording: &Recording, first_sample: usize, last_sample: usize) -> Self {

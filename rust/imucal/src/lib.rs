@@ -32,6 +32,7 @@
 //! What this crate does not do: it reads and writes no files and plots nothing (the Python package does), and it does not
 //! run on the device (`imucal-core` does).
 
+pub mod allan;
 pub mod calibrate;
 pub mod check;
 pub mod correct;
@@ -42,6 +43,7 @@ pub mod finding;
 pub mod frame;
 pub mod gap;
 pub mod joint;
+pub mod noise;
 pub mod recording;
 pub mod segment;
 pub mod simulate;

@@ -57,6 +57,7 @@ pub use temperature::Temperature;
 pub use tremor::Tremor;
 pub use tumble::{HandMoves, Tumble};
 pub use unit::{Converter, Sensor, Unit};
+pub(crate) use workers::share_out;
 
 use std::num::NonZeroUsize;
 

@@ -3,7 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 
 /// Does every job once, on up to `threads` threads, in any order: the jobs must not depend on each other.
-pub(super) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) + Sync) {
+pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) + Sync) {
     let threads = threads.min(jobs.len());
     if threads <= 1 {
         jobs.into_iter().for_each(work);

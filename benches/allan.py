@@ -1,0 +1,82 @@
+"""Allan deviations beside allantools: `make bench`, to docs/results/noise.md."""
+
+import os
+
+# Before NumPy is loaded: its linear algebra reads these once.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import platform
+from importlib.metadata import version
+
+import allantools
+import numpy as np
+
+import imucal
+from compare import ROOT, machine_name, medians_ms
+
+REPORT = ROOT / "docs" / "results" / "noise.md"
+SECTION = "## Speed of the Allan deviation"
+SAMPLES = 10_000_000
+TAUS = 30
+ROUNDS = 3
+AIM = 8.0
+
+
+def write_section(heading: str, body: str) -> None:
+    """Put a section of the page in its place; the others stay."""
+    text = REPORT.read_text(encoding="utf-8") if REPORT.exists() else "# Noise\n"
+    title, *sections = text.split("\n## ")
+    kept = {section.split("\n", 1)[0]: section for section in sections}
+    kept[heading.removeprefix("## ")] = f"{heading.removeprefix('## ')}\n\n{body.strip()}\n"
+    # Speed comes last, whoever writes first.
+    order = sorted(kept, key=lambda name: name.startswith("Speed"))
+    REPORT.parent.mkdir(parents=True, exist_ok=True)
+    REPORT.write_text(
+        "\n\n## ".join([title.strip(), *(kept[name].strip() for name in order)]) + "\n", encoding="utf-8"
+    )
+
+
+def main() -> None:
+    rate_hz = 200.0
+    values = 9.80665 + 1e-2 * np.random.default_rng(1).standard_normal(SAMPLES)
+    factors = np.unique(np.round(np.geomspace(1, SAMPLES / 3, TAUS + 2)))[:TAUS]
+    taus_s = factors / rate_hz
+
+    def peer() -> tuple[np.ndarray, np.ndarray]:
+        return allantools.oadev(values, rate=rate_hz, data_type="freq", taus=taus_s)[:2]
+
+    functions = {
+        "allantools.oadev": peer,
+        "imucal.allan_deviation, one thread": lambda: imucal.allan_deviation(
+            values, rate_hz, taus_s, threads=1
+        ),
+        "imucal.allan_deviation, two threads": lambda: imucal.allan_deviation(
+            values, rate_hz, taus_s, threads=2
+        ),
+    }
+    expected = peer()[1]
+    apart = max(np.max(np.abs(function()[1] / expected - 1)) for function in functions.values())
+    ms = medians_ms(functions, ROUNDS)
+    slowest = ms["allantools.oadev"]
+    rows = [f"| {name} | {value:.0f} | {slowest / value:.1f} |" for name, value in ms.items()]
+    single = slowest / ms["imucal.allan_deviation, one thread"]
+    programs = f"NumPy {np.__version__}, allantools {version('allantools')}, imucal {imucal.__version__}"
+    body = f"""
+Written by `make bench`. {machine_name()}. {platform.system()}, Python {platform.python_version()},
+{programs}. Overlapping Allan deviations of {SAMPLES:,}
+samples at the same {len(factors)} averaging times, medians of {ROUNDS} interleaved rounds in one process.
+
+| | ms | times as fast as allantools |
+|---|---:|---:|
+{chr(10).join(rows)}
+
+The largest relative difference of any deviation is {apart:.0e}. The aim is {AIM:.0f} times on one thread:
+{"met" if single >= AIM else "missed"}.
+"""
+    write_section(SECTION, body)
+    print(f"{SECTION}\n{body}\nwritten to {REPORT.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

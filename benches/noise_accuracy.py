@@ -1,0 +1,179 @@
+"""Whether the bands of the noise figures hold the truth: `make accuracy`, to docs/results/noise.md.
+
+Units at rest are simulated with noise of known size, identified, and compared with the truth.
+"""
+
+import os
+
+# Two processes share the machine; threads within them would only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import dataclasses
+import math
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from rich.progress import track
+
+import imucal
+from accuracy import BAND, binomial_band
+from allan import REPORT, ROOT, write_section
+
+SECTION = "## The figures and their bands"
+RATE_HZ = 100.0
+DURATION_S = 3600.0
+DEG = math.pi / 180.0
+MG = 9.80665e-3
+FIGURES = ("noise_density", "bias_instability", "random_walk")
+SENSORS = ("accelerometer", "gyroscope")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A unit and the noise that its datasheet does not give: flicker (mg, deg/h), random walk (SI)."""
+
+    unit: str
+    flicker: tuple[float, float] | None
+    walk: tuple[float, float]
+
+
+CASES = (
+    Case("paper", (0.1, 20.0), (1e-4, 2e-5)),
+    Case("mpu6050", (0.1, 15.0), (2e-4, 1e-5)),
+    Case("lsm6dso", (0.04, 3.0), (4e-5, 3e-6)),
+    Case("bmi088", (0.04, 2.0), (0.0, 0.0)),
+    Case("adis16460", None, (2e-5, 2e-5)),
+    Case("paper", (0.0, 0.0), (2e-5, 2e-5)),
+    Case("mpu6050", (0.0, 0.0), (0.0, 0.0)),
+)
+
+
+def unit_of(case: Case) -> imucal.Unit:
+    unit = imucal.Unit.named(case.unit)
+
+    def sensor(name: str, flicker: float | None, walk: float) -> imucal.Sensor:
+        of_datasheet = getattr(unit, name)
+        instability = of_datasheet.bias_instability if flicker is None else flicker
+        return dataclasses.replace(
+            of_datasheet, bias_instability=instability, random_walk=np.full(3, walk), bias=np.zeros(3)
+        )
+
+    flicker = (None, None) if case.flicker is None else (case.flicker[0] * MG, case.flicker[1] * DEG / 3600)
+    return imucal.Unit(
+        sensor("accelerometer", flicker[0], case.walk[0]), sensor("gyroscope", flicker[1], case.walk[1])
+    )
+
+
+def trial(case: Case, seed: int) -> list[list[list[imucal.NoiseFigure]]]:
+    """The figures: of each sensor, axis and kind."""
+    run = imucal.simulate(imucal.Static(DURATION_S), unit=unit_of(case), rate_hz=RATE_HZ, seed=seed)
+    found = imucal.noise(run.recording, threads=1)
+    return [
+        [[getattr(axis, figure) for figure in FIGURES] for axis in found.triad(triad)]
+        for triad in ("accel", "gyro")
+    ]
+
+
+def truths(case: Case) -> list[list[float]]:
+    unit = unit_of(case)
+    sensors = [getattr(unit, sensor) for sensor in SENSORS]
+    return [[s.noise_density, s.bias_instability, float(s.random_walk[0])] for s in sensors]
+
+
+class Judge:
+    """Rows of the table; figures outside of their band are bold and counted."""
+
+    def __init__(self) -> None:
+        self.rows: list[str] = []
+        self.checked = 0
+        self.misses = 0
+        self.bands = 0
+        self.held = 0
+
+    def judge(self, text: str, good: bool) -> str:
+        self.checked += 1
+        self.misses += not good
+        return text if good else f"**{text}**"
+
+    def add(self, name: str, truth: float, found: list[imucal.NoiseFigure]) -> None:
+        trials = len(found)
+        seen = [figure for figure in found if figure.value is not None]
+        share = len(seen) / trials
+        if truth == 0.0:
+            # What is not there is seen by chance only, and by less than the band allows.
+            most = binomial_band(trials, 0.05)[1]
+            cells = ["0", self.judge(f"{100 * share:.1f}", share <= most), "-", "-", "-"]
+        else:
+            held = sum(figure.low <= truth <= figure.high for figure in found)
+            self.bands += trials
+            self.held += held
+            inside = held / trials
+            low, high = binomial_band(trials, 0.95)
+            # A band that begins at zero for want of evidence holds small truths more often.
+            good = low <= inside and (inside <= high or share < 1.0)
+            spread = "-"
+            size = "-"
+            if share == 1.0:
+                errors = np.array([(f.value - truth) / f.std for f in found])
+                spread = f"{np.sqrt(np.mean(errors**2)):.2f}"
+                size = f"{100 * np.sqrt(np.mean([f.std**2 for f in found])) / truth:.2g}"
+            cells = [
+                f"{truth:.3g}",
+                f"{100 * share:.1f}",
+                size,
+                spread,
+                self.judge(f"{100 * inside:.1f}", good),
+            ]
+        self.rows.append("| " + " | ".join([name, *cells]) + " |")
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--runs", type=int, default=100)
+    arguments.add_argument("--processes", type=int, default=2)
+    given = arguments.parse_args()
+    judge = Judge()
+    with ProcessPoolExecutor(given.processes) as pool:
+        for case in track(CASES, "identifying"):
+            # Other seeds for each: the same ones would make the same errors.
+            first = 1 + 1000 * CASES.index(case)
+            runs = list(pool.map(partial(trial, case), range(first, first + given.runs)))
+            for s, (sensor, of_sensor) in enumerate(zip(SENSORS, truths(case), strict=True)):
+                for k, (figure, truth) in enumerate(zip(FIGURES, of_sensor, strict=True)):
+                    found = [axis[k] for run in runs for axis in run[s]]
+                    judge.add(f"{case.unit}, {sensor}, {figure}", truth, found)
+    trials = 3 * given.runs
+    low, high = binomial_band(trials, 0.95)
+    band = f"{100 * low:.1f} to {100 * high:.1f}"
+    expected = (1 - BAND) * judge.checked
+    share = 100 * judge.held / judge.bands
+    body = f"""
+Written by `make accuracy`: {given.runs} simulated units at rest of each kind, {DURATION_S / 3600:g} h
+at {RATE_HZ:g} Hz, in counts, with the white noise of the datasheet, and flicker noise and random walk as in
+the table; three axes each.
+
+* seen: share of the axes with a value, %. The others have the end of a band. What is not there (truth 0) may
+  be seen 5 times of 100.
+* σ: the stated standard deviation, % of the truth, where all are seen; error / σ: root mean square, 1 if σ is
+  true.
+* 95 %: share of the bands that hold the truth. Of {trials} perfect bands {band} % do,
+  {100 * BAND:.0f} times of 100; figures outside are bold. A figure that is not seen on every axis may be held
+  more often: its band begins at zero.
+
+| unit, sensor, figure | truth, SI | seen | σ, % | error / σ | 95 % |
+|---|---:|---:|---:|---:|---:|
+{chr(10).join(judge.rows)}
+
+{judge.misses} of {judge.checked} figures are outside; of perfect ones {expected:.1f} would be.
+Of all {judge.bands} bands of noise that is there {share:.2f} % hold the truth.
+"""
+    write_section(SECTION, body)
+    print(f"{SECTION}\n{body}\nwritten to {REPORT.relative_to(ROOT)}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+//! Allan deviations and the identification of noise for Python.
+
+use std::num::NonZeroUsize;
+
+use imucal::allan;
+use imucal::error::Error;
+use imucal::noise as library;
+use numpy::ndarray::{ArrayView1, Axis};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use crate::arrays::RecordingColumns;
+use crate::error::{ToPython, finding};
+
+/// One figure with its 95 % band; `value` and `std` are None where the record does not show it.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct NoiseEstimate {
+    value: Option<f64>,
+    std: Option<f64>,
+    low: f64,
+    high: f64,
+}
+
+/// The noise of one axis.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct AxisNoise {
+    noise_density: Py<NoiseEstimate>,
+    bias_instability: Py<NoiseEstimate>,
+    random_walk: Py<NoiseEstimate>,
+    quantisation: Py<NoiseEstimate>,
+    lsb: f64,
+    is_below_lsb: bool,
+    shortest_period_s: f64,
+    misfit: f64,
+    tau_s: Py<PyArray1<f64>>,
+    deviation: Py<PyArray1<f64>>,
+    low: Py<PyArray1<f64>>,
+    high: Py<PyArray1<f64>>,
+    dof: Py<PyArray1<f64>>,
+    model: Py<PyArray1<f64>>,
+}
+
+/// The noise of both triads.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Noise {
+    start_s: f64,
+    end_s: f64,
+    samples: usize,
+    rate_hz: f64,
+    accelerometer: Vec<Py<AxisNoise>>,
+    gyroscope: Vec<Py<AxisNoise>>,
+    findings: Vec<Py<PyAny>>,
+}
+
+impl AxisNoise {
+    fn new(py: Python<'_>, axis: &library::AxisNoise) -> PyResult<Py<Self>> {
+        let estimate =
+            |e: &library::Estimate| Py::new(py, NoiseEstimate { value: e.value, std: e.std, low: e.low, high: e.high });
+        let column = |of: fn(&library::AllanPoint) -> f64| PyArray1::from_iter(py, axis.allan.iter().map(of)).unbind();
+        let translated = Self {
+            noise_density: estimate(&axis.noise_density)?,
+            bias_instability: estimate(&axis.bias_instability)?,
+            random_walk: estimate(&axis.random_walk)?,
+            quantisation: estimate(&axis.quantisation)?,
+            lsb: axis.lsb,
+            is_below_lsb: axis.is_below_lsb,
+            shortest_period_s: axis.shortest_period_s,
+            misfit: axis.misfit,
+            tau_s: column(|p| p.tau_s),
+            deviation: column(|p| p.deviation),
+            low: column(|p| p.low),
+            high: column(|p| p.high),
+            dof: column(|p| p.dof),
+            model: column(|p| p.model),
+        };
+        Py::new(py, translated)
+    }
+}
+
+/// Identifies the noise in the longest rest of a recording; all processors, or `threads` of them.
+#[pyfunction]
+pub(crate) fn identify_noise(
+    py: Python<'_>,
+    recording: RecordingColumns<'_>,
+    min_rest_s: f64,
+    threads: Option<NonZeroUsize>,
+) -> PyResult<Noise> {
+    let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+    let threads = or_all(threads);
+    let noise = py.detach(|| library::identify(&views[0], min_rest_s, threads)).to_python(py)?;
+    let axes =
+        |axes: &[library::AxisNoise; 3]| axes.iter().map(|axis| AxisNoise::new(py, axis)).collect::<PyResult<_>>();
+    Ok(Noise {
+        start_s: noise.start_s,
+        end_s: noise.end_s,
+        samples: noise.samples,
+        rate_hz: noise.rate_hz,
+        accelerometer: axes(&noise.accelerometer)?,
+        gyroscope: axes(&noise.gyroscope)?,
+        findings: noise.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
+    })
+}
+
+/// One series, or one in each column, in any memory order.
+#[derive(FromPyObject)]
+pub(crate) enum Series<'py> {
+    One(PyReadonlyArray1<'py, f64>),
+    Columns(PyReadonlyArray2<'py, f64>),
+}
+
+impl Series<'_> {
+    fn views(&self) -> Vec<ArrayView1<'_, f64>> {
+        match self {
+            Self::One(values) => vec![values.as_array()],
+            Self::Columns(values) => {
+                let view = values.as_array();
+                (0..view.ncols()).map(|column| view.index_axis_move(Axis(1), column)).collect()
+            }
+        }
+    }
+}
+
+/// Overlapping Allan deviations of each series, read in place, at averages of `factors` samples.
+#[pyfunction]
+pub(crate) fn allan_deviations<'py>(
+    py: Python<'py>,
+    values: Series<'py>,
+    factors: Vec<usize>,
+    threads: Option<NonZeroUsize>,
+) -> PyResult<Vec<Bound<'py, PyArray1<f64>>>> {
+    let threads = or_all(threads);
+    let views = values.views();
+    let deviations = py.detach(|| {
+        let of = |series: &ArrayView1<'_, f64>| match series.as_slice() {
+            Some(slice) => allan::overlapping_deviations(slice.iter().copied(), &factors, threads),
+            None => allan::overlapping_deviations(series.iter().copied(), &factors, threads),
+        };
+        views.iter().map(of).collect::<Result<Vec<_>, _>>()
+    });
+    Ok(deviations.to_python(py)?.into_iter().map(|series| PyArray1::from_vec(py, series)).collect())
+}
+
+/// Averaging factors for `samples` samples: "octave" or "decade".
+#[pyfunction]
+pub(crate) fn allan_factors(py: Python<'_>, samples: usize, spacing: &str) -> PyResult<Vec<usize>> {
+    match spacing {
+        "octave" => Ok(allan::octave_factors(samples)),
+        "decade" => Ok(allan::decade_factors(samples)),
+        other => Err(Error::Input(format!("taus are {other:?}: give octave, decade or a list in s"))).to_python(py),
+    }
+}
+
+fn or_all(threads: Option<NonZeroUsize>) -> NonZeroUsize {
+    threads.or_else(|| std::thread::available_parallelism().ok()).unwrap_or(NonZeroUsize::MIN)
+}

@@ -1,0 +1,370 @@
+//! The noise of a unit from a recording at rest: what kinds there are, how much of each, and how sure that is.
+//!
+//! ```text
+//!                      power density, two-sided       Allan deviation              figure
+//! white noise          N^2                            N / sqrt(tau)                noise_density, v/sqrt(Hz)
+//! bias instability     B^2 / (2 pi |f|)               0.664 B                      bias_instability, v
+//! rate random walk     K^2 / (2 pi f)^2               K sqrt(tau / 3)              random_walk, v/s/sqrt(Hz)
+//! quantisation         Q^2 (2 pi f)^2 / rate          sqrt(3) Q / tau              quantisation, v s
+//! ```
+//!
+//! v is the unit of the sensor. These are the definitions of [`crate::simulate`] and of IEEE Std 952; for a gyroscope N is the angle
+//! random walk. Quantisation is that of an angle or a velocity whose increments are put out; the rounding of a rate to
+//! counts is white, known from the count, and no part of N.
+//!
+//! The figures are maximum-likelihood estimates from the powers of cosines over the record, model.md (31) and (32), at the
+//! Cramer-Rao bound of such a record; the Allan deviations are there to be looked at, with bands from the fitted model.
+//! A kind that the record does not show has no value: its band starts at zero, and its end is what the record excludes.
+
+mod axis;
+mod cosines;
+mod likelihood;
+mod power_law;
+
+use std::num::NonZeroUsize;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+use nalgebra::Vector6;
+
+use crate::check;
+use crate::error::Error;
+use crate::finding::{Finding, Severity};
+use crate::recording::Recording;
+use crate::segment::Segments;
+use crate::simulate::share_out;
+
+pub use axis::{AllanPoint, AxisNoise, Estimate};
+use cosines::Layout;
+
+/// Fewer samples hold nothing but white noise, and that badly.
+const FEWEST_SAMPLES: usize = 1000;
+/// More lost or repeated samples than this share, and the power at high frequency is another one.
+const IRREGULAR_SHARE: f64 = 1e-4;
+/// A rest that is less of the recording than this is worth a word.
+const WHOLE_SHARE: f64 = 0.9;
+
+/// The noise of both triads of a unit.
+#[derive(Clone, Debug)]
+pub struct Noise {
+    /// Time of the first sample used, s.
+    pub start_s: f64,
+    /// Time of the last sample used, s.
+    pub end_s: f64,
+    /// Number of samples used.
+    pub samples: usize,
+    /// Sample rate, Hz.
+    pub rate_hz: f64,
+    /// Accelerometer x, y, z, in the recording's unit.
+    pub accelerometer: [AxisNoise; 3],
+    /// Gyroscope x, y, z, in the recording's unit.
+    pub gyroscope: [AxisNoise; 3],
+    /// What is worth knowing about the recording.
+    pub findings: Vec<Finding>,
+}
+
+/// Identifies the noise in the longest rest of `recording`.
+///
+/// `min_rest_s` is for the search of rests. `threads` share the work and change no bit of the result.
+///
+/// # Errors
+/// [`Error::Data`] for a recording with faults, lost and repeated samples among them; [`Error::NotEnoughMotion`] if the unit is
+/// never at rest; [`Error::Input`] if it is so for fewer than 1000 samples.
+pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsize) -> Result<Noise, Error> {
+    let mut findings = check::check_columns(recording);
+    for finding in &mut findings {
+        let irregular = ["samples_missing", "samples_duplicated"].contains(&finding.code);
+        if irregular && finding.count as f64 > IRREGULAR_SHARE * recording.len() as f64 {
+            finding.severity = Severity::Error;
+        }
+    }
+    let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
+    if !errors.is_empty() {
+        return Err(Error::Data(errors));
+    }
+    let samples = longest_rest(recording, min_rest_s)?;
+    if samples.len() < (WHOLE_SHARE * recording.len() as f64) as usize {
+        findings.push(moving(recording, &samples));
+    }
+    let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
+    let rate_hz = (samples.len() - 1) as f64 / (end_s - start_s);
+    let layout = Layout::new(samples.len());
+    let channels: [(&[[f64; 3]], usize); 6] = [0, 1, 2, 3, 4, 5].map(|channel| {
+        let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
+        (&rows[samples.clone()], channel % 3)
+    });
+    let found: [Mutex<Option<Result<AxisNoise, Error>>>; 6] = std::array::from_fn(|_| Mutex::new(None));
+    share_out(threads.get(), channels.iter().zip(&found).collect(), |((rows, axis), place)| {
+        let result = AxisNoise::identify(rows, *axis, rate_hz, &layout);
+        *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
+    });
+    let mut axes = Vec::with_capacity(6);
+    for place in found {
+        match place.into_inner().unwrap_or_else(PoisonError::into_inner) {
+            Some(axis) => axes.push(axis?),
+            None => return Err(Error::Fit("an axis was not judged: run it again".into())),
+        }
+    }
+    findings.extend(remarks(recording, end_s - start_s, rate_hz, &axes));
+    let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not judged".into()))?;
+    let [ax, ay, az, gx, gy, gz] = triads;
+    Ok(Noise {
+        start_s,
+        end_s,
+        samples: samples.len(),
+        rate_hz,
+        accelerometer: [ax, ay, az],
+        gyroscope: [gx, gy, gz],
+        findings,
+    })
+}
+
+/// The longest stretch at rest.
+fn longest_rest(recording: &Recording<'_>, min_rest_s: f64) -> Result<Range<usize>, Error> {
+    let segments = Segments::find(recording, min_rest_s)?;
+    let floor = &segments.threshold.noise_floor;
+    let mut longest = 0..0;
+    let mut current = 0..0;
+    for rest in &segments.rests {
+        let joins = !current.is_empty() && is_noise(recording, current.clone(), rest.first, floor);
+        current = if joins { current.start..rest.end } else { rest.first..rest.end };
+        if current.len() > longest.len() {
+            longest = current.clone();
+        }
+    }
+    if longest.len() >= FEWEST_SAMPLES {
+        return Ok(longest);
+    }
+    Err(Error::Input(format!(
+        "{}: the longest rest, {}, has {} samples, {FEWEST_SAMPLES} are needed: let the unit lie still for minutes for \
+         white noise, for hours for bias instability and random walk",
+        recording.name,
+        place(recording, &longest),
+        longest.len()
+    )))
+}
+
+/// Whether nothing but noise parts a rest from the next one, at `next`: no sample between them leaves the end of the rest by
+/// more than six standard deviations. Noise alone cuts a long rest here and there, filtered noise above all: its variance
+/// in half a second scatters widely.
+fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
+    const NEAR: usize = 200;
+    const LIMIT: f64 = 6.0;
+    let near = rest.end.saturating_sub(NEAR).max(rest.start)..rest.end;
+    [(recording.angular_rate, 0), (recording.specific_force, 3)].iter().all(|(rows, first)| {
+        (0..3).all(|axis| {
+            let values = || rows[near.clone()].iter().map(|row| row[axis]);
+            let mean = values().sum::<f64>() / near.len() as f64;
+            let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / near.len() as f64;
+            let limit = LIMIT * variance.sqrt().max(floor[first + axis]);
+            rows[rest.end..next].iter().all(|row| (row[axis] - mean).abs() <= limit)
+        })
+    })
+}
+
+fn place(recording: &Recording<'_>, rest: &Range<usize>) -> String {
+    match recording.time_s.get(rest.clone()) {
+        Some([first, .., last]) => format!("from {first:.2} s to {last:.2} s"),
+        _ => "none".to_owned(),
+    }
+}
+
+fn moving(recording: &Recording<'_>, rest: &Range<usize>) -> Finding {
+    let share = rest.len() as f64 / recording.len() as f64;
+    Finding {
+        count: recording.len() - rest.len(),
+        value: share,
+        unit: "1",
+        message: format!(
+            "the longest rest, {}, is {:.0} % of the recording, and only it is used",
+            place(recording, rest),
+            100.0 * share
+        ),
+        way_out: "record the unit at rest on something firm".into(),
+        ..Finding::warning("recording_moves", recording.name)
+    }
+}
+
+/// What the figures of the axes, accelerometer first, say about the recording.
+fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[AxisNoise]) -> Vec<Finding> {
+    let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
+        check::CHANNELS.iter().zip(axes).filter(|(_, axis)| of(axis)).map(|(name, _)| (*name).to_owned()).collect()
+    };
+    let kinds: [(&'static str, Vec<String>, &str, &str); 4] = [
+        (
+            "noise_below_lsb",
+            columns(&|axis| axis.is_below_lsb),
+            "white noise is less than half a count: it cannot be known from this recording better than one count over \
+             sqrt(12), and what the other kinds are is a guess",
+            "choose a smaller range or a higher resolution, or take the noise from the datasheet",
+        ),
+        (
+            "noise_filtered",
+            columns(&|axis| axis.shortest_period_s * rate_hz > 2.5 && axis.misfit.abs() <= axis::MISFIT),
+            "at high frequencies the noise is not of these kinds, as behind a filter: the figures are those of what is slower",
+            "nothing to do; record without the filter and at a higher rate if you need the noise density more exactly",
+        ),
+        (
+            "noise_model",
+            columns(&|axis| axis.misfit.abs() > axis::MISFIT),
+            "the power is not that of white noise, bias instability, random walk and quantisation: the figures are rough, and \
+             their bands too narrow",
+            "look at the Allan plot; record at a constant temperature, on something firm, away from motors",
+        ),
+        (
+            "recording_short",
+            columns(&|axis| axis.bias_instability.value.is_none()),
+            "the recording does not show the bias instability: it is below the end of its band",
+            "record for longer, hours at a constant temperature, if you need a figure",
+        ),
+    ];
+    let finding = |(code, columns, message, way_out): (&'static str, Vec<String>, &str, &str)| {
+        (!columns.is_empty()).then(|| Finding {
+            count: columns.len(),
+            value: duration_s,
+            unit: "s",
+            message: format!("{}: {message} ({duration_s:.0} s)", columns.join(", ")),
+            columns,
+            way_out: way_out.into(),
+            ..Finding::warning(code, recording.name)
+        })
+    };
+    kinds.into_iter().filter_map(finding).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::simulate::{Converter, LowPass, Program, Sensor, Simulation, Step, Unit, simulate};
+
+    const RATE_HZ: f64 = 100.0;
+
+    fn still(sensor: Sensor, duration_s: f64, seed: u64) -> Simulation {
+        let unit = Unit { accelerometer: sensor, gyroscope: sensor, ..Unit::paper() };
+        simulate(&Program::try_new(vec![Step::hold(duration_s)]).unwrap(), &unit, RATE_HZ, 9.80665, seed).unwrap()
+    }
+
+    fn noise_of(run: &Simulation) -> Noise {
+        identify(&run.recording("still"), 1.0, NonZeroUsize::MIN).unwrap()
+    }
+
+    fn axes(noise: &Noise) -> impl Iterator<Item = &AxisNoise> {
+        noise.accelerometer.iter().chain(&noise.gyroscope)
+    }
+
+    fn all_kinds() -> Sensor {
+        Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
+    }
+
+    /// Over a handful of runs the errors are as large as they are said to be: mean square within its own 99.9 %.
+    #[test]
+    fn standard_deviations_are_those_of_the_errors() {
+        let mut squares = [0.0; 3];
+        let runs = 10;
+        for seed in 0..runs {
+            for axis in axes(&noise_of(&still(all_kinds(), 1800.0, seed))) {
+                let figures = [(axis.noise_density, 1e-3), (axis.bias_instability, 5e-4), (axis.random_walk, 1e-4)];
+                for (square, (found, truth)) in squares.iter_mut().zip(figures) {
+                    let (value, std) = (found.value.unwrap(), found.std.unwrap());
+                    *square += ((value - truth) / std).powi(2) / (6 * runs) as f64;
+                    assert!(found.low < value && value < found.high, "{found:?}");
+                }
+            }
+        }
+        // 60 squares: 0.49 to 1.74 in 999 of 1000 cases.
+        assert!(squares.iter().all(|square| (0.49..1.74).contains(square)), "{squares:?}");
+    }
+
+    #[test]
+    fn what_is_absent_has_a_bound_and_no_value() {
+        let white = Sensor { noise_density: 1e-3, ..Sensor::ideal() };
+        let noise = noise_of(&still(white, 600.0, 3));
+        for axis in axes(&noise) {
+            assert!(axis.noise_density.value.is_some());
+            for absent in [axis.bias_instability, axis.random_walk, axis.quantisation] {
+                assert_eq!((absent.value, absent.std, absent.low), (None, None, 0.0));
+                assert!(absent.high > 0.0);
+            }
+        }
+        assert_eq!(noise.findings[0].code, "recording_short");
+    }
+
+    #[test]
+    fn rounding_to_counts_is_no_part_of_the_noise() {
+        let noise_std = 1e-3 * RATE_HZ.sqrt();
+        let counted = |counts: f64| Sensor {
+            noise_density: 1e-3,
+            converter: Some(Converter { lsb: noise_std * counts, bits: 24 }),
+            ..Sensor::ideal()
+        };
+        // Without the correction it would be 4 % too much.
+        for axis in axes(&noise_of(&still(counted(1.0), 1200.0, 5))) {
+            let (value, std) = (axis.noise_density.value.unwrap(), axis.noise_density.std.unwrap());
+            assert!(((value - 1e-3) / std).abs() < 4.0, "{value}");
+            assert!((axis.lsb / noise_std - 1.0).abs() < 1e-6);
+        }
+        let coarse = noise_of(&still(counted(3.0), 1200.0, 5));
+        assert!(coarse.findings.iter().any(|finding| finding.code == "noise_below_lsb"));
+        for axis in axes(&coarse) {
+            assert!(axis.is_below_lsb && axis.noise_density.value.is_none());
+            assert!(axis.noise_density.high > 0.99e-3);
+        }
+    }
+
+    #[test]
+    fn only_the_longest_rest_is_used_and_that_is_said() {
+        let turn = Step { turn_rad: [1.0, 0.5, -0.5], move_s: 2.0, hold_s: 60.0 };
+        let program = Program::try_new(vec![Step::hold(10.0), turn, Step { hold_s: 5.0, ..turn }]).unwrap();
+        let run = simulate(&program, &Unit::paper(), RATE_HZ, 9.80665, 1).unwrap();
+        let noise = noise_of(&run);
+        assert!(
+            noise.start_s > 11.9 && noise.end_s < 72.2 && noise.samples > 5900,
+            "{} {}",
+            noise.start_s,
+            noise.end_s
+        );
+        assert_eq!(noise.findings[0].code, "recording_moves");
+    }
+
+    #[test]
+    fn a_long_rest_is_not_cut_by_its_own_noise() {
+        let filtered =
+            Sensor { low_pass: Some(LowPass { bandwidth_hz: 10.0 }), noise_density: 1e-3, ..Sensor::ideal() };
+        let run = still(filtered, 3600.0, 1);
+        let rests = Segments::find(&run.recording("still"), 1.0).unwrap().rests.len();
+        assert!(rests > 1, "this tests nothing where the rest is found whole");
+        let noise = noise_of(&run);
+        assert!(noise.samples > 359_900, "{} to {}", noise.start_s, noise.end_s);
+        assert!(axes(&noise).all(|axis| axis.shortest_period_s > 1.0));
+        assert_eq!(noise.findings[0].code, "noise_filtered");
+    }
+
+    #[test]
+    fn a_rest_that_is_too_short_is_refused_with_its_length() {
+        let run = still(all_kinds(), 8.0, 1);
+        let message = identify(&run.recording("short"), 1.0, NonZeroUsize::MIN).unwrap_err().to_string();
+        assert!(message.contains("short: the longest rest") && message.contains("1000 are needed"), "{message}");
+    }
+
+    #[test]
+    fn lost_samples_are_refused() {
+        let run = still(all_kinds(), 60.0, 1);
+        let keep = |i: &usize| !(2000..2050).contains(i);
+        let kept: Vec<usize> = (0..run.time_s.len()).filter(keep).collect();
+        let time: Vec<f64> = kept.iter().map(|&i| run.time_s[i]).collect();
+        let force: Vec<[f64; 3]> = kept.iter().map(|&i| run.specific_force[i]).collect();
+        let rate: Vec<[f64; 3]> = kept.iter().map(|&i| run.angular_rate[i]).collect();
+        let recording = Recording::try_new("gap", &time, &force, &rate).unwrap();
+        let error = identify(&recording, 1.0, NonZeroUsize::MIN).unwrap_err();
+        assert!(matches!(&error, Error::Data(findings) if findings[0].code == "samples_missing"), "{error}");
+    }
+
+    #[test]
+    fn threads_change_no_bit() {
+        let run = still(all_kinds(), 100.0, 1);
+        let found = |threads| format!("{:?}", identify(&run.recording("r"), 1.0, threads).unwrap());
+        assert_eq!(found(NonZeroUsize::MIN), found(NonZeroUsize::new(4).unwrap()));
+    }
+}

@@ -1,0 +1,259 @@
+//! A record as powers of cosines, which noise of a power law makes independent: model.md (31).
+//!
+//! ```text
+//! z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
+//! ```
+//!
+//! for windows of W neighbouring values y. Of white noise and of a random walk, and of means of such, the z of a window are
+//! independent exactly, whatever the ends of the window do: in a Fourier transform a random walk leaks from its ends
+//! into all frequencies. Of flicker noise they are nearly so, and their variances here are exact.
+//!
+//! A long record is taken apart in stages: windows of 32 samples, then of 32 means of those, until fewer than 2048 are left for one
+//! last window. Powers of the windows of a stage are averaged.
+
+use std::f64::consts::PI;
+
+use super::power_law::{KINDS, PerKind, mean_covariance};
+
+const WINDOW: usize = 32;
+const HALF: usize = WINDOW / 2;
+const LAST_WINDOW: usize = 2048;
+/// Neighbouring cosines of the last window are averaged over this share of their frequency.
+const POOLED_SHARE: f64 = 0.03;
+
+/// A mean power `P`: chi-square with `dof` degrees of freedom times the model's power over `dof`.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Power {
+    pub(super) value: f64,
+    pub(super) dof: f64,
+    /// By unit parameter of each kind.
+    pub(super) expected: PerKind,
+    /// In periods per sample.
+    pub(super) frequency: f64,
+}
+
+/// What the powers of a record of some length will be: windows of a stage, their number and length in samples.
+pub(super) struct Layout {
+    stages: Vec<Stage>,
+}
+
+struct Stage {
+    windows: usize,
+    /// Values of a window.
+    width: usize,
+    /// Samples of a value.
+    length: f64,
+    expected: Vec<PerKind>,
+}
+
+impl Layout {
+    /// Of a record of `samples` samples.
+    pub(super) fn new(samples: usize) -> Self {
+        let mut stages = Vec::new();
+        let (mut left, mut length) = (samples, 1.0);
+        while left >= LAST_WINDOW {
+            left /= WINDOW;
+            stages.push(Stage { windows: left, width: WINDOW, length, expected: expected_powers(length, WINDOW) });
+            length *= WINDOW as f64;
+        }
+        stages.push(Stage { windows: 1, width: left, length, expected: expected_powers(length, left) });
+        Self { stages }
+    }
+
+    /// The powers of a record of that length.
+    pub(super) fn powers(&self, values: impl Iterator<Item = f64>) -> Vec<Power> {
+        let mut powers = Vec::new();
+        let Some((last, before)) = self.stages.split_last() else {
+            return powers;
+        };
+        let tables = Tables::new();
+        let mut means: Option<Vec<f64>> = None;
+        let mut values = Some(values);
+        for stage in before {
+            let (sums, next) = match (means.take(), values.take()) {
+                (Some(means), _) => tables.pass(means.into_iter(), stage.windows),
+                (None, Some(values)) => tables.pass(values, stage.windows),
+                (None, None) => break,
+            };
+            for (k, (sum, expected)) in sums.iter().zip(&stage.expected).enumerate() {
+                powers.push(stage.power(k + 1, sum / stage.windows as f64, stage.windows as f64, *expected));
+            }
+            means = Some(next);
+        }
+        let window = means.or_else(|| values.map(Iterator::collect)).unwrap_or_default();
+        let squares = squared_cosines(&window);
+        let mut first = 1;
+        while first < last.width {
+            let count = ((first as f64 * POOLED_SHARE) as usize).max(1).min(last.width - first);
+            let pooled = first - 1..first - 1 + count;
+            let mean = |values: &mut dyn Iterator<Item = f64>| values.sum::<f64>() / count as f64;
+            let expected = std::array::from_fn(|kind| mean(&mut last.expected[pooled.clone()].iter().map(|e| e[kind])));
+            let value = mean(&mut squares[pooled.clone()].iter().copied());
+            powers.push(Power {
+                frequency: (first as f64 + (count - 1) as f64 / 2.0) / (2.0 * last.width as f64 * last.length),
+                ..last.power(first, value, count as f64, expected)
+            });
+            first += count;
+        }
+        powers
+    }
+}
+
+impl Stage {
+    fn power(&self, j: usize, value: f64, dof: f64, expected: PerKind) -> Power {
+        Power { value, dof, expected, frequency: j as f64 / (2.0 * self.width as f64 * self.length) }
+    }
+}
+
+/// `E z_j^2 = c_0 + 2/W sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))`, a = pi j / W, for j from one; c is the covariance of
+/// means over `length` samples. A constant in c has no part in it.
+fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
+    let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
+    let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();
+    (1..width)
+        .map(|j| {
+            let mut power = covariance[0];
+            let sine = table[j].0;
+            let mut at = 0;
+            for d in 1..width {
+                at = (at + j) % (2 * width);
+                let (sin, cos) = table[at];
+                let factor = 2.0 / width as f64 * ((width - d) as f64 * cos - sin / sine);
+                (0..KINDS).for_each(|kind| power[kind] += factor * covariance[d][kind]);
+            }
+            power
+        })
+        .collect()
+}
+
+/// z_j^2 of one window.
+fn squared_cosines(window: &[f64]) -> Vec<f64> {
+    let width = window.len();
+    let table: Vec<f64> = (0..4 * width).map(|k| (PI * k as f64 / (2.0 * width as f64)).cos()).collect();
+    let origin = window.first().copied().unwrap_or(0.0);
+    (1..width)
+        .map(|j| {
+            let mut at = j;
+            let mut sum = 0.0;
+            for value in window {
+                sum += (value - origin) * table[at];
+                at = (at + 2 * j) % (4 * width);
+            }
+            sum * sum * 2.0 / width as f64
+        })
+        .collect()
+}
+
+/// Cosines of the fixed window, by the place in its first half: even j see the sum of both halves, odd ones the difference.
+struct Tables {
+    even: [[f64; HALF]; HALF],
+    odd: [[f64; HALF]; HALF],
+}
+
+impl Tables {
+    fn new() -> Self {
+        let cosine = |j: usize, t: usize| {
+            (2.0 / WINDOW as f64).sqrt() * (PI * j as f64 * (t as f64 + 0.5) / WINDOW as f64).cos()
+        };
+        Self {
+            even: std::array::from_fn(|t| std::array::from_fn(|k| cosine(2 * k + 2, t))),
+            odd: std::array::from_fn(|t| std::array::from_fn(|k| cosine(2 * k + 1, t))),
+        }
+    }
+
+    /// Sums of z_j^2 over the windows, and the mean of each.
+    fn pass(&self, mut values: impl Iterator<Item = f64>, windows: usize) -> ([f64; WINDOW - 1], Vec<f64>) {
+        let mut sums = [0.0; WINDOW - 1];
+        let mut means = Vec::with_capacity(windows);
+        for _ in 0..windows {
+            let mut window = [0.0; WINDOW];
+            window.iter_mut().zip(&mut values).for_each(|(place, value)| *place = value);
+            let origin = window[0];
+            let (mut even, mut odd, mut total) = ([0.0; HALF], [0.0; HALF], 0.0);
+            for t in 0..HALF {
+                let (front, back) = (window[t] - origin, window[WINDOW - 1 - t] - origin);
+                total += front + back;
+                for k in 0..HALF {
+                    even[k] += (front + back) * self.even[t][k];
+                    odd[k] += (front - back) * self.odd[t][k];
+                }
+            }
+            for k in 0..HALF {
+                sums[2 * k] += odd[k] * odd[k];
+                // The last even one, j = 32, is zero of any window.
+                if k < HALF - 1 {
+                    sums[2 * k + 1] += even[k] * even[k];
+                }
+            }
+            means.push(origin + total / WINDOW as f64);
+        }
+        (sums, means)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::power_law::{FLICKER, QUANTISATION, WALK, WHITE};
+    use super::*;
+
+    /// v^T C v for every cosine v, the long way.
+    #[test]
+    fn expected_powers_are_quadratic_forms_of_the_covariance() {
+        let (width, length) = (24, 5.0);
+        let powers = expected_powers(length, width);
+        for j in 1..width {
+            let v: Vec<f64> = (0..width)
+                .map(|t| (2.0 / width as f64).sqrt() * (PI * j as f64 * (t as f64 + 0.5) / width as f64).cos())
+                .collect();
+            for kind in [WHITE, FLICKER, WALK, QUANTISATION] {
+                let mut form = 0.0;
+                for t in 0..width {
+                    for u in 0..width {
+                        form += v[t] * v[u] * mean_covariance(length, t.abs_diff(u) as f64)[kind];
+                    }
+                }
+                assert!((powers[j - 1][kind] / form - 1.0).abs() < 1e-9, "{kind} {j}: {} {form}", powers[j - 1][kind]);
+            }
+        }
+    }
+
+    #[test]
+    fn powers_of_a_random_walk_are_those_of_its_steps() {
+        // z_j of a walk is a cosine sum of its steps over 2 sin(pi j / 2W): exactly.
+        let width = 100;
+        for (j, power) in expected_powers(1.0, width).iter().enumerate() {
+            let sine = 2.0 * (PI * (j + 1) as f64 / (2.0 * width as f64)).sin();
+            assert!((power[WALK] * sine * sine - 1.0).abs() < 1e-9);
+            assert!((power[WHITE] - 1.0).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_fast_pass_and_the_plain_sum_agree() {
+        let values: Vec<f64> = (0..WINDOW).map(|t| 9.8 + ((t * t) as f64).sin()).collect();
+        let (sums, means) = Tables::new().pass(values.iter().copied(), 1);
+        for (fast, plain) in sums.iter().zip(squared_cosines(&values)) {
+            assert!((fast - plain).abs() < 1e-12);
+        }
+        assert!((means[0] - values.iter().sum::<f64>() / WINDOW as f64).abs() < 1e-13);
+    }
+
+    #[test]
+    fn a_record_has_all_its_degrees_of_freedom() {
+        for samples in [100, 2047, 65_536] {
+            let values = (0..samples).map(|i| ((i * i) as f64).sin());
+            let powers = Layout::new(samples).powers(values.clone());
+            let total: f64 = powers.iter().map(|p| p.dof).sum();
+            assert_eq!(total, samples as f64 - 1.0);
+            // Parseval: the powers hold the variance.
+            let mean = values.clone().sum::<f64>() / samples as f64;
+            let square: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
+            let mut weighted = 0.0;
+            for power in &powers {
+                // White noise of one per sample has 1 / length per value: length values make a sample's worth.
+                weighted += power.value * power.dof / power.expected[WHITE];
+            }
+            assert!((weighted / square - 1.0).abs() < 1e-9, "{samples}: {weighted} {square}");
+        }
+    }
+}

@@ -1,0 +1,326 @@
+"""Noise of a unit at rest: Allan deviations as another program has them, figures as they were simulated."""
+
+import dataclasses
+import json
+
+import allantools
+import numpy as np
+import pytest
+import yaml
+
+import imucal
+from imucal.cli import main
+from imucal.noise_export import kalibr_yaml, unit_of_noise
+from imucal.report import allan_figure
+
+RATE_HZ = 100.0
+DENSITY, INSTABILITY, WALK = 1e-3, 5e-4, 1e-4
+LSB = 2.0**-12
+
+
+def still(duration_s=1200.0, seed=1, lsb=None, density=DENSITY, instability=INSTABILITY, walk=WALK):
+    bits = None if lsb is None else 24
+    sensor = imucal.Sensor(
+        noise_density=density,
+        bias_instability=instability,
+        random_walk=np.full(3, walk),
+        lsb=lsb,
+        bits=bits,
+    )
+    unit = imucal.Unit(sensor, sensor)
+    return imucal.simulate(imucal.Static(duration_s), unit=unit, rate_hz=RATE_HZ, seed=seed).recording
+
+
+@pytest.fixture(scope="module")
+def recording():
+    return still()
+
+
+@pytest.fixture(scope="module")
+def found(recording):
+    return imucal.noise(recording)
+
+
+def replaced(recording, rows=slice(None), **columns):
+    values = {name: getattr(recording, name)[rows] for name in ("time_s", "specific_force", "angular_rate")}
+    return imucal.Recording(**{**values, **columns}, name="changed")
+
+
+# --- Allan deviations
+
+
+def series(kind, n):
+    white = np.random.default_rng(4).standard_normal(n)
+    return {"white": white, "walk": np.cumsum(white), "biased": 9.80665 + 1e-3 * white}[kind]
+
+
+@pytest.mark.parametrize("kind", ["white", "walk", "biased"])
+@pytest.mark.parametrize("taus", ["octave", "decade"])
+def test_deviations_are_those_of_allantools(kind, taus):
+    values = series(kind, 200_001)
+    expected_taus, expected, _, _ = allantools.oadev(values, rate=RATE_HZ, data_type="freq", taus=taus)
+    for threads in (1, 2):
+        found_taus, deviations = imucal.allan_deviation(values, RATE_HZ, taus, threads=threads)
+        np.testing.assert_allclose(found_taus, expected_taus, rtol=1e-12)
+        np.testing.assert_allclose(deviations, expected, rtol=1e-10)
+
+
+def test_deviations_at_given_times_are_those_of_allantools():
+    values = series("white", 3_000_000)
+    wanted = np.unique(np.round(np.geomspace(1, 1e6, 30))) / RATE_HZ
+    _, expected, _, _ = allantools.oadev(values, rate=RATE_HZ, data_type="freq", taus=wanted)
+    _, deviations = imucal.allan_deviation(values, RATE_HZ, wanted)
+    np.testing.assert_allclose(deviations, expected, rtol=1e-10)
+
+
+def test_deviations_of_a_recording_are_those_of_allantools(recording, found):
+    for sensor, rows in (("accel", recording.specific_force), ("gyro", recording.angular_rate)):
+        for k, axis in enumerate(found.triad(sensor)):
+            # A rest is whole blocks: the recording may be a few samples longer.
+            values = rows[: found.samples, k]
+            _, expected, _, _ = allantools.oadev(values, rate=RATE_HZ, data_type="freq", taus=axis.taus_s)
+            np.testing.assert_allclose(axis.deviations, expected, rtol=1e-10)
+
+
+def test_any_memory_order_and_type_gives_the_same(recording):
+    rows = recording.angular_rate
+    taus, expected = imucal.allan_deviation(rows[:, 1].copy(), RATE_HZ)
+    assert imucal.allan_deviation(rows, RATE_HZ)[1][:, 1].tolist() == expected.tolist()
+    assert imucal.allan_deviation(rows[:, 1], RATE_HZ)[1].tolist() == expected.tolist()
+    assert imucal.allan_deviation(np.asfortranarray(rows), RATE_HZ)[1][:, 1].tolist() == expected.tolist()
+    assert imucal.allan_deviation(rows[::-1][:, 1], RATE_HZ)[1].shape == taus.shape
+    np.testing.assert_allclose(
+        imucal.allan_deviation(rows[:, 1].astype(np.float32), RATE_HZ)[1], expected, rtol=1e-4
+    )
+    assert imucal.allan_deviation([1, 2, 4], 1.0)[1] == [np.sqrt(1.25)]
+    assert imucal.allan_deviation([], 1.0)[1].shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (([1.0, np.nan, 2.0], 1.0), "value 1 is not finite"),
+        ((["a"], 1.0), "cannot be made an array"),
+        ((np.zeros((2, 2, 2)), 1.0), "give \\(N,\\) or \\(N, C\\)"),
+        (([1.0, 2.0], 0.0), "rate_hz is 0"),
+        (([1.0, 2.0], 1.0, [2.0]), "average of 2 samples"),
+        (([1.0, 2.0], 1.0, [0.1]), "average of 0 samples"),
+        (([1.0, 2.0], 1.0, [np.nan]), "finite averaging times"),
+        (([1.0, 2.0], 1.0, "all"), "give octave, decade"),
+    ],
+)
+def test_bad_series_are_refused(arguments, message):
+    with pytest.raises(imucal.InputError, match=message):
+        imucal.allan_deviation(*arguments)
+
+
+# --- figures
+
+
+def test_bands_hold_the_truth():
+    """Eighteen axes, three figures: 54 bands of 95 %. Fewer than 46 hold one time in 1000."""
+    inside = 0
+    for seed in (2, 3, 4):
+        for axis in imucal.noise(still(seed=seed)).axes.values():
+            truths = (
+                (axis.noise_density, DENSITY),
+                (axis.bias_instability, INSTABILITY),
+                (axis.random_walk, WALK),
+            )
+            for figure, truth in truths:
+                inside += figure.low <= truth <= figure.high
+                if figure.value is not None:
+                    assert abs(figure.value - truth) < 4.5 * figure.std
+    assert inside >= 46
+
+
+def test_bands_of_the_deviations_hold_the_true_ones():
+    """White noise, a thousand points by and large; neighbours hang together, so the share is taken widely."""
+    inside = []
+    for seed in range(5, 15):
+        for axis in imucal.noise(still(duration_s=300.0, seed=seed, instability=0.0, walk=0.0)).axes.values():
+            true = DENSITY / np.sqrt(axis.taus_s)
+            inside += ((axis.low <= true) & (true <= axis.high)).tolist()
+    assert 0.92 < np.mean(inside) < 0.98
+
+
+def test_quantisation_of_increments_is_found():
+    steps = np.random.default_rng(1).standard_normal((120_001, 3))
+    q, density = 2e-4, 1e-3
+    white = np.random.default_rng(2).standard_normal((120_000, 3)) * density * np.sqrt(RATE_HZ)
+    rate = white + q * RATE_HZ * np.diff(steps, axis=0)
+    time = np.arange(120_000) / RATE_HZ
+    force = np.random.default_rng(3).standard_normal((120_000, 3)) * 1e-2 + [0, 0, 9.80665]
+    for axis in imucal.noise(imucal.Recording(time, force, rate)).triad("gyro"):
+        for figure, truth in ((axis.quantisation, q), (axis.noise_density, density)):
+            assert abs(figure.value - truth) < 4.5 * figure.std
+            assert figure.std < 0.02 * truth
+        assert axis.quantisation.unit == "rad/s s"
+
+
+def test_filtered_noise_is_fitted_where_the_filter_leaves_it():
+    sensor = imucal.Sensor(noise_density=DENSITY, filter_hz=10.0)
+    run = imucal.simulate(imucal.Static(1200.0), unit=imucal.Unit(sensor, sensor), rate_hz=RATE_HZ, seed=1)
+    found = imucal.noise(run.recording)
+    for axis in found.axes.values():
+        assert axis.shortest_period_s > 0.5
+        assert abs(axis.misfit) < 5
+        figure = axis.noise_density
+        assert figure.value == pytest.approx(DENSITY, abs=4.0 * figure.std)
+        assert figure.std < 0.03 * DENSITY
+
+
+def test_a_coarse_converter_gives_a_bound():
+    found = imucal.noise(still(lsb=3.0 * DENSITY * np.sqrt(RATE_HZ), instability=0.0, walk=0.0))
+    finding = next(f for f in found.findings if f.code == "noise_below_lsb")
+    assert "one count over sqrt(12)" in str(finding)
+    assert (found.verdict, len(found.reasons)) == ("poor", 1)
+    for axis in found.axes.values():
+        assert axis.is_below_lsb
+        assert axis.noise_density.value is None
+        assert axis.noise_density.high > axis.lsb / np.sqrt(12 * RATE_HZ)
+
+
+def test_a_constant_has_no_bound(recording):
+    rate, force = np.full((len(recording), 3), 1e-3), np.full((len(recording), 3), 5.66)
+    constant = replaced(recording, angular_rate=rate, specific_force=force)
+    found = imucal.noise(constant)
+    axis = found.axes["gyro_y"]
+    assert (axis.lsb, axis.is_below_lsb, axis.noise_density.high) == (0.0, True, np.inf)
+    assert "gyro_y noise_density not known" in found.summary()
+    assert found.to_dict()["axes"]["gyro_y"]["noise_density"]["high"] is None
+    with pytest.raises(imucal.InputError, match="constant"):
+        kalibr_yaml(found)
+
+
+def test_the_summary_and_the_document_say_all(found):
+    text = found.summary()
+    assert "gyro_z random_walk" in text
+    assert "m/s^2/s/sqrt(Hz)" in text
+    document = json.loads(json.dumps(found.to_dict()))
+    axis = document["axes"]["accel_x"]
+    assert document["schema"] == "imucal.noise/1"
+    assert axis["noise_density"]["value"] == found.axes["accel_x"].noise_density.value
+    assert len(axis["deviations"]) == len(axis["low"]) == len(axis["taus_s"]) > 12
+
+
+# --- recordings that will not do
+
+
+def test_faults_are_named(recording):
+    force = recording.specific_force.copy()
+    force[700, 1] = np.nan
+    keep = np.r_[0:5000, 5200 : len(recording)]
+    twice = np.r_[0:5000, np.repeat(np.arange(5000, 5200), 2), 5200 : len(recording) - 200]
+    cases = {
+        "non_finite": replaced(recording, specific_force=force),
+        "samples_missing": replaced(recording, keep),
+        "samples_duplicated": replaced(recording, twice, time_s=recording.time_s),
+        "empty": imucal.Recording([], np.zeros((0, 3)), np.zeros((0, 3))),
+    }
+    for code, bad in cases.items():
+        with pytest.raises(imucal.InputError, match=code):
+            imucal.noise(bad)
+
+
+def test_a_short_rest_is_refused_and_a_moving_record_remarked():
+    run = imucal.simulate("random", seed=1, rate_hz=100.0).recording
+    with pytest.raises(imucal.InputError, match=r"longest rest, from .* 1000 are needed"):
+        imucal.noise(run)
+    faster = imucal.simulate("random", seed=1, rate_hz=400.0).recording
+    found = imucal.noise(faster)
+    assert [f.code for f in found.findings][:1] == ["recording_moves"]
+    assert found.axes["gyro_x"].bias_instability.value is None
+
+
+# --- for other programs
+
+
+def test_kalibr_reads_the_largest_axis(found):
+    text = kalibr_yaml(found, "/imu's")
+    read = yaml.safe_load(text)
+    assert read["rostopic"] == "/imu's"
+    assert read["update_rate"] == pytest.approx(RATE_HZ, rel=1e-6)
+    for name, sensor in (("accelerometer", "accel"), ("gyroscope", "gyro")):
+        for figure in ("noise_density", "random_walk"):
+            largest = max(getattr(axis, figure).value for axis in found.triad(sensor))
+            assert read[f"{name}_{figure}"] == pytest.approx(largest, rel=1e-8)
+    assert "maximum-likelihood" in text.splitlines()[0]
+
+
+def test_kalibr_gets_a_bound_for_what_is_not_seen():
+    found = imucal.noise(still(duration_s=100.0, instability=0.0, walk=0.0))
+    text = kalibr_yaml(found)
+    assert "not seen on any axis" in text
+    assert yaml.safe_load(text)["gyroscope_random_walk"] == pytest.approx(
+        max(axis.random_walk.high for axis in found.triad("gyro")), rel=1e-8
+    )
+
+
+def test_counts_are_identified_in_counts_and_not_exported(recording):
+    counts = imucal.Recording(
+        recording.time_s,
+        np.round(recording.specific_force / LSB),
+        np.round(recording.angular_rate / LSB),
+        accel_unit="lsb",
+        gyro_unit="lsb",
+    )
+    found = imucal.noise(counts)
+    figure = found.axes["gyro_x"].noise_density
+    assert figure.unit == "lsb/sqrt(Hz)"
+    assert figure.value * LSB == pytest.approx(DENSITY, abs=4.5 * figure.std * LSB)
+    with pytest.raises(imucal.InputError, match="raw counts"):
+        kalibr_yaml(found)
+
+
+def test_a_unit_file_simulates_the_same_noise(found, tmp_path):
+    path = tmp_path / "unit.json"
+    unit_of_noise(found).write(path)
+    unit = imucal.Unit.read(path)
+    again = imucal.noise(imucal.simulate(imucal.Static(1200.0), unit=unit, rate_hz=RATE_HZ, seed=9).recording)
+    figure = again.axes["gyro_x"].noise_density
+    assert figure.value == pytest.approx(unit.gyroscope.noise_density, abs=4.5 * figure.std)
+    assert unit.gyroscope.random_walk.tolist() == [a.random_walk.value for a in found.triad("gyro")]
+
+
+def test_the_figure_shows_points_bands_and_model(found):
+    figure = allan_figure(found, "gyro")
+    points = [trace for trace in figure.data if trace.mode == "markers"]
+    assert [trace.name for trace in points] == ["x", "y", "z"]
+    axis = found.axes["gyro_z"]
+    assert list(points[2].y) == axis.deviations.tolist()
+    np.testing.assert_allclose(points[2].y + points[2].error_y.array, axis.high)
+    assert len(figure.data) == 6
+    assert "rad/s" in figure.layout.yaxis.title.text
+
+
+def test_the_command_writes_everything_it_is_asked_for(recording, tmp_path, capsys):
+    paths = {name: tmp_path / name for name in ("still.parquet", "n.json", "n.html", "imu.yaml", "unit.json")}
+    imucal.write(recording, paths["still.parquet"])
+    options = [
+        "--json",
+        "n.json",
+        "--report",
+        "n.html",
+        "--kalibr",
+        "imu.yaml",
+        "--unit-profile",
+        "unit.json",
+    ]
+    arguments = [str(paths.get(option, option)) for option in options]
+    assert main(["noise", str(paths["still.parquet"]), *arguments, "--rostopic", "/imu7"]) == 0
+    shown = capsys.readouterr().out
+    assert "gyro_x noise_density" in shown
+    assert "95 % from" in shown
+    assert "verdict: good" in shown
+    assert json.loads(paths["n.json"].read_text())["samples"] == pytest.approx(len(recording), abs=10)
+    assert yaml.safe_load(paths["imu.yaml"].read_text())["rostopic"] == "/imu7"
+    assert imucal.Unit.read(paths["unit.json"]).name == "unit"
+    page = paths["n.html"].read_text(encoding="utf-8")
+    assert "Allan deviation" in page
+    assert "bias instability" in page
+
+
+def test_a_result_is_frozen(found):
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        found.samples = 0
