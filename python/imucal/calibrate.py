@@ -105,8 +105,8 @@ def calibrate(
                        counts; without it start values come from the data
     effects            what to estimate together with the 21 parameters: names of the catalogue, with `:full`
                        for the full form of an effect that has two, and effects of one's own
-    joint              estimate all parameters at once; if False, and without effects, the accelerometer first and
-                       the gyroscope after it
+    joint              estimate all parameters at once; if False, and without effects, the accelerometer first
+                       and the gyroscope after it
     unit               profile of the unit, or the name of one: its bias instabilities and random walks, which
                        recordings of minutes hardly show, widen the standard deviations; the biases are means
                        over the recording then

@@ -51,7 +51,12 @@ pub struct Prospect {
 /// # Errors
 /// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest.
 pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Prospect, Error> {
-    UnitData::try_new(recordings, options)?.prospect(options)
+    let mut data = UnitData::try_new(recordings, options)?;
+    let scene = data.scene(options)?;
+    if let (Some(accelerometer), Some(gyroscope)) = (&scene.accelerometer, &scene.gyroscope) {
+        data.free_of_tremor(accelerometer, gyroscope);
+    }
+    data.prospect(scene, options)
 }
 
 /// Rests and moves as far as they are known before a fit.
@@ -69,9 +74,13 @@ struct Scene {
 }
 
 impl UnitData<'_> {
+    /// What recordings that no calibration comes of can determine.
+    pub(super) fn prospect_without_result(&self, options: &Options<'_>) -> Result<Prospect, Error> {
+        self.prospect(self.scene(options)?, options)
+    }
+
     /// What these recordings can determine.
-    pub(super) fn prospect(&self, options: &Options<'_>) -> Result<Prospect, Error> {
-        let scene = self.scene(options)?;
+    fn prospect(&self, scene: Scene, options: &Options<'_>) -> Result<Prospect, Error> {
         let accelerometer = scene.accelerometer.unwrap_or_else(Triad::identity);
         let gyroscope = scene.gyroscope.unwrap_or_else(Triad::identity);
         let sees_gravity = scene.accelerometer.is_some() && scene.silent_accelerometer.is_none();

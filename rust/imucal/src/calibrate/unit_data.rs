@@ -132,7 +132,7 @@ impl<'a> UnitData<'a> {
     /// All that is missing, in place of what one stage has found to be missing.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
-        match self.prospect(options) {
+        match self.prospect_without_result(options) {
             Ok(Prospect { missing: Some(words), .. }) => Error::NotEnoughMotion(words),
             _ => error,
         }
