@@ -21,6 +21,7 @@ __all__ = [
     "Inspection",
     "Move",
     "Outcome",
+    "ResidualScales",
     "Rest",
     "Search",
     "Simulation",
@@ -254,6 +255,17 @@ class FitReport:
     def termination(self) -> str: ...
 
 @final
+class ResidualScales:
+    @property
+    def norms(self) -> float: ...
+    @property
+    def moves(self) -> float: ...
+    @property
+    def inside(self) -> float: ...
+    @property
+    def stand(self) -> float: ...
+
+@final
 class EffectEstimate:
     @property
     def name(self) -> str: ...
@@ -296,6 +308,8 @@ class Outcome:
     def gyroscope_fit(self) -> FitReport: ...
     @property
     def joint_fit(self) -> FitReport | None: ...
+    @property
+    def joint_scales(self) -> ResidualScales | None: ...
     @property
     def effects(self) -> list[EffectEstimate]: ...
     @property

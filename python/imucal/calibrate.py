@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["calibrate"]
 
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
+SCALES = ("norms", "moves", "inside", "stand")
 MOST_FOLDS = 1000
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
 MOST_FIELD_ROUNDS = 6
@@ -92,8 +93,8 @@ def calibrate(
                        counts; without it start values come from the data
     effects            what to estimate together with the 21 parameters: names of the catalogue, with `:full`
                        for the full form of an effect that has two, and effects of one's own
-    joint              estimate all parameters at once; if False, and without effects, the accelerometer first and
-                       the gyroscope after it
+    joint              estimate all parameters at once; if False, and without effects, the accelerometer
+                       first and the gyroscope after it
     folds              also fit that many times, each time without a part of the moves, and judge on that part
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
@@ -256,11 +257,12 @@ def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ..
 
 
 def _joint(outcome: _core.Outcome) -> dict[str, Any]:
-    """How the joint fit went, and how far each effect stands out, where effects were asked for."""
+    """How the joint fit went, what it widens by how much, and how far each effect stands out."""
     if outcome.joint_fit is None:
         return {}
     effects = [{"name": e.name, "statistic": e.statistic, "dof": len(e.values)} for e in outcome.effects]
-    return {"joint": fields_of(outcome.joint_fit, FIT), "effects": effects}
+    joint = {**fields_of(outcome.joint_fit, FIT), "scales": fields_of(outcome.joint_scales, SCALES)}
+    return {"joint": joint, "effects": effects}
 
 
 def _as_list(recordings: Recording | Sequence[Recording] | None) -> list[Recording]:

@@ -34,7 +34,8 @@ mod _core {
     use super::options::{CalibrateOptions, frame_named};
     #[pymodule_export]
     use super::results::{
-        Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, Rest, Threshold,
+        Carried, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Move, Outcome, ResidualScales, Rest,
+        Threshold,
     };
     #[pymodule_export]
     use super::simulation::{Simulation, earth_rate_radps, gravity_mps2, grid_program, random_program, simulate};

@@ -12,7 +12,7 @@ use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
-pub use crate::joint::{EffectChoice, TermEstimate, UserField};
+pub use crate::joint::{EffectChoice, ResidualScales, TermEstimate, UserField};
 use crate::joint::{Kinds, Prepared};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;

@@ -35,7 +35,7 @@ pub(crate) use model::{BASE, Model};
 pub(crate) use outliers::{Item, outliers};
 pub(crate) use problem::{INSIDE, Joint, Linear, Prepared};
 pub(crate) use report::JointFit;
-pub use report::TermEstimate;
+pub use report::{ResidualScales, TermEstimate};
 pub(crate) use terms::{Kinds, Terms};
 
 use faer::Mat;

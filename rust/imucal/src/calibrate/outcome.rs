@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
-use crate::joint::{JointFit, Model, TermEstimate};
+use crate::joint::{JointFit, Model, ResidualScales, TermEstimate};
 use crate::lsq::FitReport;
 use crate::moves::Unusable;
 use crate::segment::{NoiseDensity, Segments, Threshold};
@@ -49,6 +49,8 @@ pub struct Outcome {
     pub gyroscope_fit: FitReport,
     /// The joint fit, if it makes the estimate; the two others are its start then.
     pub joint_fit: Option<FitReport>,
+    /// By how much the joint fit widens each kind of residual.
+    pub joint_scales: Option<ResidualScales>,
     /// How well the calibration explains its own data.
     pub figures: Figures,
     /// Warnings about the data.
@@ -91,6 +93,7 @@ impl Outcome {
             accelerometer_fit: accelerometer.report,
             gyroscope_fit: gyroscope.fit.report,
             joint_fit: None,
+            joint_scales: None,
             figures,
             findings: data.findings,
             calibration,
@@ -156,6 +159,7 @@ impl Outcome {
             accelerometer_fit: started_from[0],
             gyroscope_fit: started_from[1],
             joint_fit: Some(joint.report),
+            joint_scales: Some(joint.scales),
             findings: data.findings,
             calibration,
         })
