@@ -27,6 +27,7 @@ __all__ = [
     "NoiseEstimate",
     "Outcome",
     "Prospect",
+    "ResidualScales",
     "Rest",
     "Search",
     "Simulation",
@@ -285,6 +286,17 @@ class FitReport:
     def termination(self) -> str: ...
 
 @final
+class ResidualScales:
+    @property
+    def norms(self) -> float: ...
+    @property
+    def moves(self) -> float: ...
+    @property
+    def inside(self) -> float: ...
+    @property
+    def stand(self) -> float: ...
+
+@final
 class EffectEstimate:
     @property
     def name(self) -> str: ...
@@ -329,6 +341,8 @@ class Outcome:
     def gyroscope_fit(self) -> FitReport: ...
     @property
     def joint_fit(self) -> FitReport | None: ...
+    @property
+    def joint_scales(self) -> ResidualScales | None: ...
     @property
     def effects(self) -> list[EffectEstimate]: ...
     @property

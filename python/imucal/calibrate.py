@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
@@ -27,7 +28,7 @@ from imucal.evaluate import (
     reported,
 )
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
-from imucal.unit import Unit
+from imucal.unit import Unit, unit_of
 
 if TYPE_CHECKING:
     from imucal import _core
@@ -37,6 +38,7 @@ __all__ = ["calibrate"]
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 MISFIT = ("chi2", "degrees_of_freedom", "p_value")
 DIAGNOSIS = ("code", "parameters", "value", "message", "way_out")
+SCALES = ("norms", "moves", "inside", "stand")
 MOST_FOLDS = 1000
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
 MOST_FIELD_ROUNDS = 6
@@ -90,7 +92,7 @@ def calibrate(
     gyro_nominal: float | None = None,
     effects: Sequence[str | UserEffect] = (),
     joint: bool = True,
-    unit: Unit | str | None = None,
+    unit: Unit | str | os.PathLike[str] | None = None,
     folds: int | None = None,
     serial_number: str | None = None,
 ) -> CalibrationResult:
@@ -107,7 +109,7 @@ def calibrate(
                        for the full form of an effect that has two, and effects of one's own
     joint              estimate all parameters at once; if False, and without effects, the accelerometer first
                        and the gyroscope after it
-    unit               profile of the unit, or the name of one: its bias instabilities and random walks, which
+    unit               profile of the unit, its name, or the path of its file: its bias instabilities and random walks, which
                        recordings of minutes hardly show, widen the standard deviations; the biases are means
                        over the recording then
     folds              also fit that many times, each time without a part of the moves, and judge on that part
@@ -200,11 +202,11 @@ def calibrate(
     )
 
 
-def _wander(unit: Unit | str | None) -> tuple[Wander, Wander] | None:
+def _wander(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wander] | None:
     """How the biases of the accelerometer and of the gyroscope wander, None if that is not known."""
     if unit is None:
         return None
-    profile = Unit.named(unit) if isinstance(unit, str) else unit
+    profile = unit_of(unit)
     of = [
         Wander((sensor.bias_instability,) * 3, tuple(map(float, sensor.random_walk)))
         for sensor in (profile.accelerometer, profile.gyroscope)
@@ -287,12 +289,13 @@ def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ..
 
 
 def _joint(outcome: _core.Outcome) -> dict[str, Any]:
-    """How the joint fit went, and how far each effect stands out, where effects were asked for."""
+    """How the joint fit went, what it widens by how much, and how far each effect stands out."""
     if outcome.joint_fit is None:
         return {}
     effects = [{"name": e.name, "statistic": e.statistic, "dof": len(e.values)} for e in outcome.effects]
+    joint = {**fields_of(outcome.joint_fit, FIT), "scales": fields_of(outcome.joint_scales, SCALES)}
     return {
-        "joint": fields_of(outcome.joint_fit, FIT),
+        "joint": joint,
         "noise_alone": _misfit(outcome.misfit),
         "effects": effects,
     }

@@ -17,6 +17,14 @@ if TYPE_CHECKING:
 
 __all__ = ["CalibrationResult"]
 
+# Kinds of residuals of the joint fit that may be widened (docs/model.md (19)).
+RESIDUALS = {
+    "norms": "gravity's norm at the rests",
+    "moves": "gravity's direction after the moves",
+    "inside": "the force inside the moves",
+    "stand": "the attitude against the stand",
+}
+
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResult:
@@ -89,16 +97,14 @@ class CalibrationResult:
             if move["excluded"] is not None
         ]
         if "joint" in self.fit:
-            widened = [("of some residuals", "they", self.fit["joint"]["inflation"])]
+            scales = self.fit["joint"]["scales"]
+            widened = [(what, scales[kind]) for kind, what in RESIDUALS.items()]
         else:
-            widened = [
-                (f"of the {s}", "its residuals", self.fit[s]["inflation"])
-                for s in ("accelerometer", "gyroscope")
-            ]
+            widened = [(f"the {s}", self.fit[s]["inflation"]) for s in ("accelerometer", "gyroscope")]
         notes += [
-            f"standard deviations {which} are widened {times:.1f} times: by so much {what} exceed what noise "
-            "explains"
-            for which, what, times in widened
+            f"standard deviations of {what} are widened {times:.1f} times: by so much residuals exceed "
+            "what noise explains"
+            for what, times in widened
             if times > 1
         ]
         notes += [

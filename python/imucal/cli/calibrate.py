@@ -8,7 +8,16 @@ from typing import Annotated, Any
 
 import typer
 
-from imucal.cli.output import Gravity, JsonPath, LimitsPath, MinRest, Output, Verbose
+from imucal.cli.output import (
+    Control,
+    ExcludeSaturated,
+    Gravity,
+    JsonPath,
+    LimitsPath,
+    MinRest,
+    Output,
+    Verbose,
+)
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 from imucal.errors import InputError
@@ -20,20 +29,14 @@ __all__ = ["calibrate"]
 def calibrate(
     recordings: Files,
     reading: Reading,
-    control: Annotated[
-        list[Path] | None,
-        typer.Option("--control", metavar="REC", help="A recording that only judges; may be given again."),
-    ] = None,
+    control: Control = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="PATH", help="Calibration file to write.")
     ] = None,
     gravity: Gravity = 9.80665,
     frame: Annotated[str, typer.Option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
     min_rest_s: MinRest = 1.0,
-    exclude_saturated: Annotated[
-        bool,
-        typer.Option("--exclude-saturated", help="Leave out rests and moves with saturated samples."),
-    ] = False,
+    exclude_saturated: ExcludeSaturated = False,
     accel_nominal: Annotated[
         float | None,
         typer.Option(
@@ -53,6 +56,14 @@ def calibrate(
             metavar="NAME",
             help="Estimate this effect too (`imucal effects` lists them; NAME:full for the full form); may "
             "be given again.",
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit",
+            metavar="FILE|NAME",
+            help="Profile of the unit, whose bias instability and random walk widen the standard deviations.",
         ),
     ] = None,
     folds: Annotated[
@@ -92,6 +103,7 @@ def calibrate(
             accel_nominal=accel_nominal,
             gyro_nominal=gyro_nominal,
             effects=effect or [],
+            unit=unit,
             folds=folds,
             serial_number=serial_number,
         )

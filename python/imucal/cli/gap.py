@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli.output import JsonPath, MinRest, Output
+from imucal.cli.output import Control, ExcludeSaturated, JsonPath, MinRest, Output
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -18,10 +18,7 @@ __all__ = ["gap"]
 def gap(
     recordings: Files,
     reading: Reading,
-    control: Annotated[
-        list[Path] | None,
-        typer.Option("--control", metavar="REC", help="A recording that only judges; may be given again."),
-    ] = None,
+    control: Control = None,
     calibration: Annotated[
         Path | None,
         typer.Option("--calibration", metavar="CAL.JSON", help="The calibration to judge; else one is made."),
@@ -37,10 +34,7 @@ def gap(
         typer.Option("--effect", metavar="NAME", help="Look for this effect only; may be given again."),
     ] = None,
     min_rest_s: MinRest = 1.0,
-    exclude_saturated: Annotated[
-        bool,
-        typer.Option("--exclude-saturated", help="Leave out rests and moves with saturated samples."),
-    ] = False,
+    exclude_saturated: ExcludeSaturated = False,
     explain: Annotated[
         str | None,
         typer.Option(

@@ -15,7 +15,16 @@ if TYPE_CHECKING:
     from imucal.finding import Finding
     from imucal.judgement import Judgement
 
-__all__ = ["Gravity", "JsonPath", "LimitsPath", "MinRest", "Output", "Verbose"]
+__all__ = [
+    "Control",
+    "ExcludeSaturated",
+    "Gravity",
+    "JsonPath",
+    "LimitsPath",
+    "MinRest",
+    "Output",
+    "Verbose",
+]
 
 POOR_VERDICT = 2
 # Wide enough for every table when the output is a file or a pipe, where rich would assume 80 columns.
@@ -24,9 +33,15 @@ PIPE_WIDTH = 160
 JsonPath = Annotated[
     str | None, typer.Option("--json", metavar="PATH", help="Write the result as JSON; - is standard output.")
 ]
+Control = Annotated[
+    list[Path] | None,
+    typer.Option("--control", metavar="REC", help="A recording that only judges; may be given again."),
+]
 Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
 MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest, s.")]
-
+ExcludeSaturated = Annotated[
+    bool, typer.Option("--exclude-saturated", help="Leave out rests and moves with saturated samples.")
+]
 LimitsPath = Annotated[
     Path | None,
     typer.Option(

@@ -38,7 +38,7 @@ mod _core {
     #[pymodule_export]
     use super::results::{
         Carried, Diagnosis, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Misfit, Move, Outcome,
-        Prospect, Rest, Threshold,
+        Prospect, ResidualScales, Rest, Threshold,
     };
     #[pymodule_export]
     use super::simulation::{Simulation, earth_rate_radps, gravity_mps2, grid_program, random_program, simulate};

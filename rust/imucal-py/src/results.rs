@@ -193,6 +193,21 @@ impl From<imucal::FitReport> for FitReport {
     }
 }
 
+/// By how much the joint fit widens each kind of residual; 1 where noise explains it.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct ResidualScales {
+    norms: f64,
+    moves: f64,
+    inside: f64,
+    stand: f64,
+}
+
+impl From<calibrate::ResidualScales> for ResidualScales {
+    fn from(s: calibrate::ResidualScales) -> Self {
+        Self { norms: s.norms, moves: s.moves, inside: s.inside, stand: s.stand }
+    }
+}
+
 /// An effect as it was estimated.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectEstimate {
@@ -228,6 +243,7 @@ pub(crate) struct Outcome {
     gyroscope_fit: Py<FitReport>,
     joint_fit: Option<Py<FitReport>>,
     misfit: Option<Py<Misfit>>,
+    joint_scales: Option<Py<ResidualScales>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Py<Figures>,
     findings: Vec<Py<PyAny>>,
@@ -271,6 +287,7 @@ impl Outcome {
             gyroscope_fit: Py::new(py, FitReport::from(o.gyroscope_fit))?,
             joint_fit: o.joint_fit.map(|fit| Py::new(py, FitReport::from(fit))).transpose()?,
             misfit: Misfit::new(py, o.misfit)?,
+            joint_scales: o.joint_scales.map(|scales| Py::new(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: Py::new(py, Figures::from(o.figures))?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,

@@ -13,7 +13,7 @@ use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
-pub use crate::joint::{BiasWander, EffectChoice, Misfit, TermEstimate, UnitWander, UserField};
+pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
 use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;

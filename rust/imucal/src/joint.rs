@@ -39,7 +39,7 @@ pub(crate) use model::{BASE, Model};
 pub(crate) use outliers::{Item, outliers};
 pub(crate) use problem::{INSIDE, Joint, Line, Linear, Prepared, Source};
 pub(crate) use report::JointFit;
-pub use report::TermEstimate;
+pub use report::{ResidualScales, TermEstimate};
 pub(crate) use terms::{Kinds, Terms};
 pub use wander::{BiasWander, UnitWander};
 

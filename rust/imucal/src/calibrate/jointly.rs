@@ -88,9 +88,11 @@ impl UnitData<'_> {
             }
         }
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-        bad.retain(|m| moves.contains(m));
+        // A move that leads over a bad one is no better.
+        let within = |m: &Move, bad: &Move| m.recording == bad.recording && m.first <= bad.first && bad.last <= m.last;
+        let contradicts: Vec<Move> = moves.iter().filter(|m| bad.iter().any(|bad| within(m, bad))).copied().collect();
         let mut selection = Selection { used, moves, left_out };
-        selection.leave_out(&bad);
+        selection.leave_out(&contradicts);
         selection
     }
 

@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
-use crate::joint::{JointFit, Misfit, Misfits, Model, TermEstimate};
+use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimate};
 use crate::lsq::FitReport;
 use crate::moves::Unusable;
 use crate::segment::{NoiseDensity, Threshold};
@@ -51,6 +51,8 @@ pub struct Outcome {
     pub joint_fit: Option<FitReport>,
     /// How well noise alone explains the joint fit, nothing being widened.
     pub misfit: Option<Misfit>,
+    /// By how much the joint fit widens each kind of residual.
+    pub joint_scales: Option<ResidualScales>,
     /// How well the calibration explains its own data.
     pub figures: Figures,
     /// Warnings about the data.
@@ -94,6 +96,7 @@ impl Outcome {
             gyroscope_fit: gyroscope.fit.report,
             joint_fit: None,
             misfit: None,
+            joint_scales: None,
             figures,
             findings: data.findings,
             calibration,
@@ -166,6 +169,7 @@ impl Outcome {
             gyroscope_fit: started_from[1],
             joint_fit: Some(joint.report),
             misfit: misfits.all,
+            joint_scales: Some(joint.scales),
             findings: data.findings,
             calibration,
         })

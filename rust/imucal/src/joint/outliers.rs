@@ -1,20 +1,25 @@
 //! Rests and moves that contradict all others (model.md (25)).
 //!
 //! ```text
-//! d = (P r)_I^T (P_II)^-1 (P r)_I,   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
+//! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
 //! ```
 //!
-//! is the misfit of the residuals I of one rest or one move as seen by a fit without them: chi2 with as many degrees of
-//! freedom, whatever they share with others. C is that of noise alone, and what scatters more throughout is judged by its
+//! is by how much chi2 falls where the residuals are free along the columns of A: those of a move, of a rest's norm or rates,
+//! or what an error of the rest's mean force does to its norm and to the moves on both sides. chi2 with as many degrees of
+//! freedom, whatever is shared with others. C is that of noise alone, and what scatters more throughout is judged by its
 //! median. The worst one is left out, all others are judged again without it, until chance explains them.
+
+#[cfg(test)]
+mod tests;
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::function::gamma::ln_gamma;
 
 use super::model::Model;
 use super::problem::{Joint, Linear, Prepared, Source};
-use super::terms::Terms;
+use super::terms::{Kinds, Terms};
 use crate::error::Error;
 use crate::robust::may_exclude;
 use crate::stats::median;
@@ -34,10 +39,10 @@ pub(crate) enum Item {
     Move(usize),
 }
 
-/// Residuals of an item that are judged together.
+/// Columns of an item that are judged together.
 struct Group {
     item: Item,
-    rows: Vec<usize>,
+    columns: Vec<usize>,
     kind: Kind,
 }
 
@@ -47,14 +52,17 @@ enum Kind {
     Norm,
     Rate,
     Move,
-    /// The norm of a rest and the moves that begin and end there: a wrong direction shows in all of them.
-    Around,
+    /// The mean force of a rest: a wrong direction shows in both moves.
+    Mean,
 }
 
 /// The rests and moves that contradict all others under a model that is near the best one, worst first.
+///
+/// The directions of gravity judge a move also where the fit looks inside it or at the stand instead.
 pub(crate) fn outliers(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model) -> Result<Vec<Item>, Error> {
-    let parameters = model.parameters();
-    let mut problem = Joint::new(prepared, terms, &parameters)?;
+    let terms = Terms { kinds: Kinds { in_motion: false, encoders: false }, ..terms.clone() };
+    let parameters = Model { stand: Vec::new(), ..model.clone() }.parameters();
+    let mut problem = Joint::new(prepared, &terms, &parameters)?;
     let linear = problem.linear(&parameters)?;
     problem.weigh_by_noise(&linear)?;
     let groups = groups(&linear);
@@ -69,7 +77,7 @@ pub(crate) fn outliers(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model
         let judged: Vec<(&Group, f64, usize)> = groups
             .iter()
             .filter(open)
-            .map(|group| (group, without.misfit(&group.rows)))
+            .map(|group| (group, without.misfit(&group.columns)))
             .map(|(group, (misfit, freedom))| (group, misfit, freedom))
             .collect();
         let scales = [Kind::Norm, Kind::Rate, Kind::Move].map(|kind| scale(kind, &judged));
@@ -78,9 +86,9 @@ pub(crate) fn outliers(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model
                 Kind::Norm => scales[0],
                 Kind::Rate => scales[1],
                 Kind::Move => scales[2],
-                Kind::Around => scales[0].max(scales[2]),
+                Kind::Mean => scales[0].max(scales[2]),
             };
-            ChiSquared::new(*freedom as f64).map_or(1.0, |chi2| chi2.sf(misfit / scale))
+            log_chance(misfit / scale, *freedom)
         };
         let Some(worst) = judged.iter().min_by(|a, b| chance(a).total_cmp(&chance(b))) else { return Ok(found) };
         let item = worst.0.item;
@@ -88,41 +96,71 @@ pub(crate) fn outliers(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model
             Item::Rest(_) => (&mut rests, FEWEST_RESTS),
             Item::Move(_) => (&mut moves, FEWEST_MOVES),
         };
-        if chance(worst) > CHANCE || !may_exclude(used, fewest) {
+        if chance(worst) > CHANCE.ln() || !may_exclude(used, fewest) {
             return Ok(found);
         }
         let (Item::Rest(k) | Item::Move(k)) = item;
         used[k] = false;
         found.push(item);
         // All of it goes, whichever of its residuals gave it away.
-        let mut gone: Vec<usize> = groups.iter().filter(|g| g.item == item).flat_map(|g| g.rows.clone()).collect();
-        gone.sort_unstable();
-        gone.dedup();
-        gone.iter().for_each(|&row| without.leave_out(row));
+        let all = groups.iter().filter(|group| group.item == item).flat_map(|group| &group.columns);
+        all.for_each(|&column| without.leave_out(column));
     }
 }
 
+/// Logarithm of how often chance makes chi2 as large as this; it tells apart what is far too bad for a number.
+fn log_chance(misfit: f64, freedom: usize) -> f64 {
+    let chance = ChiSquared::new(freedom as f64).map_or(1.0, |chi2| chi2.sf(misfit));
+    let (half, x) = (freedom as f64 / 2.0, misfit / 2.0);
+    if chance > 1e-200 { chance.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
+}
+
+/// What is judged. Columns are one for each line and each rate, then three for the mean of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
-        (0..linear.moves.len()).map(|k| Group { item: Item::Move(k), rows: Vec::new(), kind: Kind::Move }).collect();
+        (0..linear.moves.len()).map(|k| Group { item: Item::Move(k), columns: Vec::new(), kind: Kind::Move }).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
-    let mut around: Vec<Vec<usize>> = vec![Vec::new(); norm_of.len()];
+    // The moves of a rest in a hand do not depend on its mean.
+    let mut in_moves = vec![false; norm_of.len()];
     for (row, line) in lines.iter().enumerate() {
         match line.source {
-            Source::Move(k) => groups[k].rows.push(row),
+            Source::Move(k) => {
+                groups[k].columns.push(row);
+                line.by_means.iter().for_each(|(k, _)| in_moves[*k] = true);
+            }
             Source::Norm(k) => norm_of[k] = Some(row),
         }
-        line.by_means.iter().for_each(|(k, _)| around[*k].push(row));
     }
     for (place, (k, _)) in linear.rates.iter().enumerate() {
-        let first = lines.len() + 3 * place;
         let item = Item::Rest(*k);
-        groups.push(Group { item, rows: norm_of[*k].into_iter().collect(), kind: Kind::Norm });
-        groups.push(Group { item, rows: (first..first + 3).collect(), kind: Kind::Rate });
-        groups.push(Group { item, rows: std::mem::take(&mut around[*k]), kind: Kind::Around });
+        let (rates, means) = (lines.len() + 3 * place, lines.len() + 3 * linear.rates.len() + 3 * place);
+        groups.push(Group { item, columns: norm_of[*k].into_iter().collect(), kind: Kind::Norm });
+        groups.push(Group { item, columns: (rates..rates + 3).collect(), kind: Kind::Rate });
+        if in_moves[*k] {
+            groups.push(Group { item, columns: (means..means + 3).collect(), kind: Kind::Mean });
+        }
     }
     groups
+}
+
+/// What whitening makes of an error of one of the mean of each rest, axis by axis, from that of an error in each line.
+fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
+    let of_axis = |rest: usize, axis: usize| {
+        let lines = linear.lines.iter().zip(units);
+        let seen = lines.flat_map(|(line, unit)| {
+            line.by_means.iter().filter(move |(k, _)| *k == rest).map(move |(_, by)| (unit, by[axis]))
+        });
+        let seen: Vec<(&(usize, Vec<f64>), f64)> = seen.collect();
+        let first = seen.iter().map(|((first, _), _)| *first).min().unwrap_or(0);
+        let end = seen.iter().map(|((first, unit), _)| first + unit.len()).max().unwrap_or(0);
+        let mut column = vec![0.0; end - first];
+        for ((start, unit), by) in seen {
+            column[start - first..].iter_mut().zip(unit).for_each(|(sum, value)| *sum += by * value);
+        }
+        (first, column)
+    };
+    linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
 /// Variance of a kind of residual in units of what noise explains: that of the median, one at least.
@@ -134,9 +172,9 @@ fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// The fit without some of the residuals: each that is left out is a parameter of its own.
+/// The fit without some of the columns: each that is left out is a parameter of its own.
 pub(super) struct Without {
-    /// `L^-1 e_j` for every line and rate: the first row that is not zero, and the values from there.
+    /// `L^-1 A`: the first row of each column that is not zero, and the values from there.
     columns: Vec<(usize, Vec<f64>)>,
     /// Orthonormal basis of the whitened Jacobian, column by column.
     basis: Vec<Vec<f64>>,
@@ -149,7 +187,8 @@ pub(super) struct Without {
 impl Without {
     pub(super) fn new(problem: &Joint<'_>, linear: &Linear) -> Self {
         let (residuals, jacobian) = problem.whiten(linear);
-        let columns = problem.whitened_units(linear);
+        let mut columns = problem.whitened_units(linear);
+        columns.extend(by_means(linear, &columns));
         let all = residuals.nrows();
         let mut without = Self {
             seen: vec![Vec::new(); columns.len()],
@@ -180,23 +219,23 @@ impl Without {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// The misfit of these rows, and how many directions of them can be judged.
-    pub(super) fn misfit(&self, rows: &[usize]) -> (f64, usize) {
-        let n = rows.len();
+    /// The misfit along these columns, and how many directions of them can be judged.
+    pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
+        let n = columns.len();
         if n == 0 {
             return (0.0, 0);
         }
         let whole = DMatrix::from_fn(n, n, |a, b| {
-            let ((i, x), (j, y)) = (&self.columns[rows[a]], &self.columns[rows[b]]);
+            let ((i, x), (j, y)) = (&self.columns[columns[a]], &self.columns[columns[b]]);
             let (start, end) = ((*i).max(*j), (i + x.len()).min(j + y.len()));
             if start < end { dot(&x[start - i..end - i], &y[start - j..end - j]) } else { 0.0 }
         });
         let Some(factor) = whole.clone().cholesky() else { return (0.0, 0) };
-        let spent = DMatrix::from_fn(n, n, |a, b| dot(&self.seen[rows[a]], &self.seen[rows[b]]));
+        let spent = DMatrix::from_fn(n, n, |a, b| dot(&self.seen[columns[a]], &self.seen[columns[b]]));
         let half = |m: &DMatrix<f64>| factor.l().solve_lower_triangular(m);
         let Some(spent) = half(&spent).and_then(|m| half(&m.transpose())) else { return (0.0, 0) };
         let seen = DVector::from_fn(n, |a, _| {
-            let (first, column) = &self.columns[rows[a]];
+            let (first, column) = &self.columns[columns[a]];
             dot(&self.residuals[*first..first + column.len()], column)
         });
         let Some(seen) = factor.l().solve_lower_triangular(&seen) else { return (0.0, 0) };
@@ -207,8 +246,8 @@ impl Without {
         (misfit, free.count())
     }
 
-    fn leave_out(&mut self, row: usize) {
-        let (first, column) = &self.columns[row];
+    fn leave_out(&mut self, column: usize) {
+        let (first, column) = &self.columns[column];
         let mut direction = vec![0.0; self.residuals.len()];
         direction[*first..first + column.len()].copy_from_slice(column);
         let size = dot(column, column).sqrt();

@@ -17,11 +17,26 @@ pub(crate) struct JointFit {
     /// Of all parameters, symmetric frame.
     pub(crate) covariance: Mat<f64>,
     pub(crate) report: FitReport,
+    pub(crate) scales: ResidualScales,
     /// Error of |f| at each rest and the standard deviation that noise explains, m/s^2; `None` for rests not used.
     pub(crate) norms: Vec<Option<(f64, f64)>>,
     /// Directions of gravity and rotation of each move.
     pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,
     pub(crate) terms: Vec<TermEstimate>,
+}
+
+/// By how much residuals of each kind exceed what noise explains, and their standard deviations are widened; 1 where they do
+/// not, or where there are none.
+#[derive(Clone, Copy, Debug)]
+pub struct ResidualScales {
+    /// Norms of gravity at the rests.
+    pub norms: f64,
+    /// Directions of gravity carried over the moves.
+    pub moves: f64,
+    /// The force inside the moves.
+    pub inside: f64,
+    /// Attitudes against the encoders of the stand, at rests or in moves, whichever is larger.
+    pub stand: f64,
 }
 
 /// One effect as it was estimated.
@@ -83,8 +98,14 @@ impl JointFit {
             iterations,
             termination: solution.termination,
         };
+        let scales = ResidualScales {
+            norms: scales.norms,
+            moves: scales.moves,
+            inside: scales.inside,
+            stand: scales.stand_rests.max(scales.stand_moves),
+        };
         let moves = moves_of(&linear, &problem.weights);
-        Ok(Self { model: model.clone(), covariance, report, norms, moves, terms: estimates })
+        Ok(Self { model: model.clone(), covariance, report, scales, norms, moves, terms: estimates })
     }
 }
 

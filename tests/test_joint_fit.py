@@ -1,0 +1,115 @@
+"""The joint fit beside a SciPy program of the same equations, docs/model.md (17) to (19)."""
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+import imucal
+from imucal.recording import STANDARD_GRAVITY_MPS2
+
+# What no standard deviation is finer than, m/s^2 and rad.
+FINEST_NORM, FINEST_DIRECTION = 1e-5, 2e-5
+
+
+class Residuals:
+    """Norms, rates and moves of the rests and moves that `result` found in `recording`, whitened."""
+
+    def __init__(self, recording, result):
+        self.recording, self.moves = recording, result.moves
+        rests = [slice(rest["first"], rest["end"]) for rest in result.rests]
+        self.force = np.array([recording.specific_force[rest].mean(axis=0) for rest in rests])
+        self.rate = np.array([recording.angular_rate[rest].mean(axis=0) for rest in rests])
+        # The simulated noise is white.
+        count = np.array([[rest.stop - rest.start] for rest in rests])
+        variance = [recording.specific_force[rest].var(axis=0, ddof=1) for rest in rests] / count
+        samples = np.array([recording.angular_rate[rest].var(axis=0, ddof=1) for rest in rests])
+        self.rate_sigma = np.sqrt(samples / count)
+        self.before = np.array([m["from_rest"] for m in self.moves])
+        self.after = np.array([m["to_rest"] for m in self.moves])
+
+        # At the solution: two directions across gravity after each move, and the covariance.
+        model = unpacked(packed(result))
+        up, turn = self.directions(model), self.turns(model)
+        self.across = np.linalg.svd(up[self.after][:, None, :])[2][:, 1:]
+        inverse = np.linalg.inv(model.accelerometer.sensitivity)
+        plane = np.eye(3) - up[:, :, None] * up[:, None, :]
+        by_mean = plane @ inverse / np.linalg.norm(self.forces(model), axis=1)[:, None, None]
+        rests_count, moves_count = len(rests), len(self.moves)
+        shared = np.zeros((rests_count + 2 * moves_count, rests_count, 3))
+        for k in range(rests_count):
+            shared[k, k] = inverse.T @ up[k]
+        for k, (before, after) in enumerate(zip(self.before, self.after, strict=True)):
+            rows = slice(rests_count + 2 * k, rests_count + 2 * k + 2)
+            shared[rows, before] = self.across[k] @ turn[k].T @ by_mean[before]
+            shared[rows, after] = -self.across[k] @ by_mean[after]
+        shared = (shared * np.sqrt(variance)).reshape(len(shared), -1)
+        density = np.median(samples, axis=0) * np.median(np.diff(recording.time_s))
+        inverse = np.linalg.inv(model.gyroscope.sensitivity)
+        walk = (inverse**2 @ density).sum() / 3 * np.array([m["duration_s"] for m in self.moves])
+        own = np.concatenate([np.full(rests_count, FINEST_NORM**2), np.repeat(walk + FINEST_DIRECTION**2, 2)])
+        self.whiten = np.linalg.inv(np.linalg.cholesky(np.diag(own) + shared @ shared.T))
+
+    def forces(self, model):
+        triad = model.accelerometer
+        return (self.force - triad.bias) @ np.linalg.inv(triad.sensitivity).T
+
+    def directions(self, model):
+        force = self.forces(model)
+        return force / np.linalg.norm(force, axis=1, keepdims=True)
+
+    def turns(self, model):
+        """Rotation of each move, body at the end to body at the start, with a cubic through four samples."""
+        time_s = self.recording.time_s
+        triad = model.gyroscope
+        rate = (self.recording.angular_rate - triad.bias) @ np.linalg.inv(triad.sensitivity).T
+        mean = (-rate[:-3] + 13 * rate[1:-2] + 13 * rate[2:-1] - rate[3:]) / 24
+        step_s = np.diff(time_s)[1:-1, None]
+        turn = step_s * mean + step_s**2 / 12 * np.cross(rate[1:-2], rate[2:-1])
+        # All moves are filled up to a power of two with steps that turn nothing, and multiplied pair by pair.
+        steps = 1 << int(np.ceil(np.log2(max(m["last"] - m["first"] for m in self.moves))))
+        vectors = np.zeros((len(self.moves), steps, 3))
+        for k, m in enumerate(self.moves):
+            vectors[k, : m["last"] - m["first"]] = turn[m["first"] - 1 : m["last"] - 1]
+        rotation = Rotation.from_rotvec(vectors.reshape(-1, 3))
+        while len(rotation) > len(self.moves):
+            rotation = rotation[::2] * rotation[1::2]
+        return rotation.as_matrix()
+
+    def __call__(self, parameters):
+        model = unpacked(parameters)
+        up = self.directions(model)
+        norms = np.linalg.norm(self.forces(model), axis=1) - STANDARD_GRAVITY_MPS2
+        carried = np.einsum("kji,kj->ki", self.turns(model), up[self.before])
+        moves = np.einsum("kci,ki->kc", self.across, carried - up[self.after])
+        rates = (self.rate - model.gyroscope.bias) / self.rate_sigma
+        return np.concatenate([self.whiten @ np.concatenate([norms, moves.ravel()]), rates.ravel()])
+
+
+def packed(result):
+    return np.array([parameter.value for parameter in result.parameters])
+
+
+def unpacked(parameters):
+    """A calibration of the 21 parameters, in the order of `result.parameters`."""
+    xx, yy, zz, xy, xz, yz = parameters[3:9]
+    symmetric = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    gyroscope = imucal.Triad(parameters[12:].reshape(3, 3), parameters[9:12])
+    return imucal.Calibration(imucal.Triad(symmetric, parameters[:3]), gyroscope)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_scipy_finds_the_same_minimum_and_the_same_sigmas(seed):
+    recording = imucal.simulate("random", unit="paper", rate_hz=100, seed=seed).recording
+    joint = imucal.calibrate(recording)
+    residuals = Residuals(recording, joint)
+    two_stages = imucal.calibrate(recording, joint=False)
+    std = np.array([parameter.std for parameter in joint.parameters])
+    found = least_squares(residuals, packed(two_stages), x_scale=std, method="lm")
+    # Noise is estimated a little differently, and weights with it.
+    assert np.abs((packed(joint) - found.x) / std).max() < 0.1
+    assert np.sqrt(np.linalg.inv(found.jac.T @ found.jac).diagonal()) == pytest.approx(std, rel=0.1)
+    assert joint.fit["joint"]["chi2"] == pytest.approx(2 * found.cost, rel=0.1)
+    assert joint.fit["joint"]["degrees_of_freedom"] == len(found.fun) - 21
+    # Another estimate is told apart.
+    assert np.abs((packed(two_stages) - found.x) / std).max() > 0.3
