@@ -1,5 +1,7 @@
 """Rests without an initial rest and without a threshold: noise from 1/10 to 10 times, 25 Hz to 8 kHz."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -134,3 +136,22 @@ def test_by_the_command(run, command, tmp_path):
     done = command("inspect", tmp_path / "run.csv")
     assert f"{len(true)} rests" in done.stdout
     assert "times the noise floor" in " ".join(done.stdout.split())
+
+
+def test_a_noisy_gyroscope_is_not_too_insensitive():
+    """What rests keep of the moves next to them is missing in every scale."""
+    paper = imucal.Unit.named("paper")
+    sensors = {
+        name: replace(getattr(paper, name), noise_density=3.0 * getattr(paper, name).noise_density)
+        for name in ("accelerometer", "gyroscope")
+    }
+    errors = []
+    for seed in range(1, 31):
+        run = imucal.simulate("random", seed=seed, unit=replace(paper, **sensors), rate_hz=128)
+        result = imucal.calibrate(run.recording)
+        true = run.truth.calibration.gyroscope.sensitivity
+        stds = {p.name: p.std for p in result.parameters}
+        error = np.diag(result.calibration.gyroscope.sensitivity - true)
+        errors.append(error / [stds[f"gyro_sensitivity_{axis}{axis}"] for axis in "xyz"])
+    # 90 numbers of standard deviation one.
+    assert abs(np.mean(errors)) < 0.3

@@ -7,6 +7,7 @@
 
 mod blocks;
 mod edges;
+mod steadiness;
 mod threshold;
 
 use std::ops::Range;
@@ -19,8 +20,9 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use crate::error::Error;
 use crate::recording::{RawUnit, Recording};
 use crate::stats::median;
-use blocks::{Block, Blocks, colour_factor, merge, noise_variance, sum_blocks};
-use edges::{calm, drift, settle, trim, unsteadiness, wanders};
+use blocks::{Block, Blocks, merge, noise_variance, sum_blocks};
+use edges::{calm, onset, settle, trim};
+use steadiness::{Steadiness, wanders};
 use threshold::{choose_threshold, still_stretches, window_statistic};
 
 /// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
@@ -124,30 +126,31 @@ impl Segments {
         let (statistic, floor) = window_statistic(&means, &(steps / (averaged as f64).sqrt()));
         let threshold = choose_threshold(&statistic, min_blocks);
         let gravity = gravity_size(recording, &blocks);
-        let (long, short): (Vec<_>, Vec<_>) = still_stretches(&statistic, threshold.0)
+        let still: Vec<_> = still_stretches(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), &blocks))
             .filter(|range| !range.is_empty() && !wanders(&blocks[range.clone()], gravity))
-            .partition(|blocks| blocks.len() >= min_blocks);
+            .collect();
+        let (mut long, short): (Vec<_>, Vec<_>) =
+            still.iter().cloned().zip(around(&still, blocks.len())).partition(|(range, _)| range.len() >= min_blocks);
         if long.is_empty() {
             return Err(no_rest(recording, min_rest_s));
         }
-        // A table and a hand have noise of different kinds.
-        let (steady, held): (Vec<_>, Vec<_>) =
-            long.iter().cloned().partition(|range| unsteadiness(range, &statistic) < UNSTEADY);
-        let (steady_colour, held_colour) = (colour_factor(&blocks, &steady), colour_factor(&blocks, &held));
+        let settled = Steadiness::of(&blocks, &statistic, &ranges(&long));
+        // Where a hand holds the unit, no end is sharper than its tremor.
+        for (range, within) in long.iter_mut().filter(|(range, _)| settled.unsteadiness(range) < UNSTEADY) {
+            *range = onset(range.clone(), within, &blocks);
+        }
+        let long = ranges(&long);
+        let steadiness = Steadiness::of(&blocks, &statistic, &long);
         let rests: Vec<Rest> = long
             .iter()
-            .map(|range| {
-                let tremor = unsteadiness(range, &statistic);
-                let colour = if tremor < UNSTEADY { &steady_colour } else { &held_colour };
-                Rest {
-                    unsteadiness: tremor.max(drift(&blocks[range.clone()], colour)),
-                    ..rest(recording, &blocks[range.clone()], range.start, colour)
-                }
+            .map(|range| Rest {
+                unsteadiness: steadiness.unsteadiness(range),
+                ..rest(recording, &blocks[range.clone()], range.start, steadiness.colour(range))
             })
             .collect();
         let sample_variance = floor * averaged as f64;
-        let density = noise_variance(&blocks, &steady, &steady_colour)
+        let density = noise_variance(&blocks, &steadiness.steady, &steadiness.steady_colour)
             .unwrap_or(sample_variance)
             .map(|variance| (variance * dt_s).sqrt());
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
@@ -156,7 +159,7 @@ impl Segments {
                 angular_rate: density.fixed_rows::<3>(0).into(),
                 specific_force: density.fixed_rows::<3>(3).into(),
             },
-            too_short: short.into_iter().map(samples).collect(),
+            too_short: short.into_iter().map(|(range, _)| samples(range)).collect(),
             threshold: Threshold {
                 factor: threshold.0,
                 stable_from: threshold.1,
@@ -209,6 +212,18 @@ impl Segments {
 pub fn sample_interval_s(time_s: &[f64]) -> f64 {
     let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
     median(&mut steps)
+}
+
+/// From the end of the stretch before each to the start of the one after it.
+fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<usize>> + '_ {
+    let before = std::iter::once(0).chain(still.iter().map(|range| range.end));
+    let after = still.iter().skip(1).map(|range| range.start).chain([blocks]);
+    before.zip(after).map(|(start, end)| start..end)
+}
+
+/// Without what is around them.
+fn ranges(stretches: &[(Range<usize>, Range<usize>)]) -> Vec<Range<usize>> {
+    stretches.iter().map(|(range, _)| range.clone()).collect()
 }
 
 /// Size of gravity in raw units, or a number that is certainly not much smaller: counts may have an offset.
@@ -282,6 +297,34 @@ mod tests {
                 assert!(rest.start_s > start_s - 0.25 && rest.start_s < start_s + 0.4, "{} {start_s}", rest.start_s);
                 assert!(rest.end_s < end_s + 0.25 && rest.end_s > end_s - 0.4, "{} {end_s}", rest.end_s);
             }
+        }
+    }
+
+    /// What a rest keeps of a move's turn is missing in the move: it makes every scale of the gyroscope too small.
+    #[test]
+    fn the_slow_beginning_of_a_move_that_drowns_in_noise_is_the_moves() {
+        for (rate_hz, noise) in [(25.0, 3.0), (128.0, 1.0), (128.0, 3.0), (128.0, 10.0), (1000.0, 3.0)] {
+            let run = run(rate_hz, noise);
+            let found = Segments::find(&run.recording("run"), 1.0).unwrap().rests;
+            assert_eq!(found.len(), run.rests.len());
+            let kept = |from_s: f64, to_s: f64| {
+                let moving =
+                    run.time_s.iter().zip(&run.true_angular_rate).filter(|(t, _)| (from_s..=to_s).contains(*t));
+                moving.map(|(_, rate)| Vector3::from(*rate)).sum::<Vector3<f64>>().norm() / rate_hz
+            };
+            let ends = found
+                .iter()
+                .zip(&run.rests)
+                .flat_map(|(rest, (start_s, end_s))| [kept(rest.start_s, *start_s), kept(*end_s, rest.end_s)]);
+            let mean_rad = ends.sum::<f64>() / (2 * found.len()) as f64;
+            // Over the turn that the noise makes in a move of 2 s.
+            let share = mean_rad / (noise * Unit::paper().gyroscope.noise_density * 2_f64.sqrt());
+            assert!(share < 0.02, "{rate_hz} Hz, noise x {noise}: {share}");
+            let lasting =
+                |times: &mut dyn Iterator<Item = (f64, f64)>| times.map(|(start, end)| end - start).sum::<f64>();
+            let left = lasting(&mut found.iter().map(|rest| (rest.start_s, rest.end_s)));
+            let lost = 1.0 - left / lasting(&mut run.rests.iter().copied());
+            assert!(lost < 0.01, "{rate_hz} Hz, noise x {noise}: {lost}");
         }
     }
 
