@@ -117,7 +117,6 @@ def test_the_joint_fit_beats_the_two_stage_one(paper):
     assert np.sqrt((gain**2).mean()) > 1.0
 
 
-@pytest.mark.xfail(strict=True, reason="the tremor is taken for the noise of the sensors")
 def test_a_run_by_hand_is_at_the_bound(accuracy):
     scene = accuracy.scene.HELD
     trials = [accuracy.trial.trial(scene, seed) for seed in range(1, 1 + RUNS // 2)]
@@ -140,12 +139,9 @@ def test_flicker_is_the_same_with_and_without_white_noise(accuracy):
 # --- contaminated runs ---
 
 
-IN_JOINT = pytest.mark.xfail(strict=True, reason="the joint fit leaves no move out")
-
-
 @pytest.mark.parametrize(
     "name",
-    ["clean", "slip", "nudge", "bad rests", pytest.param("bad moves", marks=IN_JOINT), "heavy tails"],
+    ["clean", "slip", "nudge", "bad rests", "bad moves", "heavy tails"],
 )
 def test_contaminated_runs_do_little_harm_and_are_named(accuracy, name):
     runs = [accuracy.contaminated.spoilt(name, seed) for seed in range(1, 1 + SPOILT_RUNS)]

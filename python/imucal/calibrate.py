@@ -109,9 +109,9 @@ def calibrate(
                        for the full form of an effect that has two, and effects of one's own
     joint              estimate all parameters at once; if False, and without effects, the accelerometer first
                        and the gyroscope after it
-    unit               profile of the unit, its name, or the path of its file: its bias instabilities and random walks, which
-                       recordings of minutes hardly show, widen the standard deviations; the biases are means
-                       over the recording then
+    unit               profile of the unit, its name, or the path of its file: its bias instabilities and
+                       random walks, which recordings of minutes hardly show, widen the standard deviations;
+                       the biases are means over the recording then
     folds              also fit that many times, each time without a part of the moves, and judge on that part
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
