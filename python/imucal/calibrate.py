@@ -297,6 +297,8 @@ def _joint(outcome: _core.Outcome) -> dict[str, Any]:
     return {
         "joint": joint,
         "noise_alone": _misfit(outcome.misfit),
+        # Of a hand, about each axis; null where the unit lies on something firm.
+        "tremor_deg": [None if t is None else float(np.degrees(t)) for t in outcome.tremor_rad],
         "effects": effects,
     }
 

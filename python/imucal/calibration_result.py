@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["CalibrationResult"]
 
+# Noise alone makes chi2 so large less often than this.
+UNLIKELY = 1e-6
 # Kinds of residuals of the joint fit that may be widened (docs/model.md (19)).
 RESIDUALS = {
     "norms": "gravity's norm at the rests",
@@ -107,6 +109,18 @@ class CalibrationResult:
             for what, times in widened
             if times > 1
         ]
+        alone = self.fit.get("noise_alone", {})
+        if alone.get("p_value") is not None and alone["p_value"] < UNLIKELY:
+            notes.append(
+                f"noise alone does not explain these data: chi2 is {alone['chi2']:.4g} with "
+                f"{alone['degrees_of_freedom']} degrees of freedom; `imucal gap` looks for what is missing"
+            )
+        tremors = [tremor for tremor in self.fit.get("tremor_deg", ()) if tremor is not None]
+        if tremors:
+            notes.append(
+                f"a hand holds the unit and trembles by {max(tremors):.2g} deg: directions of gravity are "
+                "averaged along the gyroscope (docs/model.md (27))"
+            )
         notes += [
             f"{effect['name']}: chi2 of its {effect['dof']} parameters is {effect['statistic']:.4g}, "
             f"{effect['dof']} or so if it were not there"
@@ -135,12 +149,6 @@ class CalibrationResult:
         ):
             if figures is not None:
                 lines.append(f"{name}: {figures_text(figures)}")
-        alone = self.fit.get("noise_alone", {})
-        if alone.get("p_value") is not None:
-            lines.append(
-                f"chi2 is {alone['chi2']:.4g} with {alone['degrees_of_freedom']} degrees of freedom; noise "
-                f"alone makes it larger with the probability {alone['p_value']:.2g}"
-            )
         lines += self.notes
         lines += [f"{finding.severity}: {finding}" for finding in self.findings]
         if self.judgement is not None:

@@ -244,6 +244,8 @@ pub(crate) struct Outcome {
     joint_fit: Option<Py<FitReport>>,
     misfit: Option<Py<Misfit>>,
     joint_scales: Option<Py<ResidualScales>>,
+    /// rad
+    tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Py<Figures>,
     findings: Vec<Py<PyAny>>,
@@ -287,6 +289,7 @@ impl Outcome {
             gyroscope_fit: Py::new(py, FitReport::from(o.gyroscope_fit))?,
             joint_fit: o.joint_fit.map(|fit| Py::new(py, FitReport::from(fit))).transpose()?,
             misfit: Misfit::new(py, o.misfit)?,
+            tremor_rad: o.tremor_rad,
             joint_scales: o.joint_scales.map(|scales| Py::new(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: Py::new(py, Figures::from(o.figures))?,

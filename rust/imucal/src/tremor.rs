@@ -67,6 +67,11 @@ impl Hand {
         trembles.then(|| Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
     }
 
+    /// Standard deviation of the tremor about each axis, rad.
+    pub(crate) fn tremor_rad(&self) -> f64 {
+        (self.turn_rad2 / 2.0).sqrt()
+    }
+
     /// Time constant of the weights with which the direction at the end of a rest is averaged along the gyroscope, s: that of
     /// the filter that weighs the one noise against the other, or what a short rest has room for.
     fn averaging_s(&self, rest: &Rest) -> f64 {
@@ -261,8 +266,7 @@ mod tests {
         let moves = HandMoves { poses: 15, tremor_rad, ..HandMoves::default() };
         let hand = found(&Motion::Tumble(Tumble::random(&moves, 2).unwrap())).unwrap();
         // From the variance of 15 rests about two axes each.
-        let turn_rad = (hand.turn_rad2 / 2.0).sqrt();
-        assert!((turn_rad / tremor_rad - 1.0).abs() < 0.2, "{turn_rad:e}");
+        assert!((hand.tremor_rad() / tremor_rad - 1.0).abs() < 0.2, "{:e}", hand.tremor_rad());
         let unit = Unit::paper();
         for axis in 0..3 {
             let rate = hand.noise.angular_rate[axis] / unit.gyroscope.noise_density;

@@ -53,6 +53,9 @@ pub struct Outcome {
     pub misfit: Option<Misfit>,
     /// By how much the joint fit widens each kind of residual.
     pub joint_scales: Option<ResidualScales>,
+    /// Standard deviation of the tremor of the hand that holds the unit, about each axis, rad, one entry for each recording;
+    /// `None` for one on something firm. Only the joint fit looks for hands.
+    pub tremor_rad: Vec<Option<f64>>,
     /// How well the calibration explains its own data.
     pub figures: Figures,
     /// Warnings about the data.
@@ -97,6 +100,7 @@ impl Outcome {
             joint_fit: None,
             misfit: None,
             joint_scales: None,
+            tremor_rad: vec![None; data.recordings.len()],
             figures,
             findings: data.findings,
             calibration,
@@ -164,6 +168,7 @@ impl Outcome {
             rests,
             moves,
             noise_density: noise_density(data.noise(), &calibration),
+            tremor_rad: data.tremor_rad(),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
             accelerometer_fit: started_from[0],
             gyroscope_fit: started_from[1],

@@ -172,6 +172,11 @@ impl<'a> UnitData<'a> {
         Ok((moves, unusable))
     }
 
+    /// Tremor of the hand that holds the unit, if one does, for each recording, rad.
+    pub(super) fn tremor_rad(&self) -> Vec<Option<f64>> {
+        self.hands.iter().map(|hand| hand.as_ref().map(Hand::tremor_rad)).collect()
+    }
+
     pub(super) fn noise(&self) -> &[NoiseDensity] {
         &self.noise
     }
