@@ -370,7 +370,10 @@ impl Prepared<'_> {
     ) -> AtRest {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let seen = model.accelerometer.correct(*reading);
-        let around: Vec<Surroundings<f64>> = moments(&self.recordings[*recording], rest.first..rest.end)
+        // Without effects nothing depends on them.
+        let moments =
+            if terms.count == 0 { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
+        let around: Vec<Surroundings<f64>> = moments
             .into_iter()
             .map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment })
             .collect();
