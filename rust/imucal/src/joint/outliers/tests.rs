@@ -144,7 +144,7 @@ fn a_rest_with_a_wrong_rate_is_named() {
             let rate = &mut rests[rest].rest.angular_rate;
             rate.mean += 5.0 * rate.variance_of_mean.map(f64::sqrt);
             let prepared = Prepared { rests: &rests, encoders: None, ..*prepared };
-            assert_eq!(outliers(&prepared, terms, model).unwrap(), [Item::Rest(rest)]);
+            assert_eq!(outliers(&prepared, terms, model, None).unwrap(), [Item::Rest(rest)]);
         });
     }
 }
