@@ -118,9 +118,7 @@ impl UnitData<'_> {
         model: [&Triad<f64>; 2],
         options: &Options<'_>,
     ) -> Result<Misfits, Error> {
-        self.prepared(selection, model, options, |prepared| {
-            Misfits::of(prepared, &self.terms(options)?, &fit.linear)
-        })
+        self.prepared(selection, model, options, |prepared| Misfits::of(prepared, &self.terms(options)?, &fit.linear))
     }
 
     /// Directions and rotations of moves that a joint fit has not seen.

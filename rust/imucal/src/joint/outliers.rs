@@ -72,7 +72,8 @@ pub(crate) fn outliers(
     let known = known.filter(|_| terms.kinds == DIRECTIONS);
     let terms = Terms { kinds: DIRECTIONS, ..terms.clone() };
     let parameters = Model { stand: Vec::new(), ..model.clone() }.parameters();
-    let linear = known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Rc::new), |known| Ok(Rc::clone(known)))?;
+    let linear =
+        known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Rc::new), |known| Ok(Rc::clone(known)))?;
     let mut problem = Joint::at(prepared, &terms, &parameters, Rc::clone(&linear))?;
     problem.weigh_by_noise(&linear)?;
     let groups = groups(&linear);

@@ -20,6 +20,7 @@ use std::ops::Range;
 
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::integrate::increment;
+use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, surroundings};
@@ -157,6 +158,7 @@ impl Gathered {
 /// The samples of a move after correction, with one more on either side.
 struct Corrected {
     rate: Vec<Vector3<f64>>,
+    /// Empty where neither blocks nor effects need it.
     force: Vec<Vector3<f64>>,
     seen_rate: Vec<Vector3<f64>>,
     seen_force: Vec<Vector3<f64>>,
@@ -257,11 +259,13 @@ impl Route<'_> {
     /// The samples of the reach, freed of the effects.
     fn correct(&self, model: &Model, terms: &Terms<'_>) -> Corrected {
         let reach = self.reach();
-        let triads = |i: usize| {
-            let rate = model.gyroscope.correct(Vector3::from(self.recording.angular_rate[i]));
-            (rate, model.accelerometer.correct(Vector3::from(self.recording.specific_force[i])))
+        let corrected = |triad: &Triad<f64>, rows: &[[f64; 3]]| -> Vec<Vector3<f64>> {
+            rows.iter().map(|row| triad.correct(Vector3::from(*row))).collect()
         };
-        let (seen_rate, seen_force): (Vec<_>, Vec<_>) = reach.clone().map(triads).unzip();
+        let seen_rate = corrected(&model.gyroscope, &self.recording.angular_rate[reach.clone()]);
+        let is_force_needed = self.with_blocks || terms.count > 0;
+        let forces = if is_force_needed { &self.recording.specific_force[reach.clone()] } else { &[] };
+        let seen_force = corrected(&model.accelerometer, forces);
         let mut all = Corrected {
             rate: seen_rate.clone(),
             force: seen_force.clone(),

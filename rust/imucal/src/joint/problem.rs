@@ -450,10 +450,8 @@ impl Prepared<'_> {
         // Without effects nothing depends on them.
         let moments =
             if terms.count == 0 { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
-        let around: Vec<Surroundings<f64>> = moments
-            .into_iter()
-            .map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment })
-            .collect();
+        let around: Vec<Surroundings<f64>> =
+            moments.into_iter().map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment }).collect();
         let mut columns = vec![Vector3::zeros(); terms.count];
         let (on_rate, force) =
             terms.at_rest(&model.values, seen, &around, *recording, rest.first..rest.end, &mut columns);
