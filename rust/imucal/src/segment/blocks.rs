@@ -74,24 +74,6 @@ pub(super) fn merge(blocks: &[Block]) -> Block {
     })
 }
 
-/// Sums of `length` neighbouring blocks each, one for every block that they may start at: of windows of half the length.
-pub(super) fn windows(blocks: &[Block], length: usize) -> Vec<Block> {
-    if length == 1 {
-        return blocks.to_vec();
-    }
-    let joined = |left: &[Block], right: &[Block]| -> Vec<Block> {
-        let sum = |(left, right): (&Block, &Block)| {
-            let mut sum = *left;
-            sum.merge(right);
-            sum
-        };
-        left.iter().zip(right).map(sum).collect()
-    };
-    let half = windows(blocks, length / 2);
-    let even = joined(&half, &half[length / 2..]);
-    if length % 2 == 0 { even } else { joined(&even, &blocks[length - 1..]) }
-}
-
 /// By how much the variance of a mean exceeds that of white noise: half the mean squared difference of neighbouring
 /// 0.25 s means (an Allan variance) over what the scatter of single samples predicts.
 pub(super) fn colour_factor(blocks: &[Block], rests: &[Range<usize>]) -> Vector6<f64> {

@@ -6,13 +6,13 @@ use imucal_core::rest::rest_statistic;
 use nalgebra::Vector6;
 
 use super::WINDOW_BLOCKS;
-use super::blocks::{Block, windows};
+use super::blocks::{Block, merge};
 use super::edges::trim;
 use crate::stats::quantile;
 
 /// The statistic of every window (one per block it may start at) and the noise floor (variances).
 pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f64>, Vector6<f64>) {
-    let windows = windows(blocks, WINDOW_BLOCKS);
+    let windows: Vec<Block> = blocks.windows(WINDOW_BLOCKS).map(merge).collect();
     let variances: Vec<Vector6<f64>> = windows.iter().map(Block::variance).collect();
     // A coarse converter may read one number throughout a rest: its floor is that of the rounding. A channel that
     // never changes has no step at all and no say.
