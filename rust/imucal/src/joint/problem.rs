@@ -13,7 +13,7 @@ use super::encoders::{self, EncoderMove, Encoders, StandModel};
 use super::inside::{self, EndDirection};
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
 use super::pass::{Pass, Route};
-use super::terms::{Kinds, Terms};
+use super::terms::{Kinds, Term, Terms};
 use super::wander::{UnitWander, Wandering};
 use super::weights::Weights;
 use crate::error::Error;
@@ -227,9 +227,12 @@ impl<'a> Joint<'a> {
     }
 
     /// What the last linearisation makes of these parameters, if they are near and all residuals are lines.
+    ///
+    /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
     fn moved(&self, parameters: &[f64]) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*self.last.borrow();
-        if self.terms.kinds.in_motion || self.terms.kinds.encoders {
+        let Kinds { in_motion, encoders } = self.terms.kinds;
+        if in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
             return Ok(None);
         }
         let change: Vec<f64> = parameters.iter().zip(from).map(|(to, from)| to - from).collect();
