@@ -98,7 +98,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
         let triads = [&accelerometer.triad, &gyroscope.fit.triad];
         data.free_of_tremor(triads[0], triads[1]);
         let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
-        let misfits = data.misfits(&joint, &selection, options)?;
+        let misfits = data.misfits(&joint, &selection, triads, options)?;
         Outcome::joint(
             data,
             [accelerometer.report, gyroscope.fit.report],

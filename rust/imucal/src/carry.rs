@@ -1,18 +1,17 @@
 //! Carrying gravity through the integrated gyroscope, and how that depends on the parameters (model.md (6), (7)).
 //!
 //! One pass over a move gives the rotation and the sums that serve every parameter. With the rate
-//! `w = T^-1 (m - b)`, the step `phi = h/2 (w0 + w1) + h^2/12 (w0 x w1)` and `R <- R exp(phi)`, a change of the
-//! parameters turns the end attitude by `delta` on the body side, `R exp(delta)`:
+//! `w = T^-1 (m - b)`, the step `phi = s + q`, `s = h/2 (w0 + w1)`, `q = h^2/12 (w0 x w1)` and `R <- R exp(phi)`, a change of
+//! the parameters turns the end attitude by `delta` on the body side, `R exp(delta)`:
 //!
 //! ```text
-//! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = sum_k A_k (h wbar_j I + h^2/12 (w1_j [w0]x - w0_j [w1]x))
-//! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = sum_k A_k (h I        + h^2/12 (     [w0]x -      [w1]x))
+//! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = sum_k A_k (s_j I + [e_j x q]x),   [e_j x q]x = q e_j^T - e_j q^T
+//! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = sum_k A_k (h I + h^2/12 [w0 - w1]x)
 //! A_k = R_k J_l(phi_k),   R_k the attitude before step k, J_l the left Jacobian of the rotation vector
 //! ```
 
 use imucal_core::integrate::Integrator;
 use imucal_core::sensor::Triad;
-use imucal_core::so3::hat;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::recording::Recording;
@@ -33,33 +32,90 @@ pub(crate) struct Carried {
 /// Integrates samples `first..=last` of the gyroscope.
 pub(crate) fn carry(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Carried {
     let mut rotation = Matrix3::identity();
-    let mut sensitivity_sums = [Matrix3::zeros(); 3];
-    let mut bias_sum = Matrix3::zeros();
+    let mut sums = Sums::zero();
     let mut turned_rad = Vector3::zeros();
     let mut w0 = gyroscope.correct(Vector3::from(recording.angular_rate[first]));
-    let mut hat0 = hat(&w0);
     let times = recording.time_s[first..=last].windows(2);
     for (pair, raw) in times.zip(&recording.angular_rate[first + 1..=last]) {
         let h = pair[1] - pair[0];
         let w1 = gyroscope.correct(Vector3::from(*raw));
-        let hat1 = hat(&w1);
-        let mean = (w0 + w1) / 2.0;
-        let phi = mean * h + w0.cross(&w1) * (h * h / 12.0);
-        let (exp, left_jacobian) = exp_and_left_jacobian(&phi);
-
-        let a = rotation * left_jacobian;
-        let coning = h * h / 12.0;
-        let (a0, a1) = (a * hat0 * coning, a * hat1 * coning);
-        for j in 0..3 {
-            sensitivity_sums[j] += a * (h * mean[j]) + a0 * w1[j] - a1 * w0[j];
-        }
-        bias_sum += a * h + a0 - a1;
-        turned_rad += mean.abs() * h;
-
-        rotation *= exp;
-        (w0, hat0) = (w1, hat1);
+        let turn = (w0 + w1) * (h / 2.0);
+        sums.step(&mut rotation, h, [&w0, &w1], &turn, &turn);
+        turned_rad += turn.abs();
+        w0 = w1;
     }
-    Carried { rotation, sensitivity_sums, bias_sum, turned_rad }
+    Carried { rotation, sensitivity_sums: sums.sensitivity(), bias_sum: sums.bias, turned_rad }
+}
+
+/// Sums over the steps of a move.
+#[derive(Clone, Copy)]
+pub(crate) struct Sums {
+    /// `sum A_k (s_j I - e_j q^T)` for each j.
+    by_turn: [Matrix3<f64>; 3],
+    /// `sum A_k q`.
+    coning: Vector3<f64>,
+    /// G_b.
+    pub(crate) bias: Matrix3<f64>,
+}
+
+impl Sums {
+    pub(crate) fn zero() -> Self {
+        Self { by_turn: [Matrix3::zeros(); 3], coning: Vector3::zeros(), bias: Matrix3::zeros() }
+    }
+
+    /// Takes a step of `h` seconds between two samples of the rate: `turn` is the integral of the rate over it, and `seen` that
+    /// of the rate that the entries multiply, which has effects in it. The result is A.
+    #[inline(always)]
+    pub(crate) fn step(
+        &mut self,
+        rotation: &mut Matrix3<f64>,
+        h: f64,
+        [w0, w1]: [&Vector3<f64>; 2],
+        turn: &Vector3<f64>,
+        seen: &Vector3<f64>,
+    ) -> Matrix3<f64> {
+        let coning = h * h / 12.0;
+        let q = w0.cross(w1) * coning;
+        let phi = turn + q;
+        let (sine, cosine, cubic) = coefficients(phi.norm_squared());
+        let once = times_hat(rotation, &phi);
+        let twice = times_hat(&once, &phi);
+        let a = *rotation + once * cosine + twice * cubic;
+        *rotation += once * sine + twice * cosine;
+        for j in 0..3 {
+            for k in 0..3 {
+                let column = a.column(k) * seen[j] - a.column(j) * q[k];
+                self.by_turn[j].set_column(k, &(self.by_turn[j].column(k) + column));
+            }
+        }
+        self.coning += a * q;
+        self.bias += a * h + times_hat(&a, &((w0 - w1) * coning));
+        a
+    }
+
+    pub(crate) fn add(&mut self, other: &Self) {
+        for (sum, term) in self.by_turn.iter_mut().zip(&other.by_turn) {
+            *sum += term;
+        }
+        self.coning += other.coning;
+        self.bias += other.bias;
+    }
+
+    /// G_x, G_y, G_z.
+    pub(crate) fn sensitivity(&self) -> [Matrix3<f64>; 3] {
+        let mut sums = self.by_turn;
+        for (j, sum) in sums.iter_mut().enumerate() {
+            sum.set_column(j, &(sum.column(j) + self.coning));
+        }
+        sums
+    }
+}
+
+/// `m [v]x`.
+#[inline(always)]
+fn times_hat(m: &Matrix3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
+    let (x, y, z) = (m.column(0), m.column(1), m.column(2));
+    Matrix3::from_columns(&[y * v.z - z * v.y, z * v.x - x * v.z, x * v.y - y * v.x])
 }
 
 /// The rotation alone: as [`carry`], but without derivatives.
@@ -73,8 +129,7 @@ pub(crate) fn rotate(recording: &Recording<'_>, first: usize, last: usize, gyros
     *integrator.rotation().to_rotation_matrix().matrix()
 }
 
-/// Coefficients `(-1)^k / (2k + first)!` of the three even series in the angle.
-const SINE: [f64; 7] = alternating(1);
+/// Coefficients `(-1)^k / (2k + first)!` of two even series in the angle.
 const COSINE: [f64; 7] = alternating(2);
 const CUBIC: [f64; 7] = alternating(3);
 
@@ -101,21 +156,18 @@ fn horner(coefficients: &[f64; 7], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
-/// `exp(phi)` and the left Jacobian, `I + a [phi]x + b [phi]x^2` and `I + b [phi]x + c [phi]x^2`.
-#[inline]
-pub(crate) fn exp_and_left_jacobian(phi: &Vector3<f64>) -> (Matrix3<f64>, Matrix3<f64>) {
-    let t2 = phi.norm_squared();
-    let (a, b, c) = if t2 < 0.25 {
-        // sin t / t, (1 - cos t) / t^2 and (t - sin t) / t^3: the next terms are below 2^-53 for t < 1/2.
-        (horner(&SINE, t2), horner(&COSINE, t2), horner(&CUBIC, t2))
+/// `sin t / t`, `(1 - cos t) / t^2` and `(t - sin t) / t^3` of the squared angle: the rotation is `I + a [phi]x + b [phi]x^2`, its
+/// left Jacobian `I + b [phi]x + c [phi]x^2`.
+#[inline(always)]
+fn coefficients(t2: f64) -> (f64, f64, f64) {
+    if t2 < 0.25 {
+        // The next terms are below 2^-53 for t < 1/2.
+        let cubic = horner(&CUBIC, t2);
+        (1.0 - t2 * cubic, horner(&COSINE, t2), cubic)
     } else {
         let t = t2.sqrt();
         (t.sin() / t, (1.0 - t.cos()) / t2, (t - t.sin()) / (t2 * t))
-    };
-    let hat = hat(phi);
-    let square = phi * phi.transpose() - Matrix3::from_diagonal_element(t2);
-    let identity = Matrix3::identity();
-    (identity + hat * a + square * b, identity + hat * b + square * c)
+    }
 }
 
 #[cfg(test)]
@@ -152,7 +204,8 @@ mod tests {
     fn both_branches_of_the_series_agree_with_the_core() {
         for length in [0.0, 1e-9, 1e-3, 0.3, 0.499_999, 0.500_001, 2.0] {
             let phi = Vector3::new(0.48, -0.6, 0.64) * length;
-            let (exp, left) = exp_and_left_jacobian(&phi);
+            let mut exp = Matrix3::identity();
+            let left = Sums::zero().step(&mut exp, 1.0, [&phi, &phi], &phi, &Vector3::zeros());
             assert!((exp - so3::exp(&phi).to_rotation_matrix().matrix()).norm() < 4e-15, "{length}");
             assert!((left - so3::right_jacobian(&phi).transpose()).norm() < 4e-15, "{length}");
         }

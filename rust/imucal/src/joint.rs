@@ -88,15 +88,15 @@ pub(crate) fn fit(
     for round in 0..MOST_ROUNDS {
         // The weights of the first round are not the last ones.
         let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
-        let found = lsq::minimize(&problem, &parameters, tolerance)?;
-        if found.termination == Termination::NotFinite {
-            return Err(Error::Fit(
-                "the joint fit left the range of numbers: leave effects out, or check units".into(),
-            ));
-        }
+        let mut found = minimize(&problem, &parameters, tolerance)?;
         iterations += found.iterations;
         let settled = round > 0 && largest_move(&parameters, &found) < SETTLED;
         if settled || round + 1 == MOST_ROUNDS {
+            // What is said of the result is from the samples at its own place.
+            if problem.refresh(&found.parameters)? {
+                found = minimize(&problem, &found.parameters, lsq::EXACT)?;
+                iterations += found.iterations;
+            }
             return JointFit::new(&problem, terms, found, iterations);
         }
         parameters.clone_from(&found.parameters);
@@ -110,11 +110,15 @@ pub(crate) fn fit_for_search(prepared: &Prepared<'_>, terms: &Terms<'_>, start: 
     let parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters)?;
-    let found = lsq::minimize(&problem, &parameters, SEARCH)?;
+    Model::of(&minimize(&problem, &parameters, SEARCH)?.parameters, terms)
+}
+
+fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Solution, Error> {
+    let found = lsq::minimize(problem, start, tolerance)?;
     if found.termination == Termination::NotFinite {
         return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
     }
-    Model::of(&found.parameters, terms)
+    Ok(found)
 }
 
 /// A model without effects.

@@ -13,7 +13,7 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     let position = q * (values.len() - 1) as f64;
     let below = position.floor() as usize;
     let (_, &mut low, above) = values.select_nth_unstable_by(below, f64::total_cmp);
-    let high = above.iter().copied().fold(f64::INFINITY, f64::min);
+    let high = above.iter().fold(f64::INFINITY, |least, &v| if v < least { v } else { least });
     if high.is_finite() { low + (position - below as f64) * (high - low) } else { low }
 }
 

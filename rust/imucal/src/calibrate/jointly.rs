@@ -64,8 +64,10 @@ impl UnitData<'_> {
         let mut selection = start;
         for _ in 1..MOST_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options)?;
+            let is_of_all = selection.used == all.used && selection.moves == all.moves;
             let contradicts = self.prepared(&all, model, options, |prepared| {
-                joint::outliers(prepared, &self.terms(options)?, &fit.model)
+                let known = is_of_all.then_some(&fit.linear);
+                joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
             })?;
             let next = self.without(&all, &contradicts);
             let same = next.used == selection.used && next.moves == selection.moves;
@@ -108,16 +110,15 @@ impl UnitData<'_> {
         })
     }
 
-    /// How well noise alone explains a joint fit.
+    /// How well noise alone explains a joint fit that was started at `model`.
     pub(super) fn misfits(
         &self,
         fit: &JointFit,
         selection: &Selection,
+        model: [&Triad<f64>; 2],
         options: &Options<'_>,
     ) -> Result<Misfits, Error> {
-        self.prepared(selection, [&fit.model.accelerometer, &fit.model.gyroscope], options, |prepared| {
-            Misfits::of(prepared, &self.terms(options)?, &fit.model)
-        })
+        self.prepared(selection, model, options, |prepared| Misfits::of(prepared, &self.terms(options)?, &fit.linear))
     }
 
     /// Directions and rotations of moves that a joint fit has not seen.

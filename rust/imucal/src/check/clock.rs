@@ -15,6 +15,8 @@ const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
 const ROUNDING: f64 = 1e-6;
 /// Spread of the time steps relative to their median: worth knowing, and too much.
 const SPREAD: [f64; 2] = [0.2, 0.5];
+/// Where no step is further from the median than this share of it, there is neither spread nor a gap.
+const REGULAR: f64 = 0.2;
 /// Share of equal time stamps above which the clock is not believed.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
@@ -38,6 +40,11 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
         return findings;
     }
     let median_s = quantile(steps_s, 0.5);
+    let regular_s = (1.0 - REGULAR) * median_s..=(1.0 + REGULAR) * median_s;
+    if steps_s.iter().all(|step| regular_s.contains(step)) {
+        findings.extend(rate(recording, median_s));
+        return findings;
+    }
     let (low_s, high_s) = (quantile(steps_s, 0.1), quantile(steps_s, 0.9));
     findings.extend(rate(recording, median_s));
 

@@ -28,8 +28,8 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
     let everything = std::slice::from_ref(&whole);
-    if let Some(norm) = median_norm(recording.specific_force, everything)
-        && recording.accel_unit == RawUnit::Si
+    if recording.accel_unit == RawUnit::Si
+        && let Some(norm) = median_norm(recording.specific_force, everything)
         && !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES)
     {
         findings.push(wrong_accel_unit(recording, everything, norm, STANDARD_GRAVITY_MPS2));
@@ -56,12 +56,14 @@ pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: 
     let mut findings = Vec::new();
     let whole = 0..recording.len();
     let everything = std::slice::from_ref(&whole);
-    let seen_without_rests = median_norm(recording.specific_force, everything)
-        .is_some_and(|norm| !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES));
-    if let Some(norm) = median_norm(recording.specific_force, &rests)
-        && recording.accel_unit == RawUnit::Si
-        && !seen_without_rests
+    let seen_without_rests = || {
+        median_norm(recording.specific_force, everything)
+            .is_some_and(|norm| !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES))
+    };
+    if recording.accel_unit == RawUnit::Si
+        && let Some(norm) = median_norm(recording.specific_force, &rests)
         && !within(norm / gravity_mps2, AT_REST)
+        && !seen_without_rests()
     {
         findings.push(wrong_accel_unit(recording, &rests, norm, gravity_mps2));
     }
@@ -156,9 +158,12 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
 }
 
 fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
+    if recording.gyro_unit != RawUnit::Si {
+        return None;
+    }
     let rate = median_norm(recording.angular_rate, rests)?;
     let first = rests.first()?;
-    (recording.gyro_unit == RawUnit::Si && rate > LARGEST_BIAS_RADPS).then(|| Finding {
+    (rate > LARGEST_BIAS_RADPS).then(|| Finding {
         columns: names(GYRO),
         place: Some(Place::new(recording, first.start, first.end - 1)),
         count: rests.iter().map(Range::len).sum(),

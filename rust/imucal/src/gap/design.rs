@@ -116,7 +116,7 @@ pub(crate) fn design(
 fn epochs(prepared: &Prepared<'_>, linear: &Linear) -> Vec<Epoch> {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];
-    for (m, at_move) in prepared.moves.iter().zip(&linear.moves) {
+    for (m, at_move) in prepared.moves.iter().zip(linear.moves.iter()) {
         let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(at_move.pass.rotation));
         let start = arrived[m.from].map_or(attitude, |(attitude, _)| attitude);
         attitude = start * turn;

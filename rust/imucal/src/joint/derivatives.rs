@@ -41,7 +41,8 @@ fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64
     let at = |p: usize, step: f64| {
         let mut changed = parameters.to_vec();
         changed[p] += step;
-        problem.whitened(&changed).unwrap().0
+        // Anew: nearby the problem itself follows its derivatives.
+        problem.whiten(&problem.prepared.linearise(terms, &changed).unwrap()).0
     };
     let typical: Vec<f64> = terms.all.iter().flat_map(Term::typical).collect();
     let largest = |values: &mut dyn Iterator<Item = f64>| values.map(f64::abs).fold(0.0, f64::max);

@@ -26,6 +26,7 @@ pub(crate) struct InsideNoise {
 }
 
 /// Direction of gravity at one end of a move and its derivative by every parameter.
+#[derive(Clone)]
 pub(crate) struct EndDirection {
     pub(crate) up: Vector3<f64>,
     pub(crate) jacobian: Vec<Vector3<f64>>,

@@ -7,11 +7,12 @@
 //! with P of (25) for all N residuals. The share of a rest (its norm and its mean rates) or of a move is d of (25): the misfit as
 //! a fit without it would see it, so that it follows chi2 whatever its leverage. Nothing is widened here.
 
+use std::rc::Rc;
+
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-use super::model::Model;
 use super::outliers::Without;
-use super::problem::{Joint, Prepared, Source};
+use super::problem::{Joint, Linear, Prepared, Source};
 use super::terms::Terms;
 use crate::error::Error;
 
@@ -42,13 +43,11 @@ pub(crate) struct Misfits {
 }
 
 impl Misfits {
-    /// Under a model that is the best one or near it.
-    pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model) -> Result<Self, Error> {
-        let parameters = model.parameters();
-        let mut problem = Joint::new(prepared, terms, &parameters)?;
-        let linear = problem.linear(&parameters)?;
-        problem.weigh_by_noise(&linear)?;
-        let without = Without::new(&problem, &linear);
+    /// `linear` is what the fit has ended at.
+    pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Rc<Linear>) -> Result<Self, Error> {
+        let mut problem = Joint::at(prepared, terms, &linear.model.parameters(), Rc::clone(linear))?;
+        problem.weigh_by_noise(linear)?;
+        let without = Without::new(&problem, linear);
         let (mut of_rests, mut of_moves) =
             (vec![Vec::new(); prepared.rests.len()], vec![Vec::new(); linear.moves.len()]);
         for (row, line) in linear.lines.iter().enumerate() {

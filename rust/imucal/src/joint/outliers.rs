@@ -12,6 +12,8 @@
 #[cfg(test)]
 mod tests;
 
+use std::rc::Rc;
+
 use faer::Mat;
 use nalgebra::{DMatrix, DVector};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
@@ -58,12 +60,21 @@ enum Kind {
 
 /// The rests and moves that contradict all others under a model that is near the best one, worst first.
 ///
-/// The directions of gravity judge a move also where the fit looks inside it or at the stand instead.
-pub(crate) fn outliers(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model) -> Result<Vec<Item>, Error> {
-    let terms = Terms { kinds: Kinds { in_motion: false, encoders: false }, ..terms.clone() };
+/// The directions of gravity judge a move also where the fit looks inside it or at the stand instead. `known` is the
+/// linearisation at the model, if it is known of all that is judged.
+pub(crate) fn outliers(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    model: &Model,
+    known: Option<&Rc<Linear>>,
+) -> Result<Vec<Item>, Error> {
+    const DIRECTIONS: Kinds = Kinds { in_motion: false, encoders: false };
+    let known = known.filter(|_| terms.kinds == DIRECTIONS);
+    let terms = Terms { kinds: DIRECTIONS, ..terms.clone() };
     let parameters = Model { stand: Vec::new(), ..model.clone() }.parameters();
-    let mut problem = Joint::new(prepared, &terms, &parameters)?;
-    let linear = problem.linear(&parameters)?;
+    let linear =
+        known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Rc::new), |known| Ok(Rc::clone(known)))?;
+    let mut problem = Joint::at(prepared, &terms, &parameters, Rc::clone(&linear))?;
     problem.weigh_by_noise(&linear)?;
     let groups = groups(&linear);
     let mut without = Without::new(&problem, &linear);

@@ -9,6 +9,8 @@
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
 //!
+//! with w for v in the second part of T_ij's, small as it is.
+//!
 //! The error of a smooth motion falls with the fourth power of the sample interval; straight lines between the samples
 //! leave one of the second, for the rate's curvature does not cancel where the attitude changes.
 //!
@@ -18,12 +20,12 @@ use std::ops::Range;
 
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::integrate::increment;
-use imucal_core::so3::hat;
+use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, surroundings};
 use super::terms::{Sample, Terms};
-use crate::carry::exp_and_left_jacobian;
+use crate::carry::Sums;
 use crate::correct::{SLOPE_STEP_S, slopes};
 use crate::moves::Move;
 use crate::recording::Recording;
@@ -60,22 +62,18 @@ pub(crate) struct Block {
 
 /// Running sums of d_turn_d_p.
 #[derive(Clone)]
-struct Sums {
-    sensitivity: [Matrix3<f64>; 3],
-    bias: Matrix3<f64>,
+struct TurnSums {
+    base: Sums,
     effects: Vec<Vector3<f64>>,
 }
 
-impl Sums {
+impl TurnSums {
     fn zero(count: usize) -> Self {
-        Self { sensitivity: [Matrix3::zeros(); 3], bias: Matrix3::zeros(), effects: vec![Vector3::zeros(); count] }
+        Self { base: Sums::zero(), effects: vec![Vector3::zeros(); count] }
     }
 
     fn add(&mut self, other: &Self) {
-        for (sum, term) in self.sensitivity.iter_mut().zip(&other.sensitivity) {
-            *sum += term;
-        }
-        self.bias += other.bias;
+        self.base.add(&other.base);
         for (sum, term) in self.effects.iter_mut().zip(&other.effects) {
             *sum += term;
         }
@@ -83,13 +81,13 @@ impl Sums {
 
     /// d_turn_d_p for every parameter, divided by `count`.
     fn turn(&self, model: &Model, terms: &Terms<'_>, count: f64) -> Vec<Vector3<f64>> {
-        let inverse = model.gyroscope.inverse();
+        let (inverse, sensitivity) = (model.gyroscope.inverse(), self.base.sensitivity());
         let mut turn = vec![Vector3::zeros(); terms.total()];
         for i in 0..3 {
             let column = inverse.column(i) / -count;
-            turn[GYRO_BIAS.start + i] = self.bias * column;
+            turn[GYRO_BIAS.start + i] = self.base.bias * column;
             for j in 0..3 {
-                turn[GYRO_SENSITIVITY.start + 3 * i + j] = self.sensitivity[j] * column;
+                turn[GYRO_SENSITIVITY.start + 3 * i + j] = sensitivity[j] * column;
             }
         }
         for (p, sum) in self.effects.iter().enumerate() {
@@ -115,7 +113,7 @@ struct Gathered {
     force: Vector3<f64>,
     by_parameters: nalgebra::SMatrix<f64, 3, 9>,
     effects: Vec<Vector3<f64>>,
-    sums: Sums,
+    sums: TurnSums,
     start_s: f64,
 }
 
@@ -127,7 +125,7 @@ impl Gathered {
             force: Vector3::zeros(),
             by_parameters: nalgebra::SMatrix::zeros(),
             effects: vec![Vector3::zeros(); count],
-            sums: Sums::zero(count),
+            sums: TurnSums::zero(count),
             start_s,
         }
     }
@@ -160,6 +158,7 @@ impl Gathered {
 /// The samples of a move after correction, with one more on either side.
 struct Corrected {
     rate: Vec<Vector3<f64>>,
+    /// Empty where neither blocks nor effects need it.
     force: Vec<Vector3<f64>>,
     seen_rate: Vec<Vector3<f64>>,
     seen_force: Vec<Vector3<f64>>,
@@ -167,8 +166,25 @@ struct Corrected {
     columns: Vec<Vector3<f64>>,
 }
 
-/// Weights of four samples in the mean over the step between the two in the middle.
-const CUBIC: [f64; 4] = [-1.0 / 24.0, 13.0 / 24.0, 13.0 / 24.0, -1.0 / 24.0];
+/// The place of a step among the samples that are corrected.
+#[derive(Clone, Copy)]
+struct Step {
+    /// The sample before it.
+    before: usize,
+    /// Whether samples further off are there and as far from each other: else the rate goes straight.
+    smooth: bool,
+}
+
+impl Step {
+    /// Mean over the step, `value(k)` being that of sample k.
+    #[inline(always)]
+    fn mean(self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
+        let k = self.before;
+        let inner = value(k) + value(k + 1);
+        if self.smooth { (inner * 13.0 - (value(k - 1) + value(k + 2))) / 24.0 } else { inner / 2.0 }
+    }
+}
+
 /// Where steps differ by more than this share, straight lines are safer.
 const UNEVEN: f64 = 0.01;
 /// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
@@ -181,41 +197,27 @@ impl Route<'_> {
         let (first, last) = (span.first, span.last);
         let corrected = self.correct(model, terms);
         let mut rotation = Matrix3::identity();
-        let mut sums = Sums::zero(terms.count);
+        let mut sums = TurnSums::zero(terms.count);
         let mut blocks = Vec::new();
         let block_samples = ((BLOCK_S * (last - first) as f64 / span.duration_s).round() as usize).max(1);
         let start_s = recording.time_s[first];
         let mut gathered = Gathered::new(terms.count, 1, start_s);
-        let mut attitudes = Vec::new();
+        let mut attitudes = if self.with_blocks { vec![rotation] } else { Vec::new() };
         for i in first..last {
             let h = recording.time_s[i + 1] - recording.time_s[i];
-            let (k, four) = self.four(i);
-            let mean = |values: &[Vector3<f64>], stride: usize, offset: usize| {
-                let weighted = k.iter().zip(four).map(|(&k, weight)| values[k * stride + offset] * weight);
-                weighted.sum::<Vector3<f64>>()
-            };
-            let (k0, k1) = (k[1], k[2]);
+            let step = self.step(i);
+            let (k0, k1) = (step.before, step.before + 1);
             let (w0, w1) = (corrected.rate[k0], corrected.rate[k1]);
-            let phi = mean(&corrected.rate, 1, 0) * h + w0.cross(&w1) * (h * h / 12.0);
-            let (exp, left_jacobian) = exp_and_left_jacobian(&phi);
-            let a = rotation * left_jacobian;
+            let turn = step.mean(|k| corrected.rate[k]) * h;
+            let seen = step.mean(|k| corrected.seen_rate[k]) * h;
+            let a = sums.base.step(&mut rotation, h, [&w0, &w1], &turn, &seen);
             let coning = h * h / 12.0;
-            let (a0, a1) = (a * hat(&w0) * coning, a * hat(&w1) * coning);
-            let (v0, v1, v) = (corrected.seen_rate[k0], corrected.seen_rate[k1], mean(&corrected.seen_rate, 1, 0));
-            for j in 0..3 {
-                sums.sensitivity[j] += a * (h * v[j]) + a0 * v1[j] - a1 * v0[j];
-            }
-            sums.bias += a * h + a0 - a1;
             for (p, sum) in sums.effects.iter_mut().enumerate() {
                 if terms.sensors[p] == Sensor::Gyroscope {
                     let column = |k: usize| corrected.columns[k * terms.count + p];
-                    *sum += a * (mean(&corrected.columns, terms.count, p) * h) + a0 * column(k1) - a1 * column(k0);
+                    *sum += a * (step.mean(column) * h + (w0.cross(&column(k1)) - w1.cross(&column(k0))) * coning);
                 }
             }
-            if self.with_blocks && attitudes.is_empty() {
-                attitudes.push(rotation);
-            }
-            rotation *= exp;
             if self.with_blocks {
                 attitudes.push(rotation);
                 let seen = force_by_parameters(&model.accelerometer, &corrected.seen_force[k1]);
@@ -241,28 +243,29 @@ impl Route<'_> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
-    /// Places of the samples around the step after sample `i`, counted from the start of the reach, and their weights.
-    fn four(&self, i: usize) -> ([usize; 4], [f64; 4]) {
+    /// The step after sample `i`.
+    fn step(&self, i: usize) -> Step {
         let reach = self.reach();
-        let here = i - reach.start;
         let time = &self.recording.time_s;
+        let before = i - reach.start;
         if i == 0 || i + 2 >= reach.end {
-            return ([here, here, here + 1, here + 1], [0.0, 0.5, 0.5, 0.0]);
+            return Step { before, smooth: false };
         }
         let h = time[i + 1] - time[i];
         let even = |step: f64| (step - h).abs() <= UNEVEN * h;
-        let smooth = even(time[i] - time[i - 1]) && even(time[i + 2] - time[i + 1]);
-        ([here - 1, here, here + 1, here + 2], if smooth { CUBIC } else { [0.0, 0.5, 0.5, 0.0] })
+        Step { before, smooth: even(time[i] - time[i - 1]) && even(time[i + 2] - time[i + 1]) }
     }
 
     /// The samples of the reach, freed of the effects.
     fn correct(&self, model: &Model, terms: &Terms<'_>) -> Corrected {
         let reach = self.reach();
-        let triads = |i: usize| {
-            let rate = model.gyroscope.correct(Vector3::from(self.recording.angular_rate[i]));
-            (rate, model.accelerometer.correct(Vector3::from(self.recording.specific_force[i])))
+        let corrected = |triad: &Triad<f64>, rows: &[[f64; 3]]| -> Vec<Vector3<f64>> {
+            rows.iter().map(|row| triad.correct(Vector3::from(*row))).collect()
         };
-        let (seen_rate, seen_force): (Vec<_>, Vec<_>) = reach.clone().map(triads).unzip();
+        let seen_rate = corrected(&model.gyroscope, &self.recording.angular_rate[reach.clone()]);
+        let is_force_needed = self.with_blocks || terms.count > 0;
+        let forces = if is_force_needed { &self.recording.specific_force[reach.clone()] } else { &[] };
+        let seen_force = corrected(&model.accelerometer, forces);
         let mut all = Corrected {
             rate: seen_rate.clone(),
             force: seen_force.clone(),
@@ -270,6 +273,9 @@ impl Route<'_> {
             seen_force,
             columns: vec![Vector3::zeros(); reach.len() * terms.count],
         };
+        if terms.count == 0 {
+            return all;
+        }
         let passes = if terms.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
         for _ in 0..passes {
             let slopes = if passes > 1 {

@@ -13,7 +13,7 @@ use super::encoders::{self, EncoderMove, Encoders, StandModel};
 use super::inside::{self, EndDirection};
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
 use super::pass::{Pass, Route};
-use super::terms::{Kinds, Terms};
+use super::terms::{Kinds, Term, Terms};
 use super::wander::{UnitWander, Wandering};
 use super::weights::Weights;
 use crate::error::Error;
@@ -52,11 +52,19 @@ pub(crate) struct AtRest {
 }
 
 /// A residual, its derivatives by the parameters and by the means of the rests.
+#[derive(Clone)]
 pub(crate) struct Line {
     pub(crate) residual: f64,
     pub(crate) jacobian: Vec<f64>,
     pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
     pub(crate) source: Source,
+}
+
+impl Line {
+    /// Of the residual, for a small change of the parameters.
+    fn change(&self, change: &[f64]) -> f64 {
+        self.jacobian.iter().zip(change).map(|(by, change)| by * change).sum()
+    }
 }
 
 /// What a line is about.
@@ -74,12 +82,13 @@ pub(crate) struct AtMove {
 }
 
 /// All residuals at given parameters, not whitened.
+#[derive(Clone)]
 pub(crate) struct Linear {
     pub(crate) model: Model,
     pub(crate) lines: Vec<Line>,
     /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
     pub(crate) rates: Vec<(usize, [Line; 3])>,
-    pub(crate) moves: Vec<AtMove>,
+    pub(crate) moves: Rc<Vec<AtMove>>,
     /// Direction of gravity at the rests that take part.
     directions: Vec<(usize, EndDirection)>,
     kinds: Kinds,
@@ -96,6 +105,15 @@ impl Linear {
     /// Index and direction of gravity of the rests that take part.
     pub(crate) fn directions(&self) -> impl Iterator<Item = (usize, &Vector3<f64>)> {
         self.directions.iter().map(|(k, direction)| (*k, &direction.up))
+    }
+
+    /// The residuals after a small change of the parameters; all else stays.
+    fn moved(&self, change: &[f64], model: Model) -> Self {
+        let mut moved = Self { model, ..self.clone() };
+        for line in moved.lines.iter_mut().chain(moved.rates.iter_mut().flat_map(|(_, lines)| lines)) {
+            line.residual += line.change(change);
+        }
+        moved
     }
 
     pub(crate) fn groups(&self) -> Groups {
@@ -121,6 +139,10 @@ impl Linear {
     }
 }
 
+/// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
+/// order in the parameters' errors, a part in 10^8 of a standard deviation for those of a good sensor.
+const NEAR: f64 = 0.01;
+
 /// The group of the residuals inside the moves.
 pub(crate) const INSIDE: usize = 5;
 
@@ -132,18 +154,37 @@ pub(crate) struct Joint<'a> {
     wandering: Option<Wandering>,
     /// Parameters that stay where they start.
     pub(crate) fixed: Vec<usize>,
-    /// The last linearisation: weights, steps and report ask for the same point.
-    last: RefCell<Option<(Vec<f64>, Rc<Linear>)>>,
+    /// The last linearisation, which took a pass over the samples.
+    last: RefCell<Place>,
+    /// What was made of it nearby.
+    near: RefCell<Place>,
     rows: usize,
+}
+
+/// A linearisation and its parameters.
+#[derive(Clone)]
+struct Place {
+    parameters: Vec<f64>,
+    linear: Rc<Linear>,
 }
 
 impl<'a> Joint<'a> {
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
-        let linear = Rc::new(prepared.linearise(terms, parameters)?);
+        Self::at(prepared, terms, parameters, Rc::new(prepared.linearise(terms, parameters)?))
+    }
+
+    /// As [`new`](Self::new), where the linearisation is there already.
+    pub(crate) fn at(
+        prepared: &'a Prepared<'a>,
+        terms: &'a Terms<'a>,
+        parameters: &[f64],
+        linear: Rc<Linear>,
+    ) -> Result<Self, Error> {
         let weights = Weights::of(prepared, terms, &linear, None);
         let rows = linear.groups().stand_moves.end;
-        let last = RefCell::new(Some((parameters.to_vec(), Rc::clone(&linear))));
-        let mut joint = Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), last, rows };
+        let place = Place { parameters: parameters.to_vec(), linear: Rc::clone(&linear) };
+        let (last, near) = (RefCell::new(place.clone()), RefCell::new(place));
+        let mut joint = Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), last, near, rows };
         joint.let_biases_wander(&linear)?;
         Ok(joint)
     }
@@ -156,14 +197,53 @@ impl<'a> Joint<'a> {
         Ok(())
     }
 
-    /// The linearisation at these parameters.
+    /// The linearisation at these parameters, or what the last one makes of them if it is near.
     pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Rc<Linear>, Error> {
-        if let Some((_, linear)) = self.last.borrow().as_ref().filter(|(at, _)| at == parameters) {
-            return Ok(Rc::clone(linear));
+        for place in [&self.last, &self.near] {
+            if place.borrow().parameters == parameters {
+                return Ok(Rc::clone(&place.borrow().linear));
+            }
         }
-        let linear = Rc::new(self.prepared.linearise(self.terms, parameters)?);
-        *self.last.borrow_mut() = Some((parameters.to_vec(), Rc::clone(&linear)));
+        let Some(moved) = self.moved(parameters)? else { return self.linear_anew(parameters) };
+        let linear = Rc::new(moved);
+        *self.near.borrow_mut() = Place { parameters: parameters.to_vec(), linear: Rc::clone(&linear) };
         Ok(linear)
+    }
+
+    /// The linearisation at these parameters.
+    fn linear_anew(&self, parameters: &[f64]) -> Result<Rc<Linear>, Error> {
+        let linear = Rc::new(self.prepared.linearise(self.terms, parameters)?);
+        *self.last.borrow_mut() = Place { parameters: parameters.to_vec(), linear: Rc::clone(&linear) };
+        Ok(linear)
+    }
+
+    /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
+    pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
+        let is_moved = self.last.borrow().parameters != parameters && self.moved(parameters)?.is_some();
+        if is_moved {
+            self.linear_anew(parameters)?;
+        }
+        Ok(is_moved)
+    }
+
+    /// What the last linearisation makes of these parameters, if they are near and all residuals are lines.
+    ///
+    /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
+    fn moved(&self, parameters: &[f64]) -> Result<Option<Linear>, Error> {
+        let Place { parameters: from, linear } = &*self.last.borrow();
+        let Kinds { in_motion, encoders } = self.terms.kinds;
+        if in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
+            return Ok(None);
+        }
+        let change: Vec<f64> = parameters.iter().zip(from).map(|(to, from)| to - from).collect();
+        let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(&change));
+        self.weights.whitening.apply(&mut lines);
+        let rates = linear.rates.iter().map(|(rest, rates)| {
+            let change = Vector3::from_fn(|axis, _| rates[axis].change(&change));
+            (self.weights.rates[*rest] * change).norm_squared()
+        });
+        let is_near = lines.squared_norm_l2() + rates.sum::<f64>() < NEAR * NEAR;
+        is_near.then(|| Ok(linear.moved(&change, Model::of(parameters, self.terms)?))).transpose()
     }
 
     /// Takes the weights that a fit leaves.
@@ -299,7 +379,7 @@ impl Joint<'_> {
                 push(&z, self.weights.stand_sigma_rad);
             }
         }
-        for ((m, at_move), noise) in prepared.moves.iter().zip(&linear.moves).zip(&self.weights.encoders) {
+        for ((m, at_move), noise) in prepared.moves.iter().zip(linear.moves.iter()).zip(&self.weights.encoders) {
             let angles = encoders.in_move(&prepared.recordings[m.recording], m, &model.values, terms);
             let rest = encoders.at_rest(m.from, &prepared.rests[m.from], &model.values, terms);
             let seen = EncoderMove { span: m, angles: &angles, rest: &rest, stand: &stand };
@@ -370,10 +450,11 @@ impl Prepared<'_> {
     ) -> AtRest {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let seen = model.accelerometer.correct(*reading);
-        let around: Vec<Surroundings<f64>> = moments(&self.recordings[*recording], rest.first..rest.end)
-            .into_iter()
-            .map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment })
-            .collect();
+        // Without effects nothing depends on them.
+        let moments =
+            if terms.count == 0 { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
+        let around: Vec<Surroundings<f64>> =
+            moments.into_iter().map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment }).collect();
         let mut columns = vec![Vector3::zeros(); terms.count];
         let (on_rate, force) =
             terms.at_rest(&model.values, seen, &around, *recording, rest.first..rest.end, &mut columns);
@@ -413,7 +494,7 @@ impl Prepared<'_> {
             directions.push((k, at_rest.direction()));
             rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
         }
-        Linear { model, lines, rates, moves, directions, kinds: terms.kinds }
+        Linear { model, lines, rates, moves: Rc::new(moves), directions, kinds: terms.kinds }
     }
 
     /// Components of the carried minus the measured direction, across the latter.

@@ -1,5 +1,7 @@
 //! What the joint fit says.
 
+use std::rc::Rc;
+
 use faer::Mat;
 use nalgebra::Matrix3;
 
@@ -23,6 +25,8 @@ pub(crate) struct JointFit {
     /// Directions of gravity and rotation of each move.
     pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,
     pub(crate) terms: Vec<TermEstimate>,
+    /// Residuals and derivatives at its end.
+    pub(crate) linear: Rc<Linear>,
 }
 
 /// By how much residuals of each kind exceed what noise explains, and their standard deviations are widened; 1 where they do
@@ -105,7 +109,7 @@ impl JointFit {
             stand: scales.stand_rests.max(scales.stand_moves),
         };
         let moves = moves_of(&linear, &problem.weights);
-        Ok(Self { model: model.clone(), covariance, report, scales, norms, moves, terms: estimates })
+        Ok(Self { model: model.clone(), covariance, report, scales, norms, moves, terms: estimates, linear })
     }
 }
 

@@ -144,9 +144,34 @@ fn a_rest_with_a_wrong_rate_is_named() {
             let rate = &mut rests[rest].rest.angular_rate;
             rate.mean += 5.0 * rate.variance_of_mean.map(f64::sqrt);
             let prepared = Prepared { rests: &rests, encoders: None, ..*prepared };
-            assert_eq!(outliers(&prepared, terms, model).unwrap(), [Item::Rest(rest)]);
+            assert_eq!(outliers(&prepared, terms, model, None).unwrap(), [Item::Rest(rest)]);
         });
     }
+}
+
+/// The fit hands on the residuals at its end: what is made of them is what is made of the samples anew.
+#[test]
+fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
+    let run = paper(2).with_bad_move(20);
+    let recording: Recording<'_> = run.recording("run");
+    let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
+    prepare(&[recording], &Options::default(), NONE, |prepared, accelerometer, gyroscope| {
+        let fit = crate::joint::fit(prepared, &terms, accelerometer, gyroscope)?;
+        let anew = prepared.linearise(&terms, &fit.model.parameters())?;
+        let lines = |linear: &Linear| -> Vec<_> {
+            linear.lines.iter().chain(linear.rates.iter().flat_map(|(_, lines)| lines)).cloned().collect()
+        };
+        for (known, new) in lines(&fit.linear).iter().zip(lines(&anew)) {
+            assert!((known.residual - new.residual).abs() < 1e-10, "{} {}", known.residual, new.residual);
+            for (known, new) in known.jacobian.iter().zip(&new.jacobian) {
+                assert!((known - new).abs() < 1e-8 * (1.0 + new.abs()), "{known} {new}");
+            }
+        }
+        let found = |known| outliers(prepared, &terms, &fit.model, known).unwrap();
+        assert_eq!(found(Some(&fit.linear)), found(None));
+        Ok(())
+    })
+    .unwrap();
 }
 
 /// chi2 of the weighted least squares of these rows, and of them alone.
@@ -170,7 +195,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
         let parameters = model.parameters();
         let mut problem = Joint::new(prepared, terms, &parameters).unwrap();
         let linear = problem.linear(&parameters).unwrap();
-        problem.weigh_by_noise(&linear);
+        problem.weigh_by_noise(&linear).unwrap();
         let lines: Vec<_> = linear.lines.iter().chain(linear.rates.iter().flat_map(|(_, lines)| lines)).collect();
         let n = lines.len();
         let residuals = DVector::from_fn(n, |i, _| lines[i].residual);
