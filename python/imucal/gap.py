@@ -37,6 +37,8 @@ FOLDS: Final = 3
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 # Figures of two fits that differ by less than this share are the same.
 SAME: Final = 0.005
+# By so many standard deviations a known number is met, and is determined.
+SURE: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +151,17 @@ def find_gap(
         return _data_fault(error.findings)
     wanted = [find(name).name for name in candidates] if candidates is not None else None
     found = trial.search(before, wanted)
-    if _wrong_earth_rate(trial, found):
+    refused = _no_earth_rate(trial, found)
+    if refused is not None:
         others = wanted if wanted is not None else [effect.name for effect in catalogue()]
         found = trial.search(before, [name for name in others if name != "earth_rate"])
     path, after, notes = trial.accepted(before, [score.name for score in found.path])
+    notes += [] if refused is None else [refused]
+    notes += [
+        f"{name} fits these recordings (log Bayes factor {log_bayes_factor:.1f}) and does not predict rests and "
+        f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
+        for name, log_bayes_factor, gain, std in found.not_predictive
+    ]
     return _result(trial, found, path, before, after, calibration, notes)
 
 
@@ -242,18 +251,29 @@ class _Trial:
         return names, best, notes
 
 
-def _wrong_earth_rate(trial: _Trial, found: _core.Search) -> bool:
-    """The rate of the Earth is known: what explains the data with another one is not it."""
-    if "earth_rate" not in [score.name for score in found.path]:
-        return False
+def _no_earth_rate(trial: _Trial, found: _core.Search) -> str | None:
+    """Why what was named earth_rate is not it: the rate of the Earth is known; None if it may be.
+
+    Its direction is free, for the heading is not known and every latitude is possible.
+    """
+    path = [score.name for score in found.path]
+    if "earth_rate" not in path:
+        return None
     try:
-        parameters = trial.fit([score.name for score in found.path]).parameters
-    except (FitError, NotEnoughMotionError):
-        return True
-    earth = [p for p in parameters if p.name.startswith("earth_rate_")]
-    size = float(np.linalg.norm([p.value for p in earth]))
-    sigma = float(np.linalg.norm([p.std or 0.0 for p in earth]))
-    return abs(size - find("earth_rate").parameters[0].typical) > 3 * sigma
+        calibration = trial.fit(path).calibration
+    except (FitError, NotEnoughMotionError) as error:
+        return f"earth_rate was found and cannot be fitted: {error}"
+    own = [k for k, name in enumerate(calibration.covariance_names) if name.startswith("earth_rate_")]
+    values = next(values for values in calibration.effects if values.name == "earth_rate").values
+    size, known = float(np.linalg.norm(values)), find("earth_rate").parameters[0].typical
+    direction = np.asarray(values) / size
+    sigma = float(np.sqrt(direction @ np.asarray(calibration.covariance)[np.ix_(own, own)] @ direction))
+    if abs(size - known) <= SURE * sigma and sigma <= known / SURE:
+        return None
+    return (
+        f"earth_rate fits these recordings with {size:.3g} +- {sigma:.1g} rad/s, and the Earth turns with "
+        f"{known:.4g}: something else is there, or they do not determine it"
+    )
 
 
 def _data_fault(findings: Sequence[Finding]) -> Gap:

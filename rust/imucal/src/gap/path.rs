@@ -7,9 +7,9 @@ use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::evidence::Evidence;
 use super::pattern::{Pattern, best_generic};
-use super::score::{Judged, judge, scattering_rests};
+use super::score::{Judged, gain, judge, scattering_rests};
 use super::stage::{Beside, Member, Stage};
-use super::{Linearised, Score, Search};
+use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{INSIDE, Kinds, Prepared};
@@ -122,6 +122,7 @@ impl<'a> Hunt<'a> {
         let first = judge(&stage);
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
+        let mut not_predictive: Vec<NotPredictive> = Vec::new();
         while path.len() < MOST_EFFECTS {
             let judged = judge(&stage);
             let limit = FALSE_ALARM / judged.scores.len().max(1) as f64;
@@ -136,6 +137,16 @@ impl<'a> Hunt<'a> {
             else {
                 break;
             };
+            if let Some(gain) = gain(&stage, pick).filter(|gain| !gain.is_sure()) {
+                skipped.push(pick.score.name.clone());
+                not_predictive.push(NotPredictive {
+                    name: pick.score.name.clone(),
+                    log_bayes_factor: pick.score.log_bayes_factor,
+                    gain: gain.nats,
+                    gain_std: gain.std,
+                });
+                continue;
+            }
             let mut members = stage.members.clone();
             members.push(Member {
                 name: pick.score.name.clone(),
@@ -169,6 +180,7 @@ impl<'a> Hunt<'a> {
             path,
             ranking,
             generic: generic.map(|g| g.finding(prepared)),
+            not_predictive,
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
             scattering_rests: scattering_rests(&stage),

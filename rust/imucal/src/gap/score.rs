@@ -8,6 +8,7 @@ use super::Score;
 use super::design::{Candidate, Design};
 use super::detect::{p_value, visible_noncentrality};
 use super::evidence::{Column, Gram};
+use super::predict::Gain;
 use super::stage::Stage;
 
 /// Prior widths in units of the typical size.
@@ -92,6 +93,16 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     }
     blind.retain(|(name, _)| !scores.iter().any(|judged| judged.score.name == *name));
     Judgement { scores, blind, visible }
+}
+
+/// What a candidate gains on rests and moves held out.
+pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
+    let Design { gram, model, candidates, .. } = &stage.design;
+    let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
+    let candidate = candidates.iter().find(same)?;
+    let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
+    let scales = gram.evidence(&with)?.scales;
+    stage.design.held().gain((model, &stage.evidence.scales), (&with, &scales))
 }
 
 fn observable(name: &str) -> String {
