@@ -25,6 +25,7 @@ from imucal.effects import Effect, UserEffect, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.evaluate import MIN_REST_S
 from imucal.finding import Finding
+from imucal.gap_rules import faults_without_effect, mount_slips
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
 
 if TYPE_CHECKING:
@@ -158,9 +159,9 @@ def find_gap(
     path, after, notes = trial.accepted(before, [score.name for score in found.path])
     notes += [] if refused is None else [refused]
     notes += [
-        f"{name} fits these recordings (log Bayes factor {log_bayes_factor:.1f}) and does not predict rests and "
+        f"{name} fits these recordings (log Bayes factor {evidence:.1f}) and does not predict rests and "
         f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
-        for name, log_bayes_factor, gain, std in found.not_predictive
+        for name, evidence, gain, std in found.not_predictive
     ]
     return _result(trial, found, path, before, after, calibration, notes)
 
@@ -297,13 +298,21 @@ def _result(
     # Faults of the data explain a disagreement before any effect does.
     rules = {row.name for row in disturbances() if row.kind == "fault"}
     faults = [finding for finding in before.findings if finding.code in rules]
+    slips = list(mount_slips(before, trial.unit_data))
     rivals = tuple(
         dict.fromkeys(rival for name in path for rival in scores[name].rivals if rival not in path)
     )
     effects: tuple[Mapping[str, Any], ...] = tuple(
         _named(after, name, scores[name], trial.user_effects) for name in path
     )
-    if found.generic is not None:
+    if not slips and not path and found.generic is None:
+        faults += faults_without_effect(before, trial.unit_data)
+    if any(fault.code == "clock_irregular" for fault in faults):
+        # With such a clock long steps say nothing of lost samples.
+        faults = [fault for fault in faults if fault.code != "samples_missing"]
+    if slips:
+        verdict, effects = "data_fault", _data_fault([*slips, *faults]).effects
+    elif found.generic is not None:
         verdict = "stochastic" if found.generic.kernel == "random_walk" else "unknown"
     elif path:
         verdict = "ambiguous" if rivals else "named"
@@ -315,6 +324,7 @@ def _result(
         verdict = "nothing_missing"
     if verdict not in ("named", "ambiguous"):
         after = before
+    said = [f for f in (*slips, *faults) if f not in after.findings] if verdict == "data_fault" else []
     metric, value, floor = trial.metric(before)
     if calibration is not None and trial.judges is not None:
         from imucal.evaluate import evaluate
@@ -348,8 +358,8 @@ def _result(
         else {"before": _figures(before.control_set), "after": _figures(after.control_set)},
         calibration=after.calibration,
         ranking=tuple(_score(score) for score in found.ranking),
-        findings=after.findings,
-        notes=(*notes, *more),
+        findings=(*after.findings, *said),
+        notes=(*notes, *more, *map(str, said)),
     )
 
 

@@ -7,7 +7,7 @@ use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::evidence::Evidence;
 use super::pattern::{Pattern, best_generic};
-use super::score::{Judged, gain, judge, scattering_rests};
+use super::score::{Judged, Judgement, gain, judge, scattering_rests};
 use super::stage::{Beside, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
@@ -123,8 +123,9 @@ impl<'a> Hunt<'a> {
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         let mut not_predictive: Vec<NotPredictive> = Vec::new();
+        let mut last: Option<Judgement> = None;
         while path.len() < MOST_EFFECTS {
-            let judged = judge(&stage);
+            let judged = last.as_ref().unwrap_or(&first);
             let limit = FALSE_ALARM / judged.scores.len().max(1) as f64;
             let good = |s: &&Judged| {
                 s.score.p_value < limit && s.score.log_bayes_factor > 0.0 && !skipped.contains(&s.score.name)
@@ -164,6 +165,7 @@ impl<'a> Hunt<'a> {
                     };
                     let rivals = judged.scores.iter().filter(near).map(|s| s.score.name.clone()).collect();
                     path.push(Score { rivals, ..pick.score.clone() });
+                    last = Some(judge(&next));
                     stage = next;
                 }
                 // What is not determined, or does not help once it is really fitted, is no explanation.

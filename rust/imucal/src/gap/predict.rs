@@ -6,10 +6,11 @@
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
 //! ```
 //!
-//! An item is a rest or a move, a fold a stretch of time: biases wander, so neighbours of a rest would predict it whatever the
-//! model is. What only follows chance fits and does not predict: a parameter without a meaning costs half a
-//! nat or more here. The standard deviation is that of the items themselves (Vuong, Econometrica 57, 1989, 307-333), so
-//! that a few bad rests or moves, which noise as it is assumed would make impossible, cannot carry an effect alone.
+//! Where residuals scatter by more than noise, chance is not that of the noise, and a small p-value promises too much; what
+//! only follows chance fits and does not predict: a parameter without a meaning costs half a nat or more here. The standard
+//! deviation is that of the items themselves (Vuong, Econometrica 57, 1989, 307-333), so a few bad rests or moves cannot
+//! carry an effect. An item is a rest or a move, a fold a stretch of time: biases wander, and the neighbours of a rest would
+//! predict it whatever the model is.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
