@@ -305,7 +305,9 @@ def _result(
     effects: tuple[Mapping[str, Any], ...] = tuple(
         _named(after, name, scores[name], trial.user_effects) for name in path
     )
-    if not slips and not path and found.generic is None:
+    # Samples at a rail or twice disturb noise and moves by themselves.
+    spoilt = {fault.code for fault in faults} - {"clock_irregular", "samples_missing"}
+    if not slips and not path and found.generic is None and not spoilt:
         faults += faults_without_effect(before, trial.unit_data)
     if any(fault.code == "clock_irregular" for fault in faults):
         # With such a clock long steps say nothing of lost samples.
