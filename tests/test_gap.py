@@ -11,6 +11,7 @@ import imucal
 
 PADOVA_MPS2 = 9.81744
 MPU9150 = "accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
+COUNTS = "accel_x_lsb,accel_y_lsb,accel_z_lsb,gyro_x_lsb,gyro_y_lsb,gyro_z_lsb"
 # Named seeds of the runs and of their controls.
 RUN_SEED, CONTROL_SEED = 11, 12
 
@@ -42,10 +43,29 @@ def test_a_real_unit_is_named_and_its_gap_shrinks(data_file, tmp_path, command):
     assert [values.name for values in carried] == ["gyro_g_sensitivity"]
 
 
-def test_a_real_unit_without_it_is_not_given_it(data_file):
-    for unit in ("imu0", "imu1"):
-        rec = imucal.read(data_file(f"mpu9150/{unit}.log"), columns=MPU9150, rate_hz=100.0)
-        assert "gyro_g_sensitivity" not in [effect["name"] for effect in imucal.find_gap(rec).effects]
+@pytest.mark.parametrize(
+    ("unit", "verdict", "not_there"),
+    [
+        # Something turns with gravity at twice the Earth's rate.
+        ("imu0", "unknown", "the Earth turns with 7.292e-05"),
+        # The bias wanders, and a drift does not say where to.
+        ("imu1", "stochastic", "gyro_bias_drift fits these recordings"),
+    ],
+)
+def test_a_real_unit_is_given_no_effect_that_does_not_predict(data_file, unit, verdict, not_there):
+    rec = imucal.read(data_file(f"mpu9150/{unit}.log"), columns=MPU9150, rate_hz=100.0)
+    gap = imucal.find_gap(rec)
+    assert (gap.verdict, gap.effects) == (verdict, ())
+    assert not_there in "\n".join(gap.notes)
+    assert gap.gap["before"] == gap.gap["after"]
+
+
+def test_a_real_unit_whose_gyroscope_clips_is_a_fault(data_file):
+    path = data_file("mpu6050/example_data_calibration.csv")
+    rec = imucal.read(path, columns=COUNTS, rate_hz=100.0, skip_rows=5)
+    gap = imucal.find_gap(rec)
+    assert gap.verdict == "data_fault"
+    assert "gyro_saturation" in [effect["name"] for effect in gap.effects]
 
 
 def test_nothing_is_missing_where_nothing_is_hidden():

@@ -16,6 +16,7 @@ Random = np.random.Generator
 QUIET: Final = Answer(verdicts=("nothing_missing",))
 # Noise that wanders is not white: to say so is right, to name an effect is not.
 WANDERING: Final = Answer(verdicts=("nothing_missing", "stochastic"))
+LOUD: Final = Answer(verdicts=("nothing_missing", "data_fault"), fault="noise_grows_in_motion")
 
 
 def paper(
@@ -104,7 +105,7 @@ def shaking_stand() -> Scene:
 
 KINDS: Final[dict[str, tuple[Callable[[], Scene], Answer]]] = {
     "white": (Scene, QUIET),
-    "twice as loud in motion": (loud_in_motion, QUIET),
+    "twice as loud in motion": (loud_in_motion, LOUD),
     "flicker": (flicker, WANDERING),
     "outliers": (outliers, QUIET),
     "heavy tails": (heavy_tails, QUIET),

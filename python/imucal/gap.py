@@ -25,6 +25,7 @@ from imucal.effects import Effect, UserEffect, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.evaluate import MIN_REST_S
 from imucal.finding import Finding
+from imucal.gap_rules import faults_without_effect, mount_slips
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
 
 if TYPE_CHECKING:
@@ -37,6 +38,8 @@ FOLDS: Final = 3
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 # Figures of two fits that differ by less than this share are the same.
 SAME: Final = 0.005
+# By so many standard deviations a known number is met, and is determined.
+SURE: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,10 +152,17 @@ def find_gap(
         return _data_fault(error.findings)
     wanted = [find(name).name for name in candidates] if candidates is not None else None
     found = trial.search(before, wanted)
-    if _wrong_earth_rate(trial, found):
+    refused = _no_earth_rate(trial, found)
+    if refused is not None:
         others = wanted if wanted is not None else [effect.name for effect in catalogue()]
         found = trial.search(before, [name for name in others if name != "earth_rate"])
     path, after, notes = trial.accepted(before, [score.name for score in found.path])
+    notes += [] if refused is None else [refused]
+    notes += [
+        f"{name} fits these recordings (log Bayes factor {evidence:.1f}) and does not predict rests and "
+        f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
+        for name, evidence, gain, std in found.not_predictive
+    ]
     return _result(trial, found, path, before, after, calibration, notes)
 
 
@@ -242,18 +252,29 @@ class _Trial:
         return names, best, notes
 
 
-def _wrong_earth_rate(trial: _Trial, found: _core.Search) -> bool:
-    """The rate of the Earth is known: what explains the data with another one is not it."""
-    if "earth_rate" not in [score.name for score in found.path]:
-        return False
+def _no_earth_rate(trial: _Trial, found: _core.Search) -> str | None:
+    """Why what was named earth_rate is not it: the rate of the Earth is known; None if it may be.
+
+    Its direction is free, for the heading is not known and every latitude is possible.
+    """
+    path = [score.name for score in found.path]
+    if "earth_rate" not in path:
+        return None
     try:
-        parameters = trial.fit([score.name for score in found.path]).parameters
-    except (FitError, NotEnoughMotionError):
-        return True
-    earth = [p for p in parameters if p.name.startswith("earth_rate_")]
-    size = float(np.linalg.norm([p.value for p in earth]))
-    sigma = float(np.linalg.norm([p.std or 0.0 for p in earth]))
-    return abs(size - find("earth_rate").parameters[0].typical) > 3 * sigma
+        calibration = trial.fit(path).calibration
+    except (FitError, NotEnoughMotionError) as error:
+        return f"earth_rate was found and cannot be fitted: {error}"
+    own = [k for k, name in enumerate(calibration.covariance_names) if name.startswith("earth_rate_")]
+    values = next(values for values in calibration.effects if values.name == "earth_rate").values
+    size, known = float(np.linalg.norm(values)), find("earth_rate").parameters[0].typical
+    direction = np.asarray(values) / size
+    sigma = float(np.sqrt(direction @ np.asarray(calibration.covariance)[np.ix_(own, own)] @ direction))
+    if abs(size - known) <= SURE * sigma and sigma <= known / SURE:
+        return None
+    return (
+        f"earth_rate fits these recordings with {size:.3g} +- {sigma:.1g} rad/s, and the Earth turns with "
+        f"{known:.4g}: something else is there, or they do not determine it"
+    )
 
 
 def _data_fault(findings: Sequence[Finding]) -> Gap:
@@ -277,13 +298,23 @@ def _result(
     # Faults of the data explain a disagreement before any effect does.
     rules = {row.name for row in disturbances() if row.kind == "fault"}
     faults = [finding for finding in before.findings if finding.code in rules]
+    slips = list(mount_slips(before, trial.unit_data))
     rivals = tuple(
         dict.fromkeys(rival for name in path for rival in scores[name].rivals if rival not in path)
     )
     effects: tuple[Mapping[str, Any], ...] = tuple(
         _named(after, name, scores[name], trial.user_effects) for name in path
     )
-    if found.generic is not None:
+    # Samples at a rail or twice disturb noise and moves by themselves.
+    spoilt = {fault.code for fault in faults} - {"clock_irregular", "samples_missing"}
+    if not slips and not path and found.generic is None and not spoilt:
+        faults += faults_without_effect(before, trial.unit_data)
+    if any(fault.code == "clock_irregular" for fault in faults):
+        # With such a clock long steps say nothing of lost samples.
+        faults = [fault for fault in faults if fault.code != "samples_missing"]
+    if slips:
+        verdict, effects = "data_fault", _data_fault([*slips, *faults]).effects
+    elif found.generic is not None:
         verdict = "stochastic" if found.generic.kernel == "random_walk" else "unknown"
     elif path:
         verdict = "ambiguous" if rivals else "named"
@@ -295,6 +326,7 @@ def _result(
         verdict = "nothing_missing"
     if verdict not in ("named", "ambiguous"):
         after = before
+    said = [f for f in (*slips, *faults) if f not in after.findings] if verdict == "data_fault" else []
     metric, value, floor = trial.metric(before)
     if calibration is not None and trial.judges is not None:
         from imucal.evaluate import evaluate
@@ -328,8 +360,8 @@ def _result(
         else {"before": _figures(before.control_set), "after": _figures(after.control_set)},
         calibration=after.calibration,
         ranking=tuple(_score(score) for score in found.ranking),
-        findings=after.findings,
-        notes=(*notes, *more),
+        findings=(*after.findings, *said),
+        notes=(*notes, *more, *map(str, said)),
     )
 
 

@@ -40,6 +40,8 @@ pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
+    /// Name, log Bayes factor, gain on what is held out and its standard deviation.
+    not_predictive: Vec<(String, f64, f64, f64)>,
     not_observable: Vec<(String, String)>,
     smallest_visible: Vec<(String, f64, String)>,
     scattering_rests: Option<(&'static str, f64, f64)>,
@@ -102,6 +104,11 @@ pub(crate) fn search_gap(
         path: scores(found.path)?,
         ranking: scores(found.ranking)?,
         generic: generic.transpose()?,
+        not_predictive: found
+            .not_predictive
+            .into_iter()
+            .map(|n| (n.name, n.log_bayes_factor, n.gain, n.gain_std))
+            .collect(),
         not_observable: found.not_observable,
         smallest_visible: found.smallest_visible,
         scattering_rests: found.scattering_rests,

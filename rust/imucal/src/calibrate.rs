@@ -113,7 +113,7 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     Ok(outcome)
 }
 
-/// The two-stage fit and what a joint fit is made of, for a search that may let any sensor drift.
+/// The joint fit without outliers and what it is made of, for a search that may let any sensor drift.
 pub(crate) fn prepare<T>(
     recordings: &[Recording<'_>],
     options: &Options<'_>,
@@ -124,9 +124,11 @@ pub(crate) fn prepare<T>(
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, unusable) = data.moves(&accelerometer, options)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
-    let selection = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
+    let start = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
     let triads = [&accelerometer.triad, &gyroscope.fit.triad];
     data.free_of_tremor(triads[0], triads[1]);
+    let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
+    let triads = [&joint.model.accelerometer, &joint.model.gyroscope];
     data.prepared_for(&selection, triads, options, (kinds, true), |prepared| work(prepared, triads[0], triads[1]))
 }
 

@@ -3,6 +3,7 @@
 //! * `evidence`: what a model explains, with units (priors at typical sizes), with its number of parameters and with the scatter
 //!   of each kind of residual taken into account.
 //! * `generic`: what is not in the catalogue competes with whole paths of named effects.
+//! * `predict`: an effect has to predict what it was not fitted to.
 //! * `detect`: how small an effect would have been seen.
 //!
 //! [`search()`] looks at one or more recordings of a unit. Judging what it found on a control recording, and refusing what makes
@@ -14,6 +15,7 @@ mod evidence;
 mod generic;
 mod path;
 mod pattern;
+mod predict;
 mod score;
 mod stage;
 
@@ -29,6 +31,8 @@ pub struct Search {
     pub ranking: Vec<Score>,
     /// The best generic hypothesis, if it explains more than the path.
     pub generic: Option<GenericFinding>,
+    /// Effects that fit these recordings and do not predict rests and moves that they were not fitted to.
+    pub not_predictive: Vec<NotPredictive>,
     /// Effects that these recordings cannot show, and what would.
     pub not_observable: Vec<(String, String)>,
     /// Smallest rms size of a parameter that is seen with 90 % probability, by effect, and its unit.
@@ -55,6 +59,19 @@ pub struct Score {
     pub p_value: f64,
     /// Of a member of the path: names within three nats of its evidence when it was picked.
     pub rivals: Vec<String>,
+}
+
+/// An effect that explains data only where it was fitted to them.
+#[derive(Clone, Debug)]
+pub struct NotPredictive {
+    /// Its name.
+    pub name: String,
+    /// Logarithm of its Bayes factor on the data that it was fitted to.
+    pub log_bayes_factor: f64,
+    /// Logarithm of the predictive density that it gains on rests and moves held out, tenth by tenth.
+    pub gain: f64,
+    /// Standard deviation of the gain.
+    pub gain_std: f64,
 }
 
 /// A bias that varies in a pattern that no named effect explains.

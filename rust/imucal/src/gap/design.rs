@@ -7,8 +7,9 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::evidence::{Column, Gram};
 use super::generic::{Block, Epoch, Kernel, factor};
+use super::predict::Held;
 use crate::error::Error;
-use crate::joint::{BASE, Joint, Linear, Model, Prepared, Terms};
+use crate::joint::{BASE, Joint, Kinds, Linear, Model, Prepared, Source, Terms};
 
 /// One effect in the design.
 pub(crate) struct Candidate {
@@ -40,6 +41,9 @@ pub(crate) struct Design {
     pub(crate) generics: Vec<Generic>,
     /// All columns, the residual last.
     pub(crate) columns: Mat<f64>,
+    /// The group of each row, and the rest or move that it is about.
+    groups: Vec<usize>,
+    items: Vec<usize>,
 }
 
 /// Columns at a model: `own` are its effects with the precisions of their priors, `all` these and the candidates beside
@@ -109,7 +113,33 @@ pub(crate) fn design(
             Column { place: p, precision, value: if effect.is_some() { parameters[p] } else { 0.0 } }
         })
         .collect();
-    Ok(Design { gram: Gram::new(&all, &linear.groups_of_rows()), model, candidates, generics, columns: all })
+    let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, &linear, own.kinds));
+    Ok(Design { gram: Gram::new(&all, &groups), model, candidates, generics, columns: all, groups, items })
+}
+
+impl Design {
+    /// Its residuals, to be predicted item by item.
+    pub(crate) fn held(&self) -> Held<'_> {
+        Held { columns: &self.columns, gram: &self.gram, groups: &self.groups, items: &self.items }
+    }
+}
+
+/// The rest or move that each row of the whitened residuals is about, in order of time: even numbers are rests.
+fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<usize> {
+    let of_move = |k: usize| 2 * prepared.moves[k].from + 1;
+    let lines = linear.lines.iter().map(|line| match line.source {
+        Source::Norm(k) => 2 * k,
+        Source::Move(k) => of_move(k),
+    });
+    let rates = linear.rates.iter().flat_map(|(k, _)| [2 * k; 3]);
+    let in_moves = |seen: bool, ends: usize| {
+        let moves = linear.moves.iter().enumerate().filter(move |_| seen);
+        moves.flat_map(move |(k, m)| std::iter::repeat_n(of_move(k), 3 * m.pass.blocks.len() + ends))
+    };
+    let stand_rests = linear.directions().filter(|_| kinds.encoders).flat_map(|(k, _)| [2 * k; 2]);
+    let inside = in_moves(kinds.in_motion, 2);
+    let stand_moves = in_moves(kinds.encoders, if kinds.in_motion { 0 } else { 2 });
+    lines.chain(rates).chain(inside).chain(stand_rests).chain(stand_moves).collect()
 }
 
 /// What the kernels need to know of the rests that take part.

@@ -7,9 +7,9 @@ use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::evidence::Evidence;
 use super::pattern::{Pattern, best_generic};
-use super::score::{Judged, judge, scattering_rests};
+use super::score::{Judged, Judgement, gain, judge, scattering_rests};
 use super::stage::{Beside, Member, Stage};
-use super::{Linearised, Score, Search};
+use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{INSIDE, Kinds, Prepared};
@@ -122,8 +122,10 @@ impl<'a> Hunt<'a> {
         let first = judge(&stage);
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
+        let mut not_predictive: Vec<NotPredictive> = Vec::new();
+        let mut last: Option<Judgement> = None;
         while path.len() < MOST_EFFECTS {
-            let judged = judge(&stage);
+            let judged = last.as_ref().unwrap_or(&first);
             let limit = FALSE_ALARM / judged.scores.len().max(1) as f64;
             let good = |s: &&Judged| {
                 s.score.p_value < limit && s.score.log_bayes_factor > 0.0 && !skipped.contains(&s.score.name)
@@ -136,6 +138,16 @@ impl<'a> Hunt<'a> {
             else {
                 break;
             };
+            if let Some(gain) = gain(&stage, pick).filter(|gain| !gain.is_sure()) {
+                skipped.push(pick.score.name.clone());
+                not_predictive.push(NotPredictive {
+                    name: pick.score.name.clone(),
+                    log_bayes_factor: pick.score.log_bayes_factor,
+                    gain: gain.nats,
+                    gain_std: gain.std,
+                });
+                continue;
+            }
             let mut members = stage.members.clone();
             members.push(Member {
                 name: pick.score.name.clone(),
@@ -153,6 +165,7 @@ impl<'a> Hunt<'a> {
                     };
                     let rivals = judged.scores.iter().filter(near).map(|s| s.score.name.clone()).collect();
                     path.push(Score { rivals, ..pick.score.clone() });
+                    last = Some(judge(&next));
                     stage = next;
                 }
                 // What is not determined, or does not help once it is really fitted, is no explanation.
@@ -169,6 +182,7 @@ impl<'a> Hunt<'a> {
             path,
             ranking,
             generic: generic.map(|g| g.finding(prepared)),
+            not_predictive,
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
             scattering_rests: scattering_rests(&stage),

@@ -8,6 +8,7 @@ use super::Score;
 use super::design::{Candidate, Design};
 use super::detect::{p_value, visible_noncentrality};
 use super::evidence::{Column, Gram};
+use super::predict::Gain;
 use super::stage::Stage;
 
 /// Prior widths in units of the typical size.
@@ -16,6 +17,8 @@ const WIDTHS: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
 const NO_PRIOR: f64 = 1e4;
 /// Ten typical effects must move chi2 by one.
 const LEAST_CHANGE: f64 = 0.01;
+/// Noise explains a scatter that it makes more often than this.
+const NOISE_CHANCE: f64 = 0.01;
 /// Scatter of rests that chance makes less often than this is that of something unknown.
 const SCATTER_CHANCE: f64 = 1e-6;
 
@@ -92,6 +95,22 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     }
     blind.retain(|(name, _)| !scores.iter().any(|judged| judged.score.name == *name));
     Judgement { scores, blind, visible }
+}
+
+/// What a candidate gains on rests and moves held out; `None` where noise explains what it leaves, for its p-value is that of
+/// chance then.
+pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
+    let Design { gram, model, candidates, .. } = &stage.design;
+    let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
+    let candidate = candidates.iter().find(same)?;
+    let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
+    let scales = gram.evidence(&with)?.scales;
+    // A scale is chi2 over what is free; the rows are a little more than that.
+    let mut chances = scales.iter().zip(&gram.rows).map(|(scale, rows)| p_value(scale * rows, *rows as usize));
+    if chances.all(|chance| chance > NOISE_CHANCE) {
+        return None;
+    }
+    stage.design.held().gain((model, &stage.evidence.scales), (&with, &scales))
 }
 
 fn observable(name: &str) -> String {

@@ -1,0 +1,145 @@
+//! Whether an effect predicts rests and moves that it was not fitted to.
+//!
+//! ```text
+//! delta_f = -(sum over rows not in fold f: J^T J / s_g^2 + P)^-1 (sum: J^T r / s_g^2 + P theta_0)
+//! l_i = -1/2 sum over rows of item i: (r + J delta_f)^2 / s_g^2 + ln s_g^2,     f the fold of i
+//! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
+//! ```
+//!
+//! Where residuals scatter by more than noise, chance is not that of the noise, and a small p-value promises too much; what
+//! only follows chance fits and does not predict: a parameter without a meaning costs half a nat or more here. The standard
+//! deviation is that of the items themselves (Vuong, Econometrica 57, 1989, 307-333), so a few bad rests or moves cannot
+//! carry an effect. An item is a rest or a move, a fold a stretch of time: biases wander, and the neighbours of a rest would
+//! predict it whatever the model is.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+
+use super::evidence::{Column, Gram};
+
+/// Stretches of time, each of which all others predict.
+const FOLDS: usize = 6;
+/// A gain has to be this many of its standard deviations.
+const SURE: f64 = 2.0;
+
+/// Logarithm of the predictive density that an effect gains, and its standard deviation.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Gain {
+    pub(crate) nats: f64,
+    pub(crate) std: f64,
+}
+
+impl Gain {
+    pub(crate) fn is_sure(&self) -> bool {
+        self.nats > SURE * self.std
+    }
+}
+
+/// Residuals to be predicted.
+pub(crate) struct Held<'a> {
+    /// All columns of a design, the residual last.
+    pub(crate) columns: &'a Mat<f64>,
+    pub(crate) gram: &'a Gram,
+    /// The group of each row, and the item, in order of time.
+    pub(crate) groups: &'a [usize],
+    pub(crate) items: &'a [usize],
+}
+
+impl Held<'_> {
+    /// What a model with more columns gains; each has its own scales. `None` where a fold does not determine it.
+    pub(crate) fn gain(&self, without: (&[Column], &[f64]), with: (&[Column], &[f64])) -> Option<Gain> {
+        let (without, with) = (self.log_densities(without)?, self.log_densities(with)?);
+        let gains: Vec<f64> =
+            with.iter().zip(&without).filter_map(|(with, without)| Some((*with)? - (*without)?)).collect();
+        let n = gains.len() as f64;
+        let nats: f64 = gains.iter().sum();
+        let variance = gains.iter().map(|d| (d - nats / n).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        Some(Gain { nats, std: (n * variance).sqrt() })
+    }
+
+    /// Of each item that there is, as all folds but its own predict it.
+    fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
+        let n = columns.len();
+        let last = self.columns.ncols() - 1;
+        let scale_of = |group: usize| {
+            let place = self.gram.groups.iter().position(|g| *g == group).unwrap_or(0);
+            scales[place]
+        };
+        let scale: Vec<f64> = self.groups.iter().map(|group| scale_of(*group)).collect();
+        // Columns of length one, the scales in them; the residual is the last one.
+        let size: Vec<f64> = columns
+            .iter()
+            .map(|c| {
+                let square: f64 = (0..scale.len()).map(|row| self.columns[(row, c.place)].powi(2) / scale[row]).sum();
+                square.max(c.precision).sqrt().max(1e-300)
+            })
+            .collect();
+        let whole = Mat::from_fn(scale.len(), n + 1, |row, c| {
+            let (place, size) = if c < n { (columns[c].place, size[c]) } else { (last, 1.0) };
+            self.columns[(row, place)] / (size * scale[row].sqrt())
+        });
+        let items = self.items.iter().max().map_or(0, |last| last + 1);
+        let rows_of = |fold: usize| -> Vec<usize> {
+            (0..scale.len()).filter(|&row| self.items[row] * FOLDS / items == fold).collect()
+        };
+        let part = |rows: &[usize]| Mat::from_fn(rows.len(), n + 1, |i, c| whole[(rows[i], c)]);
+        let all = whole.transpose() * &whole;
+        let precision: Vec<f64> = (0..n).map(|c| columns[c].precision / (size[c] * size[c])).collect();
+        let mut densities = vec![None; items];
+        for fold in 0..FOLDS {
+            let rows = rows_of(fold);
+            if rows.is_empty() {
+                continue;
+            }
+            let own = part(&rows);
+            let seen = &all - own.transpose() * &own;
+            let normal = Mat::from_fn(n, n, |i, j| seen[(i, j)] + if i == j { precision[i] + 1e-13 } else { 0.0 });
+            let right = Mat::from_fn(n, 1, |i, _| -(seen[(i, n)] + precision[i] * columns[i].value * size[i]));
+            let delta = normal.llt(faer::Side::Lower).ok()?.solve(&right);
+            for (i, &row) in rows.iter().enumerate() {
+                let left = own[(i, n)] + (0..n).map(|c| own[(i, c)] * delta[(c, 0)]).sum::<f64>();
+                *densities[self.items[row]].get_or_insert(0.0) -= 0.5 * (left * left + scale[row].ln());
+            }
+        }
+        Some(densities)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROWS: usize = 60;
+
+    /// A constant, a sine, and residuals of noise plus `size` of the sine; `spike` is added to one of them.
+    fn gain_of(size: f64, spike: f64) -> Gain {
+        let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 3.4 - 1.7;
+        let columns = Mat::from_fn(ROWS, 3, |i, j| match j {
+            0 => 1.0,
+            1 => (i as f64 * 0.3).sin() + if i == 5 { spike } else { 0.0 },
+            _ => noise(i) + size * (i as f64 * 0.3).sin() + if i == 5 { 3.0 * spike } else { 0.0 },
+        });
+        let (groups, items) = (vec![0; ROWS], (0..ROWS).collect::<Vec<usize>>());
+        let gram = Gram::new(&columns, &groups);
+        let base = [Column { place: 0, precision: 0.0, value: 0.0 }];
+        let more = [base[0], Column { place: 1, precision: 1e-4, value: 0.0 }];
+        let scales = |model: &[Column]| gram.evidence(model).unwrap().scales;
+        let held = Held { columns: &columns, gram: &gram, groups: &groups, items: &items };
+        held.gain((&base, &scales(&base)), (&more, &scales(&more))).unwrap()
+    }
+
+    #[test]
+    fn what_is_there_predicts_and_what_is_not_costs_half_a_nat_or_so() {
+        let there = gain_of(2.0, 0.0);
+        // A quarter of the sum of squares, 2^2 60 / 2, is what is expected.
+        assert!(there.is_sure() && (30.0..90.0).contains(&there.nats), "{there:?}");
+        let absent = gain_of(0.0, 0.0);
+        assert!(!absent.is_sure() && (-2.0..1.0).contains(&absent.nats), "{absent:?}");
+    }
+
+    #[test]
+    fn one_bad_item_cannot_carry_an_effect() {
+        let carried = gain_of(0.0, 3.0);
+        assert!(!carried.is_sure(), "{carried:?}");
+    }
+}
