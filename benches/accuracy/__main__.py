@@ -26,7 +26,7 @@ from accuracy.trial import trial
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "accuracy.md"
-SEEDS = {"paper": 4000, "hand-held": 1000, "conditions": 2000, "contaminated": 100}
+SEEDS = {"paper": 4000, "hand-held": 1000, "conditions": 1000, "contaminated": 100}
 SCENES = {"paper": (PAPER,), "hand-held": (HELD,), "conditions": CONDITIONS}
 
 

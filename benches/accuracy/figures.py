@@ -78,7 +78,7 @@ class SceneFigures:
 
     @property
     def chi2(self) -> float:
-        """Mean of the reduced chi2 of the joint fit."""
+        """Mean of the reduced chi2 of the joint fit by the weights of noise alone."""
         return float(np.mean([trial.joint.chi2_per_dof for trial in self.trials]))
 
     @property

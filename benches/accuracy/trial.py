@@ -52,9 +52,9 @@ def trial(scene: Scene, seed: int) -> Trial:
 
 
 def estimate(result: imucal.CalibrationResult, true: np.ndarray) -> Estimate:
-    """A result against the truth; chi2 is that of the joint fit, NaN without one."""
+    """A result against the truth; chi2 is that of the joint fit with nothing widened, NaN without one."""
     parameters = result.parameters[:PARAMETERS]
-    fit = result.fit.get("joint") or {"chi2": np.nan, "degrees_of_freedom": 0}
+    fit = result.fit.get("noise_alone") or {"chi2": np.nan, "degrees_of_freedom": 0}
     dof = fit["degrees_of_freedom"]
     return Estimate(
         np.array([p.value for p in parameters]) - true,

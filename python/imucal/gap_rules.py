@@ -1,7 +1,6 @@
 """Faults of the data that no check of the columns sees, for where no effect explains a disagreement better.
 
     mount_slip              up_k - R(q_k)^T e_z = stand errors + s x up_k from some rest on
-    rest_not_still          a hand's tremor in the rests
     clock_irregular         rates in moves do not follow the stamps, or are noisier by (jitter dw/dt)^2
     noise_grows_in_motion   noise in moves is a multiple of that at rest
 
@@ -131,19 +130,7 @@ def faults_without_effect(
 ) -> tuple[Finding, ...]:
     """What else may be wrong with recordings in which no effect was found."""
     clock = tuple(_clock(result, recordings))
-    return (*_tremor(result, recordings), *clock, *(() if clock else _noise(result, recordings)))
-
-
-def _tremor(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterator[Finding]:
-    for recording, tremor in zip(recordings, result.fit["tremor_deg"], strict=True):
-        if tremor is not None:
-            yield _finding(
-                "rest_not_still",
-                recording,
-                (tremor, "deg"),
-                f"a hand holds the unit and trembles by {tremor:.2g} deg: small effects drown in that",
-                "rest the unit on something firm and record again",
-            )
+    return (*clock, *(() if clock else _noise(result, recordings)))
 
 
 def _clock(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterator[Finding]:

@@ -64,7 +64,7 @@ impl Hand {
         let walk = squared(sensors.gyroscope, &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt();
-        trembles.then(|| Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
+        trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
     }
 
     /// Standard deviation of the tremor about each axis, rad.
@@ -160,7 +160,7 @@ pub(crate) fn hands(
     noise: &mut [NoiseDensity],
     sensors: Sensors<'_>,
 ) -> Vec<Option<Hand>> {
-    let mut of_recording = |(index, recording): (usize, &Recording<'_>)| {
+    let of_recording = |(index, recording): (usize, &Recording<'_>)| {
         let own: Vec<&Rest> = rests.iter().filter(|r| r.recording == index).map(|r| &r.rest).collect();
         let mut hand = Hand::of(recording, &own, sensors)?;
         noise[index] = hand.noise;
@@ -178,7 +178,7 @@ pub(crate) fn hands(
         });
         Some(hand)
     };
-    recordings.iter().enumerate().map(|item| of_recording(item)).collect()
+    recordings.iter().enumerate().map(of_recording).collect()
 }
 
 /// The bias at each rest: the mean of all, and as much of its own as the rests differ beyond noise. A pose may have a bias
