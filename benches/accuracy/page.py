@@ -29,7 +29,8 @@ seed with its own moves and its own noise.
   figures of a table together (Bonferroni).
 """
 CONDITIONS = """Efficiency: bound over mean square error, over all parameters. (error / σ)²: mean over all
-parameters, 1 if the stated σ are true. Reduced chi2: by noise alone, nothing being widened. Coverages: lowest and highest of all parameters. Outside: how many of
+parameters, 1 if the stated σ are true. Reduced chi2: by noise alone, nothing being widened.
+Coverages: lowest and highest of all parameters. Outside: how many of
 the {figures} coverages are outside the band of one; of a perfect estimator's it would be {expected:.1f}.
 In brackets: outside the band of all together. Named: rests and moves that were left out or down-weighted
 though nothing was wrong.
