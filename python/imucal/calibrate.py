@@ -40,6 +40,8 @@ MISFIT = ("chi2", "degrees_of_freedom", "p_value")
 DIAGNOSIS = ("code", "parameters", "value", "message", "way_out")
 SCALES = ("norms", "moves", "inside", "stand")
 MOST_FOLDS = 1000
+# Share of the rests or of the moves that may contradict the others in a good calibration.
+MOST_CONTRADICTING = 0.1
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
 MOST_FIELD_ROUNDS = 6
 # A change of a field by this share changes its parameters by as much.
@@ -189,7 +191,12 @@ def calibrate(
     judged = evaluate(calibration, judges, min_rest_s=min_rest_s) if judges else None
     if judged is not None:
         calibration = made(judged.figures)
-    reasons = [*poor_figures("calibration set", figures), *(judged.reasons if judged else ())]
+    reasons = [
+        *poor_figures("calibration set", figures),
+        *_too_many_contradict("rests", outcome.rests),
+        *_too_many_contradict("moves", outcome.moves),
+        *(judged.reasons if judged else ()),
+    ]
     return CalibrationResult(
         calibration=calibration,
         rests=_with_misfits(reported(outcome.rests, REST, unit_data), outcome.rests),
@@ -312,6 +319,17 @@ def _with_misfits(
     reports: tuple[Mapping[str, Any], ...], items: Sequence[_core.Rest | _core.Move]
 ) -> tuple[Mapping[str, Any], ...]:
     return tuple({**report, **_misfit(item.misfit)} for report, item in zip(reports, items, strict=True))
+
+
+def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) -> list[str]:
+    """A few bad rests or moves are an accident; where many contradict the others the model is wrong."""
+    count = sum((item.excluded or "").startswith("contradicts") for item in items)
+    if count <= MOST_CONTRADICTING * len(items):
+        return []
+    return [
+        f"calibration set: {count} of {len(items)} {what} contradict the others: the linear model does not "
+        "describe this unit or this motion"
+    ]
 
 
 def _as_list(recordings: Recording | Sequence[Recording] | None) -> list[Recording]:

@@ -149,6 +149,12 @@ class CalibrationResult:
         ):
             if figures is not None:
                 lines.append(f"{name}: {figures_text(figures)}")
+        alone = self.fit.get("noise_alone", {})
+        if alone.get("p_value") is not None:
+            lines.append(
+                f"chi2 is {alone['chi2']:.4g} with {alone['degrees_of_freedom']} degrees of freedom; noise "
+                f"alone makes it larger with the probability {alone['p_value']:.2g}"
+            )
         lines += self.notes
         lines += [f"{finding.severity}: {finding}" for finding in self.findings]
         if self.judgement is not None:
