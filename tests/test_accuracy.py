@@ -10,24 +10,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import accuracy.contaminated
+import accuracy.page
 import imucal
 
 BENCHES = Path(__file__).parent.parent / "benches"
 RUNS = 40
 SPOILT_RUNS = 6
-
-
-@pytest.fixture(scope="module")
-def accuracy():
-    """The package of the program."""
-    sys.path.insert(0, str(BENCHES))
-    try:
-        import accuracy.contaminated
-        import accuracy.page
-
-        yield accuracy
-    finally:
-        sys.path.remove(str(BENCHES))
 
 
 # --- the bound ---
@@ -37,7 +26,7 @@ def deviations(covariance):
     return np.sqrt(np.diag(covariance))
 
 
-def test_the_bound_is_that_of_finite_differences(accuracy):
+def test_the_bound_is_that_of_finite_differences():
     """Another program of the same bound: data predicted from the parameters, and differences of them."""
     import bound
 
@@ -48,7 +37,7 @@ def test_the_bound_is_that_of_finite_differences(accuracy):
     np.testing.assert_allclose(ours, theirs, rtol=2e-3)
 
 
-def test_a_hand_takes_nothing_from_the_size_of_gravity(accuracy):
+def test_a_hand_takes_nothing_from_the_size_of_gravity():
     """Without a gyroscope that is all there is, and a tremor does not change it."""
     scene = accuracy.scene.HELD
     run = scene.run(1)
@@ -58,7 +47,7 @@ def test_a_hand_takes_nothing_from_the_size_of_gravity(accuracy):
     np.testing.assert_allclose(held[:9], still[:9], rtol=1e-3)
 
 
-def test_what_a_hand_hides_is_the_rate_about_the_vertical(accuracy):
+def test_what_a_hand_hides_is_the_rate_about_the_vertical():
     """With a perfect accelerometer a held rest tells two components of the bias, a still one all three."""
     scene = accuracy.scene.HELD
     run = scene.run(1)
@@ -73,7 +62,7 @@ def test_what_a_hand_hides_is_the_rate_about_the_vertical(accuracy):
     assert information * of_still == pytest.approx(2.0, rel=0.1)
 
 
-def test_less_data_is_a_larger_bound(accuracy):
+def test_less_data_is_a_larger_bound():
     scene = accuracy.scene.PAPER
     run = scene.run(2)
     whole = deviations(accuracy.bound.bound(run.truth, scene.sample_noise))
@@ -84,7 +73,7 @@ def test_less_data_is_a_larger_bound(accuracy):
     np.testing.assert_allclose(lost[:9], whole[:9], rtol=0.02)
 
 
-def test_how_many_nodes_follow_a_hand_does_not_matter(accuracy, monkeypatch):
+def test_how_many_nodes_follow_a_hand_does_not_matter(monkeypatch):
     scene = accuracy.scene.HELD
     run = scene.run(1)
     ours = deviations(accuracy.bound.bound(run.truth, scene.sample_noise, held=True))
@@ -97,7 +86,7 @@ def test_how_many_nodes_follow_a_hand_does_not_matter(accuracy, monkeypatch):
 
 
 @pytest.fixture(scope="module")
-def paper(accuracy):
+def paper():
     scene = accuracy.scene.PAPER
     return accuracy.figures.SceneFigures(
         scene, [accuracy.trial.trial(scene, seed) for seed in range(1, RUNS)]
@@ -117,14 +106,14 @@ def test_the_joint_fit_beats_the_two_stage_one(paper):
     assert np.sqrt((gain**2).mean()) > 1.0
 
 
-def test_a_run_by_hand_is_at_the_bound(accuracy):
+def test_a_run_by_hand_is_at_the_bound():
     scene = accuracy.scene.HELD
     trials = [accuracy.trial.trial(scene, seed) for seed in range(1, 1 + RUNS // 2)]
     gates = accuracy.figures.SceneFigures(scene, trials).gates()
     assert [gate.what for gate in gates if not gate.met] == []
 
 
-def test_flicker_is_the_same_with_and_without_white_noise(accuracy):
+def test_flicker_is_the_same_with_and_without_white_noise():
     scene = replace(accuracy.scene.PAPER, flicker=10.0)
     run = scene.run(1)
     wandering = scene.true_parameters(run) - replace(scene, flicker=0.0).true_parameters(run)
@@ -143,13 +132,13 @@ def test_flicker_is_the_same_with_and_without_white_noise(accuracy):
     "name",
     ["clean", "slip", "nudge", "bad rests", "bad moves", "heavy tails"],
 )
-def test_contaminated_runs_do_little_harm_and_are_named(accuracy, name):
+def test_contaminated_runs_do_little_harm_and_are_named(name):
     runs = [accuracy.contaminated.spoilt(name, seed) for seed in range(1, 1 + SPOILT_RUNS)]
     gates = accuracy.contaminated.Contamination.of(name, runs).gates()
     assert [gate.what for gate in gates if not gate.met] == []
 
 
-def test_a_fault_is_the_same_in_every_run(accuracy):
+def test_a_fault_is_the_same_in_every_run():
     for name in accuracy.faults.FAULTS:
         one, again = (accuracy.faults.contaminated(name, 5) for _ in range(2))
         assert np.array_equal(one.recording.angular_rate, again.recording.angular_rate)
@@ -157,7 +146,7 @@ def test_a_fault_is_the_same_in_every_run(accuracy):
 
 
 @pytest.mark.parametrize("name", ["slip", "nudge", "bad rests", "bad moves"])
-def test_what_is_said_to_be_bad_is_where_the_recording_is_bad(accuracy, name):
+def test_what_is_said_to_be_bad_is_where_the_recording_is_bad(name):
     """Outside of it, and of the moves beside it, the recording is what the truth makes of it."""
     case = accuracy.faults.contaminated(name, 4)
     unit = case.truth.calibration
@@ -175,7 +164,7 @@ def test_what_is_said_to_be_bad_is_where_the_recording_is_bad(accuracy, name):
 # --- the scoring can fail ---
 
 
-def made(accuracy, *, runs=4000, rmse=1.0, sigma=1.0, bias=0.0, chi2=1.0):
+def made(*, runs=4000, rmse=1.0, sigma=1.0, bias=0.0, chi2=1.0):
     """Trials of an estimator with this RMSE and these stated sigmas, in units of the bound."""
     random = np.random.default_rng(1)
     trials = []
@@ -197,14 +186,14 @@ def made(accuracy, *, runs=4000, rmse=1.0, sigma=1.0, bias=0.0, chi2=1.0):
         ({"chi2": 1.02}, ["mean of the reduced chi2"]),
     ],
 )
-def test_a_wrong_estimator_misses_its_gates(accuracy, wrong, missed):
-    figures = made(accuracy, **wrong)
+def test_a_wrong_estimator_misses_its_gates(wrong, missed):
+    figures = made(**wrong)
     whats = [gate.what.removeprefix("paper: ") for gate in figures.gates() if not gate.met]
     assert [what.split(",")[0].split(" / ")[0].split(" outside")[0] for what in whats] == missed
 
 
-def test_figures_that_are_missed_are_printed_so(accuracy):
-    good, bad = made(accuracy, runs=500), made(accuracy, runs=500, rmse=2.0)
+def test_figures_that_are_missed_are_printed_so():
+    good, bad = made(runs=500), made(runs=500, rmse=2.0)
     assert "**missed**" not in accuracy.page.page([good], [], 0.0)
     assert "**missed**" in accuracy.page.page([bad], [], 0.0)
 
@@ -218,7 +207,7 @@ def result(rests, moves):
     )
 
 
-def test_names_are_compared_with_what_is_bad(accuracy):
+def test_names_are_compared_with_what_is_bad():
     Bad, Named, score = accuracy.naming.Bad, accuracy.naming.Named, accuracy.naming.score
     rest, move = Bad("rest", 7.0, 12.0), Bad("move", 12.5, 12.6)
     plain = [(0.0, 5.0, None), (7.0, 12.0, None), (14.0, 19.0, None)]
@@ -238,7 +227,7 @@ def test_names_are_compared_with_what_is_bad(accuracy):
     assert score(result(plain, [None, "encoders_disagree"]), [harmless]) == Named(0, 0, 4, 0)
 
 
-def test_runs_without_a_result_are_missed(accuracy):
+def test_runs_without_a_result_are_missed():
     def refuse(recording):
         raise imucal.InputError("refused")
 
@@ -247,7 +236,7 @@ def test_runs_without_a_result_are_missed(accuracy):
     assert not any(gate.met for gate in gates)
 
 
-def test_one_wild_run_is_not_forgiven(accuracy):
+def test_one_wild_run_is_not_forgiven():
     """The margin of a gate is that of a perfect estimator, and does not grow with the errors."""
     runs = [accuracy.contaminated.spoilt("clean", seed) for seed in range(1, 6)]
     runs[0] = replace(runs[0], error=100.0 * runs[0].error)

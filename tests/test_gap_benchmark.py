@@ -8,22 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gap.limits
+import gap.suite
+
 BENCHES = Path(__file__).parent.parent / "benches"
 
 
-@pytest.fixture(scope="module")
-def gap():
-    """The package of the benchmark."""
-    sys.path.insert(0, str(BENCHES))
-    try:
-        import gap.suite
-
-        yield gap
-    finally:
-        sys.path.remove(str(BENCHES))
-
-
-def test_a_case_is_the_same_in_every_run_and_unlike_its_control(gap):
+def test_a_case_is_the_same_in_every_run_and_unlike_its_control():
     case = next(case for case in gap.suite.suite(0.0) if case.label == "magnetic coupling")
     measured, control, _ = case.pose()
     again, _, _ = case.pose()
@@ -31,7 +22,7 @@ def test_a_case_is_the_same_in_every_run_and_unlike_its_control(gap):
     assert not np.array_equal(measured.angular_rate, control.angular_rate)
 
 
-def test_the_answer_is_sealed_until_the_tool_has_answered(gap):
+def test_the_answer_is_sealed_until_the_tool_has_answered():
     case = gap.suite.suite(0.0)[0]
     sealed = gap.case.Sealed(case.answer, case.scene)
     with pytest.raises(ValueError, match="sealed"):
@@ -39,7 +30,7 @@ def test_the_answer_is_sealed_until_the_tool_has_answered(gap):
     assert sealed.open(gap.said.Said("nothing_missing")) is case.answer
 
 
-def test_recordings_do_not_tell_what_is_hidden(gap):
+def test_recordings_do_not_tell_what_is_hidden():
     for case in gap.suite.suite(0.0)[:: len(gap.suite.suite(0.0)) // 10]:
         measured, control, _ = case.pose()
         assert (measured.name, control.name) == ("measured", "control")
@@ -47,14 +38,12 @@ def test_recordings_do_not_tell_what_is_hidden(gap):
         assert (measured.stand_rad is not None) == case.kind.startswith("C")
 
 
-def test_seeds_differ(gap):
+def test_seeds_differ():
     seeds = [case.seed + run for case in gap.suite.suite(1.0) for run in (0, 1)]
     assert len(set(seeds)) == len(seeds)
 
 
-def test_the_limit_is_where_chi2_has_its_power(gap):
-    import gap.limits
-
+def test_the_limit_is_where_chi2_has_its_power():
     # One direction, one test: (z_0.995 + z_0.9)^2 = 14.88 is the non-centrality at the limit.
     assert gap.limits.limit(np.array([[2.0]]), 1) == pytest.approx(np.sqrt(14.8794) / 2.0, rel=1e-3)
 

@@ -9,9 +9,9 @@ import imucal
 from accuracy.band import BESIDE_GATE, one_sided, root_mean_square_error
 from accuracy.bound import PARAMETERS, bound
 from accuracy.faults import contaminated
-from accuracy.gates import Gate
 from accuracy.naming import Named, score
 from accuracy.scene import PAPER
+from gate import Gate
 
 Calibrate = Callable[[imucal.Recording], imucal.CalibrationResult]
 WITHIN = 1.15

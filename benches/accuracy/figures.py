@@ -8,9 +8,9 @@ import numpy as np
 
 from accuracy.band import BESIDE, BESIDE_GATE, binomial, one_sided, root_mean_square_error, two_sided
 from accuracy.bound import PARAMETERS
-from accuracy.gates import Gate
 from accuracy.scene import Scene
 from accuracy.trial import Estimate, Trial
+from gate import Gate
 
 # Multiples of sigma and the probability within.
 LEVELS = {"68 %": (1.0, 0.682689), "95 %": (1.959964, 0.95), "99.7 %": (2.967738, 0.997)}

@@ -9,7 +9,7 @@ from accuracy.band import BESIDE, root_mean_square_error, two_sided
 from accuracy.bound import PARAMETERS
 from accuracy.contaminated import Contamination
 from accuracy.figures import LEVELS, Figures, SceneFigures
-from accuracy.gates import Gate
+from gate import Gate
 
 INTRODUCTION = """# Accuracy
 

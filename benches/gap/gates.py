@@ -1,24 +1,13 @@
 """What has to be reached, and whether it was."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from gap.judge import INTERVAL_95, Mark
 from gap.rates import Rate
 from gap.sizes import SIZES, typical
-
-
-@dataclass(frozen=True)
-class Gate:
-    """One aim: its words, what came out, and whether that is enough."""
-
-    what: str
-    aim: str
-    found: str
-    met: bool
-    of: int
+from gate import Gate
 
 
 def gates(marks: Sequence[Mark]) -> list[Gate]:

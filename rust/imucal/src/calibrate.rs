@@ -94,10 +94,8 @@ pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     let outcome = if !options.is_joint() {
         Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?
     } else {
-        let start = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
+        let (joint, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options)?;
         let triads = [&accelerometer.triad, &gyroscope.fit.triad];
-        data.free_of_tremor(triads[0], triads[1]);
-        let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
         let misfits = data.misfits(&joint, &selection, triads, options)?;
         Outcome::joint(
             data,
@@ -124,10 +122,7 @@ pub(crate) fn prepare<T>(
     let accelerometer = data.fit_accelerometer(options)?;
     let (moves, unusable) = data.moves(&accelerometer, options)?;
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
-    let start = Selection::of_two_stages(&accelerometer, &gyroscope, &unusable);
-    let triads = [&accelerometer.triad, &gyroscope.fit.triad];
-    data.free_of_tremor(triads[0], triads[1]);
-    let (joint, selection) = data.fit_without_outliers(start, triads, options)?;
+    let (joint, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options)?;
     let triads = [&joint.model.accelerometer, &joint.model.gyroscope];
     data.prepared_for(&selection, triads, options, (kinds, true), |prepared| work(prepared, triads[0], triads[1]))
 }

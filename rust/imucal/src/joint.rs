@@ -14,6 +14,7 @@
 mod attitude;
 mod encoders;
 mod inside;
+mod linear;
 mod misfit;
 mod model;
 mod outliers;
@@ -33,11 +34,12 @@ mod tests;
 pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
+pub(crate) use linear::{INSIDE, Line, Linear, Prepared, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
 pub(crate) use model::{BASE, Model};
 pub(crate) use outliers::{Item, outliers};
-pub(crate) use problem::{INSIDE, Joint, Line, Linear, Prepared, Source};
+pub(crate) use problem::Joint;
 pub(crate) use report::JointFit;
 pub use report::{ResidualScales, TermEstimate};
 pub(crate) use terms::{Kinds, Terms};

@@ -74,15 +74,19 @@ impl Solution {
         let degrees_of_freedom = self.residuals.nrows().saturating_sub(self.parameters.len());
         // chi2 / dof scatters about one by sqrt(2 / dof); widening whatever exceeds one would make every sigma too large.
         let reduced = self.chi2 / degrees_of_freedom.max(1) as f64;
-        let by_chance = 1.0 + 3.0 * (2.0 / degrees_of_freedom.max(1) as f64).sqrt();
         FitReport {
             chi2: self.chi2,
             degrees_of_freedom,
-            inflation: if reduced > by_chance { reduced.sqrt() } else { 1.0 },
+            inflation: if reduced > by_chance(degrees_of_freedom.max(1) as f64) { reduced.sqrt() } else { 1.0 },
             iterations: self.iterations,
             termination: self.termination,
         }
     }
+}
+
+/// The largest chi2 per degree of freedom that chance explains: three standard deviations.
+pub(crate) fn by_chance(degrees_of_freedom: f64) -> f64 {
+    1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 
 /// Tolerance of a result: a step shorter than this, relative to the parameters (both scaled by D), is the last one. With a

@@ -33,6 +33,17 @@ pub(crate) struct UnitRest {
     pub(crate) rate_covariance: Matrix3<f64>,
     /// What the gyroscope reads there without turning, as far as is known, raw units.
     pub(crate) bias: Vector3<f64>,
+    /// Where a hand trembles.
+    pub(crate) carried: Option<Carried>,
+}
+
+/// How the samples of a rest were carried along the gyroscope to its ends.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Carried {
+    /// The mean time, s.
+    pub(crate) mean_s: f64,
+    /// The bias that all rests have in common, raw units.
+    pub(crate) bias: Vector3<f64>,
 }
 
 /// The way from one rest to the next, from the last sample of the one to the first sample of the other.
@@ -90,6 +101,7 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
             rest: *rest,
             rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
             bias: rest.angular_rate.mean,
+            carried: None,
         };
         segments.rests.iter().map(unit_rest).collect::<Vec<_>>()
     };
@@ -222,8 +234,8 @@ impl Directions<'_> {
         let UnitRest { recording, rest, bias, .. } = &self.rests[k];
         let mean = &rest.specific_force;
         let force = self.accelerometer.correct(mean.mean);
-        let noise = self.accelerometer.inverse() * Matrix3::from_diagonal(&mean.variance_of_mean.map(f64::sqrt));
-        let variance = noise.norm_squared() / 3.0 / force.norm_squared();
+        let noise = mean.variance_of_mean.map(f64::sqrt);
+        let variance = variance_per_axis(self.accelerometer.inverse(), &noise) / force.norm_squared();
         if steady {
             return End { raw: mean.mean, steady: true, shared_variance: variance, own_variance: 0.0 };
         }
@@ -252,27 +264,11 @@ impl Directions<'_> {
         let interval_s = (rest.end_s - rest.start_s) / (samples - 1).max(1) as f64;
         let count = ((SPAN_S / interval_s).round() as usize).clamp(1, samples);
         let tenth = (count / TENTHS).max(1);
-        // Outwards from the end of the rest that the move touches.
-        let index = |i: usize| if at_end { rest.end - 1 - i } else { rest.first + i };
-        let step = if at_end { interval_s } else { -interval_s };
-        let rate = |i: usize| {
-            let raw = Vector3::from(recording.angular_rate[index(i)]);
-            self.gyroscope.inverse() * (raw - rest.angular_rate.mean)
-        };
-        let mut turn = Vector3::zeros();
-        let mut last_rate = rate(0);
+        let sensors = Sensors { accelerometer: self.accelerometer, gyroscope: self.gyroscope };
+        let mut forces = sensors.along_gyroscope(recording, rest, rest.angular_rate.mean, at_end);
         let mut means = Vec::with_capacity(TENTHS);
-        for group in 0..(count / tenth) {
-            let mut sum = Vector3::zeros();
-            for i in group * tenth..(group + 1) * tenth {
-                let here = rate(i);
-                if i > 0 {
-                    turn += (last_rate + here) * (step / 2.0);
-                }
-                last_rate = here;
-                let force = self.accelerometer.correct(Vector3::from(recording.specific_force[index(i)]));
-                sum += force - turn.cross(&force);
-            }
+        for _ in 0..(count / tenth) {
+            let sum = forces.by_ref().take(tenth).sum::<Vector3<f64>>();
             means.push(sum / tenth as f64);
         }
         let groups = means.len() as f64;
@@ -284,8 +280,12 @@ impl Directions<'_> {
 
 /// Standard deviation of each direction component of a move that the gyroscope's white noise makes, rad.
 pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
-    let per_axis = (inverse * Matrix3::from_diagonal(density)).norm_squared() / 3.0;
-    (per_axis * duration_s).sqrt()
+    (variance_per_axis(inverse, density) * duration_s).sqrt()
+}
+
+/// Mean over the axes of the variance in SI units of noise with these standard deviations or densities in raw units.
+pub(crate) fn variance_per_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> f64 {
+    (inverse * Matrix3::from_diagonal(raw)).norm_squared() / 3.0
 }
 
 /// Error of the gravity direction after a move: the angle between carried and measured, rad.

@@ -1,4 +1,11 @@
-//! Robust statistics of small samples.
+//! Tails of chi2, and robust statistics of small samples.
+
+use statrs::distribution::{ChiSquared, ContinuousCDF};
+
+/// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`; 1 for none.
+pub(crate) fn p_value(statistic: f64, dof: usize) -> f64 {
+    ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
+}
 
 /// Median; NaN of an empty slice. Reorders the slice.
 pub(crate) fn median(values: &mut [f64]) -> f64 {

@@ -13,7 +13,8 @@
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::moves::UnitRest;
+use crate::lsq::by_chance;
+use crate::moves::{Carried, UnitRest, variance_per_axis};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Rest, sample_interval_s};
 use crate::stats::{median, random_effects_mean};
@@ -46,6 +47,30 @@ pub(crate) struct Sensors<'a> {
     pub(crate) gyroscope: &'a Triad<f64>,
 }
 
+impl<'a> Sensors<'a> {
+    /// The force at each sample of a rest, SI units, turned along the gyroscope to the first or last one, outwards from there.
+    /// `bias` is that of the gyroscope.
+    pub(crate) fn along_gyroscope(
+        self,
+        recording: &'a Recording<'a>,
+        rest: &'a Rest,
+        bias: Vector3<f64>,
+        at_end: bool,
+    ) -> impl Iterator<Item = Vector3<f64>> + 'a {
+        let samples = rest.end - rest.first;
+        let interval_s = (rest.end_s - rest.start_s) / (samples - 1).max(1) as f64;
+        let step = if at_end { interval_s } else { -interval_s };
+        let (mut turn, mut last_rate) = (Vector3::zeros(), None);
+        (0..samples).map(move |i| {
+            let sample = if at_end { rest.end - 1 - i } else { rest.first + i };
+            let rate = self.gyroscope.inverse() * (Vector3::from(recording.angular_rate[sample]) - bias);
+            turn += last_rate.replace(rate).map_or_else(Vector3::zeros, |last| (last + rate) * (step / 2.0));
+            let force = self.accelerometer.correct(Vector3::from(recording.specific_force[sample]));
+            force - turn.cross(&force)
+        })
+    }
+}
+
 impl Hand {
     /// The hand that holds the unit in nearly all rests of a recording, if there is one.
     pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
@@ -57,11 +82,8 @@ impl Hand {
         let mut tremors: Vec<f64> = rests.iter().map(|rest| common_wandering(recording, rest, sensors, dt_s)).collect();
         let force = rests.iter().map(|r| sensors.accelerometer.correct(r.specific_force.mean).norm()).sum::<f64>()
             / rests.len() as f64;
-        let squared = |triad: &Triad<f64>, density: &Vector3<f64>| {
-            (triad.inverse() * Matrix3::from_diagonal(density)).norm_squared() / 3.0
-        };
-        let tilt = squared(sensors.accelerometer, &noise.specific_force) / (force * force);
-        let walk = squared(sensors.gyroscope, &noise.angular_rate);
+        let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
+        let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt();
         trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
@@ -106,20 +128,10 @@ impl Hand {
         let interval_s = (rest.end_s - rest.start_s) / (samples - 1).max(1) as f64;
         let averaging_s = self.averaging_s(rest);
         let count = ((REACH * averaging_s / interval_s).ceil() as usize).clamp(1, samples);
-        let index = |i: usize| if at_end { rest.end - 1 - i } else { rest.first + i };
-        let step = if at_end { interval_s } else { -interval_s };
-        let rate = |i: usize| sensors.gyroscope.inverse() * (Vector3::from(recording.angular_rate[index(i)]) - bias);
         let fade = (-interval_s / averaging_s).exp();
-        let (mut turn, mut last_rate) = (Vector3::zeros(), rate(0));
         let (mut sum, mut weights, mut weight) = (Vector3::zeros(), 0.0, 1.0);
-        for i in 0..count {
-            let here = rate(i);
-            if i > 0 {
-                turn += (last_rate + here) * (step / 2.0);
-            }
-            last_rate = here;
-            let force = sensors.accelerometer.correct(Vector3::from(recording.specific_force[index(i)]));
-            sum += (force - turn.cross(&force)) * weight;
+        for force in sensors.along_gyroscope(recording, rest, bias, at_end).take(count) {
+            sum += force * weight;
             weights += weight;
             weight *= fade;
         }
@@ -172,8 +184,9 @@ pub(crate) fn hands(
             hand.steady(recording, rest, sensors).norm_squared() / 2.0 - errors
         };
         hand.turn_rad2 = (own.iter_mut().map(turned).sum::<f64>() / own.len() as f64).max(0.0);
-        biases_of_poses(&mut own);
+        let bias = biases_of_poses(&mut own);
         own.iter_mut().for_each(|rest| {
+            rest.carried = Some(Carried { mean_s: hand.averaging_s(&rest.rest), bias });
             hand.steady(recording, rest, sensors);
         });
         Some(hand)
@@ -181,17 +194,22 @@ pub(crate) fn hands(
     recordings.iter().enumerate().map(of_recording).collect()
 }
 
-/// The bias at each rest: the mean of all, and as much of its own as the rests differ beyond noise. A pose may have a bias
-/// of its own, but a mean rate that is taken for it takes a part of the turn, too.
-fn biases_of_poses(rests: &mut [&mut UnitRest]) {
-    for axis in 0..3 {
+/// The bias at each rest: the mean of all, and as much of its own as the rests differ beyond noise and chance. A pose may have
+/// a bias of its own, but a mean rate that is taken for it takes a part of the turn, too.
+/// The mean is the result.
+fn biases_of_poses(rests: &mut [&mut UnitRest]) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| {
         let (values, variances): (Vec<f64>, Vec<f64>) =
             rests.iter().map(|r| (r.rest.angular_rate.mean[axis], r.rate_covariance[(axis, axis)])).unzip();
         let all = random_effects_mean(&values, &variances);
+        let spread = values.iter().zip(&variances).map(|(value, variance)| (value - all.mean).powi(2) / variance);
+        let free = values.len() as f64 - 1.0;
+        let between = if spread.sum::<f64>() > free * by_chance(free) { all.between } else { 0.0 };
         for (rest, (value, variance)) in rests.iter_mut().zip(values.iter().zip(&variances)) {
-            rest.bias[axis] = all.mean + (value - all.mean) * all.between / (all.between + variance);
+            rest.bias[axis] = all.mean + (value - all.mean) * between / (between + variance);
         }
-    }
+        all.mean
+    })
 }
 
 /// What force and turn have in common within a rest, rad^2 about each axis: a turn of the body moves gravity in it.

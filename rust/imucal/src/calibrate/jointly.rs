@@ -48,20 +48,23 @@ impl Selection {
 impl UnitData<'_> {
     /// The joint fit of both triads and the effects that are asked for, and what it is made of.
     ///
-    /// All rests and moves are judged by a fit without those that the last round left out, so one that a better fit explains
-    /// comes back.
+    /// It starts from the two-stage fit. All rests and moves are judged by a fit without those that the last round left out,
+    /// so one that a better fit explains comes back.
     pub(super) fn fit_without_outliers(
-        &self,
-        start: Selection,
-        model: [&Triad<f64>; 2],
+        &mut self,
+        accelerometer: &AccelerometerFit,
+        gyroscope: &Gyroscope,
+        unusable: &[Unusable],
         options: &Options<'_>,
     ) -> Result<(JointFit, Selection), Error> {
+        let model = [&accelerometer.triad, &gyroscope.fit.triad];
+        self.free_of_tremor(model[0], model[1]);
         let all = {
             let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
             let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
             Selection { used, moves, left_out }
         };
-        let mut selection = start;
+        let mut selection = Selection::of_two_stages(accelerometer, gyroscope, unusable);
         for _ in 1..MOST_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options)?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;

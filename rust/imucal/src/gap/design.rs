@@ -1,6 +1,7 @@
 //! All columns that hypotheses are made of, linearised at one model.
 
 use std::ops::Range;
+use std::rc::Rc;
 
 use faer::Mat;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
@@ -59,9 +60,8 @@ pub(crate) fn design(
     // One pass serves all: the columns of the candidates are those of the corrected state.
     let full: Vec<f64> =
         parameters[..BASE].iter().chain(values).chain(&parameters[BASE + own.count..]).copied().collect();
-    let mut problem = Joint::new(prepared, all, &full)?;
-    let linear = problem.linear(&full)?;
-    problem.weigh_by_noise(&linear)?;
+    let linear = Rc::new(prepared.linearise(all, &full)?);
+    let problem = Joint::of_noise(prepared, all, Rc::clone(&linear))?;
     let (residual, jacobian) = problem.whiten(&linear);
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
     let mut parts = vec![jacobian.subcols(0, BASE).to_owned()];

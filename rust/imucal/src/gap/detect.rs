@@ -7,11 +7,6 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Discrete, Poisson};
 pub(crate) const FALSE_ALARM: f64 = 0.003;
 const POWER: f64 = 0.9;
 
-/// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`; 1 for none.
-pub(crate) fn p_value(statistic: f64, dof: usize) -> f64 {
-    ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
-}
-
 /// The non-centrality with which chi2 exceeds its limit with 90 % probability; the limit is for one of `tests`.
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
@@ -39,6 +34,7 @@ fn exceeds(limit: f64, dof: usize, noncentrality: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::stats::p_value;
 
     #[test]
     fn tails_and_power_are_those_of_tables() {

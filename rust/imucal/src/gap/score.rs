@@ -6,10 +6,11 @@ use imucal_core::effects::Effect;
 
 use super::Score;
 use super::design::{Candidate, Design};
-use super::detect::{p_value, visible_noncentrality};
+use super::detect::visible_noncentrality;
 use super::evidence::{Column, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
+use crate::stats::p_value;
 
 /// Prior widths in units of the typical size.
 const WIDTHS: [f64; 4] = [0.3, 1.0, 3.0, 10.0];

@@ -3,12 +3,15 @@
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
 use super::encoders::STAND_PARAMETERS;
+use super::linear::Prepared;
 use super::model::{BASE, GYRO_SENSITIVITY, Model};
-use super::problem::{Joint, Prepared};
+use super::problem::Joint;
 use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};
 use super::tests::{Run, STAND_RAD};
 use crate::calibrate::{Options, prepare};
-use crate::simulate::RandomMoves;
+use crate::simulate::motion::Motion;
+use crate::simulate::tumble::{HandMoves, Tumble};
+use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};
 
 /// A fit with these effects in their full forms and a user's field, at no effect but typical time constants.
 fn with(effects: &[&str], kinds: Kinds, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)) {
@@ -25,6 +28,37 @@ fn with(effects: &[&str], kinds: Kinds, work: impl FnOnce(&Prepared<'_>, &Terms<
         let values = super::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
         work(prepared, &terms, model.parameters());
+        Ok(())
+    })
+    .unwrap();
+}
+
+/// The base model of a unit that a hand holds.
+#[test]
+fn derivatives_in_a_hand_meet_central_differences() {
+    let moves = HandMoves { poses: 15, tremor_rad: 0.05_f64.to_radians(), ..HandMoves::default() };
+    let motion = Motion::Tumble(Tumble::random(&moves, 2).unwrap());
+    let run = crate::simulate::run(&Setup {
+        motion: &motion,
+        unit: &Unit::paper(),
+        rate_hz: 200.0,
+        gravity_mps2: 9.80665,
+        temperature: &Temperature::constant(25.0),
+        faults: Faults::none(),
+        added: None,
+        seed: 3,
+        threads: None,
+    })
+    .unwrap();
+    let recording = run.recording("run");
+    let kinds = Kinds { in_motion: false, encoders: false };
+    let terms = Terms::try_new(&[], &[], &[recording.len()], kinds).unwrap();
+    prepare(&[recording], &Options::default(), kinds, |prepared, accelerometer, gyroscope| {
+        assert!(prepared.rests.iter().all(|rest| rest.carried.is_some()));
+        let values = super::start_values(&terms);
+        let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand: Vec::new() };
+        let problem = Joint::new(prepared, &terms, &model.parameters()).unwrap();
+        check(&problem, &terms, &model.parameters(), |_| 2e-4);
         Ok(())
     })
     .unwrap();

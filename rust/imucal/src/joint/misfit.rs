@@ -9,12 +9,12 @@
 
 use std::rc::Rc;
 
-use statrs::distribution::{ChiSquared, ContinuousCDF};
-
+use super::linear::{Linear, Prepared, Source};
 use super::outliers::Without;
-use super::problem::{Joint, Linear, Prepared, Source};
+use super::problem::Joint;
 use super::terms::Terms;
 use crate::error::Error;
+use crate::stats::p_value;
 
 /// A misfit in units of what noise explains.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,8 +30,8 @@ pub struct Misfit {
 impl Misfit {
     /// `None` without any degree of freedom.
     fn new(chi2: f64, degrees_of_freedom: usize) -> Option<Self> {
-        let p_value = ChiSquared::new(degrees_of_freedom as f64).ok()?.sf(chi2);
-        Some(Self { chi2, degrees_of_freedom, p_value })
+        let p_value = p_value(chi2, degrees_of_freedom);
+        (degrees_of_freedom > 0).then_some(Self { chi2, degrees_of_freedom, p_value })
     }
 }
 
@@ -45,8 +45,7 @@ pub(crate) struct Misfits {
 impl Misfits {
     /// `linear` is what the fit has ended at.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Rc<Linear>) -> Result<Self, Error> {
-        let mut problem = Joint::at(prepared, terms, &linear.model.parameters(), Rc::clone(linear))?;
-        problem.weigh_by_noise(linear)?;
+        let problem = Joint::of_noise(prepared, terms, Rc::clone(linear))?;
         let without = Without::new(&problem, linear);
         let (mut of_rests, mut of_moves) =
             (vec![Vec::new(); prepared.rests.len()], vec![Vec::new(); linear.moves.len()]);

@@ -16,15 +16,15 @@ use std::rc::Rc;
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector};
-use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
+use super::linear::{Linear, Prepared, Source};
 use super::model::Model;
-use super::problem::{Joint, Linear, Prepared, Source};
+use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
 use crate::robust::may_exclude;
-use crate::stats::median;
+use crate::stats::{median, p_value};
 
 /// Chance makes a rest or a move look as bad as this less often than once in 10^5.
 const CHANCE: f64 = 1e-5;
@@ -74,8 +74,7 @@ pub(crate) fn outliers(
     let parameters = Model { stand: Vec::new(), ..model.clone() }.parameters();
     let linear =
         known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Rc::new), |known| Ok(Rc::clone(known)))?;
-    let mut problem = Joint::at(prepared, &terms, &parameters, Rc::clone(&linear))?;
-    problem.weigh_by_noise(&linear)?;
+    let problem = Joint::of_noise(prepared, &terms, Rc::clone(&linear))?;
     let groups = groups(&linear);
     let mut without = Without::new(&problem, &linear);
     let (mut rests, mut moves) = (prepared.used.to_vec(), vec![true; linear.moves.len()]);
@@ -121,7 +120,7 @@ pub(crate) fn outliers(
 
 /// Logarithm of how often chance makes chi2 as large as this; it tells apart what is far too bad for a number.
 fn log_chance(misfit: f64, freedom: usize) -> f64 {
-    let chance = ChiSquared::new(freedom as f64).map_or(1.0, |chi2| chi2.sf(misfit));
+    let chance = p_value(misfit, freedom);
     let (half, x) = (freedom as f64 / 2.0, misfit / 2.0);
     if chance > 1e-200 { chance.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }

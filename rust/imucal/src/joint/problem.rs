@@ -1,151 +1,25 @@
-//! The residuals of the joint fit and their derivatives.
+//! The joint problem: residuals whitened for the solver.
 
 use std::cell::RefCell;
-use std::ops::Range;
 use std::rc::Rc;
 
 use faer::Mat;
-use imucal_core::effects::{Need, Sensor, Surroundings};
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use imucal_core::effects::Sensor;
+use nalgebra::Vector3;
 
-use super::attitude;
 use super::encoders::{self, EncoderMove, Encoders, StandModel};
-use super::inside::{self, EndDirection};
-use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
-use super::pass::{Pass, Route};
+use super::inside;
+use super::linear::{Line, Linear, Prepared, Source};
+use super::model::{GYRO_BIAS, GYRO_SENSITIVITY, Model};
 use super::terms::{Kinds, Term, Terms};
-use super::wander::{UnitWander, Wandering};
+use super::wander::Wandering;
 use super::weights::Weights;
 use crate::error::Error;
 use crate::lsq::{Residuals, Solution};
-use crate::moves::{End, Ends, Move, UnitRest};
-use crate::recording::Recording;
-use crate::segment::NoiseDensity;
-
-/// What the fit is made of.
-pub(crate) struct Prepared<'a> {
-    pub(crate) recordings: &'a [Recording<'a>],
-    pub(crate) rests: &'a [UnitRest],
-    /// Which rests take part.
-    pub(crate) used: &'a [bool],
-    pub(crate) moves: &'a [Move],
-    /// Before and after each move.
-    pub(crate) ends: &'a [[End; 2]],
-    pub(crate) noise: &'a [NoiseDensity],
-    pub(crate) gravity_mps2: f64,
-    /// How the biases wander, if that is known.
-    pub(crate) wander: Option<UnitWander>,
-    /// Where an effect of the encoders is to be estimated.
-    pub(crate) encoders: Option<Encoders>,
-}
-
-/// A rest at given parameters.
-pub(crate) struct AtRest {
-    pub(crate) force: Vector3<f64>,
-    /// Derivative of the force by every parameter.
-    force_jacobian: Vec<Vector3<f64>>,
-    /// Derivative of the force by the accelerometer's mean.
-    by_mean: Matrix3<f64>,
-    /// What the effects add to the rate, and their columns.
-    on_rate: Vector3<f64>,
-    columns: Vec<Vector3<f64>>,
-}
-
-/// A residual, its derivatives by the parameters and by the means of the rests.
-#[derive(Clone)]
-pub(crate) struct Line {
-    pub(crate) residual: f64,
-    pub(crate) jacobian: Vec<f64>,
-    pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
-    pub(crate) source: Source,
-}
-
-impl Line {
-    /// Of the residual, for a small change of the parameters.
-    fn change(&self, change: &[f64]) -> f64 {
-        self.jacobian.iter().zip(change).map(|(by, change)| by * change).sum()
-    }
-}
-
-/// What a line is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Source {
-    Norm(usize),
-    Move(usize),
-}
-
-/// One move at given parameters.
-pub(crate) struct AtMove {
-    pub(crate) pass: Pass,
-    pub(crate) before: EndDirection,
-    pub(crate) after: EndDirection,
-}
-
-/// All residuals at given parameters, not whitened.
-#[derive(Clone)]
-pub(crate) struct Linear {
-    pub(crate) model: Model,
-    pub(crate) lines: Vec<Line>,
-    /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
-    pub(crate) rates: Vec<(usize, [Line; 3])>,
-    pub(crate) moves: Rc<Vec<AtMove>>,
-    /// Direction of gravity at the rests that take part.
-    directions: Vec<(usize, EndDirection)>,
-    kinds: Kinds,
-}
-
-/// Rows of the whitened residuals beyond the lines and the rates.
-pub(crate) struct Groups {
-    pub(crate) inside: Range<usize>,
-    pub(crate) stand_rests: Range<usize>,
-    pub(crate) stand_moves: Range<usize>,
-}
-
-impl Linear {
-    /// Index and direction of gravity of the rests that take part.
-    pub(crate) fn directions(&self) -> impl Iterator<Item = (usize, &Vector3<f64>)> {
-        self.directions.iter().map(|(k, direction)| (*k, &direction.up))
-    }
-
-    /// The residuals after a small change of the parameters; all else stays.
-    fn moved(&self, change: &[f64], model: Model) -> Self {
-        let mut moved = Self { model, ..self.clone() };
-        for line in moved.lines.iter_mut().chain(moved.rates.iter_mut().flat_map(|(_, lines)| lines)) {
-            line.residual += line.change(change);
-        }
-        moved
-    }
-
-    pub(crate) fn groups(&self) -> Groups {
-        let start = self.lines.len() + 3 * self.rates.len();
-        let inside: usize =
-            if self.kinds.in_motion { self.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
-        let rests = if self.kinds.encoders { 2 * self.directions.len() } else { 0 };
-        let count = |m: &AtMove| encoders::count(&m.pass, !self.kinds.in_motion);
-        let moves: usize = if self.kinds.encoders { self.moves.iter().map(count).sum() } else { 0 };
-        let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
-        Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
-    }
-
-    /// The group that each row of the whitened residuals belongs to: norms, moves, rates x, y and z, inside the moves,
-    /// rests and moves against the stand.
-    pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
-        let groups = self.groups();
-        let lines = self.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
-        let rates = (0..3 * self.rates.len()).map(|row| 2 + row % 3);
-        let rest = [(INSIDE, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
-        let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
-        lines.chain(rates).chain(rest).collect()
-    }
-}
 
 /// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
 /// order in the parameters' errors, a part in 10^8 of a standard deviation for those of a good sensor.
 const NEAR: f64 = 0.01;
-
-/// The group of the residuals inside the moves.
-pub(crate) const INSIDE: usize = 5;
-
 /// The joint problem.
 pub(crate) struct Joint<'a> {
     pub(crate) prepared: &'a Prepared<'a>,
@@ -170,19 +44,29 @@ struct Place {
 
 impl<'a> Joint<'a> {
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
-        Self::at(prepared, terms, parameters, Rc::new(prepared.linearise(terms, parameters)?))
+        let linear = Rc::new(prepared.linearise(terms, parameters)?);
+        let weights = Weights::of(prepared, terms, &linear, None);
+        Self::with(prepared, terms, linear, weights)
     }
 
-    /// As [`new`](Self::new), where the linearisation is there already.
-    pub(crate) fn at(
+    /// The problem at a linearisation, with the weights of noise alone.
+    pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
-        parameters: &[f64],
         linear: Rc<Linear>,
     ) -> Result<Self, Error> {
-        let weights = Weights::of(prepared, terms, &linear, None);
+        let weights = Weights::of_noise(prepared, terms, &linear);
+        Self::with(prepared, terms, linear, weights)
+    }
+
+    fn with(
+        prepared: &'a Prepared<'a>,
+        terms: &'a Terms<'a>,
+        linear: Rc<Linear>,
+        weights: Weights,
+    ) -> Result<Self, Error> {
         let rows = linear.groups().stand_moves.end;
-        let place = Place { parameters: parameters.to_vec(), linear: Rc::clone(&linear) };
+        let place = Place { parameters: linear.model.parameters(), linear: Rc::clone(&linear) };
         let (last, near) = (RefCell::new(place.clone()), RefCell::new(place));
         let mut joint = Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), last, near, rows };
         joint.let_biases_wander(&linear)?;
@@ -251,12 +135,6 @@ impl<'a> Joint<'a> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::of(self.prepared, self.terms, &linear, Some((found, &self.weights.scales)));
         self.let_biases_wander(&linear)
-    }
-
-    /// Takes the weights of noise alone.
-    pub(crate) fn weigh_by_noise(&mut self, linear: &Linear) -> Result<(), Error> {
-        self.weights = Weights::of_noise(self.prepared, self.terms, linear);
-        self.let_biases_wander(linear)
     }
 
     /// Raw units per SI unit of a sensor.
@@ -399,158 +277,5 @@ impl Residuals for Joint<'_> {
 
     fn count(&self) -> usize {
         self.rows
-    }
-}
-
-impl Prepared<'_> {
-    /// Residuals and derivatives at these parameters.
-    pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
-        let model = Model::of(parameters, terms)?;
-        let with_attitude = terms.needs(Need::Attitude);
-        let mut rests: Vec<Option<AtRest>> = (0..self.rests.len()).map(|_| None).collect();
-        let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
-        let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
-        let mut next_move = 0;
-        for k in (0..self.rests.len()).filter(|&k| self.used[k]) {
-            let mean = self.rests[k].rest.specific_force.mean;
-            let mut at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
-            if with_attitude && attitudes[k].is_none() {
-                attitudes[k] = Some(attitude::first(&at_rest.force.normalize()));
-                at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
-            }
-            while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
-                let ends = &self.ends[next_move];
-                let route = Route {
-                    recording: &self.recordings[m.recording],
-                    span: m,
-                    rotation_world_from_start: attitudes[k],
-                    with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
-                };
-                let pass = route.pass(&model, terms);
-                let direction =
-                    |rest: usize, end: &End| self.at_rest(rest, &end.raw, attitudes[k], &model, terms).direction();
-                let (before, after) = (direction(k, &ends[0]), direction(m.to, &ends[1]));
-                attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &pass.rotation, &after.up));
-                moves.push(AtMove { pass, before, after });
-                next_move += 1;
-            }
-            rests[k] = Some(at_rest);
-        }
-        Ok(self.lines(model, terms, &rests, moves))
-    }
-
-    /// The unit at a rest, `reading` being the mean of its accelerometer.
-    fn at_rest(
-        &self,
-        k: usize,
-        reading: &Vector3<f64>,
-        attitude: Option<UnitQuaternion<f64>>,
-        model: &Model,
-        terms: &Terms<'_>,
-    ) -> AtRest {
-        let UnitRest { recording, rest, .. } = &self.rests[k];
-        let seen = model.accelerometer.correct(*reading);
-        // Without effects nothing depends on them.
-        let moments =
-            if terms.count == 0 { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
-        let around: Vec<Surroundings<f64>> =
-            moments.into_iter().map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment }).collect();
-        let mut columns = vec![Vector3::zeros(); terms.count];
-        let (on_rate, force) =
-            terms.at_rest(&model.values, seen, &around, *recording, rest.first..rest.end, &mut columns);
-        let mut force_jacobian = vec![Vector3::zeros(); terms.total()];
-        let by_parameters = force_by_parameters(&model.accelerometer, &seen);
-        for p in ACCEL {
-            force_jacobian[p] = by_parameters.column(p).into_owned();
-        }
-        for (p, column) in columns.iter().enumerate() {
-            if terms.sensors[p] == Sensor::Accelerometer {
-                force_jacobian[BASE + p] = -column;
-            }
-        }
-        AtRest { force, force_jacobian, by_mean: *model.accelerometer.inverse(), on_rate, columns }
-    }
-
-    fn lines(&self, model: Model, terms: &Terms<'_>, rests: &[Option<AtRest>], moves: Vec<AtMove>) -> Linear {
-        let n = terms.total();
-        let mut directions = Vec::new();
-        let (mut lines, mut rates) = (Vec::new(), Vec::new());
-        let mut next_move = 0;
-        for (k, at_rest) in rests.iter().enumerate() {
-            let Some(at_rest) = at_rest else { continue };
-            let up = at_rest.force.normalize();
-            lines.push(Line {
-                residual: at_rest.force.norm() - self.gravity_mps2,
-                jacobian: at_rest.force_jacobian.iter().map(|column| up.dot(column)).collect(),
-                by_means: vec![(k, at_rest.by_mean.tr_mul(&up))],
-                source: Source::Norm(k),
-            });
-            while self.moves.get(next_move).is_some_and(|m| m.from == k) {
-                if !terms.kinds.in_motion && !terms.kinds.encoders {
-                    lines.extend(self.move_lines(next_move, &moves[next_move], rests));
-                }
-                next_move += 1;
-            }
-            directions.push((k, at_rest.direction()));
-            rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
-        }
-        Linear { model, lines, rates, moves: Rc::new(moves), directions, kinds: terms.kinds }
-    }
-
-    /// Components of the carried minus the measured direction, across the latter.
-    fn move_lines(&self, index: usize, at_move: &AtMove, rests: &[Option<AtRest>]) -> [Line; 2] {
-        let m = &self.moves[index];
-        let AtMove { pass, before, after } = at_move;
-        let carried = pass.rotation.tr_mul(&before.up);
-        let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
-        let residual = across * (carried - after.up);
-        let columns: Vec<_> = (0..before.jacobian.len())
-            .map(|p| {
-                let by_turn = pass.rotation.tr_mul(&before.up.cross(&pass.turn[p]));
-                across * (by_turn + pass.rotation.tr_mul(&before.jacobian[p]) - after.jacobian[p])
-            })
-            .collect();
-        let by_mean = |rest: usize, end: &End| -> Option<Matrix3<f64>> {
-            let at_rest = rests[rest].as_ref().filter(|_| end.steady)?;
-            let up = at_rest.force.normalize();
-            Some((Matrix3::identity() - up * up.transpose()) * at_rest.by_mean / at_rest.force.norm())
-        };
-        let [end_before, end_after] = &self.ends[index];
-        let from = by_mean(m.from, end_before).map(|by| (m.from, across * pass.rotation.transpose() * by));
-        let to = by_mean(m.to, end_after).map(|by| (m.to, -across * by));
-        [0, 1].map(|c| Line {
-            residual: residual[c],
-            jacobian: columns.iter().map(|column| column[c]).collect(),
-            by_means: from.iter().chain(&to).map(|(rest, by)| (*rest, by.row(c).transpose())).collect(),
-            source: Source::Move(index),
-        })
-    }
-
-    fn rate_lines(&self, k: usize, at_rest: &AtRest, model: &Model, n: usize, terms: &Terms<'_>) -> [Line; 3] {
-        let sensitivity = model.gyroscope.sensitivity();
-        let seen = self.rests[k].rest.angular_rate.mean;
-        let residual = seen - model.gyroscope.measure(at_rest.on_rate);
-        [0, 1, 2].map(|axis| {
-            let mut jacobian = vec![0.0; n];
-            jacobian[GYRO_BIAS.start + axis] = -1.0;
-            for j in 0..3 {
-                jacobian[GYRO_SENSITIVITY.start + 3 * axis + j] = -at_rest.on_rate[j];
-            }
-            for (p, column) in at_rest.columns.iter().enumerate() {
-                if terms.sensors[p] == Sensor::Gyroscope {
-                    jacobian[BASE + p] = -sensitivity.row(axis).transpose().dot(column);
-                }
-            }
-            Line { residual: residual[axis], jacobian, by_means: Vec::new(), source: Source::Norm(k) }
-        })
-    }
-}
-
-impl AtRest {
-    /// Direction of gravity and its derivatives.
-    fn direction(&self) -> EndDirection {
-        let up = self.force.normalize();
-        let across = (Matrix3::identity() - up * up.transpose()) / self.force.norm();
-        EndDirection { up, jacobian: self.force_jacobian.iter().map(|column| across * column).collect() }
     }
 }

@@ -5,8 +5,9 @@ use std::rc::Rc;
 use faer::Mat;
 use nalgebra::Matrix3;
 
+use super::linear::{AtMove, Linear, Source};
 use super::model::{BASE, Model};
-use super::problem::{AtMove, Joint, Linear, Source};
+use super::problem::Joint;
 use super::terms::Terms;
 use super::weights::Weights;
 use crate::error::Error;

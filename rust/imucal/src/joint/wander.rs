@@ -13,7 +13,8 @@ use std::f64::consts::PI;
 use faer::Mat;
 use imucal_core::effects::Sensor;
 
-use super::problem::{Joint, Linear};
+use super::linear::Linear;
+use super::problem::Joint;
 use crate::error::Error;
 use crate::recording::Recording;
 

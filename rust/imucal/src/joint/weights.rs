@@ -9,12 +9,12 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::encoders::{EncoderNoise, Encoders};
 use super::inside::InsideNoise;
+use super::linear::{Linear, Prepared, Source};
 use super::model::Model;
-use super::problem::{Linear, Prepared, Source};
 use super::terms::Terms;
 use super::whiten::{Shares, Whitening};
-use crate::lsq::{self, Solution};
-use crate::moves::{End, Move, random_walk_rad};
+use crate::lsq::{self, Solution, by_chance};
+use crate::moves::{End, Move, random_walk_rad, variance_per_axis};
 use crate::stats::median;
 
 /// No standard deviation is finer: a noise-free simulation has no scatter at all. Scales widen these, too: where a model does
@@ -175,9 +175,6 @@ fn excess_variance(seen: &[(f64, f64)], free: f64) -> f64 {
 
 /// The noise inside each move, in SI units.
 fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<InsideNoise> {
-    let squared = |inverse: &Matrix3<f64>, density: &Vector3<f64>| {
-        (inverse * Matrix3::from_diagonal(density)).norm_squared() / 3.0
-    };
     prepared
         .moves
         .iter()
@@ -188,8 +185,9 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
             InsideNoise {
                 start: before.own_variance + before.shared_variance + finest,
                 end: after.own_variance + after.shared_variance + finest,
-                walk: squared(model.gyroscope.inverse(), &noise.angular_rate) + finest / m.duration_s,
-                force: (squared(model.accelerometer.inverse(), &noise.specific_force) + FINEST_MPS2 * FINEST_MPS2)
+                walk: variance_per_axis(model.gyroscope.inverse(), &noise.angular_rate) + finest / m.duration_s,
+                force: (variance_per_axis(model.accelerometer.inverse(), &noise.specific_force)
+                    + FINEST_MPS2 * FINEST_MPS2)
                     * scales.inside
                     * scales.inside,
             }
@@ -256,9 +254,4 @@ fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(u
     }
     let reduced = scale * scale * rows.iter().map(|&row| residuals[(row, 0)].powi(2)).sum::<f64>() / free;
     if reduced > by_chance(free) { reduced.sqrt() } else { 1.0 }
-}
-
-/// The largest chi2 per degree of freedom that chance explains: three standard deviations.
-fn by_chance(free: f64) -> f64 {
-    1.0 + 3.0 * (2.0 / free).sqrt()
 }

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Gate:
-    """One aim: its words, what came out, and whether that is enough."""
+    """One aim: its words, what came out, whether that is enough, and of how many cases."""
 
     what: str
     aim: str
     found: str
     met: bool
+    of: int = 0

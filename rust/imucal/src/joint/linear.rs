@@ -1,0 +1,317 @@
+//! The residuals of the joint fit and their derivatives at given parameters.
+
+use std::ops::Range;
+use std::rc::Rc;
+
+use imucal_core::effects::{Need, Sensor, Surroundings};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::attitude;
+use super::encoders::{self, Encoders};
+use super::inside::{self, EndDirection};
+use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
+use super::pass::{Pass, Route};
+use super::terms::{Kinds, Terms};
+use super::wander::UnitWander;
+use crate::error::Error;
+use crate::moves::{Carried, End, Ends, Move, UnitRest};
+use crate::recording::Recording;
+use crate::segment::NoiseDensity;
+
+/// What the fit is made of.
+pub(crate) struct Prepared<'a> {
+    pub(crate) recordings: &'a [Recording<'a>],
+    pub(crate) rests: &'a [UnitRest],
+    /// Which rests take part.
+    pub(crate) used: &'a [bool],
+    pub(crate) moves: &'a [Move],
+    /// Before and after each move.
+    pub(crate) ends: &'a [[End; 2]],
+    pub(crate) noise: &'a [NoiseDensity],
+    pub(crate) gravity_mps2: f64,
+    /// How the biases wander, if that is known.
+    pub(crate) wander: Option<UnitWander>,
+    /// Where an effect of the encoders is to be estimated.
+    pub(crate) encoders: Option<Encoders>,
+}
+
+/// A rest at given parameters.
+pub(crate) struct AtRest {
+    pub(crate) force: Vector3<f64>,
+    /// Derivative of the force by every parameter.
+    force_jacobian: Vec<Vector3<f64>>,
+    /// Derivative of the force by the accelerometer's mean.
+    by_mean: Matrix3<f64>,
+    /// What the effects add to the rate, and their columns.
+    on_rate: Vector3<f64>,
+    columns: Vec<Vector3<f64>>,
+}
+
+/// A residual, its derivatives by the parameters and by the means of the rests.
+#[derive(Clone)]
+pub(crate) struct Line {
+    pub(crate) residual: f64,
+    pub(crate) jacobian: Vec<f64>,
+    pub(crate) by_means: Vec<(usize, Vector3<f64>)>,
+    pub(crate) source: Source,
+}
+
+impl Line {
+    /// Of the residual, for a small change of the parameters.
+    pub(super) fn change(&self, change: &[f64]) -> f64 {
+        self.jacobian.iter().zip(change).map(|(by, change)| by * change).sum()
+    }
+}
+
+/// What a line is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Source {
+    Norm(usize),
+    Move(usize),
+}
+
+/// One move at given parameters.
+pub(crate) struct AtMove {
+    pub(crate) pass: Pass,
+    pub(crate) before: EndDirection,
+    pub(crate) after: EndDirection,
+}
+
+/// All residuals at given parameters, not whitened.
+#[derive(Clone)]
+pub(crate) struct Linear {
+    pub(crate) model: Model,
+    pub(crate) lines: Vec<Line>,
+    /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
+    pub(crate) rates: Vec<(usize, [Line; 3])>,
+    pub(crate) moves: Rc<Vec<AtMove>>,
+    /// Direction of gravity at the rests that take part.
+    pub(super) directions: Vec<(usize, EndDirection)>,
+    kinds: Kinds,
+}
+
+/// Rows of the whitened residuals beyond the lines and the rates.
+pub(crate) struct Groups {
+    pub(crate) inside: Range<usize>,
+    pub(crate) stand_rests: Range<usize>,
+    pub(crate) stand_moves: Range<usize>,
+}
+
+impl Linear {
+    /// Index and direction of gravity of the rests that take part.
+    pub(crate) fn directions(&self) -> impl Iterator<Item = (usize, &Vector3<f64>)> {
+        self.directions.iter().map(|(k, direction)| (*k, &direction.up))
+    }
+
+    /// The residuals after a small change of the parameters; all else stays.
+    pub(super) fn moved(&self, change: &[f64], model: Model) -> Self {
+        let mut moved = Self { model, ..self.clone() };
+        for line in moved.lines.iter_mut().chain(moved.rates.iter_mut().flat_map(|(_, lines)| lines)) {
+            line.residual += line.change(change);
+        }
+        moved
+    }
+
+    pub(crate) fn groups(&self) -> Groups {
+        let start = self.lines.len() + 3 * self.rates.len();
+        let inside: usize =
+            if self.kinds.in_motion { self.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
+        let rests = if self.kinds.encoders { 2 * self.directions.len() } else { 0 };
+        let count = |m: &AtMove| encoders::count(&m.pass, !self.kinds.in_motion);
+        let moves: usize = if self.kinds.encoders { self.moves.iter().map(count).sum() } else { 0 };
+        let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
+        Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
+    }
+
+    /// The group that each row of the whitened residuals belongs to: norms, moves, rates x, y and z, inside the moves,
+    /// rests and moves against the stand.
+    pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
+        let groups = self.groups();
+        let lines = self.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
+        let rates = (0..3 * self.rates.len()).map(|row| 2 + row % 3);
+        let rest = [(INSIDE, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
+        let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
+        lines.chain(rates).chain(rest).collect()
+    }
+}
+
+/// The group of the residuals inside the moves.
+pub(crate) const INSIDE: usize = 5;
+
+impl Prepared<'_> {
+    /// Residuals and derivatives at these parameters.
+    pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
+        let model = Model::of(parameters, terms)?;
+        let with_attitude = terms.needs(Need::Attitude);
+        let mut rests: Vec<Option<AtRest>> = (0..self.rests.len()).map(|_| None).collect();
+        let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
+        let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
+        let mut next_move = 0;
+        for k in (0..self.rests.len()).filter(|&k| self.used[k]) {
+            let mean = self.rests[k].rest.specific_force.mean;
+            let mut at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
+            if with_attitude && attitudes[k].is_none() {
+                attitudes[k] = Some(attitude::first(&at_rest.force.normalize()));
+                at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
+            }
+            while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
+                let ends = &self.ends[next_move];
+                let route = Route {
+                    recording: &self.recordings[m.recording],
+                    span: m,
+                    rotation_world_from_start: attitudes[k],
+                    with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
+                };
+                let pass = route.pass(&model, terms);
+                let direction = |rest: usize, end: &End, at_end: bool| {
+                    let direction = self.at_rest(rest, &end.raw, attitudes[k], &model, terms).direction();
+                    self.carried(direction, rest, at_end, &model)
+                };
+                let (before, after) = (direction(k, &ends[0], true), direction(m.to, &ends[1], false));
+                attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &pass.rotation, &after.up));
+                moves.push(AtMove { pass, before, after });
+                next_move += 1;
+            }
+            rests[k] = Some(at_rest);
+        }
+        Ok(self.lines(model, terms, &rests, moves))
+    }
+
+    /// A direction at the last (`at_end`) or first sample of a rest, had its samples been carried there with the bias of the
+    /// model.
+    fn carried(&self, mut direction: EndDirection, rest: usize, at_end: bool, model: &Model) -> EndDirection {
+        if let Some(Carried { mean_s, bias }) = &self.rests[rest].carried {
+            let inverse = model.gyroscope.inverse() * if at_end { *mean_s } else { -mean_s };
+            direction.up += (inverse * (model.gyroscope.bias() - bias)).cross(&direction.up);
+            for axis in 0..3 {
+                direction.jacobian[GYRO_BIAS.start + axis] += inverse.column(axis).cross(&direction.up);
+            }
+        }
+        direction
+    }
+
+    /// The unit at a rest, `reading` being the mean of its accelerometer.
+    fn at_rest(
+        &self,
+        k: usize,
+        reading: &Vector3<f64>,
+        attitude: Option<UnitQuaternion<f64>>,
+        model: &Model,
+        terms: &Terms<'_>,
+    ) -> AtRest {
+        let UnitRest { recording, rest, .. } = &self.rests[k];
+        let seen = model.accelerometer.correct(*reading);
+        // Without effects nothing depends on them.
+        let moments =
+            if terms.count == 0 { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
+        let around: Vec<Surroundings<f64>> =
+            moments.into_iter().map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment }).collect();
+        let mut columns = vec![Vector3::zeros(); terms.count];
+        let (on_rate, force) =
+            terms.at_rest(&model.values, seen, &around, *recording, rest.first..rest.end, &mut columns);
+        let mut force_jacobian = vec![Vector3::zeros(); terms.total()];
+        let by_parameters = force_by_parameters(&model.accelerometer, &seen);
+        for p in ACCEL {
+            force_jacobian[p] = by_parameters.column(p).into_owned();
+        }
+        for (p, column) in columns.iter().enumerate() {
+            if terms.sensors[p] == Sensor::Accelerometer {
+                force_jacobian[BASE + p] = -column;
+            }
+        }
+        AtRest { force, force_jacobian, by_mean: *model.accelerometer.inverse(), on_rate, columns }
+    }
+
+    fn lines(&self, model: Model, terms: &Terms<'_>, rests: &[Option<AtRest>], moves: Vec<AtMove>) -> Linear {
+        let n = terms.total();
+        let mut directions = Vec::new();
+        let (mut lines, mut rates) = (Vec::new(), Vec::new());
+        let mut next_move = 0;
+        for (k, at_rest) in rests.iter().enumerate() {
+            let Some(at_rest) = at_rest else { continue };
+            let up = at_rest.force.normalize();
+            lines.push(Line {
+                residual: at_rest.force.norm() - self.gravity_mps2,
+                jacobian: at_rest.force_jacobian.iter().map(|column| up.dot(column)).collect(),
+                by_means: vec![(k, at_rest.by_mean.tr_mul(&up))],
+                source: Source::Norm(k),
+            });
+            while self.moves.get(next_move).is_some_and(|m| m.from == k) {
+                if !terms.kinds.in_motion && !terms.kinds.encoders {
+                    lines.extend(self.move_lines(next_move, &moves[next_move], rests));
+                }
+                next_move += 1;
+            }
+            directions.push((k, at_rest.direction()));
+            rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
+        }
+        Linear { model, lines, rates, moves: Rc::new(moves), directions, kinds: terms.kinds }
+    }
+
+    /// Components of the carried minus the measured direction, across the latter.
+    fn move_lines(&self, index: usize, at_move: &AtMove, rests: &[Option<AtRest>]) -> [Line; 2] {
+        let m = &self.moves[index];
+        let AtMove { pass, before, after } = at_move;
+        let carried = pass.rotation.tr_mul(&before.up);
+        let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
+        let residual = across * (carried - after.up);
+        let columns: Vec<_> = (0..before.jacobian.len())
+            .map(|p| {
+                let by_turn = pass.rotation.tr_mul(&before.up.cross(&pass.turn[p]));
+                across * (by_turn + pass.rotation.tr_mul(&before.jacobian[p]) - after.jacobian[p])
+            })
+            .collect();
+        let by_mean = |rest: usize, end: &End| -> Option<Matrix3<f64>> {
+            let at_rest = rests[rest].as_ref().filter(|_| end.steady)?;
+            let up = at_rest.force.normalize();
+            Some((Matrix3::identity() - up * up.transpose()) * at_rest.by_mean / at_rest.force.norm())
+        };
+        let [end_before, end_after] = &self.ends[index];
+        let from = by_mean(m.from, end_before).map(|by| (m.from, across * pass.rotation.transpose() * by));
+        let to = by_mean(m.to, end_after).map(|by| (m.to, -across * by));
+        [0, 1].map(|c| Line {
+            residual: residual[c],
+            jacobian: columns.iter().map(|column| column[c]).collect(),
+            by_means: from.iter().chain(&to).map(|(rest, by)| (*rest, by.row(c).transpose())).collect(),
+            source: Source::Move(index),
+        })
+    }
+
+    fn rate_lines(&self, k: usize, at_rest: &AtRest, model: &Model, n: usize, terms: &Terms<'_>) -> [Line; 3] {
+        let sensitivity = model.gyroscope.sensitivity();
+        let UnitRest { rest, carried, .. } = &self.rests[k];
+        let mut residual = rest.angular_rate.mean - model.gyroscope.measure(at_rest.on_rate);
+        let mut by_bias = -Matrix3::identity();
+        if let Some(Carried { mean_s, bias }) = carried {
+            // What the directions at both ends leave of the turn between them.
+            let up = at_rest.force.normalize();
+            let across = Matrix3::identity() - up * up.transpose();
+            let turned =
+                sensitivity * across * model.gyroscope.inverse() * (2.0 * mean_s / (rest.end_s - rest.start_s));
+            residual += turned * (model.gyroscope.bias() - bias);
+            by_bias += turned;
+        }
+        [0, 1, 2].map(|axis| {
+            let mut jacobian = vec![0.0; n];
+            for j in 0..3 {
+                jacobian[GYRO_BIAS.start + j] = by_bias[(axis, j)];
+                jacobian[GYRO_SENSITIVITY.start + 3 * axis + j] = -at_rest.on_rate[j];
+            }
+            for (p, column) in at_rest.columns.iter().enumerate() {
+                if terms.sensors[p] == Sensor::Gyroscope {
+                    jacobian[BASE + p] = -sensitivity.row(axis).transpose().dot(column);
+                }
+            }
+            Line { residual: residual[axis], jacobian, by_means: Vec::new(), source: Source::Norm(k) }
+        })
+    }
+}
+
+impl AtRest {
+    /// Direction of gravity and its derivatives.
+    fn direction(&self) -> EndDirection {
+        let up = self.force.normalize();
+        let across = (Matrix3::identity() - up * up.transpose()) / self.force.norm();
+        EndDirection { up, jacobian: self.force_jacobian.iter().map(|column| across * column).collect() }
+    }
+}
