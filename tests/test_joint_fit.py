@@ -1,5 +1,7 @@
 """The joint fit beside a SciPy program of the same equations, docs/model.md (17) to (19)."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
@@ -113,3 +115,39 @@ def test_scipy_finds_the_same_minimum_and_the_same_sigmas(seed):
     assert joint.fit["joint"]["degrees_of_freedom"] == len(found.fun) - 21
     # Another estimate is told apart.
     assert np.abs((packed(two_stages) - found.x) / std).max() > 0.3
+
+
+# --- a bias that wanders, no profile given ---
+
+
+def wandering(seed, bias_instability_degph):
+    """A run of the paper's unit whose gyroscope wanders by so much, and its calibration without a profile."""
+    unit = imucal.Unit.named("paper")
+    instability = np.radians(bias_instability_degph) / 3600.0
+    unit = replace(unit, gyroscope=replace(unit.gyroscope, bias_instability=instability))
+    run = imucal.simulate("random", seed=seed, unit=unit)
+    return run, imucal.calibrate(run.recording)
+
+
+def test_a_steady_bias_is_not_said_to_wander():
+    for seed in range(1, 6):
+        _, result = wandering(seed, 0.0)
+        assert result.fit["bias_instability_radps"] is None
+        assert not any("wanders" in note for note in result.notes)
+
+
+def test_a_large_bias_instability_is_seen_and_standard_deviations_are_true():
+    found, squares = [], []
+    for seed in range(1, 16):
+        run, result = wandering(seed, 60.0)
+        found.append(result.fit["bias_instability_radps"])
+        truth = np.array([parameter.value for parameter in run.truth.calibration.parameters])
+        estimate, sigma = np.array([(p.value, p.std) for p in result.calibration.parameters]).T
+        squares.append(((estimate - truth) / sigma)[12:] ** 2)
+        assert any("wanders" in note for note in result.notes) == (found[-1] is not None)
+    seen = np.degrees([b for b in found if b is not None]) * 3600.0
+    # 46 rests are some 40 degrees of freedom on each of three axes; one run in ten may look like white noise.
+    assert len(seen) >= 12
+    assert np.median(seen) == pytest.approx(60.0, rel=0.15)
+    # Nine parameters and fifteen runs: chi2 of 135 degrees of freedom, a band of 99.9 %.
+    assert 0.66 < np.mean(squares) < 1.45

@@ -265,6 +265,9 @@ def test_mpu9150_held_out_moves(data_file, unit, most_deg):
 def test_mpu9150_noise_explains_rests_and_moves(data_file, unit):
     result = imucal.calibrate(mpu9150(data_file, unit))
     assert result.calibration_set["chi2_per_dof"] < 2.0
+    # White noise and the wandering of the bias, both from this record; all of it, nothing being widened.
+    assert max(result.fit["bias_instability_radps"]) > 0.0
+    assert result.fit["noise_alone"]["chi2"] < 2.0 * result.fit["noise_alone"]["degrees_of_freedom"]
 
 
 def test_mpu9150_agrees_with_another_fit(data_file):

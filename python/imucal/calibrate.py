@@ -304,6 +304,8 @@ def _joint(outcome: _core.Outcome) -> dict[str, Any]:
     return {
         "joint": joint,
         "noise_alone": _misfit(outcome.misfit),
+        # Of the gyroscope, as the rates at the rests show it or as it was given; null where neither.
+        "bias_instability_radps": outcome.bias_instability_radps,
         # Of a hand, about each axis; null where the unit lies on something firm.
         "tremor_deg": [None if t is None else float(np.degrees(t)) for t in outcome.tremor_rad],
         "effects": effects,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -114,6 +115,13 @@ class CalibrationResult:
             notes.append(
                 f"noise alone does not explain these data: chi2 is {alone['chi2']:.4g} with "
                 f"{alone['degrees_of_freedom']} degrees of freedom; `imucal gap` looks for what is missing"
+            )
+        instability = self.fit.get("bias_instability_radps")
+        if instability is not None:
+            notes.append(
+                f"the gyroscope's bias wanders by {math.degrees(max(instability)) * 3600.0:.2g} deg/h (bias "
+                "instability): it is in the standard deviations, and the estimate is the mean "
+                "(docs/model.md (28))"
             )
         tremors = [tremor for tremor in self.fit.get("tremor_deg", ()) if tremor is not None]
         if tremors:

@@ -244,6 +244,7 @@ pub(crate) struct Outcome {
     joint_fit: Option<Py<FitReport>>,
     misfit: Option<Py<Misfit>>,
     joint_scales: Option<Py<ResidualScales>>,
+    bias_instability_radps: Option<[f64; 3]>,
     /// rad
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
@@ -289,6 +290,7 @@ impl Outcome {
             gyroscope_fit: Py::new(py, FitReport::from(o.gyroscope_fit))?,
             joint_fit: o.joint_fit.map(|fit| Py::new(py, FitReport::from(fit))).transpose()?,
             misfit: Misfit::new(py, o.misfit)?,
+            bias_instability_radps: o.bias_instability_radps,
             tremor_rad: o.tremor_rad,
             joint_scales: o.joint_scales.map(|scales| Py::new(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,

@@ -45,7 +45,7 @@ pub struct Options<'a> {
     /// Estimate all parameters at once; without it the accelerometer is fitted first and the gyroscope after, which
     /// effects exclude.
     pub joint: bool,
-    /// How the biases wander, which recordings of minutes hardly show; without it they are constant.
+    /// How the biases wander. Without it they are constant, or wander as far as the rates at the rests show.
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
@@ -124,7 +124,9 @@ pub(crate) fn prepare<T>(
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     let (joint, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options)?;
     let triads = [&joint.model.accelerometer, &joint.model.gyroscope];
-    data.prepared_for(&selection, triads, options, (kinds, true), |prepared| work(prepared, triads[0], triads[1]))
+    data.prepared_for(&selection, triads, options, (kinds, true, jointly::known(options)), |prepared| {
+        work(prepared, triads[0], triads[1])
+    })
 }
 
 /// How well moves are predicted that the gyroscope's fit has not seen.

@@ -21,6 +21,7 @@ mod outliers;
 mod pass;
 mod problem;
 mod report;
+mod scatter;
 mod terms;
 mod wander;
 mod weights;
@@ -43,6 +44,7 @@ pub(crate) use problem::Joint;
 pub(crate) use report::JointFit;
 pub use report::{ResidualScales, TermEstimate};
 pub(crate) use terms::{Kinds, Terms};
+pub(crate) use wander::Wander;
 pub use wander::{BiasWander, UnitWander};
 
 use faer::Mat;

@@ -7,7 +7,7 @@ use super::Options;
 use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, UnitData};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
-use crate::joint::{self, Encoders, Item, JointFit, Kinds, Misfits, Prepared, Terms};
+use crate::joint::{self, Encoders, Item, JointFit, Kinds, Misfits, Prepared, Terms, Wander};
 use crate::moves::{Ends, Move, Unusable, between};
 use crate::recording::Recording;
 
@@ -45,6 +45,11 @@ impl Selection {
     }
 }
 
+/// How the biases wander, as far as that is known beforehand.
+pub(super) fn known(options: &Options<'_>) -> Wander {
+    options.wander.map_or(Wander::Constant, Wander::Known)
+}
+
 impl UnitData<'_> {
     /// The joint fit of both triads and the effects that are asked for, and what it is made of.
     ///
@@ -68,7 +73,8 @@ impl UnitData<'_> {
         for _ in 1..MOST_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options)?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
-            let contradicts = self.prepared(&all, model, options, |prepared| {
+            // What contradicts must not make itself likely.
+            let contradicts = self.prepared(&all, model, options, known(options), |prepared| {
                 let known = is_of_all.then_some(&fit.linear);
                 joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
             })?;
@@ -108,7 +114,8 @@ impl UnitData<'_> {
         model: [&Triad<f64>; 2],
         options: &Options<'_>,
     ) -> Result<JointFit, Error> {
-        self.prepared(selection, model, options, |prepared| {
+        let wander = options.wander.map_or(Wander::Seen, Wander::Known);
+        self.prepared(selection, model, options, wander, |prepared| {
             joint::fit(prepared, &self.terms(options)?, model[0], model[1])
         })
     }
@@ -121,7 +128,10 @@ impl UnitData<'_> {
         model: [&Triad<f64>; 2],
         options: &Options<'_>,
     ) -> Result<Misfits, Error> {
-        self.prepared(selection, model, options, |prepared| Misfits::of(prepared, &self.terms(options)?, &fit.linear))
+        let wander = fit.wander.map_or(Wander::Constant, Wander::Known);
+        self.prepared(selection, model, options, wander, |prepared| {
+            Misfits::of(prepared, &self.terms(options)?, &fit.linear)
+        })
     }
 
     /// Directions and rotations of moves that a joint fit has not seen.
@@ -131,7 +141,8 @@ impl UnitData<'_> {
         unseen: &Selection,
         options: &Options<'_>,
     ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
-        self.prepared(unseen, [&fit.model.accelerometer, &fit.model.gyroscope], options, |prepared| {
+        let model = [&fit.model.accelerometer, &fit.model.gyroscope];
+        self.prepared(unseen, model, options, known(options), |prepared| {
             joint::predict(prepared, &self.terms(options)?, &fit.model)
         })
     }
@@ -146,24 +157,21 @@ impl UnitData<'_> {
         selection: &Selection,
         model: [&Triad<f64>; 2],
         options: &Options<'_>,
+        wander: Wander,
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
-        self.prepared_for(
-            selection,
-            model,
-            options,
-            (Kinds::needed_by(&options.effects), joint::may_drift(options)),
-            work,
-        )
+        let kinds = Kinds::needed_by(&options.effects);
+        self.prepared_for(selection, model, options, (kinds, joint::may_drift(options), wander), work)
     }
 
-    /// What a joint fit is made of. `kinds` are the residuals that it needs; `drifts` says whether a sensor at rest may drift.
+    /// What a joint fit is made of. `kinds` are the residuals that it needs; `drifts` says whether a sensor at rest may drift, `wander`
+    /// how biases do.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,
         [accelerometer, gyroscope]: [&Triad<f64>; 2],
         options: &Options<'_>,
-        (kinds, drifts): (Kinds, bool),
+        (kinds, drifts, wander): (Kinds, bool, Wander),
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         let directions = self.directions(accelerometer, gyroscope);
@@ -176,7 +184,7 @@ impl UnitData<'_> {
             ends: &ends,
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
-            wander: options.wander,
+            wander,
             encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
         })
     }

@@ -53,6 +53,9 @@ pub struct Outcome {
     pub misfit: Option<Misfit>,
     /// By how much the joint fit widens each kind of residual.
     pub joint_scales: Option<ResidualScales>,
+    /// Bias instability of the gyroscope that the joint fit takes into account, rad/s: as the rates at the rests show it, or as it
+    /// was given; `None` where neither.
+    pub bias_instability_radps: Option<[f64; 3]>,
     /// Standard deviation of the tremor of the hand that holds the unit, about each axis, rad, one entry for each recording;
     /// `None` for one on something firm. Only the joint fit looks for hands.
     pub tremor_rad: Vec<Option<f64>>,
@@ -100,6 +103,7 @@ impl Outcome {
             joint_fit: None,
             misfit: None,
             joint_scales: None,
+            bias_instability_radps: None,
             tremor_rad: vec![None; data.recordings.len()],
             figures,
             findings: data.findings,
@@ -168,6 +172,7 @@ impl Outcome {
             rests,
             moves,
             noise_density: noise_density(data.noise(), &calibration),
+            bias_instability_radps: joint.wander.map(|unit| unit.gyroscope.bias_instability),
             tremor_rad: data.tremor_rad(),
             thresholds: data.segments.into_iter().map(|segments| segments.threshold).collect(),
             accelerometer_fit: started_from[0],

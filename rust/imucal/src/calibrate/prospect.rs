@@ -97,7 +97,7 @@ impl UnitData<'_> {
             ends: &ends,
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
-            wander: options.wander,
+            wander: super::jointly::known(options),
             encoders: None,
         };
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();

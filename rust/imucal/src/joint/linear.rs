@@ -12,7 +12,7 @@ use super::inside::{self, EndDirection};
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, moments};
 use super::pass::{Pass, Route};
 use super::terms::{Kinds, Terms};
-use super::wander::UnitWander;
+use super::wander::Wander;
 use crate::error::Error;
 use crate::moves::{Carried, End, Ends, Move, UnitRest};
 use crate::recording::Recording;
@@ -29,8 +29,7 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
-    /// How the biases wander, if that is known.
-    pub(crate) wander: Option<UnitWander>,
+    pub(crate) wander: Wander,
     /// Where an effect of the encoders is to be estimated.
     pub(crate) encoders: Option<Encoders>,
 }

@@ -12,7 +12,7 @@ use super::inside;
 use super::linear::{Line, Linear, Prepared, Source};
 use super::model::{GYRO_BIAS, GYRO_SENSITIVITY, Model};
 use super::terms::{Kinds, Term, Terms};
-use super::wander::Wandering;
+use super::wander::{UnitWander, Wander, Wandering};
 use super::weights::Weights;
 use crate::error::Error;
 use crate::lsq::{Residuals, Solution};
@@ -75,10 +75,20 @@ impl<'a> Joint<'a> {
 
     fn let_biases_wander(&mut self, linear: &Linear) -> Result<(), Error> {
         self.wandering = None;
-        if let Some(unit) = &self.prepared.wander {
-            self.wandering = Some(Wandering::new(self, linear, unit)?);
+        if let Some(unit) = self.wander(&linear.model) {
+            self.wandering = Some(Wandering::new(self, linear, &unit)?);
         }
         Ok(())
+    }
+
+    /// How the biases wander, by what is known or seen; `None` if they do not.
+    pub(crate) fn wander(&self, model: &Model) -> Option<UnitWander> {
+        if let Wander::Known(unit) = self.prepared.wander {
+            return Some(unit);
+        }
+        let raw = self.raw_scale(Sensor::Gyroscope, &model.parameters());
+        let seen = self.weights.bias_instability;
+        (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
     }
 
     /// The linearisation at these parameters, or what the last one makes of them if it is near.

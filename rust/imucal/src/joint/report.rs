@@ -9,6 +9,7 @@ use super::linear::{AtMove, Linear, Source};
 use super::model::{BASE, Model};
 use super::problem::Joint;
 use super::terms::Terms;
+use super::wander::UnitWander;
 use super::weights::Weights;
 use crate::error::Error;
 use crate::lsq::{self, FitReport, Solution};
@@ -21,6 +22,8 @@ pub(crate) struct JointFit {
     pub(crate) covariance: Mat<f64>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
+    /// How the biases were taken to wander.
+    pub(crate) wander: Option<UnitWander>,
     /// Error of |f| at each rest and the standard deviation that noise explains, m/s^2; `None` for rests not used.
     pub(crate) norms: Vec<Option<(f64, f64)>>,
     /// Directions of gravity and rotation of each move.
@@ -110,7 +113,8 @@ impl JointFit {
             stand: scales.stand_rests.max(scales.stand_moves),
         };
         let moves = moves_of(&linear, &problem.weights);
-        Ok(Self { model: model.clone(), covariance, report, scales, norms, moves, terms: estimates, linear })
+        let wander = problem.wander(model);
+        Ok(Self { model: model.clone(), covariance, report, scales, wander, norms, moves, terms: estimates, linear })
     }
 }
 

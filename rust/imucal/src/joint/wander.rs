@@ -5,7 +5,7 @@
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! with the bias instability B and the random walk K of each axis: minutes of rests hardly show them, so they are given.
+//! with the bias instability B and the random walk K of each axis. Minutes of rests show a large B alone; else they are given.
 //! What is estimated then is the mean bias over the recording, and a move has the bias of the rests around it.
 
 use std::f64::consts::PI;
@@ -13,13 +13,23 @@ use std::f64::consts::PI;
 use faer::Mat;
 use imucal_core::effects::Sensor;
 
-use super::linear::Linear;
+use super::linear::{Linear, Prepared};
 use super::problem::Joint;
 use crate::error::Error;
 use crate::recording::Recording;
 
 /// More residuals have a covariance that takes too long to factor.
 const MOST_ROWS: usize = 6000;
+
+/// How the biases of a unit are taken to wander.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Wander {
+    /// They do not: what rests scatter they scatter one by one.
+    Constant,
+    /// As far as the rates at the rests show it, and it is likelier than a scatter one by one.
+    Seen,
+    Known(UnitWander),
+}
 
 /// How the biases of one sensor wander, x, y and z, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,6 +50,12 @@ pub struct UnitWander {
 }
 
 impl UnitWander {
+    /// A gyroscope with these bias instabilities, and nothing else.
+    pub(crate) fn of_gyroscope(bias_instability: [f64; 3]) -> Self {
+        let none = BiasWander { bias_instability: [0.0; 3], random_walk: [0.0; 3] };
+        Self { accelerometer: none, gyroscope: BiasWander { bias_instability, ..none } }
+    }
+
     /// # Errors
     /// [`Error::Input`] for a number that is negative or not finite.
     pub fn check(&self) -> Result<(), Error> {
@@ -82,6 +98,33 @@ impl BiasWander {
             self.covariance(axis, rests[i], rests[j]) - with_whole[i] - with_whole[j] + all
         })
     }
+}
+
+/// Covariance of the mean biases at the rests that take part, in their order, for a bias instability of one; `None` where there
+/// are too many.
+pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
+    let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
+    if rows(places.len(), prepared.moves.len()) > MOST_ROWS {
+        return None;
+    }
+    let unit = BiasWander { bias_instability: [1.0; 3], random_walk: [0.0; 3] };
+    let mut covariance = Mat::zeros(places.len(), places.len());
+    for (index, recording) in prepared.recordings.iter().enumerate() {
+        let (at, spans): (Vec<usize>, Vec<[f64; 2]>) = (places.iter().enumerate())
+            .filter(|(_, k)| prepared.rests[**k].recording == index)
+            .map(|(at, k)| (at, [prepared.rests[*k].rest.start_s, prepared.rests[*k].rest.end_s]))
+            .unzip();
+        let own = unit.of_rests(0, &spans, span(recording));
+        for (i, j) in (0..at.len()).flat_map(|i| (0..at.len()).map(move |j| (i, j))) {
+            covariance[(at[i], at[j])] = own[(i, j)];
+        }
+    }
+    Some(covariance)
+}
+
+/// A norm and three rates for each rest, and two lines for each move.
+fn rows(rests: usize, moves: usize) -> usize {
+    4 * rests + 2 * moves
 }
 
 /// Whitens the residuals of rests and moves once more, for what the wandering biases add to white noise.

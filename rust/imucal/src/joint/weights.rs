@@ -11,7 +11,9 @@ use super::encoders::{EncoderNoise, Encoders};
 use super::inside::InsideNoise;
 use super::linear::{Linear, Prepared, Source};
 use super::model::Model;
+use super::scatter::{Excess, Scatter};
 use super::terms::Terms;
+use super::wander::{self, Wander};
 use super::whiten::{Shares, Whitening};
 use crate::lsq::{self, Solution, by_chance};
 use crate::moves::{End, Move, random_walk_rad, variance_per_axis};
@@ -28,6 +30,8 @@ pub(crate) struct Weights {
     pub(crate) whitening: Whitening,
     /// Whitening of the mean rate at each rest, per raw unit: the inverse of the lower factor of its covariance.
     pub(crate) rates: Vec<Matrix3<f64>>,
+    /// Bias instability of the gyroscope that the rates show, raw units; zero where they do not or it is known.
+    pub(crate) bias_instability: [f64; 3],
     /// One for each move.
     pub(crate) inside: Vec<InsideNoise>,
     /// Standard deviation of the stand's direction of gravity against the measured one, rad, for each rest.
@@ -98,9 +102,11 @@ impl Weights {
                 line.by_means.iter().flat_map(|(rest, by)| share(prepared, *rest, by, scale)).collect()
             })
             .collect();
+        let (rates, bias_instability) = rate_whitenings(prepared, model, linear, [0, 1, 2].map(free));
         Self {
             whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
-            rates: rate_whitenings(prepared, model, linear, [0, 1, 2].map(free)),
+            rates,
+            bias_instability,
             inside: if terms.kinds.in_motion { inside_noise(prepared, model, &scales) } else { Vec::new() },
             stand_sigma_rad: stand_sigma_rad(prepared, &scales),
             encoders: encoder_noise(prepared, model, &scales, !terms.kinds.in_motion),
@@ -136,41 +142,50 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
     }
 }
 
-/// Whitening of the mean rates, with the scatter from rest to rest beyond their own noise (Paule and Mandel, J. Res. NBS 87,
-/// 1982, 377-385): with it, chi2 is what is free.
-fn rate_whitenings(prepared: &Prepared<'_>, model: &Model, linear: &Linear, free: [f64; 3]) -> Vec<Matrix3<f64>> {
+/// Whitening of the mean rates, with what they scatter from rest to rest beyond their own noise, and the bias instability where
+/// that is what they scatter by.
+fn rate_whitenings(
+    prepared: &Prepared<'_>,
+    model: &Model,
+    linear: &Linear,
+    free: [f64; 3],
+) -> (Vec<Matrix3<f64>>, [f64; 3]) {
     let finest = model.gyroscope.sensitivity().norm() / 3f64.sqrt() * FINEST_RADPS;
     let covariance = |k: usize| prepared.rests[k].rate_covariance + Matrix3::from_diagonal_element(finest * finest);
-    let between = Vector3::from_fn(|axis, _| {
-        let seen: Vec<(f64, f64)> = linear
-            .rates
-            .iter()
-            .map(|(k, lines)| (lines[axis].residual.powi(2), covariance(*k)[(axis, axis)]))
-            .collect();
-        excess_variance(&seen, free[axis])
+    let of_axis = |axis: usize| -> (Vec<f64>, Vec<f64>) {
+        linear.rates.iter().map(|(k, lines)| (lines[axis].residual, covariance(*k)[(axis, axis)])).unzip()
+    };
+    let axes = [0, 1, 2].map(of_axis);
+    let one_by_one = [0, 1, 2].map(|axis| {
+        let scatter = Scatter::from_rest_to_rest(&axes[axis].0, &axes[axis].1);
+        scatter.is_beyond_chance(free[axis]).then(|| scatter.excess(free[axis])).flatten()
     });
+    let (mut between, mut bias_instability) = (one_by_one.map(|e| e.map_or(0.0, |e| e.variance)), [0.0; 3]);
+    if prepared.wander == Wander::Seen
+        && one_by_one.iter().any(Option::is_some)
+        && let Some(flicker) = wander::flicker_of_rests(prepared)
+    {
+        // Where one axis wanders the others do, too, as far as they show it.
+        let wandering = [0, 1, 2].map(|axis| {
+            let (residuals, variances) = &axes[axis];
+            Scatter::with(residuals, variances, &flicker).and_then(|scatter| scatter.excess(free[axis]))
+        });
+        let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
+        let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
+        let [wanders, scatters] =
+            [&wandering, &one_by_one].map(|found| beyond.iter().map(|&axis| cost(axis, found)).sum::<f64>());
+        if wanders < scatters {
+            bias_instability = wandering.map(|e| e.map_or(0.0, |e| e.variance.sqrt()));
+            between = [0.0; 3];
+        }
+    }
     let mut whitenings = vec![Matrix3::zeros(); prepared.rests.len()];
     for (k, _) in &linear.rates {
-        let whole = covariance(*k) + Matrix3::from_diagonal(&between);
+        let whole = covariance(*k) + Matrix3::from_diagonal(&Vector3::from(between));
         let factor = whole.cholesky().map(|factor| factor.l());
         whitenings[*k] = factor.and_then(|l| l.solve_lower_triangular(&Matrix3::identity())).unwrap_or_default();
     }
-    whitenings
-}
-
-/// The variance that has to be added to each for the sum of `square / variance` to be `free`; zero if chance explains it.
-fn excess_variance(seen: &[(f64, f64)], free: f64) -> f64 {
-    let chi2 = |between: f64| seen.iter().map(|(square, variance)| square / (variance + between)).sum::<f64>();
-    if free <= 0.0 || chi2(0.0) <= free * by_chance(free) {
-        return 0.0;
-    }
-    let (mut low, mut high) = (0.0, seen.iter().map(|(square, _)| square).sum::<f64>() / free);
-    // Monotonic, and each step halves the interval: 60 leave nothing but rounding.
-    for _ in 0..60 {
-        let middle = (low + high) / 2.0;
-        if chi2(middle) > free { low = middle } else { high = middle }
-    }
-    high
+    (whitenings, bias_instability)
 }
 
 /// The noise inside each move, in SI units.

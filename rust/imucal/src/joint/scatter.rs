@@ -1,0 +1,115 @@
+//! How far the rates at the rests scatter beyond their noise (model.md (19)).
+//!
+//! ```text
+//! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
+//! ```
+//!
+//! for residuals r with noise N of their own: s C is the covariance that has to be added for chi2 to be what is free (Paule and
+//! Mandel, J. Res. NBS 87, 1982, 377-385). Of several C the likeliest is the one with the least `sum_i ln(1 + s lambda_i)`,
+//! since chi2 is the same.
+
+use faer::Mat;
+
+use crate::lsq::by_chance;
+
+/// Residuals of one axis, seen along the directions in which noise and another covariance do not mix.
+pub(super) struct Scatter {
+    squares: Vec<f64>,
+    lambda: Vec<f64>,
+}
+
+/// What scatters beyond noise and chance.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Excess {
+    /// The factor of its covariance.
+    pub(super) variance: f64,
+    /// Less is likelier.
+    pub(super) cost: f64,
+}
+
+impl Scatter {
+    /// The same variance at each rest, and nothing in common.
+    pub(super) fn from_rest_to_rest(residuals: &[f64], variances: &[f64]) -> Self {
+        let squares = residuals.iter().zip(variances).map(|(r, v)| r * r / v).collect();
+        Self { squares, lambda: variances.iter().map(|v| 1.0 / v).collect() }
+    }
+
+    /// Any covariance; `None` if it has no eigenvalues.
+    pub(super) fn with(residuals: &[f64], variances: &[f64], covariance: &Mat<f64>) -> Option<Self> {
+        let n = residuals.len();
+        let sigma: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
+        let white = Mat::from_fn(n, n, |i, j| covariance[(i, j)] / (sigma[i] * sigma[j]));
+        let eigen = white.self_adjoint_eigen(faer::Side::Lower).ok()?;
+        let z = eigen.U().transpose() * Mat::from_fn(n, 1, |i, _| residuals[i] / sigma[i]);
+        Some(Self {
+            squares: (0..n).map(|i| z[(i, 0)].powi(2)).collect(),
+            lambda: eigen.S().column_vector().iter().map(|l| l.max(0.0)).collect(),
+        })
+    }
+
+    fn chi2(&self, variance: f64) -> f64 {
+        self.squares.iter().zip(&self.lambda).map(|(square, lambda)| square / (1.0 + variance * lambda)).sum()
+    }
+
+    /// Whether residuals with this many degrees of freedom scatter by more than noise and chance explain.
+    pub(super) fn is_beyond_chance(&self, free: f64) -> bool {
+        free > 0.0 && self.chi2(0.0) > free * by_chance(free)
+    }
+
+    /// `None` if noise explains the scatter, or this covariance none of it.
+    pub(super) fn excess(&self, free: f64) -> Option<Excess> {
+        if free <= 0.0 || self.chi2(0.0) <= free {
+            return None;
+        }
+        let mut high = 1.0 / self.lambda.iter().copied().fold(0.0, f64::max);
+        while self.chi2(high) > free {
+            high *= 2.0;
+            if !high.is_finite() {
+                return None;
+            }
+        }
+        let mut low = 0.0;
+        // Monotonic, and each step halves the interval: 60 leave nothing but rounding.
+        for _ in 0..60 {
+            let middle = (low + high) / 2.0;
+            if self.chi2(middle) > free { low = middle } else { high = middle }
+        }
+        Some(Excess { variance: high, cost: self.lambda.iter().map(|lambda| (high * lambda).ln_1p()).sum() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RESIDUALS: [f64; 6] = [3.0, 2.0, 2.5, -1.5, -3.0, -2.0];
+
+    #[test]
+    fn chance_is_no_excess() {
+        let scatter = Scatter::from_rest_to_rest(&RESIDUALS, &[6.0; 6]);
+        assert!(
+            !scatter.is_beyond_chance(5.0) && Scatter::from_rest_to_rest(&RESIDUALS, &[0.1; 6]).is_beyond_chance(5.0)
+        );
+        assert!(scatter.excess(60.0).is_none());
+    }
+
+    #[test]
+    fn the_excess_leaves_chi2_at_what_is_free() {
+        let variances = [0.1, 0.2, 0.1, 0.2, 0.1, 0.2];
+        let excess = Scatter::from_rest_to_rest(&RESIDUALS, &variances).excess(5.0).unwrap();
+        let chi2: f64 = RESIDUALS.iter().zip(variances).map(|(r, v)| r * r / (v + excess.variance)).sum();
+        assert!((chi2 - 5.0).abs() < 1e-9, "{chi2}");
+    }
+
+    #[test]
+    fn a_covariance_that_residuals_follow_is_the_likelier_one() {
+        let walk = Mat::from_fn(6, 6, |i, j| 6.0 - 2.0 * i.abs_diff(j) as f64);
+        let variances = [0.01; 6];
+        let cost = |residuals: &[f64; 6]| {
+            let white = Scatter::from_rest_to_rest(residuals, &variances).excess(5.0).unwrap().cost;
+            Scatter::with(residuals, &variances, &walk).unwrap().excess(5.0).unwrap().cost - white
+        };
+        assert!(cost(&RESIDUALS) < 0.0);
+        assert!(cost(&[3.0, -3.0, 2.0, -2.5, 3.0, -2.5]) > 0.0);
+    }
+}
