@@ -11,7 +11,7 @@ import contextlib
 import io
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ import numpy as np
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.extra import library
+from imucal.io.remarks import damaged, remark
 from imucal.io.source import first_bytes, open_large, parsing
 from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
 from imucal.recording import Recording
@@ -63,16 +64,12 @@ def read_dataflash(
     if first_bytes(path, 2) != DATAFLASH_MAGIC:
         raise FormatError(f"{name} is not a dataflash log (it does not start with A3 95): check its format")
     reader = library("pymavlink.DFReader", "ardupilot", "ArduPilot logs")
-    noise = io.StringIO()
-    # pymavlink prints what it passes over.
-    with (
-        parsing(name, "dataflash", "download it from the flight controller again"),
-        contextlib.redirect_stdout(noise),
-        contextlib.redirect_stderr(noise),
-    ):
+    with parsing(name, "dataflash", "download it from the flight controller again"), _complaints() as printed:
         rows = _rows(name, reader.DFReader_binary(os.fspath(path)))
     kind, number = _choose(name, rows, topic, instance)
     findings = [_corrected(name)]
+    if printed.getvalue():
+        findings.append(damaged(name))
     if kind == "IMU":
         imu = rows["IMU", number]
         temperature = imu.temperature if len(imu.temperature) == len(imu.time_us) else None
@@ -86,6 +83,23 @@ def read_dataflash(
         f"GYR {number}", of_gyro, of_gyro.gyro, _temperature_at(of_gyro, rows.get(("IMU", number)))
     )
     return recording_from_streams(name, accel, gyro, [source], findings)
+
+
+@contextlib.contextmanager
+def _complaints() -> Iterator[io.StringIO]:
+    """What pymavlink prints, which is what it has to pass over."""
+    printed = io.StringIO()
+    # The fast indexer prints around sys.stdout.
+    before = os.environ.get("PYMAVLINK_FAST_INDEX")
+    os.environ["PYMAVLINK_FAST_INDEX"] = "0"
+    try:
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+            yield printed
+    finally:
+        if before is None:
+            del os.environ["PYMAVLINK_FAST_INDEX"]
+        else:
+            os.environ["PYMAVLINK_FAST_INDEX"] = before
 
 
 def _rows(name: str, log: Any) -> dict[tuple[str, int], Rows]:
@@ -165,16 +179,10 @@ def _temperature_at(rows: Rows, imu: Rows | None) -> Any:
 
 
 def _corrected(name: str) -> Finding:
-    return Finding(
-        code="already_corrected",
-        severity="warning",
-        recording=name,
-        columns=(),
-        place=None,
-        count=1,
-        value=1.0,
-        unit="1",
-        message="ArduPilot has applied its own calibration (INS_*) to what it logs",
-        way_out="a calibration of it comes on top of these parameters and does not replace them; set them to neutral "
+    return remark(
+        name,
+        "already_corrected",
+        "ArduPilot has applied its own calibration (INS_*) to what it logs",
+        "a calibration of it comes on top of these parameters and does not replace them; set them to neutral "
         "(offsets 0, scales 1) before recording for one that does",
     )

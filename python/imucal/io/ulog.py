@@ -7,6 +7,8 @@ sensors measured; sensor_combined is "scaled and offset-compensated": PX4 has ap
 
 from __future__ import annotations
 
+import contextlib
+import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +19,7 @@ import numpy as np
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.extra import library
+from imucal.io.remarks import damaged, remark
 from imucal.io.source import open_large, parsing
 from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
 from imucal.recording import Recording
@@ -55,10 +58,14 @@ def read_ulog(
     """
     source, name = open_large(path), Path(path).name
     pyulog = library("pyulog", "px4", "PX4 logs")
-    with parsing(name, "ULog", "download it from the flight controller again"):
+    # pyulog prints of damage, which the finding below says.
+    with (
+        parsing(name, "ULog", "download it from the flight controller again"),
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
         log = pyulog.ULog(os.fspath(path), ["sensor_accel", "sensor_gyro", "sensor_combined"])
     choice = _choose(name, log.data_list, topic, instance)
-    findings = [_damaged(name)] if log.file_corruption else []
+    findings = [damaged(name)] if log.file_corruption else []
     if choice.topic == "sensor_combined":
         accel, gyro = _combined(name, choice.datasets[0].data)
         findings.append(_corrected(name))
@@ -138,24 +145,11 @@ def _field(name: str, message: str, data: Any, field: str) -> Any:
     return data[field]
 
 
-def _finding(name: str, code: str, message: str, way_out: str) -> Finding:
-    return Finding(code, "warning", name, (), None, 1, 1.0, "1", message, way_out)
-
-
 def _corrected(name: str) -> Finding:
-    return _finding(
+    return remark(
         name,
         "already_corrected",
         "PX4 has applied its own calibration (CAL_*, TC_*) to sensor_combined",
-        "a calibration of it comes on top of these parameters and does not replace them; log sensor_accel and "
-        "sensor_gyro for one that does",
-    )
-
-
-def _damaged(name: str) -> Finding:
-    return _finding(
-        name,
-        "file_damaged",
-        "the log is damaged, what could not be read was left out",
-        "look for gaps in time, or download it again",
+        "a calibration of it comes on top of these parameters and does not replace them; log sensor_accel "
+        "and sensor_gyro for one that does",
     )
