@@ -44,7 +44,7 @@ def command():
 
 @pytest.fixture(scope="session")
 def known():
-    """What the tests of readers write: a unit at rest, 4 s at 100 Hz, in numbers that float32 holds exactly."""
+    """What tests of readers write: a unit at rest, 4 s at 100 Hz, in numbers that float32 holds exactly."""
     random, rows = np.random.default_rng(11), 400
     force = np.array([0.5, -0.25, 9.75]) + random.normal(scale=0.02, size=(rows, 3))
     rate = np.array([0.01, -0.02, 0.03]) + random.normal(scale=0.002, size=(rows, 3))

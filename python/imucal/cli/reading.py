@@ -39,8 +39,8 @@ class Reading:
         str | None,
         _option(
             "--columns",
-            "A name for every column, '-' to leave one out: accel_x_mps2,...,gyro_z_dps; or ours=theirs where the "
-            "file has names of its own.",
+            "A name for every column, '-' to leave one out: accel_x_mps2,...,gyro_z_dps; or ours=theirs "
+            "where the file has names of its own.",
         ),
     ] = None
     rate_hz: Annotated[float | None, _option("--rate-hz", "Sample rate, if there is no time column.")] = None

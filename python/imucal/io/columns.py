@@ -48,7 +48,8 @@ def mapping_of(columns: str | Sequence[str]) -> dict[str, str] | None:
 
     Raises InputError if only some have it, or a name is given twice.
     """
-    pairs = [tuple(part.strip() for part in name.partition("=")[::2]) for name in column_list(columns)]
+    split = [name.partition("=") for name in column_list(columns)]
+    pairs = [(ours.strip(), theirs.strip()) for ours, _, theirs in split]
     if not any(theirs for _, theirs in pairs):
         return None
     for ours, theirs in pairs:

@@ -1,8 +1,8 @@
 """ArduPilot dataflash logs (.bin): IMU, or ACC with GYR at the rate of the sensors.
 
-Units are those that the log itself declares, and ArduPilot's list of log messages (ardupilot.org, logmessages):
-m/s/s and rad/s in the body frame, front, right, down; degC; microseconds since the system's start. ArduPilot has
-applied its INS_* parameters to all of them.
+Units are those that the log itself declares, and ArduPilot's list of log messages (ardupilot.org,
+logmessages): m/s/s and rad/s in the body frame, front, right, down; degC; microseconds since the system's
+start. ArduPilot has applied its INS_* parameters to all of them.
 """
 
 from __future__ import annotations
@@ -147,8 +147,8 @@ def _choose(
     if not choices:
         found = ", ".join(f"{kind} {number}" for kind, number in rows)
         raise FormatError(
-            f"{name} holds neither IMU nor ACC with GYR; found of these: {found or 'none'}: set the IMU bit of "
-            "LOG_BITMASK, or INS_RAW_LOG_OPT, and record again"
+            f"{name} holds neither IMU nor ACC with GYR; found of these: {found or 'none'}: set the IMU bit "
+            "of LOG_BITMASK, or INS_RAW_LOG_OPT, and record again"
         )
     wanted = "ACC" if topic == "GYR" else topic
     fitting = [c for c in choices if wanted in (None, c[0]) and instance in (None, c[1])]

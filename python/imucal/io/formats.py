@@ -1,4 +1,4 @@
-"""The formats that are read: how, and all that the page of formats and `imucal convert --list` say of them."""
+"""The formats that are read, and all that `imucal convert --list` and its page say of them."""
 
 from __future__ import annotations
 
@@ -55,8 +55,8 @@ NAMED_UNITS = (
 NAMED_TIME = "time_s as it is; time_ms, time_us and time_ns counted from the first sample; or --rate-hz"
 NAMED_ARRAYS = "arrays by their names, see below"
 IMU_MESSAGES = (
-    "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics hold it, two as ACCEL,GYRO "
-    "if each sensor has its own"
+    "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics hold it, two as "
+    "ACCEL,GYRO if each sensor has its own"
 )
 ROS_UNITS = "m/s^2 and rad/s (sensor_msgs/Imu)"
 ROS_TIME = (
@@ -71,7 +71,8 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "canonical names in the first line, or --columns with ours=theirs",
-        "columns with canonical names, any other numbers as auxiliary inputs; --columns ours=theirs for other names",
+        "columns with canonical names, any other numbers as auxiliary inputs; --columns ours=theirs for "
+        "other names",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "rate_hz"),
@@ -96,7 +97,8 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "--columns",
-        "numbers separated by comma, semicolon, tab or spaces; lines that are not numbers at the top are left out",
+        "numbers separated by comma, semicolon, tab or spaces; lines that are not numbers at the top are "
+        "left out",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "rate_hz", "skip_rows"),
@@ -156,8 +158,8 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "px4",
         "content",
-        "sensor_accel with sensor_gyro, as measured, and their temperature; or sensor_combined, to which PX4 has applied "
-        "its own calibration, which a warning says",
+        "sensor_accel with sensor_gyro, as measured, and their temperature; or sensor_combined, to which "
+        "PX4 has applied its own calibration, which a warning says",
         "m/s^2, rad/s, degC (PX4's msg_docs of sensor_accel, sensor_gyro and sensor_combined)",
         f"timestamp_sample, else timestamp, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
@@ -169,8 +171,8 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "ardupilot",
         "content",
-        "IMU and its temperature, or ACC with GYR at the rate of the sensors; ArduPilot has applied its own calibration, "
-        "which a warning says",
+        "IMU and its temperature, or ACC with GYR at the rate of the sensors; ArduPilot has applied its "
+        "own calibration, which a warning says",
         "m/s/s, rad/s, degC (FMTU messages of the log, ArduPilot's list of log messages)",
         f"TimeUS of IMU, SampleUS of ACC and GYR, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),

@@ -7,11 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from imucal.io.extra import library
-from imucal.io.named_arrays import NamedArrays, recording_from_arrays, spread
+from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays, spread
 from imucal.io.source import open_large, parsing
 from imucal.recording import Recording
 
@@ -33,11 +30,9 @@ def read_hdf5(
     return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
 
 
-def hdf5_arrays(
-    h5py: Any, path: str | os.PathLike[str], separator: str, kind: str
-) -> dict[str, NDArray[np.generic]]:
+def hdf5_arrays(h5py: Any, path: str | os.PathLike[str], separator: str, kind: str) -> dict[str, Array]:
     """Every dataset of numbers under its path, compound ones by field."""
-    found: dict[str, NDArray[np.generic]] = {}
+    found: dict[str, Array] = {}
 
     def take(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiubV" and item.shape:

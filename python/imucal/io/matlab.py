@@ -8,11 +8,10 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from imucal.io.extra import library
 from imucal.io.hdf5 import hdf5_arrays
-from imucal.io.named_arrays import NamedArrays, recording_from_arrays
+from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays
 from imucal.io.source import first_bytes, open_large, parsing
 from imucal.recording import Recording
 
@@ -49,7 +48,7 @@ def read_matlab(
     return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
 
 
-def _flat(prefix: str, members: Mapping[str, Any]) -> list[tuple[str, NDArray[np.generic]]]:
+def _flat(prefix: str, members: Mapping[str, Any]) -> list[tuple[str, Array]]:
     found = []
     for name, value in members.items():
         if isinstance(value, Mapping):

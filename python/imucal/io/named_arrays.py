@@ -1,7 +1,7 @@
 """Arrays with names, as MATLAB, HDF5 and NumPy files hold them, on their way to a Recording.
 
-An array is found by its canonical name: a column (`time_s`, `accel_x_mps2`, `temp_degc`) or a whole triad of shape
-(N, 3) (`accel_mps2`, `gyro_radps`, `stand_rad`). Other names are given with `columns`:
+An array is found by its canonical name: a column (`time_s`, `accel_x_mps2`, `temp_degc`) or a whole triad of
+shape (N, 3) (`accel_mps2`, `gyro_radps`, `stand_rad`). Other names are given with `columns`:
 
     time_s=t,accel_mps2=imu/acc,gyro_dps=imu/gyr     ours=theirs, for arrays of other names
     time_s,accel_x_mps2,...,gyro_z_radps             a name for every column of one array of shape (N, k)
@@ -12,8 +12,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
-import numpy as np
 from numpy.typing import NDArray
 
 from imucal.errors import FormatError, InputError
@@ -22,7 +22,10 @@ from imucal.io.source import Table
 from imucal.io.vocabulary import AXES, NAMES, SKIP, TO_SI, is_canonical, recording_from_table
 from imucal.recording import Recording, Source
 
-__all__ = ["NamedArrays", "recording_from_arrays", "spread"]
+__all__ = ["Array", "NamedArrays", "recording_from_arrays", "spread"]
+
+# Of any type of elements, structured ones among them.
+Array: TypeAlias = NDArray[Any]
 
 MOST_SHOWN = 30
 
@@ -32,7 +35,7 @@ class NamedArrays:
     """What a file holds: path -> array; `separator` stands between the groups of a path."""
 
     file: str
-    by_path: dict[str, NDArray[np.generic]]
+    by_path: dict[str, Array]
     separator: str
 
     def listed(self) -> str:
@@ -41,16 +44,16 @@ class NamedArrays:
         more = f" and {len(shown) - MOST_SHOWN} more" if len(shown) > MOST_SHOWN else ""
         return (", ".join(shown[:MOST_SHOWN]) + more) if shown else "no arrays of numbers"
 
-    def groups(self) -> dict[str, dict[str, NDArray[np.generic]]]:
+    def groups(self) -> dict[str, dict[str, Array]]:
         """Group -> name -> array; the top is ''."""
-        groups: dict[str, dict[str, NDArray[np.generic]]] = {}
+        groups: dict[str, dict[str, Array]] = {}
         for path, array in self.by_path.items():
             group, _, name = path.rpartition(self.separator)
             groups.setdefault(group, {})[name] = array
         return groups
 
 
-def spread(path: str, array: NDArray[np.generic], separator: str) -> dict[str, NDArray[np.generic]]:
+def spread(path: str, array: Array, separator: str) -> dict[str, Array]:
     """An array under its path; a structured one as an array for each of its fields."""
     if array.dtype.names is None:
         return {path: array}
@@ -71,8 +74,8 @@ def recording_from_arrays(
     columns  names, see above; None takes the arrays with canonical names
     group    where the arrays are, if several groups hold a recording; paths in `columns` then start there
 
-    Raises FormatError if arrays are missing, not numbers or of unequal length, InputError if names do not fit; both
-    list what there is.
+    Raises FormatError if arrays are missing, not numbers or of unequal length, InputError if names do not
+    fit; both list what there is.
     """
     if group is not None:
         arrays = _within(arrays, group)
@@ -101,7 +104,7 @@ def _within(arrays: NamedArrays, group: str) -> NamedArrays:
     return NamedArrays(arrays.file, inside, arrays.separator)
 
 
-def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> dict[str, NDArray[np.generic]]:
+def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> dict[str, Array]:
     chosen = {}
     for ours, theirs in mapping.items():
         path = theirs.strip(arrays.separator)
@@ -111,7 +114,7 @@ def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> dict[str, NDArray[n
     return chosen
 
 
-def _split(arrays: NamedArrays, names: list[str]) -> dict[str, NDArray[np.generic]]:
+def _split(arrays: NamedArrays, names: list[str]) -> dict[str, Array]:
     """The columns of the one array that has as many."""
     fitting = [
         path for path, array in arrays.by_path.items() if array.ndim == 2 and len(names) in array.shape
@@ -119,15 +122,15 @@ def _split(arrays: NamedArrays, names: list[str]) -> dict[str, NDArray[np.generi
     if len(fitting) != 1:
         what = "no array has" if not fitting else f"{len(fitting)} arrays ({', '.join(fitting)}) have"
         raise InputError(
-            f"{arrays.file}: {len(names)} columns are named, {what} as many; found: {arrays.listed()}. Name every "
-            "column ('-' for one to leave out), or the array (group=..., --group)"
+            f"{arrays.file}: {len(names)} columns are named, {what} as many; found: {arrays.listed()}. Name "
+            "every column ('-' for one to leave out), or the array (group=..., --group)"
         )
     array = arrays.by_path[fitting[0]]
     rows = array if array.shape[1] == len(names) else array.T
     return {name: rows[:, i] for i, name in enumerate(names) if name not in SKIP}
 
 
-def _canonical(arrays: NamedArrays) -> dict[str, NDArray[np.generic]]:
+def _canonical(arrays: NamedArrays) -> dict[str, Array]:
     groups = {
         group: members
         for group, members in arrays.groups().items()
@@ -135,13 +138,14 @@ def _canonical(arrays: NamedArrays) -> dict[str, NDArray[np.generic]]:
     }
     if not groups:
         raise FormatError(
-            f"{arrays.file}: no arrays with names like accel_mps2 and gyro_radps (or accel_x_mps2, ...); found: "
-            f"{arrays.listed()}. Name them (--columns time_s=NAME,accel_mps2=NAME,gyro_radps=NAME): {NAMES}"
+            f"{arrays.file}: no arrays with names like accel_mps2 and gyro_radps (or accel_x_mps2, ...); "
+            f"found: {arrays.listed()}. Name them (--columns time_s=NAME,accel_mps2=NAME,gyro_radps=NAME): "
+            f"{NAMES}"
         )
     if len(groups) > 1:
-        known = ", ".join(name or "(top)" for name in groups)
+        listed = ", ".join(name or "(top)" for name in groups)
         raise InputError(
-            f"{arrays.file}: {len(groups)} groups hold a recording: {known}: choose one (group=..., --group)"
+            f"{arrays.file}: {len(groups)} groups hold a recording: {listed}: choose one (group=..., --group)"
         )
     members = next(iter(groups.values()))
     known = {name: array for name, array in members.items() if is_canonical(name) or _triad_of(name)}
@@ -156,12 +160,12 @@ def _canonical(arrays: NamedArrays) -> dict[str, NDArray[np.generic]]:
 
 
 def _triad_of(name: str) -> str | None:
-    """accel for accel_x_mps2 and accel_mps2; None if the name is of no triad."""
+    """The triad, accel for accel_x_mps2 and accel_mps2; None if the name is of no triad."""
     triad, _, unit = re.sub(r"_[xyz123]_", "_", name, count=1).partition("_")
     return triad if unit in TO_SI.get(triad, {}) else None
 
 
-def _columns(file: str, name: str, array: NDArray[np.generic]) -> list[tuple[str, NDArray[np.generic]]]:
+def _columns(file: str, name: str, array: Array) -> list[tuple[str, Array]]:
     """An array as columns: a triad as three, anything else as one."""
     if array.dtype.kind not in "fiub":
         raise FormatError(
@@ -183,15 +187,15 @@ def _columns(file: str, name: str, array: NDArray[np.generic]) -> list[tuple[str
     return [(name, flat)]
 
 
-def _table(file: str, columns: list[tuple[str, NDArray[np.generic]]]) -> Table:
+def _table(file: str, columns: list[tuple[str, Array]]) -> Table:
     import pyarrow as pa
 
     shortest = min(columns, key=lambda column: len(column[1]))
     longest = max(columns, key=lambda column: len(column[1]))
     if len(shortest[1]) != len(longest[1]):
         raise FormatError(
-            f"{file}: {shortest[0]} has {len(shortest[1])} samples but {longest[0]} has {len(longest[1])}: all columns "
-            "need one row per sample; save them at common time stamps"
+            f"{file}: {shortest[0]} has {len(shortest[1])} samples but {longest[0]} has {len(longest[1])}: "
+            "all columns need one row per sample; save them at common time stamps"
         )
     # Arrow takes numbers in the machine's own byte order alone.
     native = [column.astype(column.dtype.newbyteorder("=")) for _, column in columns]

@@ -23,7 +23,10 @@ def read_numpy(
     group: str | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """Read a .npy or .npz file; see `named_arrays` for names, groups and columns. Pickled objects are refused."""
+    """Read a .npy or .npz file; pickled objects are refused.
+
+    See `named_arrays` for names, groups and columns.
+    """
     source, name = open_large(path), Path(path).name
     with parsing(name, "NumPy", "save plain arrays of numbers again (numpy.savez)"):
         loaded = np.load(os.fspath(path), allow_pickle=False)
@@ -33,8 +36,8 @@ def read_numpy(
         by_path.update(spread(key, array, "/"))
     if "" in by_path and columns is None:
         raise FormatError(
-            f"{name} holds one array of shape {by_path[''].shape} without names: name every column (columns=..., "
-            "--columns time_s,accel_x_mps2,...,gyro_z_radps)"
+            f"{name} holds one array of shape {by_path[''].shape} without names: name every column "
+            "(columns=..., --columns time_s,accel_x_mps2,...,gyro_z_radps)"
         )
     arrays = NamedArrays(name, by_path, "/")
     return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)

@@ -1,8 +1,8 @@
 """sensor_msgs/Imu in ROS 1 bags, ROS 2 bags (sqlite3 and MCAP storage) and MCAP files.
 
-The message's definition (docs.ros.org, sensor_msgs/Imu) has m/s^2 and rad/s, and -1 as the first element of a
-covariance for "not measured". Its `header.stamp` is when the sample was taken; when the bag received it is another
-matter, and taken on request alone.
+The message's definition (docs.ros.org, sensor_msgs/Imu) has m/s^2 and rad/s, and -1 as the first element of
+a covariance for "not measured". Its `header.stamp` is when the sample was taken; when the bag received it is
+another matter, and taken on request alone.
 """
 
 from __future__ import annotations
@@ -107,7 +107,8 @@ def _topics(name: str, given: str | None, types: dict[str, str], counts: dict[st
                 raise InputError(f"{name}: there is no topic {topic!r}; topics of {IMU}: {listed or 'none'}")
             if types[topic] != IMU:
                 raise InputError(
-                    f"{name}: the topic {topic} holds {types[topic]}, {IMU} is needed: {listed or 'there is none'}"
+                    f"{name}: the topic {topic} holds {types[topic]}, {IMU} is needed: "
+                    f"{listed or 'there is none'}"
                 )
         if len(wanted) > 2:
             raise InputError(f"{name}: {len(wanted)} topics are given: give one, or two as ACCEL,GYRO")
@@ -115,13 +116,13 @@ def _topics(name: str, given: str | None, types: dict[str, str], counts: dict[st
     if not imus:
         others = ", ".join(f"{topic} ({kind})" for topic, kind in types.items())
         raise FormatError(
-            f"{name}: no topic holds {IMU}; found: {others or 'no topics'}: record the topic of the IMU's driver, "
-            "or convert its messages to this type"
+            f"{name}: no topic holds {IMU}; found: {others or 'no topics'}: record the topic of the IMU's "
+            "driver, or convert its messages to this type"
         )
     if len(imus) > 1:
         raise InputError(
-            f"{name}: {len(imus)} topics hold {IMU}: {listed}: choose one (topic=..., --topic), or two as ACCEL,GYRO "
-            "if each sensor has its own"
+            f"{name}: {len(imus)} topics hold {IMU}: {listed}: choose one (topic=..., --topic), or two as "
+            "ACCEL,GYRO if each sensor has its own"
         )
     return imus
 
@@ -164,13 +165,13 @@ def _decoders() -> dict[str, Any]:
 def _stream(name: str, topic: str, sensor: str, samples: Samples) -> Stream:
     if sensor in samples.absent:
         raise FormatError(
-            f"{name}: {topic} says that its {FIELDS[sensor]} is not measured (covariance -1): give both topics, "
-            "--topic ACCEL,GYRO, if each sensor has its own"
+            f"{name}: {topic} says that its {FIELDS[sensor]} is not measured (covariance -1): give both "
+            "topics, --topic ACCEL,GYRO, if each sensor has its own"
         )
     if samples.stamp_ns and not any(samples.stamp_ns):
         raise FormatError(
-            f"{name}: header.stamp of {topic} is 0 in all messages, the driver does not set it: take the bag's own "
-            "time stamps, with their jitter (receive_time=True, --receive-time)"
+            f"{name}: header.stamp of {topic} is 0 in all messages, the driver does not set it: take the "
+            "bag's own time stamps, with their jitter (receive_time=True, --receive-time)"
         )
     values = np.array(getattr(samples, sensor), dtype=np.float64).reshape(-1, 3)
     return Stream(topic, np.array(samples.stamp_ns, dtype=np.int64), values)

@@ -1,10 +1,11 @@
 """Accelerometer and gyroscope that come with time stamps of their own, brought onto one clock.
 
 1. With equal stamps nothing is changed.
-2. Otherwise the slower sensor is the clock, the gyroscope if both have the same rate: a rate is integrated, and
-   its samples are better left alone.
-3. At the same rate the other sensor is interpolated between its two neighbouring samples; a faster one is averaged
-   over one interval of the clock, centred at the stamp, which keeps the angle that a gyroscope turned through.
+2. Otherwise the slower sensor is the clock, the gyroscope if both have the same rate: its samples are
+   integrated, and better left alone.
+3. At the same rate the other sensor is interpolated between its two neighbouring samples; a faster one is
+   averaged over one interval of the clock, centred at the stamp, which keeps the angle that a gyroscope
+   turned through.
 4. Nothing is invented: samples of the clock before, after and in the gaps of the other sensor are left out.
 
 What was done is a finding of the recording.
@@ -89,6 +90,7 @@ def recording_from_streams(
             f"{file}: {accel.name} and {gyro.name} were hardly recorded at the same time "
             f"({len(kept.time_ns)} samples): check their time stamps, or record both together"
         )
+    noise_left = _noise_left(clock, other, is_averaged)
     finding = Finding(
         code="resampled",
         severity="warning",
@@ -101,14 +103,13 @@ def recording_from_streams(
         message=(
             f"{other.name} ({median_rate_hz(other.time_ns):.6g} Hz) was "
             + ("averaged over the intervals" if is_averaged else "interpolated to the time stamps")
-            + f" of {clock.name} ({median_rate_hz(clock.time_ns):.6g} Hz); {left_out} samples that only one of "
-            f"them covers were left out, and its white noise per sample is {_noise_left(clock, other, is_averaged):.2g} "
-            "of what it was"
+            + f" of {clock.name} ({median_rate_hz(clock.time_ns):.6g} Hz); {left_out} samples that only one "
+            f"of them covers were left out, and its white noise per sample is {noise_left:.2g} of what it was"
         ),
         way_out="to calibrate what was measured, record both sensors at the same instants"
         if is_averaged
-        else "neighbouring samples share noise, so expect its standard deviations too small by as much, or record "
-        "both sensors at the same instants",
+        else "neighbouring samples share noise, so expect its standard deviations too small by as much, or "
+        "record both sensors at the same instants",
     )
     both = (moved, kept) if clock is gyro else (kept, moved)
     return _recording(file, *both, sources, [*findings, finding])
@@ -141,15 +142,15 @@ def _resampleable(file: str, stream: Stream) -> Stream:
         row = int(bad[0])
         raise FormatError(
             f"{file}: the time stamps of {stream.name} do not increase at {len(bad)} samples, first after "
-            f"{(once.time_ns[row] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto one clock; "
-            "record again, or cut the part out"
+            f"{(once.time_ns[row] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto one "
+            "clock; record again, or cut the part out"
         )
     bad = np.flatnonzero(~np.isfinite(once.values).all(axis=1))
     if len(bad):
         raise FormatError(
             f"{file}: {stream.name} has {len(bad)} samples that are not finite numbers, first at "
-            f"{(once.time_ns[bad[0]] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto one clock; "
-            "record again, or cut the part out"
+            f"{(once.time_ns[bad[0]] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto "
+            "one clock; record again, or cut the part out"
         )
     if len(once.time_ns) < 2:
         raise FormatError(f"{file}: {stream.name} holds a single sample: record it, or choose another")

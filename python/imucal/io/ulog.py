@@ -1,8 +1,9 @@
 """PX4 ULog: sensor_accel with sensor_gyro, or sensor_combined.
 
-Units and frames are those of PX4's message definitions (docs.px4.io, msg_docs): m/s^2 and rad/s in the board's
-frame, front, right, down; degC; microseconds since the system's start. sensor_accel and sensor_gyro hold what the
-sensors measured; sensor_combined is "scaled and offset-compensated": PX4 has applied its CAL_* parameters to it.
+Units and frames are those of PX4's message definitions (docs.px4.io, msg_docs): m/s^2 and rad/s in the
+board's frame, front, right, down; degC; microseconds since the system's start. sensor_accel and sensor_gyro
+hold what the sensors measured; sensor_combined is "scaled and offset-compensated": PX4 has applied its CAL_*
+parameters to it.
 """
 
 from __future__ import annotations
@@ -85,8 +86,8 @@ def _choose(name: str, datasets: list[Any], topic: str | None, instance: int | N
     if not choices:
         found = ", ".join(f"{message} {number}" for message, number in by_key)
         raise FormatError(
-            f"{name} holds neither {NEEDED}; found of these: {found or 'none'}: log them (SDLOG_PROFILE, or a file "
-            "logger_topics.txt on the card)"
+            f"{name} holds neither {NEEDED}; found of these: {found or 'none'}: log them (SDLOG_PROFILE, or "
+            "a file logger_topics.txt on the card)"
         )
     # Either name of the pair is meant as the pair.
     wanted = "sensor_accel" if topic == "sensor_gyro" else topic
@@ -139,8 +140,8 @@ def _combined(name: str, data: Any) -> tuple[Stream, Stream]:
 def _field(name: str, message: str, data: Any, field: str) -> Any:
     if field not in data:
         raise FormatError(
-            f"{name}: {message} has no field {field}; found: {', '.join(data)}: it is of a PX4 version that is not "
-            "known, convert it by other means"
+            f"{name}: {message} has no field {field}; found: {', '.join(data)}: it is of a PX4 version that "
+            "is not known, convert it by other means"
         )
     return data[field]
 
