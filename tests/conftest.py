@@ -44,13 +44,13 @@ def command():
 
 @pytest.fixture(scope="session")
 def known():
-    """What tests of readers write: a unit at rest, 4 s at 100 Hz, in numbers that float32 holds exactly."""
+    """What tests of readers write: a unit at rest, 8 s at 50 Hz, in numbers that float32 holds exactly."""
     random, rows = np.random.default_rng(11), 400
     force = np.array([0.5, -0.25, 9.75]) + random.normal(scale=0.02, size=(rows, 3))
     rate = np.array([0.01, -0.02, 0.03]) + random.normal(scale=0.002, size=(rows, 3))
     return SimpleNamespace(
         time_ns=1_700_000_000_123_456_000
-        + np.arange(rows) * 10_000_000
+        + np.arange(rows) * 20_000_000
         + random.integers(0, 1000, rows) * 1000,
         accel=force.astype(np.float32).astype(np.float64),
         gyro=rate.astype(np.float32).astype(np.float64),

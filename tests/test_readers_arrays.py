@@ -1,5 +1,7 @@
 """Arrays with names: MATLAB, HDF5, NumPy and Parquet files, each written by its own library."""
 
+import zipfile
+
 import h5py
 import numpy as np
 import pyarrow as pa
@@ -202,13 +204,25 @@ def test_pickled_objects_are_refused(tmp_path):
         imucal.read(tmp_path / "objects.npy")
 
 
+def test_archive_without_arrays_and_array_without_dimension(tmp_path, known):
+    with zipfile.ZipFile(tmp_path / "sheet.xlsx", "w") as archive:
+        archive.writestr("sheet.xml", "<sheet/>")
+    with pytest.raises(imucal.FormatError, match=r"sheet.xlsx: no arrays .* found: no arrays of numbers"):
+        imucal.read(tmp_path / "sheet.xlsx")
+    np.savez(tmp_path / "run.npz", rate=50.0, **canonical(known))
+    assert_is(imucal.read(tmp_path / "run.npz"), known)
+    np.savez(tmp_path / "run.npz", **bad(known, temp_degc=np.array(20.0)))
+    with pytest.raises(imucal.FormatError, match=r"temp_degc has the shape \(\), \(N,\) is needed"):
+        imucal.read(tmp_path / "run.npz")
+
+
 def test_columns_of_a_csv_with_other_names(tmp_path, example_of):
     (tmp_path / "other.csv").write_text(
         "t,ax,ay,az,gx,gy,gz,note\n"
-        + "".join(f"{10 * i},0,0,{1 + i % 2 / 500},1,{i % 3 / 10},3,a\n" for i in range(300))
+        + "".join(f"{10 * i},0,0,{1 + i % 2 / 500},1,{i % 3 / 10},3,a\n" for i in range(600))
     )
     recording = example_of("csv")
-    np.testing.assert_array_equal(recording.time_s, np.arange(300) * 10 / 1e3)
+    np.testing.assert_array_equal(recording.time_s, np.arange(600) * 10 / 1e3)
     np.testing.assert_array_equal(recording.specific_force[0], [0, 0, 9.80665])
     np.testing.assert_allclose(recording.angular_rate[1], np.radians([1, 0.1, 3]), rtol=3e-16)
     with pytest.raises(imucal.InputError, match=r"no column 'nil'; found: t, ax"):

@@ -1,6 +1,7 @@
 """Logs of PX4 and ArduPilot, each encoded by its own library: pyulog and pymavlink."""
 
 import io
+import json
 import struct
 
 import numpy as np
@@ -330,3 +331,13 @@ def test_examples_run_as_printed(tmp_path, known, example_of):
     dataflash(tmp_path / "flight.bin", ["IMU"], [*imu(known), *imu(known, 1)])
     for format in ("ulog", "dataflash"):
         assert_is(example_of(format), known)
+
+
+def test_convert_says_what_a_file_cannot_keep(tmp_path, known, command):
+    path = tmp_path / "flight.ulg"
+    ulog(path, combined(microseconds(known), known.accel, known.gyro, [0] * 400))
+    done = command("convert", path, "-o", tmp_path / "rec.csv", "--json", tmp_path / "rec.json")
+    assert "warning: flight.ulg: PX4 has applied its own calibration" in done.stdout
+    document = json.loads((tmp_path / "rec.json").read_text())
+    assert [finding["code"] for finding in document["findings"]] == ["already_corrected"]
+    assert document["samples"] == 400

@@ -184,5 +184,5 @@ def _corrected(name: str) -> Finding:
         "already_corrected",
         "ArduPilot has applied its own calibration (INS_*) to what it logs",
         "a calibration of it comes on top of these parameters and does not replace them; set them to neutral "
-        "(offsets 0, scales 1) before recording for one that does",
+        "(offsets 0, scales 1, INS_GYR_CAL 0) before recording for one that does",
     )

@@ -31,11 +31,11 @@ def read_hdf5(
 
 
 def hdf5_arrays(h5py: Any, path: str | os.PathLike[str], separator: str, kind: str) -> dict[str, Array]:
-    """Every dataset of numbers under its path, compound ones by field."""
+    """Every table and vector of numbers under its path, compound ones by field; images are not loaded."""
     found: dict[str, Array] = {}
 
     def take(name: str, item: Any) -> None:
-        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiubV" and item.shape:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind in "fiubV" and item.ndim in (1, 2):
             found.update(spread(name.replace("/", separator), item[()], separator))
 
     with parsing(Path(path).name, kind, "write it again"), h5py.File(os.fspath(path), "r") as file:

@@ -31,6 +31,8 @@ def read_numpy(
     with parsing(name, "NumPy", "save plain arrays of numbers again (numpy.savez)"):
         loaded = np.load(os.fspath(path), allow_pickle=False)
         members = {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
+    # Any archive opens as a .npz, and what is no array in it comes as bytes.
+    members = {key: member for key, member in members.items() if isinstance(member, np.ndarray)}
     by_path = {}
     for key, array in members.items():
         by_path.update(spread(key, array, "/"))
