@@ -61,9 +61,7 @@ def test_page_names_every_format_extra_and_option():
 )
 def test_text_under_the_name_of_another_format(tmp_path, name, format, message):
     (tmp_path / name).write_text("t,ax,ay\n1,2,3\n" * 100)
-    with pytest.raises(
-        imucal.FormatError, match=f"{name} .*{message}"
-    ):
+    with pytest.raises(imucal.FormatError, match=f"{name} .*{message}"):
         imucal.read(tmp_path / name)
     with pytest.raises(imucal.FormatError, match=name):
         imucal.read(tmp_path / name, format=format)

@@ -130,6 +130,8 @@ def test_one_array_with_a_name_for_every_column(tmp_path, known, is_transposed):
         imucal.read(tmp_path / "rows.npy")
     with pytest.raises(imucal.InputError, match=r"6 columns are named, no array has as many"):
         imucal.read(tmp_path / "rows.npy", columns=names.removesuffix(",-"))
+    with pytest.raises(imucal.FormatError, match=r"accel_x_mps2 is given twice"):
+        imucal.read(tmp_path / "rows.npy", columns=names.removesuffix("-") + "accel_x_mps2", rate_hz=100)
 
 
 def test_examples_run_as_printed(tmp_path, known, example_of):

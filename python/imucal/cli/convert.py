@@ -26,7 +26,8 @@ def _print_formats(wanted: bool) -> None:
 @reading_options
 def convert(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="The file, or the two files, of one recording.")
+        list[Path],
+        typer.Argument(metavar="FILE...", help="The file, the two files, or the folder of one recording."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
     reading: Reading,

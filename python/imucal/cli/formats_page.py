@@ -46,7 +46,7 @@ Where accelerometer and gyroscope are recorded with different time stamps, they 
 * Rates that differ by more than 10 times are refused, and so are stamps that go back, and values that are
   not finite.
 
-`imucal convert` prints what was done, every command that reads the file itself keeps it among its findings.
+`imucal convert` prints what was done; inspect, calibrate, evaluate and noise keep it among their findings.
 
 ## Libraries
 

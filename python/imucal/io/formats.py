@@ -58,7 +58,7 @@ IMU_MESSAGES = (
     "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics hold it, two as "
     "ACCEL,GYRO if each sensor has its own"
 )
-ROS_UNITS = "m/s^2 and rad/s (sensor_msgs/Imu)"
+ROS_UNITS = "m/s^2 and rad/s, by <https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html>"
 ROS_TIME = (
     "header.stamp, counted from the first sample; --receive-time takes when the bag received the message"
 )
@@ -123,7 +123,7 @@ FORMATS: Final[dict[str, Format]] = {
         None,
         "its header",
         "the IMU's data.csv of a data set in the ASL form",
-        "rad/s and m/s^2 (the file's header)",
+        "rad/s and m/s^2, by the file's header",
         "ns, counted from the first sample",
         (),
         "data.csv",
@@ -160,7 +160,7 @@ FORMATS: Final[dict[str, Format]] = {
         "content",
         "sensor_accel with sensor_gyro, as measured, and their temperature; or sensor_combined, to which "
         "PX4 has applied its own calibration, which a warning says",
-        "m/s^2, rad/s, degC (PX4's msg_docs of sensor_accel, sensor_gyro and sensor_combined)",
+        "m/s^2, rad/s, degC, by <https://docs.px4.io/main/en/msg_docs/SensorAccel> and its like",
         f"timestamp_sample, else timestamp, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
         "flight.ulg --topic sensor_accel --instance 0",
@@ -173,7 +173,7 @@ FORMATS: Final[dict[str, Format]] = {
         "content",
         "IMU and its temperature, or ACC with GYR at the rate of the sensors; ArduPilot has applied its "
         "own calibration, which a warning says",
-        "m/s/s, rad/s, degC (FMTU messages of the log, ArduPilot's list of log messages)",
+        "m/s/s, rad/s, degC, by the log itself (FMTU) and <https://ardupilot.org/copter/docs/logmessages.html>",
         f"TimeUS of IMU, SampleUS of ACC and GYR, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
         "flight.bin --topic IMU --instance 0",

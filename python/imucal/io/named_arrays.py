@@ -86,10 +86,8 @@ def recording_from_arrays(
         chosen = _split(arrays, column_list(columns))
     else:
         chosen = _canonical(arrays)
-    columns_of_all = [
-        column for name, array in chosen.items() for column in _columns(arrays.file, name, array)
-    ]
-    return recording_from_table(_table(arrays.file, columns_of_all), sources, rate_hz)
+    all_columns = [column for name, array in chosen for column in _columns(arrays.file, name, array)]
+    return recording_from_table(_table(arrays.file, all_columns), sources, rate_hz)
 
 
 def _within(arrays: NamedArrays, group: str) -> NamedArrays:
@@ -104,17 +102,17 @@ def _within(arrays: NamedArrays, group: str) -> NamedArrays:
     return NamedArrays(arrays.file, inside, arrays.separator)
 
 
-def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> dict[str, Array]:
-    chosen = {}
+def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> list[tuple[str, Array]]:
+    chosen = []
     for ours, theirs in mapping.items():
         path = theirs.strip(arrays.separator)
         if path not in arrays.by_path:
             raise InputError(f"{arrays.file}: there is no array {theirs!r}; found: {arrays.listed()}")
-        chosen[ours] = arrays.by_path[path]
+        chosen.append((ours, arrays.by_path[path]))
     return chosen
 
 
-def _split(arrays: NamedArrays, names: list[str]) -> dict[str, Array]:
+def _split(arrays: NamedArrays, names: list[str]) -> list[tuple[str, Array]]:
     """The columns of the one array that has as many."""
     fitting = [
         path for path, array in arrays.by_path.items() if array.ndim == 2 and len(names) in array.shape
@@ -127,10 +125,10 @@ def _split(arrays: NamedArrays, names: list[str]) -> dict[str, Array]:
         )
     array = arrays.by_path[fitting[0]]
     rows = array if array.shape[1] == len(names) else array.T
-    return {name: rows[:, i] for i, name in enumerate(names) if name not in SKIP}
+    return [(name, rows[:, i]) for i, name in enumerate(names) if name not in SKIP]
 
 
-def _canonical(arrays: NamedArrays) -> dict[str, Array]:
+def _canonical(arrays: NamedArrays) -> list[tuple[str, Array]]:
     groups = {
         group: members
         for group, members in arrays.groups().items()
@@ -151,12 +149,12 @@ def _canonical(arrays: NamedArrays) -> dict[str, Array]:
     known = {name: array for name, array in members.items() if is_canonical(name) or _triad_of(name)}
     lengths = {max(array.shape, default=0) for array in known.values()}
     # What was recorded along has a number for every sample; anything else is no column.
-    along = {
-        name: array
+    along = [
+        (name, array)
         for name, array in members.items()
         if name not in known and array.size in lengths and array.size == max(array.shape, default=0)
-    }
-    return known | along
+    ]
+    return [*known.items(), *along]
 
 
 def _triad_of(name: str) -> str | None:

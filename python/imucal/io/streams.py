@@ -90,7 +90,7 @@ def recording_from_streams(
             f"{file}: {accel.name} and {gyro.name} were hardly recorded at the same time "
             f"({len(kept.time_ns)} samples): check their time stamps, or record both together"
         )
-    noise_left = _noise_left(clock, other, is_averaged)
+    noise_left = _noise_left(kept, other, is_averaged)
     finding = Finding(
         code="resampled",
         severity="warning",
