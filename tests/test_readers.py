@@ -204,6 +204,25 @@ def test_findings_of_a_reader_reach_the_results(tmp_path):
         assert recording.findings[0] in result.findings
 
 
+def test_calibration_of_interpolated_samples_claims_no_more_than_it_knows():
+    """At half a step between the sensors interpolation halves the variance of white noise, and adds nothing."""
+    ratios, errors = [], []
+    for seed in (1, 2, 3, 4):
+        simulation = imucal.simulate("random", seed=seed, rate_hz=400.0)
+        truth = {parameter.name: parameter.value for parameter in simulation.truth.calibration.parameters}
+        run = simulation.recording
+        accel = stream("a", run.time_s[::2], run.specific_force[::2])
+        std = []
+        for start in (0, 1):
+            gyro = stream("g", run.time_s[start::2], run.angular_rate[start::2])
+            parameters = imucal.calibrate(recording_from_streams("run", accel, gyro, [])).parameters
+            std.append([p.std for p in parameters if p.name.startswith("accel")])
+        ratios.append(np.divide(std[1], std[0]))
+        errors += [(p.value - truth[p.name]) / p.std for p in parameters]
+    assert 0.9 < np.mean(ratios) < 1.1
+    assert np.sqrt(np.mean(np.square(errors))) < 1.25
+
+
 EVEN_S = np.arange(100) * 0.01
 ONES = np.ones((100, 3))
 

@@ -37,8 +37,9 @@ Where accelerometer and gyroscope are recorded with different time stamps, they 
 
 * The slower sensor is the clock, the gyroscope if both have the same rate (within 2 %).
 * At the same rate the other sensor is interpolated between its two neighbouring samples. They share noise
-  then: white noise per sample becomes up to 1.41 times smaller, the warning says by how much, and standard
-  deviations come out too small by as much.
+  then: white noise per sample becomes up to 1.41 times smaller, the warning says by how much. A calibration
+  takes noise that samples share into account, its standard deviations stay what they were; `imucal noise`
+  shows the loss at times of a few samples.
 * A faster sensor is averaged over one interval of the clock, centred at the stamp: the angle that a
   gyroscope turned through is kept.
 * Samples of the clock where the other sensor has none, before it, after it and in its gaps, are left out:

@@ -106,10 +106,7 @@ def recording_from_streams(
             + f" of {clock.name} ({median_rate_hz(clock.time_ns):.6g} Hz); {left_out} samples that only one "
             f"of them covers were left out, and its white noise per sample is {noise_left:.2g} of what it was"
         ),
-        way_out="to calibrate what was measured, record both sensors at the same instants"
-        if is_averaged
-        else "neighbouring samples share noise, so expect its standard deviations too small by as much, or "
-        "record both sensors at the same instants",
+        way_out="to see the noise of the sensor itself, record both sensors at the same instants",
     )
     both = (moved, kept) if clock is gyro else (kept, moved)
     return _recording(file, *both, sources, [*findings, finding])
