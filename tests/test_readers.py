@@ -205,7 +205,7 @@ def test_findings_of_a_reader_reach_the_results(tmp_path):
 
 
 def test_calibration_of_interpolated_samples_claims_no_more_than_it_knows():
-    """At half a step between the sensors interpolation halves the variance of white noise, and adds nothing."""
+    """Half a step between the sensors, where interpolation halves the variance of white noise."""
     ratios, errors = [], []
     for seed in (1, 2, 3, 4):
         simulation = imucal.simulate("random", seed=seed, rate_hz=400.0)

@@ -133,6 +133,13 @@ def test_one_file_of_a_ros_2_bag_is_read(tmp_path, known):
     assert [source.path.rsplit("/", 1)[1] for source in recording.sources] == ["bag.db3", "metadata.yaml"]
 
 
+def test_names_that_mislead(tmp_path, known):
+    bag2(tmp_path / "ros2.bag", {"/imu": messages(known, ROS2)})
+    assert_is(imucal.read(tmp_path / "ros2.bag"), known)
+    bag1(tmp_path / "drive.bag", {"/imu": messages(known, ROS1)})
+    assert_is(imucal.read((tmp_path / "drive.bag").rename(tmp_path / "drive.bag.kept")), known)
+
+
 @pytest.mark.parametrize("name", WRITERS)
 def test_two_topics_are_listed_and_chosen(tmp_path, known, name):
     write, store = WRITERS[name]

@@ -14,6 +14,7 @@ from imucal.io.dataflash import DATAFLASH_MAGIC
 from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
 from imucal.io.matlab import MATLAB_MAGIC
+from imucal.io.ros import ROS1_MAGIC
 from imucal.io.source import first_bytes, is_folder, open_file
 from imucal.io.text import first_fields
 from imucal.io.ulog import ULOG_MAGIC
@@ -24,7 +25,7 @@ __all__ = ["recognise"]
 STARTS: Final = (
     *((magic, "matlab") for magic in MATLAB_MAGIC),
     (PARQUET_MAGIC, "parquet"),
-    (b"#ROSBAG V", "rosbag"),
+    (ROS1_MAGIC, "rosbag"),
     (b"SQLite format 3\0", "rosbag"),
     (b"\x89MCAP0\r\n", "mcap"),
     (ULOG_MAGIC, "ulog"),

@@ -18,12 +18,13 @@ import numpy as np
 from imucal.errors import FormatError, InputError
 from imucal.io.extra import library
 from imucal.io.mcap import messages_of_mcap, topics_of_mcap
-from imucal.io.source import is_folder, open_large, parsing
+from imucal.io.source import first_bytes, is_folder, open_large, parsing
 from imucal.io.streams import Stream, recording_from_streams
 from imucal.recording import Recording, Source
 
-__all__ = ["read_mcap", "read_rosbag"]
+__all__ = ["ROS1_MAGIC", "read_mcap", "read_rosbag"]
 
+ROS1_MAGIC: Final = b"#ROSBAG V"
 IMU: Final = "sensor_msgs/msg/Imu"
 NOT_MEASURED: Final = -1.0
 # What a bag's own tools make whole again.
@@ -55,15 +56,16 @@ def read_rosbag(
     Raises InputError if the choice of a topic is not clear, FormatError for the contents.
     """
     given = Path(path)
-    reader = library(
-        "rosbags.rosbag1" if given.suffix.lower() == ".bag" else "rosbags.rosbag2", "ros", "ROS bags"
-    ).Reader
-    serialisation = "ros1" if given.suffix.lower() == ".bag" else "cdr"
-    name = given.name or given.resolve().name
-    sources = _sources(given)
+    name, sources = given.resolve().name, _sources(given)
+    # A folder is of ROS 2, whatever its name.
+    is_ros1 = not is_folder(given) and (
+        given.suffix.lower() == ".bag" or first_bytes(given, len(ROS1_MAGIC)) == ROS1_MAGIC
+    )
+    reader = library("rosbags.rosbag1" if is_ros1 else "rosbags.rosbag2", "ros", "ROS bags").Reader
+    serialisation = "ros1" if is_ros1 else "cdr"
     with parsing(name, "ROS bag", REPAIR), reader(given) as bag:
         types = {connection.topic: connection.msgtype for connection in bag.connections}
-        counts = {topic: bag.topics[topic].msgcount for topic in types}
+        counts = {each: bag.topics[each].msgcount for each in types}
         wanted = _topics(name, topic, types, counts)
         connections = [connection for connection in bag.connections if connection.topic in wanted]
         samples = _samples(
