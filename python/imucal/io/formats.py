@@ -64,6 +64,8 @@ ROS_TIME = (
 )
 OWN_CLOCKS = "sensors with stamps of their own are brought onto one clock, which a warning says"
 
+CUT_OFF = "a log that was cut off is read to its last whole message"
+
 FORMATS: Final[dict[str, Format]] = {
     "csv": Format(
         read_csv,
@@ -159,7 +161,7 @@ FORMATS: Final[dict[str, Format]] = {
         "px4",
         "content",
         "sensor_accel with sensor_gyro, as measured, and their temperature; or sensor_combined, to which "
-        "PX4 has applied its own calibration, which a warning says",
+        f"PX4 has applied its own calibration, which a warning says; {CUT_OFF}",
         "m/s^2, rad/s, degC, by <https://docs.px4.io/main/en/msg_docs/SensorAccel> and its like",
         f"timestamp_sample, else timestamp, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
@@ -172,7 +174,7 @@ FORMATS: Final[dict[str, Format]] = {
         "ardupilot",
         "content",
         "IMU and its temperature, or ACC with GYR at the rate of the sensors; ArduPilot has applied its "
-        "own calibration, which a warning says",
+        f"own calibration, which a warning says; {CUT_OFF}",
         "m/s/s, rad/s, degC, by the log itself (FMTU) and <https://ardupilot.org/copter/docs/logmessages.html>",
         f"TimeUS of IMU, SampleUS of ACC and GYR, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),

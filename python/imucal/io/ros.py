@@ -56,7 +56,7 @@ def read_rosbag(
     Raises InputError if the choice of a topic is not clear, FormatError for the contents.
     """
     given = Path(path)
-    name, sources = given.resolve().name, _sources(given)
+    name, sources = given.name or given.resolve().name, _sources(given)
     # A folder is of ROS 2, whatever its name.
     is_ros1 = not is_folder(given) and (
         given.suffix.lower() == ".bag" or first_bytes(given, len(ROS1_MAGIC)) == ROS1_MAGIC
