@@ -50,13 +50,13 @@ def test_page_names_every_format_extra_and_option():
 @pytest.mark.parametrize(
     ("name", "format", "message"),
     [
-        ("run.bag", "rosbag", "damaged or truncated ROS bag"),
-        ("run.db3", "rosbag", "damaged or truncated ROS bag"),
-        ("run.mcap", "mcap", "damaged or truncated MCAP"),
-        ("run.ulg", "ulog", "damaged or truncated ULog"),
+        ("run.bag", "rosbag", "cannot be read as a ROS bag"),
+        ("run.db3", "rosbag", "cannot be read as a ROS bag"),
+        ("run.mcap", "mcap", "cannot be read as MCAP"),
+        ("run.ulg", "ulog", "cannot be read as ULog"),
         ("run.bin", "dataflash", "not a dataflash log"),
-        ("run.h5", "hdf5", "damaged or truncated HDF5"),
-        ("run.npz", "numpy", "damaged or truncated NumPy"),
+        ("run.h5", "hdf5", "cannot be read as HDF5"),
+        ("run.npz", "numpy", "cannot be read as NumPy"),
     ],
 )
 def test_text_under_the_name_of_another_format(tmp_path, name, format, message):

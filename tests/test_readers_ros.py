@@ -220,7 +220,7 @@ def test_truncated_files_are_named(tmp_path, known, name, kept):
 def test_folder_of_a_bag_that_is_not_whole(tmp_path, known):
     bag2(tmp_path / "bag", {"/imu": messages(known, ROS2)})
     (tmp_path / "bag" / "bag.db3").unlink()
-    with pytest.raises(imucal.FormatError, match=r"bag is a damaged or truncated ROS bag.*reindex"):
+    with pytest.raises(imucal.FormatError, match=r"bag cannot be read as a ROS bag.*reindex"):
         imucal.read(tmp_path / "bag")
     (tmp_path / "bag" / "metadata.yaml").unlink()
     with pytest.raises(imucal.InputError, match=r"is a folder: give the file in it"):

@@ -63,7 +63,7 @@ def read_rosbag(
     )
     reader = library("rosbags.rosbag1" if is_ros1 else "rosbags.rosbag2", "ros", "ROS bags").Reader
     serialisation = "ros1" if is_ros1 else "cdr"
-    with parsing(name, "ROS bag", REPAIR), reader(given) as bag:
+    with parsing(name, "a ROS bag", REPAIR), reader(given) as bag:
         types = {connection.topic: connection.msgtype for connection in bag.connections}
         counts = {each: bag.topics[each].msgcount for each in types}
         wanted = _topics(name, topic, types, counts)

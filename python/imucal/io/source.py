@@ -96,7 +96,8 @@ def parsing(file: str, kind: str, way_out: str) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FormatError(
-            f"{file} is a damaged or truncated {kind} file: {reason[:200]}: {way_out}"
+            f"{file} cannot be read as {kind}: {reason[:200]}: it is damaged, cut off or of an unknown "
+            f"version: {way_out}"
         ) from None
 
 
