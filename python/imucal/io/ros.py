@@ -27,10 +27,9 @@ __all__ = ["ROS1_MAGIC", "read_mcap", "read_rosbag"]
 ROS1_MAGIC: Final = b"#ROSBAG V"
 IMU: Final = "sensor_msgs/msg/Imu"
 NOT_MEASURED: Final = -1.0
-# What a bag's own tools make whole again.
-REPAIR = (
-    "`rosbag reindex` (ROS 1), `ros2 bag reindex` (ROS 2) or `mcap recover` may repair it, or record it again"
-)
+# What the formats' own tools make whole again.
+REPAIR_BAG = "`rosbag reindex` (ROS 1) or `ros2 bag reindex` (ROS 2) may repair it, or record it again"
+REPAIR_MCAP = "`mcap recover` may repair it, or record it again"
 FIELDS = {"accel": "linear_acceleration", "gyro": "angular_velocity"}
 
 
@@ -63,7 +62,7 @@ def read_rosbag(
     )
     reader = library("rosbags.rosbag1" if is_ros1 else "rosbags.rosbag2", "ros", "ROS bags").Reader
     serialisation = "ros1" if is_ros1 else "cdr"
-    with parsing(name, "a ROS bag", REPAIR), reader(given) as bag:
+    with parsing(name, "a ROS bag", REPAIR_BAG), reader(given) as bag:
         types = {connection.topic: connection.msgtype for connection in bag.connections}
         counts = {each: bag.topics[each].msgcount for each in types}
         wanted = _topics(name, topic, types, counts)
@@ -85,7 +84,7 @@ def read_mcap(
     """Read an MCAP file with ROS 1 or ROS 2 messages; arguments and errors are those of `read_rosbag`."""
     name, source = Path(path).name, open_large(path)
     library("mcap.reader", "ros", "MCAP files")
-    with parsing(name, "MCAP", REPAIR), Path(path).open("rb") as file:
+    with parsing(name, "MCAP", REPAIR_MCAP), Path(path).open("rb") as file:
         types, counts = topics_of_mcap(file)
         wanted = _topics(name, topic, types, counts)
         samples = _samples(wanted, messages_of_mcap(file, wanted), receive_time)
