@@ -1,9 +1,11 @@
 """What several tests share: the real recordings, the installed command, a recording made from truth."""
 
 import os
+import shlex
 import subprocess
 import sysconfig
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -36,6 +38,42 @@ def command():
 
     def run(*arguments):
         return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=120)
+
+    return run
+
+
+@pytest.fixture(scope="session")
+def known():
+    """What tests of readers write: a unit at rest, 8 s at 50 Hz, in numbers that float32 holds exactly."""
+    random, rows = np.random.default_rng(11), 400
+    force = np.array([0.5, -0.25, 9.75]) + random.normal(scale=0.02, size=(rows, 3))
+    rate = np.array([0.01, -0.02, 0.03]) + random.normal(scale=0.002, size=(rows, 3))
+    return SimpleNamespace(
+        time_ns=1_700_000_000_123_456_000
+        + np.arange(rows) * 20_000_000
+        + random.integers(0, 1000, rows) * 1000,
+        accel=force.astype(np.float32).astype(np.float64),
+        gyro=rate.astype(np.float32).astype(np.float64),
+        temperature=(25 + 0.001 * np.arange(rows)).astype(np.float32).astype(np.float64),
+    )
+
+
+@pytest.fixture
+def example_of(command, tmp_path, monkeypatch):
+    """Run the example of a format, on the file in `tmp_path` that it names; returns what it wrote."""
+
+    def run(format):
+        from imucal.io import FORMATS
+
+        monkeypatch.chdir(tmp_path)
+        given = shlex.split(FORMATS[format].example)
+        done = command("convert", *given, "--format", format, "-o", "rec.csv")
+        assert done.returncode == 0, done.stderr
+        recording = imucal.read("rec.csv")
+        done = command("inspect", *given)
+        assert done.returncode == 0, done.stdout + done.stderr
+        assert f"{len(recording)} samples" in done.stdout
+        return recording
 
     return run
 

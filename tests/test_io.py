@@ -441,6 +441,7 @@ def test_killed_while_writing_leaves_the_old_or_the_new_file(tmp_path):
         import numpy as np
         import imucal
         first, second = (imucal.Recording(np.arange(3000), *[np.full((3000, 3), x)] * 2) for x in (1.5, 2.5))
+        imucal.write(first, {str(path)!r})
         print("ready", flush=True)
         while True:
             imucal.write(first, {str(path)!r})

@@ -201,7 +201,7 @@ def calibrate(
         calibration=calibration,
         rests=_with_misfits(reported(outcome.rests, REST, unit_data), outcome.rests),
         moves=_with_misfits(reported(outcome.moves, MOVE, unit_data), outcome.moves),
-        findings=tuple(outcome.findings),
+        findings=(*(f for r in unit_data for f in r.findings), *outcome.findings),
         held_out=held_out,
         control=judged,
         reasons=tuple(reasons),

@@ -141,7 +141,7 @@ def evaluate(
         rests=reported(outcome.rests, REST, judges),
         moves=reported(outcome.moves, MOVE, judges),
         carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
-        findings=tuple(outcome.findings),
+        findings=(*(f for r in judges for f in r.findings), *outcome.findings),
         reasons=tuple(poor_figures("control set", figures)),
     )
 

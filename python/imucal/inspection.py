@@ -74,7 +74,7 @@ def inspect(
         rate_hz=recording.rate_hz,
         accel_unit=recording.accel_unit,
         gyro_unit=recording.gyro_unit,
-        findings=tuple(seen.findings),
+        findings=(*recording.findings, *seen.findings),
         rests=tuple({"start_s": start, "end_s": end} for start, end in seen.rests),
         threshold=None if seen.threshold is None else fields_of(seen.threshold, THRESHOLD),
         explanation=seen.explanation,

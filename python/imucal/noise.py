@@ -181,7 +181,7 @@ def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int 
         rate_hz=found.rate_hz,
         accel_unit=recording.accel_unit,
         gyro_unit=recording.gyro_unit,
-        findings=tuple(found.findings),
+        findings=(*recording.findings, *found.findings),
     )
 
 

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, as_rows
 from imucal.errors import InputError
+from imucal.finding import Finding
 
 __all__ = ["STANDARD_GRAVITY_MPS2", "AccelUnit", "GyroUnit", "Recording", "Source"]
 
@@ -44,6 +45,7 @@ class Recording:
     temperature_degc  (N,)    degC, or None
     stand_rad         (N, 3)  angles of the stand's motors from their encoders, rad, or None
     auxiliary         name -> (N,)  everything else that was recorded along
+    findings          what a reader had to do to the data, and what it knows of them
 
     An array that is already C-contiguous float64 is not copied; anything else (lists, float32, integers,
     Fortran order, strides) is converted once. Masked values become NaN.
@@ -61,6 +63,7 @@ class Recording:
     gyro_unit: GyroUnit
     name: str
     sources: tuple[Source, ...]
+    findings: tuple[Finding, ...]
 
     def __init__(
         self,
@@ -75,6 +78,7 @@ class Recording:
         gyro_unit: GyroUnit = "rad/s",
         name: str = "recording",
         sources: Sequence[Source] = (),
+        findings: Sequence[Finding] = (),
     ) -> None:
         for unit, known, what in (
             (accel_unit, get_args(AccelUnit), "accel_unit"),
@@ -107,6 +111,7 @@ class Recording:
             "gyro_unit": gyro_unit,
             "name": printable,
             "sources": tuple(sources),
+            "findings": tuple(findings),
         }
         for field, value in fields.items():
             object.__setattr__(self, field, value)
@@ -157,4 +162,5 @@ class Recording:
             gyro_unit=self.gyro_unit,
             name=self.name,
             sources=self.sources,
+            findings=self.findings,
         )

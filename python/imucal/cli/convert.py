@@ -15,16 +15,33 @@ from imucal.cli.working import working
 __all__ = ["convert"]
 
 
+def _print_formats(wanted: bool) -> None:
+    if wanted:
+        from imucal.cli.formats_page import page
+
+        print(page(), end="")
+        raise typer.Exit
+
+
 @reading_options
 def convert(
     files: Annotated[
-        list[Path], typer.Argument(metavar="FILE...", help="The file, or the two files, of one recording.")
+        list[Path],
+        typer.Argument(metavar="FILE...", help="The file, the two files, or the folder of one recording."),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
     reading: Reading,
+    formats: Annotated[
+        bool,
+        typer.Option(
+            "--list", callback=_print_formats, is_eager=True, help="Show the formats that are read, and exit."
+        ),
+    ] = False,
     json: JsonPath = None,
 ) -> None:
     """Convert other people's files into a recording.
+
+    What had to be done to the data is said: it is not kept in the file that is written.
 
     Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
     """
@@ -44,6 +61,8 @@ def convert(
             "accel_unit": recording.accel_unit,
             "gyro_unit": recording.gyro_unit,
             "sources": [asdict(source) for source in recording.sources],
+            "findings": [finding.to_dict() for finding in recording.findings],
         }
     )
     out.line(f"{output}: {recording!r}")
+    out.findings(recording.findings)

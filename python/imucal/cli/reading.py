@@ -32,14 +32,30 @@ class Reading:
     """How files are read; the fields are the options of `imucal.read`."""
 
     format: Annotated[
-        str | None, _option("--format", "csv, parquet, imu_tk, euroc or columns; found out if not given.")
+        str | None,
+        _option("--format", "One that `imucal convert --list` shows; found out from the file if not given."),
     ] = None
     columns: Annotated[
         str | None,
-        _option("--columns", "Names of the columns, '-' to leave one out: accel_x_mps2,...,gyro_z_dps"),
+        _option(
+            "--columns",
+            "A name for every column, '-' to leave one out: accel_x_mps2,...,gyro_z_dps; or ours=theirs "
+            "where the file has names of its own.",
+        ),
     ] = None
     rate_hz: Annotated[float | None, _option("--rate-hz", "Sample rate, if there is no time column.")] = None
     skip_rows: Annotated[int | None, _option("--skip-rows", "columns: lines to leave out at the top.")] = None
+    topic: Annotated[
+        str | None,
+        _option("--topic", "ROS, MCAP: topic, or two as ACCEL,GYRO. PX4, ArduPilot: name of the message."),
+    ] = None
+    instance: Annotated[
+        int | None, _option("--instance", "PX4, ArduPilot: number of the sensor, from 0.")
+    ] = None
+    group: Annotated[str | None, _option("--group", "MATLAB, HDF5, NumPy: where the arrays are.")] = None
+    receive_time: Annotated[
+        bool, _option("--receive-time", "ROS, MCAP: time stamps of the bag, not those of the messages.")
+    ] = False
     time_unit: Annotated[str | None, _option("--time-unit", "imu_tk: s, ms, us or ns; s if not given.")] = (
         None
     )

@@ -1,51 +1,20 @@
-"""Reading and writing recordings.
-
-Formats:
-
-    csv      the package's own: the unit is in the column's name (time_s, accel_x_mps2, ..., gyro_z_radps)
-    parquet  the same columns as Parquet
-    imu_tk   a pair of ASCII files, accelerometer and gyroscope, with the columns time, x, y, z
-    euroc    the IMU file of the EuRoC data sets
-    columns  any table of numbers as text; the caller names the columns
-"""
+"""Reading and writing recordings; `formats` has the catalogue of what is read."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
-from imucal.errors import FormatError, InputError
-from imucal.io.canonical import PARQUET_MAGIC, read_csv, read_parquet, write_csv, write_parquet
-from imucal.io.columns import read_columns
-from imucal.io.euroc import is_euroc, read_euroc
-from imucal.io.imu_tk import read_imu_tk
-from imucal.io.source import open_file
-from imucal.io.text import first_fields
-from imucal.io.vocabulary import NAMES, is_canonical
+from imucal.errors import InputError
+from imucal.io.canonical import write_csv, write_parquet
+from imucal.io.formats import FORMATS
+from imucal.io.recognition import recognise
+from imucal.io.vocabulary import NAMES
 from imucal.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["FORMATS", "files_per_recording", "read", "write"]
-
-
-@dataclass(frozen=True)
-class Format:
-    """How a format is read: the function, how many files make a recording, and the options it knows."""
-
-    read: Callable[..., Recording]
-    files: int
-    options: frozenset[str]
-
-
-FORMATS: Final[dict[str, Format]] = {
-    "csv": Format(read_csv, 1, frozenset({"rate_hz"})),
-    "parquet": Format(read_parquet, 1, frozenset({"rate_hz"})),
-    "imu_tk": Format(read_imu_tk, 2, frozenset({"time_unit", "accel_unit", "gyro_unit"})),
-    "euroc": Format(read_euroc, 1, frozenset()),
-    "columns": Format(read_columns, 1, frozenset({"columns", "rate_hz", "skip_rows"})),
-}
 
 
 def read(
@@ -54,29 +23,43 @@ def read(
     columns: str | Sequence[str] | None = None,
     rate_hz: float | None = None,
     skip_rows: int | None = None,
+    topic: str | None = None,
+    instance: int | None = None,
+    group: str | None = None,
+    receive_time: bool | None = None,
     time_unit: str | None = None,
     accel_unit: AccelUnit | None = None,
     gyro_unit: GyroUnit | None = None,
 ) -> Recording:
     """Read one recording.
 
-    paths      one file; two (accelerometer, gyroscope) for imu_tk
-    format     csv, parquet, imu_tk, euroc or columns; None finds it out from the file
+    paths      one file; two (accelerometer, gyroscope) for imu_tk; the folder of a ROS 2 bag
+    format     one of `imucal.io.FORMATS`; None finds it out from the file
     columns    [columns] a name for every column, `-` for one to leave out
-    rate_hz    [columns, csv, parquet] sample rate, if there is no time column
+               [csv, parquet, matlab, hdf5, numpy] "ours=theirs,..." where the file has other names
+    rate_hz    [columns, csv, parquet, matlab, hdf5, numpy] sample rate, if there is no time column
     skip_rows  [columns] lines to leave out at the top
+    topic      [rosbag, mcap] topic of the messages; [ulog, dataflash] name of the message
+    instance   [ulog, dataflash] number of the sensor, from 0
+    group      [matlab, hdf5, numpy] where the arrays are
+    receive_time   [rosbag, mcap] time stamps of the bag instead of those of the messages
     time_unit  [imu_tk] s (default), ms, us or ns
     accel_unit, gyro_unit  [imu_tk] "lsb" (default), or "m/s^2" and "rad/s"
 
     Physical units become SI, counts stay counts. Time in ms, us or ns is counted from the first sample, time
-    in s is kept. Empty cells become NaN.
+    in s is kept. Empty cells become NaN. What had to be done to the data is in the recording's `findings`.
 
-    Raises InputError for files that cannot be read and options that do not fit, FormatError for the contents.
+    Raises InputError for files that cannot be read, options that do not fit and choices that are not clear,
+    FormatError for the contents, ImucalError for a format whose library is not installed.
     """
     given = {
         "columns": columns,
         "rate_hz": rate_hz,
         "skip_rows": skip_rows,
+        "topic": topic,
+        "instance": instance,
+        "group": group,
+        "receive_time": receive_time or None,
         "time_unit": time_unit,
         "accel_unit": accel_unit,
         "gyro_unit": gyro_unit,
@@ -84,7 +67,7 @@ def read(
     options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
     if not paths:
         raise InputError("no file is given: give the path of a recording")
-    chosen = format or _detect(paths, options)
+    chosen = format or recognise(paths, options)
     if chosen not in FORMATS:
         raise InputError(f"the format {chosen!r} is not known: give one of {', '.join(FORMATS)}")
     known = FORMATS[chosen]
@@ -93,7 +76,7 @@ def read(
             f"{len(paths)} files are given, a recording in the format {chosen} is {known.files}"
             + (": read several recordings one by one" if known.files == 1 else " (accelerometer, gyroscope)")
         )
-    unfit = sorted(options.keys() - known.options)
+    unfit = sorted(options.keys() - set(known.options))
     if unfit:
         raise InputError(
             f"the format {chosen} knows no option {unfit[0]}: leave it out, or give another format"
@@ -121,24 +104,3 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
 def files_per_recording(format: str | None) -> int:
     """How many files make one recording in a format."""
     return FORMATS[format].files if format in FORMATS else 1
-
-
-def _detect(paths: Sequence[str | os.PathLike[str]], options: dict[str, Any]) -> str:
-    """The format of the files, by the options, the number of files and the first line."""
-    if "columns" in options:
-        return "columns"
-    if len(paths) == 2:
-        return "imu_tk"
-    file = open_file(paths[0])
-    if file.content.startswith(PARQUET_MAGIC) or Path(paths[0]).suffix.lower() == ".parquet":
-        return "parquet"
-    fields = first_fields(file)
-    if is_euroc(fields):
-        return "euroc"
-    if any(is_canonical(field) for field in fields):
-        return "csv"
-    shown = ", ".join(fields[:12])
-    raise FormatError(
-        f"{file.name}: the format is not clear, its first line is: {shown[:200]}. Give the format "
-        f"({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
-    )

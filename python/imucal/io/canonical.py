@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import io
 import os
+from collections.abc import Sequence
 
 from imucal.atomic import write_atomically
-from imucal.errors import FormatError
+from imucal.errors import FormatError, InputError
+from imucal.io.columns import mapping_of
 from imucal.io.source import File, Table, open_file
 from imucal.io.text import read_headed
 from imucal.io.vocabulary import column_names, recording_from_table
@@ -17,16 +19,30 @@ __all__ = ["read_csv", "read_parquet", "write_csv", "write_parquet"]
 PARQUET_MAGIC = b"PAR1"
 
 
-def read_csv(path: str | os.PathLike[str], *, rate_hz: float | None = None) -> Recording:
-    """Read a canonical CSV file; `rate_hz` if it has no time column."""
+def read_csv(
+    path: str | os.PathLike[str],
+    *,
+    columns: str | Sequence[str] | None = None,
+    rate_hz: float | None = None,
+) -> Recording:
+    """Read a CSV file with a header.
+
+    columns  "ours=theirs,..." if the header has other names than ours; other columns are then left out
+    rate_hz  sample rate, if there is no time column
+    """
     file = open_file(path)
-    return recording_from_table(read_headed(file), [file.source], rate_hz)
+    return recording_from_table(_chosen(read_headed(file), columns), [file.source], rate_hz)
 
 
-def read_parquet(path: str | os.PathLike[str], *, rate_hz: float | None = None) -> Recording:
-    """Read a canonical Parquet file; `rate_hz` if it has no time column."""
+def read_parquet(
+    path: str | os.PathLike[str],
+    *,
+    columns: str | Sequence[str] | None = None,
+    rate_hz: float | None = None,
+) -> Recording:
+    """Read a Parquet file; the arguments are those of `read_csv`."""
     file = open_file(path)
-    return recording_from_table(_parquet_table(file), [file.source], rate_hz)
+    return recording_from_table(_chosen(_parquet_table(file), columns), [file.source], rate_hz)
 
 
 def write_csv(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -51,6 +67,20 @@ def write_parquet(recording: Recording, path: str | os.PathLike[str]) -> None:
     table = pa.table([values for _, values in columns], names=[name for name, _ in columns])
     with write_atomically(path) as file:
         parquet.write_table(table, file, compression="zstd")
+
+
+def _chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
+    """The columns that are named, under our names."""
+    if columns is None:
+        return table
+    mapping = mapping_of(columns)
+    if mapping is None:
+        raise InputError(f"{table.file}: its columns have names: give ours=theirs for those that are meant")
+    for theirs in mapping.values():
+        if theirs not in table.names:
+            raise InputError(f"{table.file}: there is no column {theirs!r}; found: {', '.join(table.names)}")
+    values = [table.columns[table.names.index(theirs)] for theirs in mapping.values()]
+    return Table(table.file, list(mapping), values, table.place)
 
 
 def _parquet_table(file: File) -> Table:

@@ -11,7 +11,7 @@ from imucal.io.text import read_headerless
 from imucal.io.vocabulary import NAMES, SKIP, is_canonical, recording_from_table
 from imucal.recording import Recording
 
-__all__ = ["read_columns"]
+__all__ = ["column_list", "mapping_of", "read_columns"]
 
 
 def read_columns(
@@ -28,7 +28,7 @@ def read_columns(
     rate_hz    sample rate, if there is no time column
     skip_rows  lines to leave out at the top; further lines that are not all numbers are left out in any case
     """
-    names = [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+    names = column_list(columns)
     if not any(is_canonical(name) for name in names):
         raise InputError(f"columns is {','.join(names)!r}: none of these is a known name: {NAMES}")
     if skip_rows < 0:
@@ -36,3 +36,27 @@ def read_columns(
     file = open_file(path)
     table = read_headerless(file, [SKIP[0] if name in SKIP else name for name in names], skip_rows)
     return recording_from_table(table, [file.source], rate_hz)
+
+
+def column_list(columns: str | Sequence[str]) -> list[str]:
+    """The names in "a,b,c"."""
+    return [name.strip() for name in (columns.split(",") if isinstance(columns, str) else columns)]
+
+
+def mapping_of(columns: str | Sequence[str]) -> dict[str, str] | None:
+    """{"time_s": "t"} of "time_s=t"; None if the names are without `=`, for every column in its order.
+
+    Raises InputError if only some have it, or a name is given twice.
+    """
+    split = [name.partition("=") for name in column_list(columns)]
+    pairs = [(ours.strip(), theirs.strip()) for ours, _, theirs in split]
+    if not any(theirs for _, theirs in pairs):
+        return None
+    for ours, theirs in pairs:
+        if not ours or not theirs:
+            raise InputError(
+                f"columns has {ours or theirs!r} without a partner: give ours=theirs for each, or names alone"
+            )
+        if sum(ours == other for other, _ in pairs) > 1:
+            raise InputError(f"columns names {ours} twice: give it once")
+    return dict(pairs)

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from imucal.errors import FormatError, InputError
+from imucal.errors import FormatError, ImucalError, InputError
 from imucal.recording import Source
 
-__all__ = ["File", "Table", "open_file"]
+__all__ = ["File", "Table", "first_bytes", "is_folder", "open_file", "open_large", "parsing"]
+
+HASHED_AT_ONCE = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -45,8 +48,63 @@ def open_file(path: str | os.PathLike[str]) -> File:
     Raises InputError if it is missing, a folder, or not readable, and FormatError if it is empty.
     """
     given = os.fspath(path)
-    try:
+    with _readable(given):
         content = Path(given).read_bytes()
+    _refuse_empty(given, len(content))
+    return File(Path(given).name, content, Source(given, hashlib.sha256(content).hexdigest()))
+
+
+def open_large(path: str | os.PathLike[str]) -> Source:
+    """The source of a file that its format's library reads; its bytes pass through, they are not kept.
+
+    Raises as `open_file` does.
+    """
+    given = os.fspath(path)
+    digest, size = hashlib.sha256(), 0
+    with _readable(given), Path(given).open("rb") as file:
+        while piece := file.read(HASHED_AT_ONCE):
+            digest.update(piece)
+            size += len(piece)
+    _refuse_empty(given, size)
+    return Source(given, digest.hexdigest())
+
+
+def is_folder(path: str | os.PathLike[str]) -> bool:
+    """Whether it is a folder; False for what cannot be seen, which reading it then tells."""
+    return os.path.isdir(path)  # noqa: PTH112 (pathlib raises instead)
+
+
+def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
+    """The first bytes of a file; raises as `open_file` does."""
+    given = os.fspath(path)
+    with _readable(given), Path(given).open("rb") as file:
+        content = file.read(count)
+    _refuse_empty(given, len(content))
+    return content
+
+
+@contextmanager
+def parsing(file: str, kind: str, way_out: str) -> Iterator[None]:
+    """Turn whatever a format's library raises into a FormatError that names the file and the way out.
+
+    A damaged file can break a parser anywhere, so any exception of it means the same.
+    """
+    try:
+        yield
+    except (ImucalError, MemoryError):
+        raise
+    except Exception as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise FormatError(
+            f"{file} cannot be read as {kind}: {reason[:200]}: it is damaged, cut off or of an unknown "
+            f"version: {way_out}"
+        ) from None
+
+
+@contextmanager
+def _readable(given: str) -> Iterator[None]:
+    try:
+        yield
     except FileNotFoundError:
         raise InputError(f"{given}: there is no such file: check the path") from None
     except IsADirectoryError:
@@ -55,6 +113,8 @@ def open_file(path: str | os.PathLike[str]) -> File:
         raise InputError(f"{given}: no permission to read it: change its mode or copy it") from None
     except (OSError, ValueError) as error:
         raise InputError(f"{given} cannot be read: {error}") from None
-    if not content:
+
+
+def _refuse_empty(given: str, size: int) -> None:
+    if not size:
         raise FormatError(f"{given} is empty (0 bytes): record or export it again")
-    return File(Path(given).name, content, Source(given, hashlib.sha256(content).hexdigest()))

@@ -1,0 +1,188 @@
+"""ArduPilot dataflash logs (.bin): IMU, or ACC with GYR at the rate of the sensors.
+
+Units are those that the log itself declares, and ArduPilot's list of log messages (ardupilot.org,
+logmessages): m/s/s and rad/s in the body frame, front, right, down; degC; microseconds since the system's
+start. ArduPilot has applied its INS_* parameters to all of them.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from imucal.errors import FormatError, InputError
+from imucal.finding import Finding
+from imucal.io.extra import library
+from imucal.io.remarks import damaged, remark
+from imucal.io.source import first_bytes, open_large, parsing
+from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
+from imucal.recording import Recording
+
+__all__ = ["DATAFLASH_MAGIC", "read_dataflash"]
+
+DATAFLASH_MAGIC = b"\xa3\x95"
+# IMU, and before version 4.1 also IMU2, IMU3, ACC1, ACC2, ..., with the instance in the name.
+MESSAGE = re.compile(r"(IMU|ACC|GYR)([1-9]?)")
+ACCEL, GYRO = ("AccX", "AccY", "AccZ"), ("GyrX", "GyrY", "GyrZ")
+# Before version 4.1 it was Temp.
+TEMPERATURE = ("T", "Temp")
+UNITS = {**dict.fromkeys(ACCEL, "m/s/s"), **dict.fromkeys(GYRO, "rad/s")}
+
+
+@dataclass
+class Rows:
+    """The messages of one kind and instance."""
+
+    time_us: list[int] = field(default_factory=list)
+    accel: list[tuple[float, ...]] = field(default_factory=list)
+    gyro: list[tuple[float, ...]] = field(default_factory=list)
+    temperature: list[float] = field(default_factory=list)
+
+    def time_ns(self) -> Any:
+        return np.array(self.time_us, dtype=np.int64) * 1000
+
+
+def read_dataflash(
+    path: str | os.PathLike[str], *, topic: str | None = None, instance: int | None = None
+) -> Recording:
+    """Read a dataflash log.
+
+    topic     IMU, or ACC (with GYR); None takes the only one
+    instance  of the sensor, from 0; None takes the only one
+
+    Raises InputError if the choice is not clear, FormatError for the contents.
+    """
+    source, name = open_large(path), Path(path).name
+    if first_bytes(path, 2) != DATAFLASH_MAGIC:
+        raise FormatError(f"{name} is not a dataflash log (it does not start with A3 95): check its format")
+    reader = library("pymavlink.DFReader", "ardupilot", "ArduPilot logs")
+    with parsing(name, "dataflash", "download it from the flight controller again"), _complaints() as printed:
+        rows = _rows(name, reader.DFReader_binary(os.fspath(path)))
+    kind, number = _choose(name, rows, topic, instance)
+    findings = [_corrected(name)]
+    if printed.getvalue():
+        findings.append(damaged(name))
+    if kind == "IMU":
+        imu = rows["IMU", number]
+        temperature = imu.temperature if len(imu.temperature) == len(imu.time_us) else None
+        accel = _stream(f"IMU {number}", imu, imu.accel, temperature)
+        return recording_from_streams(
+            name, accel, _stream(f"IMU {number}", imu, imu.gyro), [source], findings
+        )
+    of_accel, of_gyro = rows["ACC", number], rows["GYR", number]
+    accel = _stream(f"ACC {number}", of_accel, of_accel.accel)
+    gyro = _stream(
+        f"GYR {number}", of_gyro, of_gyro.gyro, _temperature_at(of_gyro, rows.get(("IMU", number)))
+    )
+    return recording_from_streams(name, accel, gyro, [source], findings)
+
+
+@contextlib.contextmanager
+def _complaints() -> Iterator[io.StringIO]:
+    """What pymavlink prints, which is what it has to pass over."""
+    printed = io.StringIO()
+    # The fast indexer prints around sys.stdout.
+    before = os.environ.get("PYMAVLINK_FAST_INDEX")
+    os.environ["PYMAVLINK_FAST_INDEX"] = "0"
+    try:
+        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+            yield printed
+    finally:
+        if before is None:
+            del os.environ["PYMAVLINK_FAST_INDEX"]
+        else:
+            os.environ["PYMAVLINK_FAST_INDEX"] = before
+
+
+def _rows(name: str, log: Any) -> dict[tuple[str, int], Rows]:
+    rows: dict[tuple[str, int], Rows] = {}
+    kinds = [message for message in log.name_to_id if MESSAGE.fullmatch(message)]
+    while kinds and (message := log.recv_match(type=kinds)) is not None:
+        match = MESSAGE.fullmatch(message.get_type())
+        assert match is not None
+        columns = message.fmt.columns
+        number = message.I if "I" in columns else int(match[2] or 1) - 1
+        key = match[1], number
+        if key not in rows:
+            _require_units(name, message.fmt)
+            rows[key] = Rows()
+        into = rows[key]
+        # ACC and GYR say when the sample was taken, besides when it was logged.
+        into.time_us.append(message.SampleUS if "SampleUS" in columns else message.TimeUS)
+        if "AccX" in columns:
+            into.accel.append(tuple(getattr(message, axis) for axis in ACCEL))
+        if "GyrX" in columns:
+            into.gyro.append(tuple(getattr(message, axis) for axis in GYRO))
+        for column in TEMPERATURE:
+            if column in columns:
+                into.temperature.append(getattr(message, column))
+    return rows
+
+
+def _require_units(name: str, fmt: Any) -> None:
+    for axis, unit in UNITS.items():
+        declared = fmt.get_unit(axis) if axis in fmt.columns else ""
+        if declared not in ("", unit):
+            raise FormatError(
+                f"{name}: {fmt.name}.{axis} is in {declared}, {unit} is expected: convert it first"
+            )
+
+
+def _choose(
+    name: str, rows: dict[tuple[str, int], Rows], topic: str | None, instance: int | None
+) -> tuple[str, int]:
+    choices = [
+        (kind, number)
+        for kind, number in sorted(rows)
+        if kind == "IMU" or (kind == "ACC" and ("GYR", number) in rows)
+    ]
+    if not choices:
+        found = ", ".join(f"{kind} {number}" for kind, number in rows)
+        raise FormatError(
+            f"{name} holds neither IMU nor ACC with GYR; found of these: {found or 'none'}: set the IMU bit "
+            "of LOG_BITMASK, or INS_RAW_LOG_OPT, and record again"
+        )
+    wanted = "ACC" if topic == "GYR" else topic
+    fitting = [c for c in choices if wanted in (None, c[0]) and instance in (None, c[1])]
+    listed = "; ".join(
+        f"--topic {kind} --instance {number} ({median_rate_hz(rows[kind, number].time_ns()):.6g} Hz)"
+        for kind, number in choices
+    )
+    if not fitting:
+        asked = " ".join(str(each) for each in (topic, instance) if each is not None)
+        raise InputError(f"{name}: there is no {asked}; found: {listed}")
+    if len(fitting) > 1:
+        raise InputError(f"{name}: {len(choices)} sensors can be read: choose one: {listed}")
+    return fitting[0]
+
+
+def _stream(
+    what: str, rows: Rows, values: Sequence[tuple[float, ...]], temperature_degc: Any = None
+) -> Stream:
+    temperature = None if temperature_degc is None else np.asarray(temperature_degc, dtype=np.float64)
+    return Stream(what, rows.time_ns(), np.array(values, dtype=np.float64).reshape(-1, 3), temperature)
+
+
+def _temperature_at(rows: Rows, imu: Rows | None) -> Any:
+    """The temperature of the same sensor's slower IMU messages, which changes little between them."""
+    if imu is None or len(imu.temperature) != len(imu.time_us):
+        return None
+    return np.interp(rows.time_us, imu.time_us, imu.temperature)
+
+
+def _corrected(name: str) -> Finding:
+    return remark(
+        name,
+        "already_corrected",
+        "ArduPilot has applied its own calibration (INS_*) to what it logs",
+        "a calibration of it comes on top of these parameters and does not replace them; set them to neutral "
+        "(offsets 0, scales 1, INS_GYR_CAL 0) before recording for one that does",
+    )

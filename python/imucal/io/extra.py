@@ -1,0 +1,21 @@
+"""Libraries of other formats: optional, and imported when a file needs them."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from imucal.errors import ImucalError
+
+__all__ = ["library"]
+
+
+def library(module: str, extra: str, what: str) -> Any:
+    """Import a library of an optional extra; ImucalError says how to install it if it is missing."""
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        raise ImucalError(
+            f"{what} are read with {module.split('.')[0]}, which cannot be imported ({error}): "
+            f'pip install "imucal-rs[{extra}]"'
+        ) from None

@@ -1,0 +1,219 @@
+"""The formats that are read, and all that `imucal convert --list` and its page say of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from imucal.io.canonical import read_csv, read_parquet
+from imucal.io.columns import read_columns
+from imucal.io.dataflash import read_dataflash
+from imucal.io.euroc import read_euroc
+from imucal.io.hdf5 import read_hdf5
+from imucal.io.imu_tk import read_imu_tk
+from imucal.io.matlab import read_matlab
+from imucal.io.numpy_files import read_numpy
+from imucal.io.ros import read_mcap, read_rosbag
+from imucal.io.ulog import read_ulog
+from imucal.recording import Recording
+
+__all__ = ["FORMATS", "Format"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format, one row of the catalogue.
+
+    read      the function; its keyword arguments are the options
+    title     what people call it
+    files     how many files make a recording
+    extra     the optional extra that it needs, None without
+    known_by  how a file of it is recognised
+    reads     what is taken from it
+    units     the units, and who says so
+    time      where the time stamps come from
+    options   of the function
+    example   the files and options of `imucal convert`
+    """
+
+    read: Callable[..., Recording]
+    title: str
+    files: int
+    extra: str | None
+    known_by: str
+    reads: str
+    units: str
+    time: str
+    options: tuple[str, ...]
+    example: str
+
+
+NAMED_UNITS = (
+    "as the names say: accel mps2, g, mg, lsb; gyro radps, dps, mdps, lsb; temp degc; stand rad, deg"
+)
+NAMED_TIME = "time_s as it is; time_ms, time_us and time_ns counted from the first sample; or --rate-hz"
+NAMED_ARRAYS = "arrays by their names, see below"
+IMU_MESSAGES = (
+    "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics hold it, two as "
+    "ACCEL,GYRO if each sensor has its own"
+)
+ROS_UNITS = "m/s^2 and rad/s, by <https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html>"
+ROS_TIME = (
+    "header.stamp, counted from the first sample; --receive-time takes when the bag received the message"
+)
+OWN_CLOCKS = "sensors with stamps of their own are brought onto one clock, which a warning says"
+
+CUT_OFF = "a log that was cut off is read to its last whole message"
+
+FORMATS: Final[dict[str, Format]] = {
+    "csv": Format(
+        read_csv,
+        "CSV with a header",
+        1,
+        None,
+        "canonical names in the first line, or --columns with ours=theirs",
+        "columns with canonical names, any other numbers as auxiliary inputs; --columns ours=theirs for "
+        "other names",
+        NAMED_UNITS,
+        NAMED_TIME,
+        ("columns", "rate_hz"),
+        "other.csv --columns time_ms=t,accel_x_g=ax,accel_y_g=ay,accel_z_g=az,"
+        "gyro_x_dps=gx,gyro_y_dps=gy,gyro_z_dps=gz",
+    ),
+    "parquet": Format(
+        read_parquet,
+        "Parquet",
+        1,
+        None,
+        "content, or .parquet",
+        "as csv",
+        NAMED_UNITS,
+        NAMED_TIME,
+        ("columns", "rate_hz"),
+        "run.parquet",
+    ),
+    "columns": Format(
+        read_columns,
+        "Text without a header that we know",
+        1,
+        None,
+        "--columns",
+        "numbers separated by comma, semicolon, tab or spaces; lines that are not numbers at the top are "
+        "left out",
+        NAMED_UNITS,
+        NAMED_TIME,
+        ("columns", "rate_hz", "skip_rows"),
+        "log.txt --columns accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps,- --rate-hz 100",
+    ),
+    "imu_tk": Format(
+        read_imu_tk,
+        "imu_tk pair",
+        2,
+        None,
+        "two files",
+        "two text files, accelerometer and gyroscope, with the columns time, x, y, z and equal time stamps",
+        "raw counts, or SI with --accel-unit m/s^2 and --gyro-unit rad/s",
+        "the first column, in s or --time-unit",
+        ("time_unit", "accel_unit", "gyro_unit"),
+        "acc.mat gyro.mat",
+    ),
+    "euroc": Format(
+        read_euroc,
+        "EuRoC",
+        1,
+        None,
+        "its header",
+        "the IMU's data.csv of a data set in the ASL form",
+        "rad/s and m/s^2, by the file's header",
+        "ns, counted from the first sample",
+        (),
+        "data.csv",
+    ),
+    "rosbag": Format(
+        read_rosbag,
+        "ROS 1 and ROS 2 bags",
+        1,
+        "ros",
+        "content (.bag, .db3), or a folder with metadata.yaml",
+        IMU_MESSAGES,
+        ROS_UNITS,
+        f"{ROS_TIME}; {OWN_CLOCKS}",
+        ("topic", "receive_time"),
+        "drive.bag --topic /imu/data",
+    ),
+    "mcap": Format(
+        read_mcap,
+        "MCAP",
+        1,
+        "ros",
+        "content",
+        f"{IMU_MESSAGES}; serialised as in ROS 1 or ROS 2",
+        ROS_UNITS,
+        f"{ROS_TIME}; {OWN_CLOCKS}",
+        ("topic", "receive_time"),
+        "drive.mcap --topic /imu/data",
+    ),
+    "ulog": Format(
+        read_ulog,
+        "PX4 ULog",
+        1,
+        "px4",
+        "content",
+        "sensor_accel with sensor_gyro, as measured, and their temperature; or sensor_combined, to which "
+        f"PX4 has applied its own calibration, which a warning says; {CUT_OFF}",
+        "m/s^2, rad/s, degC, by <https://docs.px4.io/main/en/msg_docs/SensorAccel> and its like",
+        f"timestamp_sample, else timestamp, counted from the first sample; {OWN_CLOCKS}",
+        ("topic", "instance"),
+        "flight.ulg --topic sensor_accel --instance 0",
+    ),
+    "dataflash": Format(
+        read_dataflash,
+        "ArduPilot dataflash",
+        1,
+        "ardupilot",
+        "content",
+        "IMU and its temperature, or ACC with GYR at the rate of the sensors; ArduPilot has applied its "
+        f"own calibration, which a warning says; {CUT_OFF}",
+        "m/s/s, rad/s, degC, by the log itself (FMTU) and <https://ardupilot.org/copter/docs/logmessages.html>",
+        f"TimeUS of IMU, SampleUS of ACC and GYR, counted from the first sample; {OWN_CLOCKS}",
+        ("topic", "instance"),
+        "flight.bin --topic IMU --instance 0",
+    ),
+    "matlab": Format(
+        read_matlab,
+        "MATLAB .mat, all versions",
+        1,
+        "matlab",
+        "content; --format matlab for version 4",
+        f"{NAMED_ARRAYS}; a struct is a group; no tables and no objects",
+        NAMED_UNITS,
+        NAMED_TIME,
+        ("columns", "group", "rate_hz"),
+        "run.mat --columns time_s=imu.t,accel_mps2=imu.acc,gyro_dps=imu.gyr",
+    ),
+    "hdf5": Format(
+        read_hdf5,
+        "HDF5",
+        1,
+        "hdf5",
+        "content",
+        f"{NAMED_ARRAYS}; compound data sets by their fields",
+        NAMED_UNITS,
+        NAMED_TIME,
+        ("columns", "group", "rate_hz"),
+        "run.h5 --group unit_1",
+    ),
+    "numpy": Format(
+        read_numpy,
+        "NumPy .npz and .npy",
+        1,
+        None,
+        "content",
+        f"{NAMED_ARRAYS}; structured arrays by their fields; no pickled objects",
+        NAMED_UNITS,
+        NAMED_TIME,
+        ("columns", "group", "rate_hz"),
+        "run.npz",
+    ),
+}

@@ -1,0 +1,58 @@
+"""MATLAB .mat files of all versions: variables, and the fields of structs."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.io.extra import library
+from imucal.io.hdf5 import hdf5_arrays
+from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays
+from imucal.io.source import first_bytes, open_large, parsing
+from imucal.recording import Recording
+
+__all__ = ["MATLAB_MAGIC", "read_matlab"]
+
+# Level 5 (versions 5 to 7.2) and 7.3; the level 4 has no mark, its reader needs format="matlab".
+MATLAB_MAGIC: Final = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
+SAVE_PLAIN = "save the arrays as plain variables (tables and objects cannot be read), with -v7"
+
+
+def read_matlab(
+    path: str | os.PathLike[str],
+    *,
+    columns: str | Sequence[str] | None = None,
+    group: str | None = None,
+    rate_hz: float | None = None,
+) -> Recording:
+    """Read the variables of a .mat file; a struct is a group, `imu.acc` a path in it.
+
+    See `named_arrays` for names, groups and columns.
+    """
+    source, name = open_large(path), Path(path).name
+    if first_bytes(path, 19) == MATLAB_MAGIC[1]:
+        h5py = library("h5py", "matlab", "MATLAB files of version 7.3")
+        by_path = hdf5_arrays(h5py, path, ".", "MATLAB")
+        # HDF5 has MATLAB's columns as rows; `#refs#` is what cells point to.
+        by_path = {p: a.T for p, a in by_path.items() if not p.startswith("#")}
+    else:
+        scipy_io = library("scipy.io", "matlab", "MATLAB files")
+        with parsing(name, "MATLAB", SAVE_PLAIN):
+            variables = scipy_io.loadmat(os.fspath(path), simplify_cells=True)
+        by_path = dict(_flat("", {k: v for k, v in variables.items() if not k.startswith("__")}))
+    arrays = NamedArrays(name, by_path, ".")
+    return recording_from_arrays(arrays, [source], columns=columns, group=group, rate_hz=rate_hz)
+
+
+def _flat(prefix: str, members: Mapping[str, Any]) -> list[tuple[str, Array]]:
+    found = []
+    for name, value in members.items():
+        if isinstance(value, Mapping):
+            found += _flat(f"{prefix}{name}.", value)
+        elif isinstance(value, np.ndarray) and value.dtype.kind in "fiub":
+            found.append((f"{prefix}{name}", value))
+    return found

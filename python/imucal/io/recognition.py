@@ -1,0 +1,80 @@
+"""Which format a file has: by its content, and by its name where the content does not say."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+from imucal.errors import FormatError
+from imucal.io.canonical import PARQUET_MAGIC
+from imucal.io.columns import mapping_of
+from imucal.io.dataflash import DATAFLASH_MAGIC
+from imucal.io.euroc import is_euroc
+from imucal.io.formats import FORMATS
+from imucal.io.matlab import MATLAB_MAGIC
+from imucal.io.ros import ROS1_MAGIC
+from imucal.io.source import first_bytes, is_folder, open_file
+from imucal.io.text import first_fields
+from imucal.io.ulog import ULOG_MAGIC
+from imucal.io.vocabulary import NAMES, is_canonical
+
+__all__ = ["recognise"]
+
+STARTS: Final = (
+    *((magic, "matlab") for magic in MATLAB_MAGIC),
+    (PARQUET_MAGIC, "parquet"),
+    (ROS1_MAGIC, "rosbag"),
+    (b"SQLite format 3\0", "rosbag"),
+    (b"\x89MCAP0\r\n", "mcap"),
+    (ULOG_MAGIC, "ulog"),
+    (DATAFLASH_MAGIC, "dataflash"),
+    (b"\x89HDF\r\n\x1a\n", "hdf5"),
+    (b"\x93NUMPY", "numpy"),
+    (b"PK\x03\x04", "numpy"),
+)
+# Damaged at the start, a file is still told by the ending that no other format has.
+ENDINGS: Final = {
+    ".parquet": "parquet",
+    ".bag": "rosbag",
+    ".db3": "rosbag",
+    ".mcap": "mcap",
+    ".ulg": "ulog",
+    ".bin": "dataflash",
+    ".h5": "hdf5",
+    ".hdf5": "hdf5",
+    ".npy": "numpy",
+    ".npz": "numpy",
+}
+
+
+def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any]) -> str:
+    """The format of the files, by their number, content and names, and by the options for text.
+
+    Raises FormatError if it is not clear, and what `open_file` raises.
+    """
+    if len(paths) == 2:
+        return "imu_tk"
+    path = Path(paths[0])
+    if is_folder(path) and (path / "metadata.yaml").is_file():
+        return "rosbag"
+    start = first_bytes(paths[0], max(len(magic) for magic, _ in STARTS))
+    for magic, name in STARTS:
+        if start.startswith(magic):
+            return name
+    if path.suffix.lower() in ENDINGS:
+        return ENDINGS[path.suffix.lower()]
+    if "columns" in options and mapping_of(options["columns"]) is None:
+        return "columns"
+    file = open_file(paths[0])
+    fields = first_fields(file)
+    if is_euroc(fields):
+        return "euroc"
+    if "columns" in options or any(is_canonical(field) for field in fields):
+        return "csv"
+    shown = ", ".join(fields[:12])
+    raise FormatError(
+        f"{file.name}: the format is not clear, its first line is: {shown[:200]}. Give the format "
+        f"({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
+    )

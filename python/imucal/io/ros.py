@@ -1,0 +1,178 @@
+"""sensor_msgs/Imu in ROS 1 bags, ROS 2 bags (sqlite3 and MCAP storage) and MCAP files.
+
+The message's definition (docs.ros.org, sensor_msgs/Imu) has m/s^2 and rad/s, and -1 as the first element of
+a covariance for "not measured". Its `header.stamp` is when the sample was taken; when the bag received it is
+another matter, and taken on request alone.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.errors import FormatError, InputError
+from imucal.io.extra import library
+from imucal.io.mcap import messages_of_mcap, topics_of_mcap
+from imucal.io.source import first_bytes, is_folder, open_large, parsing
+from imucal.io.streams import Stream, recording_from_streams
+from imucal.recording import Recording, Source
+
+__all__ = ["ROS1_MAGIC", "read_mcap", "read_rosbag"]
+
+ROS1_MAGIC: Final = b"#ROSBAG V"
+IMU: Final = "sensor_msgs/msg/Imu"
+NOT_MEASURED: Final = -1.0
+# What the formats' own tools make whole again.
+REPAIR_BAG = "`rosbag reindex` (ROS 1) or `ros2 bag reindex` (ROS 2) may repair it, or record it again"
+REPAIR_MCAP = "`mcap recover` may repair it, or record it again"
+FIELDS = {"accel": "linear_acceleration", "gyro": "angular_velocity"}
+
+
+@dataclass
+class Samples:
+    """What the messages of one topic hold, in their order."""
+
+    stamp_ns: list[int] = field(default_factory=list)
+    accel: list[tuple[float, float, float]] = field(default_factory=list)
+    gyro: list[tuple[float, float, float]] = field(default_factory=list)
+    # Sensors that the messages say they do not hold.
+    absent: set[str] = field(default_factory=set)
+
+
+def read_rosbag(
+    path: str | os.PathLike[str], *, topic: str | None = None, receive_time: bool = False
+) -> Recording:
+    """Read a ROS 1 bag (.bag), a ROS 2 bag (its folder), or a file of one (.db3).
+
+    topic         of the Imu messages; two, "ACCEL,GYRO", if each sensor has its own; None takes the only one
+    receive_time  time stamps of the bag instead of header.stamp
+
+    Raises InputError if the choice of a topic is not clear, FormatError for the contents.
+    """
+    given = Path(path)
+    name, sources = given.name or given.resolve().name, _sources(given)
+    # A folder is of ROS 2, whatever its name.
+    is_ros1 = not is_folder(given) and (
+        given.suffix.lower() == ".bag" or first_bytes(given, len(ROS1_MAGIC)) == ROS1_MAGIC
+    )
+    reader = library("rosbags.rosbag1" if is_ros1 else "rosbags.rosbag2", "ros", "ROS bags").Reader
+    serialisation = "ros1" if is_ros1 else "cdr"
+    with parsing(name, "a ROS bag", REPAIR_BAG), reader(given) as bag:
+        types = {connection.topic: connection.msgtype for connection in bag.connections}
+        counts = {each: bag.topics[each].msgcount for each in types}
+        wanted = _topics(name, topic, types, counts)
+        connections = [connection for connection in bag.connections if connection.topic in wanted]
+        samples = _samples(
+            wanted,
+            (
+                (connection.topic, received_ns, raw, serialisation)
+                for connection, received_ns, raw in bag.messages(connections)
+            ),
+            receive_time,
+        )
+    return _recording(name, wanted, samples, sources)
+
+
+def read_mcap(
+    path: str | os.PathLike[str], *, topic: str | None = None, receive_time: bool = False
+) -> Recording:
+    """Read an MCAP file with ROS 1 or ROS 2 messages; arguments and errors are those of `read_rosbag`."""
+    name, source = Path(path).name, open_large(path)
+    library("mcap.reader", "ros", "MCAP files")
+    with parsing(name, "MCAP", REPAIR_MCAP), Path(path).open("rb") as file:
+        types, counts = topics_of_mcap(file)
+        wanted = _topics(name, topic, types, counts)
+        samples = _samples(wanted, messages_of_mcap(file, wanted), receive_time)
+    return _recording(name, wanted, samples, [source])
+
+
+def _sources(path: Path) -> list[Source]:
+    if not is_folder(path):
+        return [open_large(path)]
+    return [open_large(file) for file in sorted(path.iterdir()) if file.is_file()]
+
+
+def _topics(name: str, given: str | None, types: dict[str, str], counts: dict[str, int]) -> list[str]:
+    """The one topic, or the two for accelerometer and gyroscope."""
+    imus = [topic for topic, kind in types.items() if kind == IMU]
+    listed = ", ".join(f"{topic} ({counts[topic]} messages)" for topic in imus)
+    if given is not None:
+        wanted = [topic.strip() for topic in given.split(",")]
+        for topic in wanted:
+            if topic not in types:
+                raise InputError(f"{name}: there is no topic {topic!r}; topics of {IMU}: {listed or 'none'}")
+            if types[topic] != IMU:
+                raise InputError(
+                    f"{name}: the topic {topic} holds {types[topic]}, {IMU} is needed: "
+                    f"{listed or 'there is none'}"
+                )
+        if len(wanted) > 2:
+            raise InputError(f"{name}: {len(wanted)} topics are given: give one, or two as ACCEL,GYRO")
+        return wanted
+    if not imus:
+        others = ", ".join(f"{topic} ({kind})" for topic, kind in types.items())
+        raise FormatError(
+            f"{name}: no topic holds {IMU}; found: {others or 'no topics'}: record the topic of the IMU's "
+            "driver, or convert its messages to this type"
+        )
+    if len(imus) > 1:
+        raise InputError(
+            f"{name}: {len(imus)} topics hold {IMU}: {listed}: choose one (topic=..., --topic), or two as "
+            "ACCEL,GYRO if each sensor has its own"
+        )
+    return imus
+
+
+def _samples(
+    topics: list[str], messages: Iterable[tuple[str, int, bytes, str]], receive_time: bool
+) -> dict[str, Samples]:
+    """Decode the messages: topic, time of receipt, bytes and serialisation of each."""
+    samples = {topic: Samples() for topic in topics}
+    decode = _decoders()
+    for topic, received_ns, raw, serialisation in messages:
+        message = decode[serialisation](raw, IMU)
+        stamp = message.header.stamp
+        into = samples[topic]
+        into.stamp_ns.append(received_ns if receive_time else stamp.sec * 1_000_000_000 + stamp.nanosec)
+        for sensor, which in FIELDS.items():
+            vector = getattr(message, which)
+            getattr(into, sensor).append((vector.x, vector.y, vector.z))
+            if getattr(message, f"{which}_covariance")[0] == NOT_MEASURED:
+                into.absent.add(sensor)
+    return samples
+
+
+def _recording(name: str, topics: list[str], samples: dict[str, Samples], sources: list[Source]) -> Recording:
+    accel, gyro = (
+        _stream(name, topic, sensor, samples[topic])
+        for sensor, topic in zip(FIELDS, (topics[0], topics[-1]), strict=True)
+    )
+    return recording_from_streams(name, accel, gyro, sources)
+
+
+def _decoders() -> dict[str, Any]:
+    typesys = library("rosbags.typesys", "ros", "ROS messages")
+    ros1 = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
+    # The definition of Imu is the same in all releases of ROS 2.
+    ros2 = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    return {"ros1": ros1.deserialize_ros1, "cdr": ros2.deserialize_cdr}
+
+
+def _stream(name: str, topic: str, sensor: str, samples: Samples) -> Stream:
+    if sensor in samples.absent:
+        raise FormatError(
+            f"{name}: {topic} says that its {FIELDS[sensor]} is not measured (covariance -1): give both "
+            "topics, --topic ACCEL,GYRO, if each sensor has its own"
+        )
+    if samples.stamp_ns and not any(samples.stamp_ns):
+        raise FormatError(
+            f"{name}: header.stamp of {topic} is 0 in all messages, the driver does not set it: take the "
+            "bag's own time stamps, with their jitter (receive_time=True, --receive-time)"
+        )
+    values = np.array(getattr(samples, sensor), dtype=np.float64).reshape(-1, 3)
+    return Stream(topic, np.array(samples.stamp_ns, dtype=np.int64), values)

@@ -1,0 +1,216 @@
+"""Accelerometer and gyroscope that come with time stamps of their own, brought onto one clock.
+
+1. With equal stamps nothing is changed.
+2. Otherwise the slower sensor is the clock, the gyroscope if both have the same rate: its samples are
+   integrated, and better left alone.
+3. At the same rate the other sensor is interpolated between its two neighbouring samples; a faster one is
+   averaged over one interval of the clock, centred at the stamp, which keeps the angle that a gyroscope
+   turned through.
+4. Nothing is invented: samples of the clock before, after and in the gaps of the other sensor are left out.
+
+What was done is a finding of the recording.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucal.arrays import FloatArray
+from imucal.errors import FormatError
+from imucal.finding import Finding
+from imucal.recording import Recording, Source
+
+__all__ = ["Stream", "median_rate_hz", "recording_from_streams"]
+
+# Two sensors set to one rate run apart by what their oscillators differ, about a per cent.
+SAME_RATE = 1.02
+# A clock ten times slower than a sensor leaves too little of a turn to follow it.
+LARGEST_RATIO = 10.0
+# One lost sample is bridged as the samples beside it would be; a longer step is a gap.
+GAP_STEPS = 2.5
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """The samples of one sensor, as the file has them.
+
+    name              what the file calls it
+    time_ns           (N,) integers, ns
+    values            (N, 3) m/s^2 or rad/s
+    temperature_degc  (N,) degC, or None
+    """
+
+    name: str
+    time_ns: NDArray[np.int64]
+    values: FloatArray
+    temperature_degc: FloatArray | None = None
+
+
+def median_rate_hz(time_ns: NDArray[np.int64]) -> float:
+    """The median rate of time stamps, Hz; NaN if there is none."""
+    step_ns = float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else 0.0
+    return 1e9 / step_ns if step_ns > 0 else float("nan")
+
+
+def recording_from_streams(
+    file: str, accel: Stream, gyro: Stream, sources: Sequence[Source], findings: Sequence[Finding] = ()
+) -> Recording:
+    """One recording of both sensors; time is counted from its first sample.
+
+    Raises FormatError if a sensor has no samples, if its stamps go back or its values are not finite where
+    they must be resampled, if the rates are too far apart, or if both never measured at the same time.
+    """
+    for stream in (accel, gyro):
+        if not len(stream.time_ns):
+            raise FormatError(f"{file}: {stream.name} holds no samples: record it, or choose another")
+    if np.array_equal(accel.time_ns, gyro.time_ns):
+        return _recording(file, accel, gyro, sources, findings)
+    accel, gyro = _resampleable(file, accel), _resampleable(file, gyro)
+    accel_hz, gyro_hz = median_rate_hz(accel.time_ns), median_rate_hz(gyro.time_ns)
+    if gyro_hz > SAME_RATE * accel_hz:
+        clock, other, ratio = accel, gyro, gyro_hz / accel_hz
+    else:
+        clock, other, ratio = gyro, accel, accel_hz / gyro_hz
+    if ratio > LARGEST_RATIO:
+        raise FormatError(
+            f"{file}: {clock.name} has {median_rate_hz(clock.time_ns):.6g} Hz, {other.name} "
+            f"{median_rate_hz(other.time_ns):.6g} Hz: they are too far apart for one clock (more than "
+            f"{LARGEST_RATIO:g} times): record both at similar rates"
+        )
+    is_averaged = ratio > SAME_RATE
+    kept, moved = _onto(clock, other, is_averaged)
+    left_out = len(clock.time_ns) - len(kept.time_ns)
+    if len(kept.time_ns) < 2:
+        raise FormatError(
+            f"{file}: {accel.name} and {gyro.name} were hardly recorded at the same time "
+            f"({len(kept.time_ns)} samples): check their time stamps, or record both together"
+        )
+    noise_left = _noise_left(kept, other, is_averaged)
+    finding = Finding(
+        code="resampled",
+        severity="warning",
+        recording=file,
+        columns=("accel" if other is accel else "gyro",),
+        place=None,
+        count=left_out,
+        value=ratio,
+        unit="1",
+        message=(
+            f"{other.name} ({median_rate_hz(other.time_ns):.6g} Hz) was "
+            + ("averaged over the intervals" if is_averaged else "interpolated to the time stamps")
+            + f" of {clock.name} ({median_rate_hz(clock.time_ns):.6g} Hz); {left_out} samples that only one "
+            f"of them covers were left out, and its white noise per sample is {noise_left:.2g} of what it was"
+        ),
+        way_out="to see the noise of the sensor itself, record both sensors at the same instants",
+    )
+    both = (moved, kept) if clock is gyro else (kept, moved)
+    return _recording(file, *both, sources, [*findings, finding])
+
+
+def _recording(
+    file: str, accel: Stream, gyro: Stream, sources: Sequence[Source], findings: Sequence[Finding]
+) -> Recording:
+    temperatures = (stream.temperature_degc for stream in (accel, gyro))
+    known = (each for each in temperatures if each is not None and np.isfinite(each).any())
+    return Recording(
+        (gyro.time_ns - gyro.time_ns[0]) / 1e9,
+        accel.values,
+        gyro.values,
+        temperature_degc=next(known, None),
+        name=file,
+        sources=sources,
+        findings=findings,
+    )
+
+
+def _resampleable(file: str, stream: Stream) -> Stream:
+    """The stream without samples that were logged twice; FormatError if it cannot be resampled."""
+    is_new = np.diff(stream.time_ns, prepend=stream.time_ns[0] - 1) != 0
+    # A sample that is repeated with its stamp says nothing new; one with other values contradicts it.
+    is_new[1:] |= (stream.values[1:] != stream.values[:-1]).any(axis=1)
+    once = _part(stream, is_new)
+    bad = np.flatnonzero(np.diff(once.time_ns) <= 0)
+    if len(bad):
+        row = int(bad[0])
+        raise FormatError(
+            f"{file}: the time stamps of {stream.name} do not increase at {len(bad)} samples, first after "
+            f"{(once.time_ns[row] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto one "
+            "clock; record again, or cut the part out"
+        )
+    bad = np.flatnonzero(~np.isfinite(once.values).all(axis=1))
+    if len(bad):
+        raise FormatError(
+            f"{file}: {stream.name} has {len(bad)} samples that are not finite numbers, first at "
+            f"{(once.time_ns[bad[0]] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto "
+            "one clock; record again, or cut the part out"
+        )
+    if len(once.time_ns) < 2:
+        raise FormatError(f"{file}: {stream.name} holds a single sample: record it, or choose another")
+    return once
+
+
+def _part(stream: Stream, which: Any) -> Stream:
+    temperature = stream.temperature_degc
+    return Stream(
+        stream.name,
+        stream.time_ns[which],
+        stream.values[which],
+        None if temperature is None else temperature[which],
+    )
+
+
+def _onto(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
+    """The samples of the clock at which the other sensor measured too, and the other at these stamps."""
+    start_ns = min(clock.time_ns[0], other.time_ns[0])
+    at_s, other_s = (clock.time_ns - start_ns) / 1e9, (other.time_ns - start_ns) / 1e9
+    half_s = 0.5 / median_rate_hz(clock.time_ns) if is_averaged else 0.0
+    first = np.searchsorted(other_s, at_s - half_s, side="right") - 1
+    last = np.searchsorted(other_s, at_s + half_s, side="left")
+    is_inside = (first >= 0) & (last < len(other_s))
+    first, last = first.clip(0, len(other_s) - 1), last.clip(0, len(other_s) - 1)
+    steps_s = np.diff(other_s)
+    gaps = np.concatenate([[0], np.cumsum(steps_s > GAP_STEPS * np.median(steps_s))])
+    kept = _part(clock, is_inside & (gaps[first] == gaps[last]))
+    at_s = (kept.time_ns - start_ns) / 1e9
+    if is_averaged:
+        values = np.stack([_mean(at_s, half_s, other_s, axis) for axis in other.values.T], axis=1)
+    else:
+        values = np.stack([np.interp(at_s, other_s, axis) for axis in other.values.T], axis=1)
+    temperature = other.temperature_degc
+    return kept, Stream(
+        other.name,
+        kept.time_ns,
+        values,
+        None if temperature is None else np.interp(at_s, other_s, temperature),
+    )
+
+
+def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArray) -> FloatArray:
+    """The mean over at_s -+ half_s of the line through the samples."""
+    # Without the mean the integral stays small, and its differences exact.
+    level = float(values.mean())
+    steps_s, values = np.diff(time_s), values - level
+    integral = np.concatenate([[0.0], np.cumsum(steps_s * (values[1:] + values[:-1]) / 2)])
+
+    def integral_to(t_s: FloatArray) -> FloatArray:
+        k = np.clip(np.searchsorted(time_s, t_s, side="right") - 1, 0, len(steps_s) - 1)
+        since_s = t_s - time_s[k]
+        slope = (values[k + 1] - values[k]) / steps_s[k]
+        reached: FloatArray = integral[k] + since_s * (values[k] + slope * since_s / 2)
+        return reached
+
+    return level + (integral_to(at_s + half_s) - integral_to(at_s - half_s)) / (2 * half_s)
+
+
+def _noise_left(clock: Stream, other: Stream, is_averaged: bool) -> float:
+    """The standard deviation of white noise in the resampled samples, over that in the samples."""
+    if is_averaged:
+        return float(np.sqrt(median_rate_hz(clock.time_ns) / median_rate_hz(other.time_ns)))
+    k = np.clip(np.searchsorted(other.time_ns, clock.time_ns, side="right") - 1, 0, len(other.time_ns) - 2)
+    share = np.clip((clock.time_ns - other.time_ns[k]) / (other.time_ns[k + 1] - other.time_ns[k]), 0, 1)
+    return float(np.sqrt(np.mean(share**2 + (1 - share) ** 2)))

@@ -1,0 +1,156 @@
+"""PX4 ULog: sensor_accel with sensor_gyro, or sensor_combined.
+
+Units and frames are those of PX4's message definitions (docs.px4.io, msg_docs): m/s^2 and rad/s in the
+board's frame, front, right, down; degC; microseconds since the system's start. sensor_accel and sensor_gyro
+hold what the sensors measured; sensor_combined is "scaled and offset-compensated": PX4 has applied its CAL_*
+parameters to it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from imucal.errors import FormatError, InputError
+from imucal.finding import Finding
+from imucal.io.extra import library
+from imucal.io.remarks import damaged, remark
+from imucal.io.source import open_large, parsing
+from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
+from imucal.recording import Recording
+
+__all__ = ["ULOG_MAGIC", "read_ulog"]
+
+ULOG_MAGIC = b"ULog\x01\x12\x35"
+NEEDED = "sensor_accel with sensor_gyro, or sensor_combined"
+# sensor_combined has this in accelerometer_timestamp_relative when the accelerometer gave nothing.
+INVALID_RELATIVE_TIME = 0x7FFFFFFF
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One way to take both sensors from a log; `datasets` are pyulog's."""
+
+    topic: str
+    instance: int
+    datasets: tuple[Any, ...]
+
+    def __str__(self) -> str:
+        rates = " and ".join(f"{median_rate_hz(_time_ns(each.data)):.6g} Hz" for each in self.datasets)
+        what = "corrected by PX4" if self.topic == "sensor_combined" else "as measured"
+        return f"--topic {self.topic} --instance {self.instance} ({rates}, {what})"
+
+
+def read_ulog(
+    path: str | os.PathLike[str], *, topic: str | None = None, instance: int | None = None
+) -> Recording:
+    """Read a ULog file.
+
+    topic     sensor_accel (with sensor_gyro) or sensor_combined; None takes the only one
+    instance  of the sensor, from 0; None takes the only one
+
+    Raises InputError if the choice is not clear, FormatError for the contents.
+    """
+    source, name = open_large(path), Path(path).name
+    pyulog = library("pyulog", "px4", "PX4 logs")
+    # pyulog prints of damage, which the finding below says.
+    with (
+        parsing(name, "ULog", "download it from the flight controller again"),
+        contextlib.redirect_stdout(io.StringIO()),
+    ):
+        log = pyulog.ULog(os.fspath(path), ["sensor_accel", "sensor_gyro", "sensor_combined"])
+    choice = _choose(name, log.data_list, topic, instance)
+    findings = [damaged(name)] if log.file_corruption else []
+    if choice.topic == "sensor_combined":
+        accel, gyro = _combined(name, choice.datasets[0].data)
+        findings.append(_corrected(name))
+    else:
+        accel, gyro = (_stream(name, each) for each in choice.datasets)
+    return recording_from_streams(name, accel, gyro, [source], findings)
+
+
+def _choose(name: str, datasets: list[Any], topic: str | None, instance: int | None) -> Choice:
+    by_key = {(each.name, each.multi_id): each for each in datasets}
+    choices = []
+    for (message, number), each in sorted(by_key.items()):
+        if message == "sensor_combined":
+            choices.append(Choice(message, number, (each,)))
+        elif message == "sensor_accel" and ("sensor_gyro", number) in by_key:
+            choices.append(Choice(message, number, (each, by_key["sensor_gyro", number])))
+    if not choices:
+        found = ", ".join(f"{message} {number}" for message, number in by_key)
+        raise FormatError(
+            f"{name} holds neither {NEEDED}; found of these: {found or 'none'}: log them (SDLOG_PROFILE, or "
+            "a file logger_topics.txt on the card)"
+        )
+    # Either name of the pair is meant as the pair.
+    wanted = "sensor_accel" if topic == "sensor_gyro" else topic
+    fitting = [c for c in choices if wanted in (None, c.topic) and instance in (None, c.instance)]
+    listed = "; ".join(map(str, choices))
+    if not fitting:
+        asked = " ".join(str(each) for each in (topic, instance) if each is not None)
+        raise InputError(f"{name}: there is no {asked}; found: {listed}")
+    if len(fitting) > 1:
+        raise InputError(f"{name}: {len(choices)} sensors can be read: choose one: {listed}")
+    return fitting[0]
+
+
+def _time_ns(data: Any) -> Any:
+    # When the sensor was sampled, where the log says it, and not when the sample was published.
+    stamps = data.get("timestamp_sample")
+    return (data["timestamp"] if stamps is None or not stamps.any() else stamps).astype(np.int64) * 1000
+
+
+def _stream(name: str, dataset: Any) -> Stream:
+    data = dataset.data
+    values = np.stack([_field(name, dataset.name, data, axis) for axis in "xyz"], axis=1)
+    temperature = data.get("temperature")
+    return Stream(
+        f"{dataset.name} {dataset.multi_id}",
+        _time_ns(data),
+        values.astype(np.float64),
+        None if temperature is None else temperature.astype(np.float64),
+    )
+
+
+def _combined(name: str, data: Any) -> tuple[Stream, Stream]:
+    accel, gyro = (
+        np.stack([_field(name, "sensor_combined", data, f"{which}[{i}]") for i in range(3)], axis=1)
+        for which in ("accelerometer_m_s2", "gyro_rad")
+    )
+    time_ns = data["timestamp"].astype(np.int64) * 1000
+    relative_us = _field(name, "sensor_combined", data, "accelerometer_timestamp_relative").astype(np.int64)
+    is_valid = relative_us != INVALID_RELATIVE_TIME
+    return (
+        Stream(
+            "sensor_combined accelerometer_m_s2",
+            (time_ns + relative_us * 1000)[is_valid],
+            accel[is_valid].astype(np.float64),
+        ),
+        Stream("sensor_combined gyro_rad", time_ns, gyro.astype(np.float64)),
+    )
+
+
+def _field(name: str, message: str, data: Any, field: str) -> Any:
+    if field not in data:
+        raise FormatError(
+            f"{name}: {message} has no field {field}; found: {', '.join(data)}: it is of a PX4 version that "
+            "is not known, convert it by other means"
+        )
+    return data[field]
+
+
+def _corrected(name: str) -> Finding:
+    return remark(
+        name,
+        "already_corrected",
+        "PX4 has applied its own calibration (CAL_*, TC_*) to sensor_combined",
+        "a calibration of it comes on top of these parameters and does not replace them; log sensor_accel "
+        "and sensor_gyro for one that does",
+    )

@@ -1,0 +1,235 @@
+"""Arrays with names: MATLAB, HDF5, NumPy and Parquet files, each written by its own library."""
+
+import zipfile
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pytest
+import scipy.io
+from pyarrow import parquet
+
+import imucal
+
+
+def assert_is(recording, known, *, is_counted=True):
+    time_s = (known.time_ns - known.time_ns[0]) / 1e9 if is_counted else known.time_ns / 1e9
+    np.testing.assert_array_equal(recording.time_s, time_s)
+    np.testing.assert_array_equal(recording.specific_force, known.accel)
+    np.testing.assert_array_equal(recording.angular_rate, known.gyro)
+
+
+def canonical(known):
+    return {
+        "time_ns": known.time_ns,
+        "accel_mps2": known.accel,
+        "gyro_radps": known.gyro,
+        "temp_degc": known.temperature,
+    }
+
+
+def hdf5(path, known, group="/"):
+    with h5py.File(path, "a") as file:
+        for name, array in canonical(known).items():
+            file.require_group(group)[name] = array
+
+
+def matlab_7_3(path, known):
+    """As MATLAB writes it: HDF5 behind a block of 512 bytes with its name, arrays with their axes swapped."""
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, array in canonical(known).items():
+            file[f"run/{name}"] = np.atleast_2d(array).T if array.ndim == 2 else array[np.newaxis, :]
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM")
+
+
+WRITERS = {
+    "run.npz": lambda path, known: np.savez(path, **canonical(known)),
+    "run.h5": hdf5,
+    "v5.mat": lambda path, known: scipy.io.savemat(path, canonical(known)),
+    "struct.mat": lambda path, known: scipy.io.savemat(path, {"run": canonical(known)}, do_compression=True),
+    "v73.mat": matlab_7_3,
+}
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_arrays_with_canonical_names_are_found(tmp_path, known, name):
+    WRITERS[name](tmp_path / name, known)
+    recording = imucal.read(tmp_path / name)
+    assert_is(recording, known)
+    np.testing.assert_array_equal(recording.temperature_degc, known.temperature)
+    assert recording.auxiliary == {}
+    assert recording.name == name
+
+
+def test_matlab_version_4_is_read_when_it_is_named(tmp_path, known):
+    # Version 4 knows no 64-bit integers.
+    arrays = {**canonical(known), "time_s": known.time_ns / 1e9}
+    del arrays["time_ns"]
+    scipy.io.savemat(tmp_path / "v4.mat", arrays, format="4")
+    assert_is(imucal.read(tmp_path / "v4.mat", format="matlab"), known, is_counted=False)
+
+
+def test_columns_groups_and_structured_arrays(tmp_path, known):
+    names = ["time_ns", *(f"accel_{a}_mps2" for a in "xyz"), *(f"gyro_{a}_radps" for a in "xyz"), "fan_rpm"]
+    rows = np.zeros(len(known.time_ns), dtype=[(name, "i8" if name == "time_ns" else "f8") for name in names])
+    rows["time_ns"] = known.time_ns
+    rows["fan_rpm"] = np.arange(len(rows))
+    for i, axis in enumerate("xyz"):
+        rows[f"accel_{axis}_mps2"], rows[f"gyro_{axis}_radps"] = known.accel[:, i], known.gyro[:, i]
+    np.save(tmp_path / "rows.npy", rows)
+    with h5py.File(tmp_path / "rows.h5", "w") as file:
+        file["imu/rows"] = rows
+    for name in ("rows.npy", "rows.h5"):
+        recording = imucal.read(tmp_path / name)
+        assert_is(recording, known)
+        np.testing.assert_array_equal(recording.auxiliary["fan_rpm"], rows["fan_rpm"])
+
+
+def test_two_groups_are_listed_and_chosen(tmp_path, known):
+    path = tmp_path / "run.h5"
+    hdf5(path, known, "unit_1")
+    hdf5(path, known, "unit_2")
+    with pytest.raises(imucal.InputError, match=r"2 groups hold a recording: unit_1, unit_2: .*--group"):
+        imucal.read(path)
+    assert_is(imucal.read(path, group="unit_2"), known)
+    with pytest.raises(imucal.InputError, match=r"no group 'unit_3': give one of unit_1, unit_2"):
+        imucal.read(path, group="unit_3")
+
+
+@pytest.mark.parametrize("separator", ["/", "."])
+def test_other_names_are_mapped(tmp_path, known, separator):
+    force, rate = known.accel / 9.80665, np.degrees(known.gyro)
+    columns = f"time_s=imu{separator}t, accel_g=imu{separator}acc, gyro_dps=imu{separator}gyr"
+    time_s = known.time_ns / 1e9
+    if separator == "/":
+        path = tmp_path / "run.h5"
+        with h5py.File(path, "w") as file:
+            file["imu/t"], file["imu/acc"], file["imu/gyr"] = time_s, force, rate.T
+    else:
+        path = tmp_path / "run.mat"
+        scipy.io.savemat(path, {"imu": {"t": time_s, "acc": force, "gyr": rate.T}})
+    recording = imucal.read(path, columns=columns)
+    np.testing.assert_array_equal(recording.time_s, time_s)
+    np.testing.assert_allclose(recording.specific_force, known.accel, rtol=3e-16)
+    np.testing.assert_allclose(recording.angular_rate, known.gyro, rtol=5e-16)
+    with pytest.raises(imucal.InputError, match=r"no array 'imu.acce'; found: .*imu.acc \(400, 3\)"):
+        imucal.read(path, columns=columns.replace("acc,", "acce,"))
+
+
+@pytest.mark.parametrize("is_transposed", [False, True])
+def test_one_array_with_a_name_for_every_column(tmp_path, known, is_transposed):
+    rows = np.column_stack([known.accel, known.gyro, np.zeros(len(known.accel))])
+    np.save(tmp_path / "rows.npy", rows.T if is_transposed else rows)
+    names = ",".join([*(f"accel_{a}_mps2" for a in "xyz"), *(f"gyro_{a}_radps" for a in "xyz"), "-"])
+    recording = imucal.read(tmp_path / "rows.npy", columns=names, rate_hz=100)
+    np.testing.assert_array_equal(recording.specific_force, known.accel)
+    np.testing.assert_array_equal(recording.angular_rate, known.gyro)
+    assert recording.auxiliary == {}
+    with pytest.raises(imucal.FormatError, match=r"without names: name every column"):
+        imucal.read(tmp_path / "rows.npy")
+    with pytest.raises(imucal.InputError, match=r"6 columns are named, no array has as many"):
+        imucal.read(tmp_path / "rows.npy", columns=names.removesuffix(",-"))
+    with pytest.raises(imucal.FormatError, match=r"accel_x_mps2 is given twice"):
+        imucal.read(tmp_path / "rows.npy", columns=names.removesuffix("-") + "accel_x_mps2", rate_hz=100)
+
+
+def test_examples_run_as_printed(tmp_path, known, example_of):
+    np.savez(tmp_path / "run.npz", **canonical(known))
+    hdf5(tmp_path / "run.h5", known, "unit_1")
+    hdf5(tmp_path / "run.h5", known, "unit_2")
+    struct = {"t": known.time_ns / 1e9, "acc": known.accel, "gyr": np.degrees(known.gyro)}
+    scipy.io.savemat(tmp_path / "run.mat", {"imu": struct})
+    parquet.write_table(
+        pa.table(
+            {
+                "time_ns": known.time_ns,
+                **{f"accel_{a}_mps2": known.accel[:, i] for i, a in enumerate("xyz")},
+                **{f"gyro_{a}_radps": known.gyro[:, i] for i, a in enumerate("xyz")},
+            }
+        ),
+        tmp_path / "run.parquet",
+    )
+    for format in ("numpy", "hdf5", "parquet"):
+        assert_is(example_of(format), known)
+    np.testing.assert_allclose(example_of("matlab").angular_rate, known.gyro, rtol=5e-16)
+
+
+def bad(known, **changes):
+    return {name: array for name, array in (canonical(known) | changes).items() if array is not None}
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        (
+            {"gyro_radps": None},
+            r"no arrays with names like accel_mps2 and gyro_radps.*found: time_ns \(400,\)",
+        ),
+        ({"gyro_radps": np.zeros((399, 3))}, "gyro_x_radps has 399 samples but time_ns has 400"),
+        ({"time_ns": None}, "time_s .* is missing.*rate_hz"),
+        ({"gyro_radps": np.zeros((400, 4))}, r"gyro_radps has the shape \(400, 4\), \(N, 3\) is needed"),
+        ({"gyro_radps": np.zeros((400, 3), complex)}, "gyro_radps holds complex128"),
+        ({"temp_degc": np.zeros((20, 20))}, r"temp_degc has the shape \(20, 20\), \(N,\) is needed"),
+        ({"accel_x_mps2": np.zeros(400)}, "accel_x_mps2 is given twice"),
+    ],
+)
+def test_bad_arrays_are_named(tmp_path, known, changes, message):
+    np.savez(tmp_path / "run.npz", **bad(known, **changes))
+    with pytest.raises(imucal.FormatError, match=message) as caught:
+        imucal.read(tmp_path / "run.npz")
+    assert "run.npz" in str(caught.value)
+
+
+def test_nan_is_kept_for_the_checks(tmp_path, known):
+    gyro = known.gyro.copy()
+    gyro[7, 1] = np.nan
+    np.savez(tmp_path / "run.npz", **bad(known, gyro_radps=gyro))
+    np.testing.assert_array_equal(imucal.read(tmp_path / "run.npz").angular_rate, gyro)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("kept", [0, 12, 600, 0.7])
+def test_truncated_files_are_named(tmp_path, known, name, kept):
+    path = tmp_path / name
+    WRITERS[name](path, known)
+    content = path.read_bytes()
+    path.write_bytes(content[: kept if isinstance(kept, int) else int(kept * len(content))])
+    with pytest.raises(imucal.FormatError, match=name) as caught:
+        imucal.read(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_pickled_objects_are_refused(tmp_path):
+    np.save(tmp_path / "objects.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(imucal.FormatError, match=r"objects.npy .*allow_pickle=False.*save plain arrays"):
+        imucal.read(tmp_path / "objects.npy")
+
+
+def test_archive_without_arrays_and_array_without_dimension(tmp_path, known):
+    with zipfile.ZipFile(tmp_path / "sheet.xlsx", "w") as archive:
+        archive.writestr("sheet.xml", "<sheet/>")
+    with pytest.raises(imucal.FormatError, match=r"sheet.xlsx: no arrays .* found: no arrays of numbers"):
+        imucal.read(tmp_path / "sheet.xlsx")
+    np.savez(tmp_path / "run.npz", rate=50.0, **canonical(known))
+    assert_is(imucal.read(tmp_path / "run.npz"), known)
+    np.savez(tmp_path / "run.npz", **bad(known, temp_degc=np.array(20.0)))
+    with pytest.raises(imucal.FormatError, match=r"temp_degc has the shape \(\), \(N,\) is needed"):
+        imucal.read(tmp_path / "run.npz")
+
+
+def test_columns_of_a_csv_with_other_names(tmp_path, example_of):
+    (tmp_path / "other.csv").write_text(
+        "t,ax,ay,az,gx,gy,gz,note\n"
+        + "".join(f"{10 * i},0,0,{1 + i % 2 / 500},1,{i % 3 / 10},3,a\n" for i in range(600))
+    )
+    recording = example_of("csv")
+    np.testing.assert_array_equal(recording.time_s, np.arange(600) * 10 / 1e3)
+    np.testing.assert_array_equal(recording.specific_force[0], [0, 0, 9.80665])
+    np.testing.assert_allclose(recording.angular_rate[1], np.radians([1, 0.1, 3]), rtol=3e-16)
+    with pytest.raises(imucal.InputError, match=r"no column 'nil'; found: t, ax"):
+        imucal.read("other.csv", columns="time_s=nil")
+    with pytest.raises(imucal.InputError, match=r"'ax' without a partner"):
+        imucal.read("other.csv", columns="time_s=t,ax")
+    with pytest.raises(imucal.InputError, match=r"names time_s twice"):
+        imucal.read("other.csv", columns="time_s=t,time_s=ax")
