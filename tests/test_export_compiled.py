@@ -22,6 +22,11 @@ GYROSCOPE = imucal.Triad(
     [[0.9771, 0.0097, -0.0060], [-0.0084, 1.0309, -0.0031], [0.0087, 0.0036, 1.0030]], [-0.035, 0.0042, 0.001]
 )
 UNIT = imucal.Calibration(ACCELEROMETER, GYROSCOPE)
+TRIANGULAR = imucal.Calibration(
+    imucal.Triad([[0.9804, 0, 0], [0.0112, 0.9727, 0], [-0.0155, 0.0083, 0.9921]], ACCELEROMETER.bias),
+    GYROSCOPE,
+    frame="triangular",
+)
 COUNTS = imucal.Calibration(
     imucal.Triad(ACCELEROMETER.sensitivity * 418.0, [32768.0, 32411.0, 32902.0]),
     imucal.Triad(GYROSCOPE.sensitivity * 4775.0, [32777.0, 32459.0, 32511.0]),
@@ -40,7 +45,11 @@ def typical(effect, count):
 
 def with_effects(*values, unit=UNIT):
     return imucal.Calibration(
-        unit.accelerometer, unit.gyroscope, accel_unit=unit.accel_unit, gyro_unit=unit.gyro_unit, effects=values
+        unit.accelerometer,
+        unit.gyroscope,
+        accel_unit=unit.accel_unit,
+        gyro_unit=unit.gyro_unit,
+        effects=values,
     )
 
 
@@ -48,6 +57,7 @@ def units():
     """A calibration for each form of each effect, and three more."""
     yield "plain", UNIT
     yield "counts", COUNTS
+    yield "triangular", TRIANGULAR
     for effect in catalogue():
         for count in sorted({effect.plain, len(effect.parameters)}):
             yield f"{effect.name}_{count}", with_effects(typical(effect, count))
@@ -141,10 +151,12 @@ def recording(unit, count=3000):
 
 
 def acceleration_of(unit, run_c, rec):
-    """The angular acceleration as `apply_recording` takes it: that of the rate that it has corrected with it."""
+    """The angular acceleration as `apply_recording` takes it: of the rate that a first pass corrects."""
     if "angular_acceleration" not in needs_of(unit):
         return np.zeros((len(rec), 3))
-    rate = imucal.Calibration(unit.accelerometer, unit.gyroscope).apply(rec.angular_rate, rec.specific_force)[0]
+    rate = imucal.Calibration(unit.accelerometer, unit.gyroscope).apply(rec.angular_rate, rec.specific_force)[
+        0
+    ]
     rate = run_c(_core.angular_acceleration(rec.time_s, rate))[0]
     return _core.angular_acceleration(rec.time_s, rate)
 
@@ -253,9 +265,11 @@ def test_the_rust_module_runs_on_the_core(tmp_path):
     manifest = ROOT / "tests/export_rust/Cargo.toml"
     rec = recording(unit)
     rows = np.hstack((rec.angular_rate, rec.specific_force, rec.temperature_degc[:, None] - 25.0))
+    # Its build of nalgebra is that of the proof without std.
+    target = ROOT / "tests/no_std/target"
+    options = ["--release", "--locked", "--manifest-path", manifest, "--target-dir", target]
     done = subprocess.run(
-        [cargo, "run", "--quiet", "--release", "--locked", "--manifest-path", manifest]
-        + ["--target-dir", ROOT / "tests/no_std/target"],
+        [cargo, "run", "--quiet", *options],
         env={**os.environ, "IMUCAL_EXPORT": str(tmp_path / "unit.rs")},
         input=rows.astype("<f8").tobytes(),
         capture_output=True,

@@ -2,9 +2,10 @@
 
     difference = b - a,    covariance = covariance of a + covariance of b
 
-A unit that has not moved gives a difference of this covariance, as two recordings have errors of their own. Two
-tests ask whether it is more, each with half of the false alarms of `sigmas`: every parameter alone, at the limit
-that all of them together keep (Bonferroni), and all at once by chi2, which sees what is spread over many.
+A unit that has not moved gives a difference of this covariance, as two recordings have errors of their own.
+Two tests ask whether it is more, each with half of the false alarms of `sigmas`: every parameter alone, at
+the limit that all of them together keep (Bonferroni), and all at once by chi2, which sees what is spread over
+many.
 """
 
 from __future__ import annotations
@@ -222,15 +223,15 @@ def _notes(before: Calibration, after: Calibration) -> list[str]:
         notes.append(f"the serial numbers differ: {before.serial_number} and {after.serial_number}")
     if before.gravity_mps2 != after.gravity_mps2:
         notes.append(
-            f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: right for two places, and an error "
-            "of the scale of the accelerometer if it was one"
+            f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: right for two places, and an "
+            "error of the scale of the accelerometer if it was one"
         )
     shared = {s.sha256 for s in before.provenance.files} & {s.sha256 for s in after.provenance.files}
     if shared:
         paths = [s.path for s in before.provenance.files if s.sha256 in shared]
         notes.append(
-            f"both were made of {', '.join(paths)}: their errors are the same in part, and the sigmas given here "
-            "are too large"
+            f"both were made of {', '.join(paths)}: their errors are the same in part, and the standard "
+            "deviations given here are too large"
         )
     for name, one, other in (("first", before, after), ("second", after, before)):
         only = {values.name for values in one.effects} - {values.name for values in other.effects}

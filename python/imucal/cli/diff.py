@@ -53,8 +53,8 @@ def diff(
         ),
     )
     out.line(
-        f"limit for one of {len(found.changes)} parameters: {found.limit_sigmas:.2f} sigma; all at once: chi2 "
-        f"{found.chi2:.4g} with {found.dof} degrees of freedom, p {found.p_value:.2g}"
+        f"limit for one of {len(found.changes)} parameters: {found.limit_sigmas:.2f} sigma; all at once: "
+        f"chi2 {found.chi2:.4g} with {found.dof} degrees of freedom, p {found.p_value:.2g}"
     )
     for note in found.notes:
         out.line(f"note: {note}")

@@ -42,8 +42,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = (
-        "For the first sensors. Set INS_GYR_CAL to 0, or ArduPilot takes other offsets of the gyroscope at each "
-        "start.",
+        "For the first sensors. Set INS_GYR_CAL to 0, or ArduPilot takes other offsets of the gyroscope at "
+        "each start.",
     )
     return Written(
         body="\n".join(f"{name},{number(value, single=True)}" for name, value in rows) + "\n",
@@ -83,8 +83,7 @@ ARDUPILOT = Format(
     name="ardupilot",
     title="ArduPilot parameters",
     suffix=".param",
-    formula="accel = (raw - p(T) + p(CALTEMP) - ACCOFFS) * ACCSCAL, gyro = raw - p(T) + p(CALTEMP) - GYROFFS, "
-    "for each axis",
+    formula="accel = (raw - p(T) + p(CALTEMP) - ACCOFFS) * ACCSCAL, gyro = raw - p(T) + p(CALTEMP) - GYROFFS",
     source="ArduPilot, AP_InertialSensor_Backend.cpp and AP_InertialSensor_tempcal.cpp",
     units=SI + ", parameters are float32",
     carries="bias of both sensors, scale of the accelerometer, *_bias_temperature",

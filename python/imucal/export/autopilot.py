@@ -8,7 +8,6 @@ Both keep their parameters in float32.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -26,7 +25,7 @@ THERMAL: Final = {"accel": "accel_bias_temperature", "gyro": "gyro_bias_temperat
 
 @dataclass(frozen=True, eq=False)
 class Thermal:
-    """A bias that changes with d, the temperature less the reference one: linear d + square d^2, raw units."""
+    """A bias that changes with d, temperature less the reference one: linear d + square d^2, raw units."""
 
     linear: FloatArray
     square: FloatArray
@@ -95,5 +94,6 @@ def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
 
 
 def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
-    numbers: Iterable[FloatArray] = (np.linalg.solve(diagonal, n) for n in (thermal.linear, thermal.square))
-    return EffectValues(THERMAL[sensor], np.concatenate(list(numbers)))
+    # Of the raw units back to the true value, as a diagonal calibration has it.
+    numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square)))
+    return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

@@ -40,8 +40,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         same_as=moved,
         frame=FRAMES["triangular"] + turned(rotation),
         notes=(
-            "Put the two arrays into your calibration.json, whose other fields (cameras, rates, noise) imucal "
-            "does not know. T_imu_cam has to be for the body frame above.",
+            "Put the two arrays into your calibration.json, whose other fields (cameras, rates, noise) "
+            "imucal does not know. T_imu_cam has to be for the body frame above.",
         ),
     )
 

@@ -98,7 +98,8 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         + (f" by imucal {made.imucal_version}" if made.imucal_version else "")
         + (f" from {files}" if files else ""),
         f"Apply: {form.formula}",
-        f"Units: raw samples in {calibration.accel_unit} and {calibration.gyro_unit}, corrected ones in {form.units}",
+        f"Units: raw samples in {calibration.accel_unit} and {calibration.gyro_unit}, "
+        f"corrected ones in {form.units}",
         f"Body frame: {written.frame}",
         *written.notes,
         *(f"Not carried: {loss}" for loss in written.lost),
@@ -148,10 +149,9 @@ def require_si(calibration: Calibration, form: Format) -> None:
     ]
     if counts and not form.takes_counts:
         raise InputError(
-            f"the {' and the '.join(counts)} of this calibration {'is' if len(counts) == 1 else 'are'} in raw "
-            f"counts, and {form.name} corrects samples that are in SI units already: calibrate a recording in "
-            "SI units (accel_x_mps2, gyro_x_radps), or export to a format that takes counts "
-            "(c-header, rust, fusion, matlab)"
+            f"the {' and the '.join(counts)} of this calibration {'is' if len(counts) == 1 else 'are'} in "
+            f"raw counts, and {form.name} corrects samples that are in SI units already: calibrate a "
+            "recording in SI units (accel_x_mps2, ...), or export to c-header, rust, fusion or matlab"
         )
 
 

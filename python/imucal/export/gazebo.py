@@ -40,8 +40,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             density = found.noise_density.value
             if density is None:
                 raise InputError(
-                    f"{noise.name}: the white noise of {sensor}_{axis} is not known: record a longer rest, at "
-                    "a finer resolution"
+                    f"{noise.name}: the white noise of {sensor}_{axis} is not known: record a longer rest, "
+                    "at a finer resolution"
                 )
             fields = {"mean": bias[i], "stddev": density * noise.rate_hz**0.5}
             if found.random_walk.value is not None:
@@ -69,7 +69,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         frame="the axes of the sensors",
         notes=(
             f"stddev is for <update_rate>{number(noise.rate_hz)}</update_rate>; the noise is that of "
-            f"{noise.name}, {noise.duration_s:.0f} s at rest, which is the correlation time of the walk as well.",
+            f"{noise.name}, {noise.duration_s:.0f} s at rest, the correlation time of the walk as well.",
         ),
     )
 
@@ -78,7 +78,7 @@ GAZEBO = Format(
     name="gazebo",
     title="gz-sensors noise of a simulated IMU, SDF",
     suffix=".sdf",
-    formula="simulated = true + N(mean, stddev) + a bias that walks with dynamic_bias_stddev; it corrects nothing",
+    formula="simulated = true + N(mean, stddev) + a bias that walks with dynamic_bias_stddev",
     source="gz-sensors, GaussianNoiseModel.cc",
     units=SI,
     carries="bias of both sensors, white noise, random walk",

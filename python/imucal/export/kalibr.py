@@ -58,14 +58,16 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body="\n".join(body),
         lost=(
-            "the constant biases: Kalibr's block has none, an estimator finds its own (start there: "
-            f"accelerometer {moved.accelerometer.bias.tolist()} m/s^2, gyroscope {moved.gyroscope.bias.tolist()} "
-            "rad/s)",
+            "the constant biases: Kalibr's block has none, an estimator finds its own (start from "
+            f"{moved.accelerometer.bias.tolist()} m/s^2 and {moved.gyroscope.bias.tolist()} rad/s)",
             *lost_effects(calibration, {G_SENSITIVITY}),
         ),
         same_as=moved,
         frame=FRAMES["triangular"] + ", Kalibr's frame i" + turned(rotation),
-        notes=("Add rostopic, update_rate and the noise figures: imucal noise REC --kalibr imu.yaml",),
+        notes=(
+            "The formula is that of the sensor: solve it for f_i, then for w_i.",
+            "Add rostopic, update_rate and the noise figures: imucal noise REC --kalibr imu.yaml",
+        ),
     )
 
 
@@ -103,7 +105,7 @@ KALIBR = Format(
     name="kalibr",
     title="Kalibr result, block imu0 of the model scale-misalignment",
     suffix=".yaml",
-    formula="raw_accel = M_a f_i + b_a; raw_gyro = M_g C_gyro_i w_i + A C_gyro_i f_i + b_g; solved for f_i, w_i",
+    formula="raw_accel = M_a f_i + b_a; raw_gyro = M_g C_gyro_i w_i + A C_gyro_i f_i + b_g",
     source="ethz-asl/kalibr, IccSensors.py, IccScaledMisalignedImu",
     units=SI,
     carries="scale and misalignment of both sensors, gyro_g_sensitivity",

@@ -70,7 +70,7 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
         gyroscope=Triad(gyro, calibration.gyroscope.bias),
         frame=frame,
     )
-    return moved, np.linalg.solve(accel, old)
+    return moved, np.asarray(np.linalg.solve(accel, old), dtype=np.float64)
 
 
 def turned(rotation: FloatArray) -> str:

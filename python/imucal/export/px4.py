@@ -3,7 +3,7 @@
 corrected_accel = (data - thermal_offset - offset).emult(scale)     sensor_calibration/Accelerometer.hpp
 corrected_gyro  =  data - thermal_offset - offset                   sensor_calibration/Gyroscope.hpp
 thermal_offset  = x0 + x1 dT + x2 dT^2 + x3 dT^3, dT = T - TREF, T held between TMIN and TMAX
-                                    temperature_compensation/TemperatureCompensation.cpp, calc_thermal_offsets_3D
+                                    TemperatureCompensation.cpp, calc_thermal_offsets_3D
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     rows += [(f"CAL_GYRO0_{axis}OFF", model.gyro_offset[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = [
-        "For the first sensors; for others put their number in place of 0. CAL_ACC0_ID and CAL_GYRO0_ID, which "
-        "are not in this file, must be the device IDs of these sensors.",
+        "For the first sensors; for others put their number in place of 0. CAL_ACC0_ID and CAL_GYRO0_ID, "
+        "which are not in this file, must be the device IDs of these sensors.",
     ]
     if model.thermal:
         slots = ", ".join(f"TC_{LETTERS[sensor]}0_ID" for sensor in model.thermal)
@@ -79,7 +79,7 @@ PX4 = Format(
     title="PX4 parameters",
     suffix=".params",
     formula="accel = (raw - thermal - OFF) * SCALE, gyro = raw - thermal - OFF, for each axis",
-    source="PX4-Autopilot, sensor_calibration/Accelerometer.hpp and Gyroscope.hpp, TemperatureCompensation.cpp",
+    source="PX4-Autopilot, Accelerometer.hpp, Gyroscope.hpp and TemperatureCompensation.cpp",
     units=SI + ", parameters are float32",
     carries="bias of both sensors, scale of the accelerometer, *_bias_temperature",
     loses="misalignment of both, scale of the gyroscope, all other effects",

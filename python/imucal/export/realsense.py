@@ -37,8 +37,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         same_as=linear(calibration),
         frame=FRAMES[calibration.frame],
         notes=(
-            "Record with motion correction switched off (enable_motion_correction 0), in the frame of the depth "
-            "sensor, as librealsense gives it. The camera keeps float32.",
+            "Record with motion correction switched off (enable_motion_correction 0), in the frame of the "
+            "depth sensor, as librealsense gives it. The camera keeps float32.",
         ),
     )
 

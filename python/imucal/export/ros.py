@@ -35,7 +35,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body=body + "\n",
         lost=(
-            f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node takes the mean of its first samples",
+            f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node takes a mean of its own",
             off_scale("gyroscope", gyro.sensitivity),
             misalignment("gyroscope", gyro.sensitivity),
             *lost_effects(calibration),

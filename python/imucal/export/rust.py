@@ -22,7 +22,7 @@ FUNCTION = """
 pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str> {
     let vector = |row: &[f64; 3]| Vector3::from(row.map(convert::<f64, F>));
     let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_rows(&[0, 1, 2].map(|i| vector(&rows[i]).transpose()));
-    let triad = |rows, bias| Triad::try_new(matrix(rows), vector(bias)).map_err(|_| "the sensitivity has no inverse");
+    let triad = |rows, bias| Triad::try_new(matrix(rows), vector(bias)).map_err(|_| "axes in one plane");
 """
 
 
@@ -50,11 +50,12 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     lines.append(FUNCTION.rstrip("\n"))
     lines.append(f"    let {'mut ' if effects else ''}calibration = Calibration::new({triads});")
     for values in effects:
+        name = values.name
         shape = "None" if values.shape is None else f"Some(convert({number(values.shape)}))"
         lines += [
-            f'    let effect = Effect::find("{values.name}").ok_or("imucal-core is too old for {values.name}")?;',
+            f'    let effect = Effect::find("{name}").ok_or("this imucal-core has no {name}")?;',
             f"    let numbers = {_row(values.values)}.map(convert::<f64, F>);",
-            f'    let values = EffectValues::try_new(effect, &numbers, {shape}).map_err(|_| "{values.name}")?;',
+            f'    let values = EffectValues::try_new(effect, &numbers, {shape}).map_err(|_| "{name}")?;',
             '    calibration.effects.push(values).map_err(|_| "there are too many effects")?;',
         ]
     lines += ["    Ok(calibration)", "}", ""]
@@ -63,9 +64,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         lost=lost_effects(calibration, {values.name for values in effects}),
         same_as=linear(calibration, effects),
         frame=FRAMES[calibration.frame],
-        notes=(
-            f"Needs the crates imucal-core and nalgebra. Effects in it: {', '.join(v.name for v in effects) or 'none'}",
-        ),
+        notes=(f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in effects) or 'none'}",),
     )
 
 
