@@ -4,6 +4,7 @@ Where a consumer comes as a package it is run (imufusion); C and Rust are in tes
 """
 
 import dataclasses
+import fnmatch
 import json
 import re
 import xml.etree.ElementTree as ElementTree
@@ -16,6 +17,7 @@ import yaml
 
 import imucal
 from imucal.cli import main
+from imucal.effects import catalogue
 from imucal.export import FORMATS, formats_markdown
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -383,6 +385,59 @@ def test_every_file_says_how_it_is_applied_and_what_is_lost(name):
     for effect in ("gyro_g_sensitivity", "gyro_bias_temperature"):
         lost = f"the effect {effect}" in exported.lost
         assert lost == (effect not in {values.name for values in exported.same_as.effects})
+
+
+FEATURES = {
+    "scale of the accelerometer": {"accelerometer": imucal.Triad(np.diag([1.02, 0.98, 1.01]), [0, 0, 0])},
+    "misalignment of the accelerometer": {
+        "accelerometer": imucal.Triad([[1, 0.01, 0.02], [0.01, 1, -0.01], [0.02, -0.01, 1]], [0, 0, 0])
+    },
+    "scale of the gyroscope": {"gyroscope": imucal.Triad(np.diag([1.02, 0.98, 1.01]), [0, 0, 0])},
+    "misalignment of the gyroscope": {
+        "gyroscope": imucal.Triad([[1, 0.01, 0.02], [0.03, 1, -0.01], [0.02, 0.01, 1]], [0, 0, 0])
+    },
+}
+PERFECT = imucal.Calibration(imucal.Triad(np.eye(3), [0, 0, 0]), imucal.Triad(np.eye(3), [0, 0, 0]))
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+@pytest.mark.parametrize("name", CORRECTING)
+def test_a_part_of_the_triads_is_carried_or_said_to_be_lost(name, feature):
+    unit = dataclasses.replace(PERFECT, **FEATURES[feature])
+    exported = imucal.export(unit, name)
+    rate, force = unit.apply(*raw(unit))
+    other_rate, other_force = exported.same_as.apply(*raw(unit))
+    # In whatever frame: lengths, and the angle between rate and force.
+    differs = any(
+        not np.allclose(a, b, rtol=0, atol=1e-9)
+        for a, b in (
+            (np.linalg.norm(rate, axis=1), np.linalg.norm(other_rate, axis=1)),
+            (np.linalg.norm(force, axis=1), np.linalg.norm(other_force, axis=1)),
+            (np.sum(rate * force, axis=1), np.sum(other_rate * other_force, axis=1)),
+        )
+    )
+    what, _, sensor = feature.partition(" of ")
+    assert any(loss.startswith(feature) for loss in exported.lost) == differs
+    # And the table of formats has it.
+    assert bool(re.search(rf"{what}.* of (both|{sensor})", FORMATS[name].loses)) == differs
+
+
+@pytest.mark.parametrize("name", CORRECTING)
+def test_an_effect_is_carried_or_said_to_be_lost(name):
+    carried = FORMATS[name].carries
+    for effect in catalogue():
+        if effect.sensor == "encoder" or "attitude" in effect.needs:
+            continue
+        values = [p.typical for p in effect.parameters[: effect.plain]]
+        shape = None if effect.shape is None else effect.shape.typical
+        exported = imucal.export(unit_with(imucal.EffectValues(effect.name, values, shape)), name)
+        lost = f"the effect {effect.name}" in exported.lost
+        assert lost == (not exported.same_as.effects), effect.name
+        patterns = re.findall(r"[\w*]+_[\w*]+", carried)
+        listed = "every effect of the catalogue" in carried or any(
+            fnmatch.fnmatch(effect.name, pattern) for pattern in patterns
+        )
+        assert listed == (not lost), effect.name
 
 
 @pytest.mark.parametrize("name", CORRECTING)

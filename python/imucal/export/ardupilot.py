@@ -42,6 +42,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = (
+        "Raw are samples without ArduPilot's own corrections: record with INS_ACCOFFS and INS_GYROFFS 0, "
+        "INS_ACCSCAL 1 and INS_TCAL1_ENABLE 0.",
         "For the first sensors. Set INS_GYR_CAL to 0, or ArduPilot takes other offsets of the gyroscope at "
         "each start.",
     )

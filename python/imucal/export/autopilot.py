@@ -78,9 +78,9 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
             effects=tuple(effects),
         ),
         lost=(
-            misalignment("accelerometer", accel.sensitivity),
-            off_scale("gyroscope", gyro.sensitivity),
-            misalignment("gyroscope", gyro.sensitivity),
+            *misalignment("accelerometer", accel.sensitivity),
+            *off_scale("gyroscope", gyro.sensitivity),
+            *misalignment("gyroscope", gyro.sensitivity),
             *lost_effects(calibration, THERMAL.values()),
         ),
     )

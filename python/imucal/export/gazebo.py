@@ -58,8 +58,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
                 text
                 for name in ("accelerometer", "gyroscope")
                 for text in (
-                    off_scale(name, getattr(calibration, name).sensitivity),
-                    misalignment(name, getattr(calibration, name).sensitivity),
+                    *off_scale(name, getattr(calibration, name).sensitivity),
+                    *misalignment(name, getattr(calibration, name).sensitivity),
                 )
             ),
             "bias instability of both sensors",

@@ -90,15 +90,16 @@ def per_axis(sensitivity: FloatArray) -> FloatArray:
     return scale
 
 
-def misalignment(sensor: str, sensitivity: FloatArray) -> str:
-    """The loss of what is off the diagonal, in words."""
+def misalignment(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:
+    """The loss of what is off the diagonal, in words; none if nothing is there."""
     largest = np.abs(sensitivity / np.diag(sensitivity)[:, None] - np.eye(3)).max()
-    return f"misalignment of the {sensor}, up to {largest:.3g} rad"
+    return (f"misalignment of the {sensor}, up to {largest:.3g} rad",) if largest > 0 else ()
 
 
-def off_scale(sensor: str, sensitivity: FloatArray) -> str:
-    """The loss of the scale of each axis, in words."""
-    return f"scale of the {sensor}, up to {100 * np.abs(np.diag(sensitivity) - 1).max():.3g} %"
+def off_scale(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:
+    """The loss of the scale of each axis, in words; none if it is 1."""
+    percent = 100 * np.abs(np.diag(sensitivity) - 1).max()
+    return (f"scale of the {sensor}, up to {percent:.3g} %",) if percent > 0 else ()
 
 
 def lost_effects(calibration: Calibration, kept: Iterable[str] = ()) -> tuple[str, ...]:

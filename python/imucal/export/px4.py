@@ -39,6 +39,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     rows += [(f"CAL_GYRO0_{axis}OFF", model.gyro_offset[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = [
+        "Raw are samples without PX4's own corrections: the topics sensor_accel and sensor_gyro.",
         "For the first sensors; for others put their number in place of 0. CAL_ACC0_ID and CAL_GYRO0_ID, "
         "which are not in this file, must be the device IDs of these sensors.",
     ]

@@ -36,8 +36,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         body=body + "\n",
         lost=(
             f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node takes a mean of its own",
-            off_scale("gyroscope", gyro.sensitivity),
-            misalignment("gyroscope", gyro.sensitivity),
+            *off_scale("gyroscope", gyro.sensitivity),
+            *misalignment("gyroscope", gyro.sensitivity),
             *lost_effects(calibration),
         ),
         same_as=replace(linear(calibration), gyroscope=Triad(np.eye(3), gyro.bias)),
