@@ -32,9 +32,7 @@ MAX_PASSES: Final = 32
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The header; effects of one's own are not in it, their fields are Python."""
-    left = set(calibration.left_in_data)
-    own = {effect.name for effect in calibration.user_effects}
-    effects = [values for values in calibration.effects if values.name not in left | own]
+    effects = [values for values in calibration.effects if values.name in FIELDS]
     needs = [need for need in ARGUMENTS if any(need in _needs(calibration, values) for values in effects)]
     includes = ["#include <float.h>", "#include <math.h>", ""] if effects else []
     body = [
@@ -84,7 +82,7 @@ def _notes(
         "temperature": f"temperature_degc is that of the sensor; {_core.REFERENCE_TEMPERATURE_DEGC} degC "
         "leaves the sample as the triads have it.",
         "time": "time_s counts from the start that the calibration is for: that of its recording.",
-        "angular_acceleration": "angular_acceleration_radps2 is the derivative of the rate, body frame.",
+        "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
     }
     notes += [explained[need] for need in needs]
     if calibration.left_in_data:
