@@ -516,6 +516,20 @@ def test_the_file_is_printed_without_a_name(files, capsys):
     assert "not carried by ros: misalignment of the gyroscope" in err
 
 
+def test_noise_is_that_of_the_corrected_recording(files, tmp_path):
+    # The unit reads its rates 3 % wrong on y, and its noise with them.
+    unit = imucal.Calibration.load(files / "cal.json")
+    still = imucal.simulate(imucal.Static(60), unit="paper", rate_hz=100, seed=5).recording
+    imucal.write(still, tmp_path / "still.csv")
+    arguments = ["export", str(files / "cal.json"), "--noise", str(tmp_path / "still.csv")]
+    assert main([*arguments, "--to", "gazebo", "-o", str(tmp_path / "imu.sdf")]) == 0
+    found = ElementTree.parse(tmp_path / "imu.sdf").findtext("angular_velocity/y/noise/stddev")
+    corrected = unit.apply_recording(still).angular_rate[:, 1]
+    assert float(found) == pytest.approx(np.diff(corrected).std() / 2**0.5, rel=0.02)
+    raw_scatter = np.diff(still.angular_rate[:, 1]).std() / 2**0.5
+    assert float(found) != pytest.approx(raw_scatter, rel=0.02)
+
+
 def test_formats_are_listed(files, tmp_path, capsys):
     assert main(["export", "--list", "--json", str(tmp_path / "formats.json")]) == 0
     listed = json.loads((tmp_path / "formats.json").read_text())["formats"]

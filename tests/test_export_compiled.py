@@ -39,7 +39,10 @@ MEMORY_ROUTINES = {"memcpy", "memset"}
 
 
 def typical(effect, count):
-    values = [p.typical * (1.0, -0.7)[k % 2] for k, p in enumerate(effect.parameters[:count])]
+    """Numbers of ordinary size, each another: a transposed matrix shows."""
+    values = [
+        p.typical * (1.0, -0.7)[k % 2] * (1 - 0.05 * k) for k, p in enumerate(effect.parameters[:count])
+    ]
     return imucal.EffectValues(effect.name, values, None if effect.shape is None else 80.0)
 
 

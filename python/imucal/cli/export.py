@@ -15,7 +15,6 @@ from imucal.errors import InputError
 
 if TYPE_CHECKING:
     from imucal.calibration import Calibration
-    from imucal.export import Residual
     from imucal.noise import NoiseResult
 
 __all__ = ["export"]
@@ -98,7 +97,7 @@ def export(
     for loss in exported.lost:
         print(f"not carried by {form.name}: {loss}", file=sys.stderr)
     if residual is not None:
-        print(_text(residual), file=sys.stderr)
+        print(residual.summary(), file=sys.stderr)
     elif judges:
         print(
             f"{form.name} corrects nothing: there is nothing to judge on the control recording",
@@ -111,13 +110,3 @@ def _noise(unit: Calibration, reading: Reading, path: Path, min_rest_s: float) -
     import imucal
 
     return imucal.noise(unit.apply_recording(reading.one([path])), min_rest_s=min_rest_s)
-
-
-def _text(residual: Residual) -> str:
-    from imucal.evaluate import figures_text
-    from imucal.export import COST
-
-    return "\n".join(
-        f"control set, {name}: " + figures_text({figure: judged.figures[figure] for figure in COST})
-        for name, judged in (("whole calibration", residual.full), ("as exported", residual.exported))
-    )

@@ -19,7 +19,7 @@ from imucal.atomic import write_text
 from imucal.calibration import Calibration
 from imucal.document import without_nan
 from imucal.errors import InputError
-from imucal.evaluate import MIN_REST_S, Evaluation, evaluate
+from imucal.evaluate import MIN_REST_S, Evaluation, evaluate, figures_text
 from imucal.export.ardupilot import ARDUPILOT
 from imucal.export.basalt import BASALT
 from imucal.export.c_header import C_HEADER
@@ -37,7 +37,7 @@ from imucal.recording import Recording
 if TYPE_CHECKING:
     from imucal.noise import NoiseResult
 
-__all__ = ["FORMATS", "Export", "Format", "Residual", "export", "formats_markdown"]
+__all__ = ["FORMATS", "Export", "Format", "Residual", "export", "find_format", "formats_markdown"]
 
 FORMATS: Final[dict[str, Format]] = {
     form.name: form
@@ -74,6 +74,13 @@ class Residual:
             name: {figure: without_nan(judged.figures[figure]) for figure in COST}
             for name, judged in (("full", self.full), ("exported", self.exported))
         }
+
+    def summary(self) -> str:
+        """The same in words, two lines."""
+        return "\n".join(
+            f"control set, {name}: " + figures_text({figure: judged.figures[figure] for figure in COST})
+            for name, judged in (("whole calibration", self.full), ("as exported", self.exported))
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         lost=model.lost,
         same_as=model.same_as,
         frame=FRAMES["symmetric"] + ", along the sensor's axes",
-        notes=notes,
+        notes=(*notes, *model.thermal_notes),
     )
 
 
@@ -63,7 +63,7 @@ def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
     if not model.thermal:
         return
     reference = _core.REFERENCE_TEMPERATURE_DEGC
-    low, high = model.temperature_range_degc or RANGE_DEGC
+    low, high = model.range_degc(RANGE_DEGC)
     yield "INS_TCAL1_ENABLE", 1.0
     # The reference itself is held between the two as well.
     yield "INS_TCAL1_TMIN", min(low, reference)

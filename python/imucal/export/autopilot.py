@@ -47,6 +47,18 @@ class PerAxis:
     same_as: Calibration
     lost: tuple[str, ...]
 
+    def range_degc(self, default: tuple[float, float]) -> tuple[float, float]:
+        """The temperatures between which the thermal terms act: those seen, or else the autopilot's own."""
+        return self.temperature_range_degc or default
+
+    @property
+    def thermal_notes(self) -> tuple[str, ...]:
+        """What the user of the thermal terms has to know; empty without any."""
+        if not self.thermal:
+            return ()
+        seen = "the recordings saw" if self.temperature_range_degc else "the autopilot has as its own"
+        return (f"The thermal terms are held below TMIN and above TMAX, the temperatures that {seen}.",)
+
 
 def per_axis_model(calibration: Calibration) -> PerAxis:
     """The model that leaves the smallest errors of the force over all directions.

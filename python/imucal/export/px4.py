@@ -57,14 +57,14 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         lost=model.lost,
         same_as=model.same_as,
         frame=FRAMES["symmetric"] + ", along the sensor's axes",
-        notes=tuple(notes),
+        notes=(*notes, *model.thermal_notes),
     )
 
 
 def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float | int]]:
     from imucal import _core
 
-    low, high = model.temperature_range_degc or RANGE_DEGC
+    low, high = model.range_degc(RANGE_DEGC)
     for sensor, thermal in model.thermal.items():
         letter = LETTERS[sensor]
         yield f"TC_{letter}_ENABLE", 1
