@@ -290,6 +290,22 @@ def test_autopilots(name, effects, plain):
     np.testing.assert_allclose(force, expected.specific_force, rtol=0, atol=200 * SINGLE)
 
 
+@pytest.mark.parametrize("name", AUTOPILOTS)
+def test_a_range_without_the_reference_temperature_changes_nothing_in_it(name):
+    unit = unit_with(
+        GYRO_WARM,
+        accelerometer=PLAIN_ACCELEROMETER,
+        gyroscope=PLAIN_GYROSCOPE,
+        temperature_range_degc=(40.0, 65.0),
+    )
+    parse, formula = AUTOPILOTS[name]
+    rec = recording(unit)
+    warm = rec.temperature_degc >= 40.0
+    rate, _ = formula(parse(imucal.export(unit, name).text), rec)
+    expected = unit.apply_recording(rec).angular_rate
+    np.testing.assert_allclose(rate[warm], expected[warm], rtol=0, atol=2 * SINGLE)
+
+
 def test_the_scales_of_autopilots_leave_the_smallest_errors():
     scales = px4_parameters(imucal.export(UNIT, "px4").text)
     # A mean of squares over all directions is the one over three that are orthogonal.

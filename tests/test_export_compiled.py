@@ -254,6 +254,29 @@ def test_an_effect_of_ones_own_is_said_to_be_lost():
         assert "Not carried: the effect gyro_bias_supply" in exported.text
 
 
+FUSION = """
+typedef union { float array[3]; struct { float x, y, z; } axis; } FusionVector;
+typedef union {
+    float array[3][3];
+    struct { float xx, xy, xz, yx, yy, yz, zx, zy, zz; } element;
+} FusionMatrix;
+"""
+
+
+def test_the_constants_of_fusion_compile(tmp_path):
+    # The types of FusionMath.h; the numbers are tested with imufusion.
+    (tmp_path / "Fusion.h").write_text(FUSION)
+    imucal.export(UNIT, "fusion").save(tmp_path / "unit.h")
+    names = [
+        f"{s}{what}"
+        for s in ("gyroscope", "accelerometer")
+        for what in ("Misalignment", "Sensitivity", "Offset")
+    ]
+    uses = " + ".join(f"(int)sizeof({name})" for name in names)
+    (tmp_path / "main.c").write_text(f'#include "unit.h"\nint main(void) {{ return {uses}; }}\n')
+    gcc("-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", tmp_path / "main.c")
+
+
 # --- Rust -----------------------------------------------------------------------------------------
 
 

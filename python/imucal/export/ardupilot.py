@@ -52,7 +52,11 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         lost=model.lost,
         same_as=model.same_as,
         frame=FRAMES["symmetric"] + ", along the sensor's axes",
-        notes=(*notes, *model.thermal_notes),
+        notes=(
+            *notes,
+            *model.thermal_notes,
+            *(["CALTEMP is between the two, for it is held as well."] if model.thermal else []),
+        ),
     )
 
 
