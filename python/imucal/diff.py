@@ -124,9 +124,9 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
     sigmas   false alarms are as rare as a normal number beyond so many standard deviations: of a pair of
              calibrations of an unmoved unit, 0.27 % are called moved at 3
 
-    An effect that one of them does not carry is zero there, exactly.
-    Raises InputError for other raw units, another body frame, a calibration without a covariance, and for
-    effects whose shapes (time constants) cannot be compared.
+    An effect that one of them does not carry is zero there, exactly; its shape, a time constant, is not
+    compared.
+    Raises InputError for other raw units, another body frame, and a calibration without a covariance.
     """
     from imucal import _core
 
@@ -180,9 +180,9 @@ def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str
     units: dict[str, str] = {}
     for calibration in (before, after):
         shapes = {
-            f"{values.name}_{calibration.definition(values).shape.name}"  # type: ignore[union-attr]
+            f"{values.name}_{shape.name}"
             for values in calibration.effects
-            if values.shape is not None and values.name not in both
+            if values.name not in both and (shape := calibration.definition(values).shape) is not None
         }
         for parameter in calibration.parameters:
             if parameter.name not in shapes:

@@ -58,10 +58,10 @@ def export(
         out.document(
             {"formats": [{name: getattr(form, name) for name in fields} for form in FORMATS.values()]}
         )
-        out.table(
-            ("format", "what", "carries"),
-            ((form.name, form.title, form.carries) for form in FORMATS.values()),
-        )
+        for form in FORMATS.values():
+            out.line(f"{form.name}: {form.title} ({form.suffix})")
+            out.line(f"    carries {form.carries}")
+            out.line(f"    does not carry {form.loses}")
         return
     if calibration is None or to is None:
         raise InputError("give a calibration file and --to FORMAT: `imucal export --list` shows the formats")
