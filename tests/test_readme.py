@@ -115,6 +115,10 @@ def test_page_of_noise_prints_what_it_shows(tmp_path):
     assert run_page("docs/noise.md", tmp_path) == 4
 
 
+def test_page_of_exports_prints_what_it_shows(tmp_path):
+    assert run_page("docs/export.md", tmp_path) == 8
+
+
 def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
     written = tmp_path / "effects.md"
     subprocess.run(

@@ -16,9 +16,11 @@ from imucal.allan import allan_deviation
 from imucal.calibrate import calibrate
 from imucal.calibration import Calibration, Parameter, Provenance, Triad
 from imucal.calibration_result import CalibrationResult
+from imucal.diff import Change, Difference, diff
 from imucal.effects import Effect, EffectParameter, EffectValues, State, UserEffect
 from imucal.errors import FitError, FormatError, ImucalError, InputError, NotEnoughMotionError
 from imucal.evaluate import Evaluation, evaluate
+from imucal.export import Export, Residual, export
 from imucal.finding import Finding, Place
 from imucal.gap import Gap, find_gap
 from imucal.inspection import Inspection, inspect
@@ -38,11 +40,14 @@ __all__ = [
     "AxisNoise",
     "Calibration",
     "CalibrationResult",
+    "Change",
     "Check",
+    "Difference",
     "Effect",
     "EffectParameter",
     "EffectValues",
     "Evaluation",
+    "Export",
     "FigureLimit",
     "Finding",
     "FitError",
@@ -62,6 +67,7 @@ __all__ = [
     "Program",
     "Provenance",
     "Recording",
+    "Residual",
     "Sensor",
     "Simulation",
     "Source",
@@ -78,7 +84,9 @@ __all__ = [
     "__version__",
     "allan_deviation",
     "calibrate",
+    "diff",
     "evaluate",
+    "export",
     "find_gap",
     "inspect",
     "noise",

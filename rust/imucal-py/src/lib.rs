@@ -225,6 +225,12 @@ mod _core {
         Ok((array(to.accelerometer)?, array(to.gyroscope)?))
     }
 
+    /// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`.
+    #[pyfunction]
+    fn chi2_p_value(statistic: f64, dof: usize) -> f64 {
+        library::stats::p_value(statistic, dof)
+    }
+
     /// Rotation `[w, x, y, z]` of a whole stretch of angular rate: `v_start = rotation * v_end`.
     #[pyfunction]
     fn integrate<'py>(

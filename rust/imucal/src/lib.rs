@@ -47,6 +47,7 @@ pub mod noise;
 pub mod recording;
 pub mod segment;
 pub mod simulate;
+pub mod stats;
 
 mod accelerometer;
 mod carry;
@@ -57,7 +58,6 @@ mod lsq;
 mod moves;
 mod observability;
 mod robust;
-mod stats;
 mod tremor;
 mod uncertainty;
 

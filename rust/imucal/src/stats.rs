@@ -3,7 +3,7 @@
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`; 1 for none.
-pub(crate) fn p_value(statistic: f64, dof: usize) -> f64 {
+pub fn p_value(statistic: f64, dof: usize) -> f64 {
     ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
 }
 

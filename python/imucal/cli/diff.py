@@ -1,0 +1,63 @@
+"""`imucal diff`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucal.cli.output import POOR_VERDICT, JsonPath, Output
+
+__all__ = ["diff"]
+
+
+def diff(
+    before: Annotated[Path, typer.Argument(metavar="A.JSON", help="Calibration file.")],
+    after: Annotated[Path, typer.Argument(metavar="B.JSON", help="A later one of the same unit.")],
+    sigmas: Annotated[
+        float,
+        typer.Option(
+            "--sigmas",
+            help="False alarms are as rare as a normal number beyond so many standard deviations, over all "
+            "parameters together.",
+        ),
+    ] = 3.0,
+    json: JsonPath = None,
+) -> None:
+    """Which parameters have moved between two calibrations, by how many sigmas.
+
+    Ends with 0 if they are the same within their uncertainties, with 2 if not.
+
+    Example: imucal diff unit-0042-may.json unit-0042-june.json
+    """
+    import imucal
+
+    found = imucal.diff(imucal.Calibration.load(before), imucal.Calibration.load(after), sigmas=sigmas)
+    out = Output(json)
+    out.document(found.to_dict())
+    out.table(
+        ("parameter", "before", "after", "difference", "1 sigma", "sigmas", "unit", ""),
+        (
+            (
+                c.name,
+                f"{c.before:.7g}",
+                f"{c.after:.7g}",
+                f"{c.difference:+.2e}",
+                f"{c.std:.2e}",
+                f"{c.sigmas:+.1f}",
+                c.unit,
+                "MOVED" if c.moved else "",
+            )
+            for c in found.changes
+        ),
+    )
+    out.line(
+        f"limit for one of {len(found.changes)} parameters: {found.limit_sigmas:.2f} sigma; all at once: "
+        f"chi2 {found.chi2:.4g} with {found.dof} degrees of freedom, p {found.p_value:.2g}"
+    )
+    for note in found.notes:
+        out.line(f"note: {note}")
+    out.line("; ".join((f"verdict: {found.verdict}", *found.reasons)))
+    if found.reasons:
+        raise typer.Exit(POOR_VERDICT)

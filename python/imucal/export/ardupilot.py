@@ -1,0 +1,99 @@
+"""ArduPilot: the parameters INS_ACCOFFS, INS_ACCSCAL, INS_GYROFFS and INS_TCAL1.
+
+    accel = (raw - p(T) + p(CALTEMP) - ACCOFFS) * ACCSCAL     for each axis
+    gyro  =  raw - p(T) + p(CALTEMP) - GYROFFS
+    p(T)  = (c1 + (c2 + c3 x) x) x 1e-6,  x = T - 35,  T and CALTEMP held between TMIN and TMAX
+
+(AP_InertialSensor_Backend.cpp, _rotate_and_correct_accel and _rotate_and_correct_gyro;
+AP_InertialSensor_tempcal.cpp, correct_sensor and polynomial_eval.)
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Final
+
+from imucal.calibration import Calibration
+from imucal.export.autopilot import PerAxis, per_axis_model
+from imucal.export.format import SI, Format, Written, line_comments, number
+from imucal.export.model import FRAMES
+
+if TYPE_CHECKING:
+    from imucal.noise import NoiseResult
+
+__all__ = ["ARDUPILOT"]
+
+NAMES: Final = {"accel": "ACC", "gyro": "GYR"}
+POLYNOMIAL_REFERENCE_DEGC: Final = 35.0
+PER_UNIT: Final = 1e6
+# ArduPilot's own, where the calibration does not know its range.
+RANGE_DEGC: Final = (0.0, 70.0)
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The parameters of the first accelerometer and the first gyroscope."""
+    model = per_axis_model(calibration)
+    rows: list[tuple[str, float]] = []
+    for name, values in (
+        ("INS_ACCOFFS", model.accel_offset),
+        ("INS_ACCSCAL", model.accel_scale),
+        ("INS_GYROFFS", model.gyro_offset),
+    ):
+        rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
+    rows += _thermal_rows(model)
+    notes = (
+        "Raw are samples without ArduPilot's own corrections: record with INS_ACCOFFS and INS_GYROFFS 0, "
+        "INS_ACCSCAL 1 and INS_TCAL1_ENABLE 0.",
+        "For the first sensors. Set INS_GYR_CAL to 0, or ArduPilot takes other offsets of the gyroscope at "
+        "each start.",
+    )
+    return Written(
+        body="\n".join(f"{name},{number(value, single=True)}" for name, value in rows) + "\n",
+        lost=model.lost,
+        same_as=model.same_as,
+        frame=FRAMES["symmetric"] + ", along the sensor's axes",
+        notes=(
+            *notes,
+            *model.thermal_notes,
+            *(["CALTEMP is between the two, for it is held as well."] if model.thermal else []),
+        ),
+    )
+
+
+def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
+    """Both sensors, for one switch is for both; what is not known has no slope."""
+    from imucal import _core
+
+    if not model.thermal:
+        return
+    reference = _core.REFERENCE_TEMPERATURE_DEGC
+    low, high = model.range_degc(RANGE_DEGC)
+    yield "INS_TCAL1_ENABLE", 1.0
+    # The reference itself is held between the two as well.
+    yield "INS_TCAL1_TMIN", min(low, reference)
+    yield "INS_TCAL1_TMAX", max(high, reference)
+    for sensor, name in NAMES.items():
+        yield f"INS_{name}1_CALTEMP", reference
+        thermal = model.thermal.get(sensor)
+        for i, axis in enumerate("XYZ"):
+            linear = square = 0.0
+            if thermal is not None:
+                square = thermal.square[i]
+                # k d + q d^2 about another temperature, but for its constant, which p(CALTEMP) takes away.
+                linear = thermal.linear[i] + 2 * square * (POLYNOMIAL_REFERENCE_DEGC - reference)
+            for power, value in ((1, linear), (2, square), (3, 0.0)):
+                yield f"INS_TCAL1_{name}{power}_{axis}", PER_UNIT * value
+
+
+ARDUPILOT = Format(
+    name="ardupilot",
+    title="ArduPilot parameters",
+    suffix=".param",
+    formula="accel = (raw - p(T) + p(CALTEMP) - ACCOFFS) * ACCSCAL, gyro = raw - p(T) + p(CALTEMP) - GYROFFS",
+    source="ArduPilot, AP_InertialSensor_Backend.cpp and AP_InertialSensor_tempcal.cpp",
+    units=SI + ", parameters are float32",
+    carries="bias of both sensors, scale of the accelerometer, *_bias_temperature",
+    loses="misalignment of both, scale of the gyroscope, all other effects",
+    layout=line_comments("#"),
+    write=write,
+)

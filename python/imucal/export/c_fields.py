@@ -1,0 +1,98 @@
+"""The fields of the effects of the catalogue as expressions of C (docs/model.md (15)).
+
+w and f are the true rate and force, t the time, d the temperature difference, a the angular acceleration.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Final, TypeAlias
+
+__all__ = ["FIELDS", "WARM_UPS", "Term", "product_of"]
+
+# An axis, and the component of the field there.
+Term: TypeAlias = tuple[int, str]
+# For each parameter of an effect, in the order of the catalogue, the components that are not zero.
+Field: TypeAlias = Sequence[Sequence[Term]]
+
+W: Final = ("w[0]", "w[1]", "w[2]")
+F: Final = ("f[0]", "f[1]", "f[2]")
+A: Final = ("a[0]", "a[1]", "a[2]")
+PAIRS: Final = ((1, 2), (0, 2), (0, 1))
+WARM_UPS: Final = ("gyro_bias_warmup", "accel_bias_warmup")
+
+
+def _axes(causes: Sequence[str]) -> Field:
+    """One parameter for each axis."""
+    return [[(i, cause)] for i, cause in enumerate(causes)]
+
+
+def _entries(causes: Sequence[str]) -> Field:
+    """A matrix times the causes, row by row."""
+    return [[(i, cause)] for i in range(3) for cause in causes]
+
+
+def _squares(v: Sequence[str]) -> list[str]:
+    return [f"{x} * {x}" for x in v]
+
+
+def _products(v: Sequence[str]) -> list[str]:
+    return [f"{v[i]} * {v[j]}" for i, j in PAIRS]
+
+
+def _each(write: Callable[[str], str], v: Sequence[str]) -> Field:
+    return _axes([write(x) for x in v])
+
+
+def _cubic(x: str) -> str:
+    return f"{x} * {x} * {x}"
+
+
+def _magnitude(x: str) -> str:
+    return f"({x} < 0 ? -{x} : {x})"
+
+
+def _accel_cross() -> Field:
+    squares, products = _squares(F), _products(F)
+    return [[(i, cause)] for i in range(3) for cause in ([squares[j] for j in range(3) if j != i] + products)]
+
+
+# L of the lever arm: dw/dt x r + w x (w x r) = L r.
+LEVER: Final = (
+    ("-w[2] * w[2] - w[1] * w[1]", "-a[2] + w[0] * w[1]", "a[1] + w[0] * w[2]"),
+    ("a[2] + w[0] * w[1]", "-w[2] * w[2] - w[0] * w[0]", "-a[0] + w[1] * w[2]"),
+    ("-a[1] + w[0] * w[2]", "a[0] + w[1] * w[2]", "-w[1] * w[1] - w[0] * w[0]"),
+)
+
+FIELDS: Final[dict[str, Field]] = {
+    "gyro_g_sensitivity": _entries(F),
+    "gyro_g2_sensitivity": [*_entries(_squares(F)), *_entries(_products(F))],
+    "gyro_scale_g_sensitivity": _axes([f"{w} * {f}" for w, f in zip(W, F, strict=True)]),
+    "gyro_scale_quadratic": _axes(_squares(W)),
+    "gyro_scale_cubic": _each(_cubic, W),
+    "gyro_scale_asymmetry": _each(_magnitude, W),
+    "gyro_cross_axis_quadratic": _entries(_products(W)),
+    "accel_scale_quadratic": _axes(_squares(F)),
+    "accel_scale_cubic": _each(_cubic, F),
+    "accel_scale_asymmetry": _each(_magnitude, F),
+    "accel_cross_axis_quadratic": _accel_cross(),
+    "gyro_bias_temperature": [*_axes(["d"] * 3), *_axes(["d * d"] * 3)],
+    "gyro_scale_temperature": _each(lambda x: f"{x} * d", W),
+    "accel_bias_temperature": [*_axes(["d"] * 3), *_axes(["d * d"] * 3)],
+    "accel_scale_temperature": _each(lambda x: f"{x} * d", F),
+    "gyro_bias_drift": _axes(["t"] * 3),
+    "gyro_bias_warmup": _axes(["gyro_cold"] * 3),
+    "gyro_scale_drift": _each(lambda x: f"{x} * t", W),
+    "accel_bias_drift": _axes(["t"] * 3),
+    "accel_bias_warmup": _axes(["accel_cold"] * 3),
+    "gyro_angular_acceleration": _entries(A),
+    "gyro_time_offset": [[(i, f"-{A[i]}") for i in range(3)]],
+    "accel_lever_arm": [[(i, LEVER[i][k]) for i in range(3)] for k in range(3)],
+    "accel_size_effect": [[(1 + k // 3, LEVER[1 + k // 3][k % 3])] for k in range(6)],
+}
+
+
+def product_of(value: str, expression: str) -> str:
+    """A parameter times a component of the field."""
+    is_one = " " not in expression or expression.startswith("(")
+    return f"{value} * {expression if is_one else f'({expression})'}"

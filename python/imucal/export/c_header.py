@@ -1,0 +1,253 @@
+"""The correction as a C header: `imucal_correct_f64` and `imucal_correct_f32`, effects included.
+
+The loop is that of imucal-core, `EffectSet::remove` (docs/model.md (16)): true <- seen - effects(true) until
+nothing changes but rounding. In double it gives the numbers of `Calibration.apply`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Final
+
+from imucal.calibration import Calibration
+from imucal.effects import EffectValues
+from imucal.export.c_fields import FIELDS, WARM_UPS, product_of
+from imucal.export.format import SI, Format, Written, block_comment, number
+from imucal.export.model import FRAMES, inverse, linear, lost_effects
+
+if TYPE_CHECKING:
+    from imucal.noise import NoiseResult
+
+__all__ = ["C_HEADER"]
+
+# What an effect may need, as an argument of the function; always in this order.
+ARGUMENTS: Final = {
+    "temperature": "{real} temperature_degc",
+    "time": "{real} time_s",
+    "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
+}
+MAX_PASSES: Final = 32
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The header; effects of one's own are not in it, their fields are Python."""
+    effects = [values for values in calibration.effects if values.name in FIELDS]
+    needs = [need for need in ARGUMENTS if any(need in _needs(calibration, values) for values in effects)]
+    includes = ["#include <float.h>", "#include <math.h>", ""] if effects else []
+    body = [
+        "#ifndef IMUCAL_CALIBRATION_H",
+        "#define IMUCAL_CALIBRATION_H",
+        "",
+        *includes,
+        *_function(calibration, effects, needs, single=False),
+        "",
+        *_function(calibration, effects, needs, single=True),
+        "",
+        "#endif",
+        "",
+    ]
+    return Written(
+        body="\n".join(body),
+        lost=lost_effects(calibration, FIELDS),
+        same_as=linear(calibration, effects),
+        frame=FRAMES[calibration.frame],
+        notes=_notes(calibration, effects, needs),
+    )
+
+
+def _needs(calibration: Calibration, values: EffectValues) -> Sequence[str]:
+    return getattr(calibration.definition(values), "needs", ())
+
+
+def _notes(
+    calibration: Calibration, effects: Sequence[EffectValues], needs: Sequence[str]
+) -> tuple[str, ...]:
+    from imucal import _core
+
+    notes = ["No allocation and no state. The results may be written over the raw samples."]
+    if effects:
+        notes.append(f"Effects taken away: {', '.join(values.name for values in effects)}")
+        notes.append(
+            "Gives 0, or -1 and NaN where the effects are too large to be undone. "
+            + (
+                "Link libm for exp."
+                if any(values.name in WARM_UPS for values in effects)
+                else "Nothing of libm is called."
+            )
+        )
+    else:
+        notes.append("Gives 0. Nothing of libm is called.")
+    explained = {
+        "temperature": f"temperature_degc is that of the sensor; {_core.REFERENCE_TEMPERATURE_DEGC} degC "
+        "leaves the sample as the triads have it.",
+        "time": "time_s counts from the start that the calibration is for: that of its recording.",
+        "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
+    }
+    notes += [explained[need] for need in needs]
+    if calibration.left_in_data:
+        notes.append(f"Left in the data, as no error of the sensor: {', '.join(calibration.left_in_data)}")
+    return tuple(notes)
+
+
+def _function(
+    calibration: Calibration, effects: Sequence[EffectValues], needs: Sequence[str], *, single: bool
+) -> list[str]:
+    real, name = ("float", "imucal_correct_f32") if single else ("double", "imucal_correct_f64")
+
+    def literal(value: float) -> str:
+        return number(value, single) + ("f" if single else "")
+
+    def row(values: Sequence[float]) -> str:
+        return f"{{{', '.join(map(literal, values))}}}"
+
+    lines = [
+        f"static inline int {name}(",
+        f"    const {real} raw_rate[3], const {real} raw_force[3],",
+        *(f"    {ARGUMENTS[need].format(real=real)}," for need in needs),
+        f"    {real} rate[3], {real} force[3])",
+        "{",
+    ]
+    for sensor, triad in (("gyro", calibration.gyroscope), ("accel", calibration.accelerometer)):
+        lines.append(f"    static const {real} {sensor}_bias[3] = {row(triad.bias.tolist())};")
+        lines.append(f"    static const {real} {sensor}_inverse[3][3] = {{")
+        lines += [f"        {row(numbers)}," for numbers in inverse(triad).tolist()]
+        lines.append("    };")
+    lines += [
+        f"    {real} w[3], f[3];",
+        *([f"    {real} seen_w[3], seen_f[3];", "    int pass;"] if effects else []),
+        "    int i;",
+        "",
+        "    for (i = 0; i < 3; ++i) {",
+        *_row("w", "gyro", "raw_rate"),
+        *_row("f", "accel", "raw_force"),
+        "    }",
+    ]
+    lines += _removal(effects, real, literal, single) if effects else []
+    lines += [
+        "    for (i = 0; i < 3; ++i) {",
+        "        rate[i] = w[i];",
+        "        force[i] = f[i];",
+        "    }",
+        "    return 0;",
+        "}",
+    ]
+    return lines
+
+
+def _row(target: str, sensor: str, raw: str) -> list[str]:
+    products = [f"{sensor}_inverse[i][{k}] * ({raw}[{k}] - {sensor}_bias[{k}])" for k in range(3)]
+    return _broken(f"        {target}[i] =", products)
+
+
+def _broken(start: str, terms: Sequence[str]) -> list[str]:
+    """A sum, one term on each line."""
+    if len(terms) == 1:
+        return [f"{start} {terms[0]};"]
+    indent = " " * (len(start) - len(start.lstrip()) + 4)
+    return [start, *(f"{indent}{term} +" for term in terms[:-1]), f"{indent}{terms[-1]};"]
+
+
+def _removal(
+    effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
+) -> list[str]:
+    """The passes that take the effects away."""
+    epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")
+    lines = [
+        "    for (i = 0; i < 3; ++i) {",
+        "        seen_w[i] = w[i];",
+        "        seen_f[i] = f[i];",
+        "    }",
+    ]
+    lines += _constants_of_a_sample(effects, real, literal, single)
+    lines += [
+        f"    for (pass = 0; pass < {MAX_PASSES}; ++pass) {{",
+        f"        {real} on_w[3] = {{0, 0, 0}}, on_f[3] = {{0, 0, 0}};",
+        f"        {real} size_w = 0, size_f = 0, added_w = 0, added_f = 0, limit_w, limit_f;",
+        "        int settled = 1;",
+    ]
+    for values in effects:
+        lines.append(f"        /* {values.name} */")
+        target = "on_f" if values.name.startswith("accel") else "on_w"
+        for axis, terms in _sums(values, literal).items():
+            lines += _broken(f"        {target}[{axis}] +=", terms)
+    lines += [
+        "        for (i = 0; i < 3; ++i) {",
+        *(
+            line
+            for size, of in (("size", "seen"), ("added", "on"))
+            for v in "wf"
+            for line in (
+                f"            if ({of}_{v}[i] > {size}_{v}) {size}_{v} = {of}_{v}[i];",
+                f"            if (-{of}_{v}[i] > {size}_{v}) {size}_{v} = -{of}_{v}[i];",
+            )
+        ),
+        "        }",
+        f"        limit_w = 16 * {epsilon} * (size_w + added_w);",
+        f"        limit_f = 16 * {epsilon} * (size_f + added_f);",
+        "        for (i = 0; i < 3; ++i) {",
+        f"            const {real} next_w = seen_w[i] - on_w[i], next_f = seen_f[i] - on_f[i];",
+        f"            const {real} change_w = next_w - w[i], change_f = next_f - f[i];",
+        "            /* A comparison with NaN is false: it has not settled. */",
+        "            settled = settled && change_w <= limit_w && -change_w <= limit_w;",
+        "            settled = settled && change_f <= limit_f && -change_f <= limit_f;",
+        "            w[i] = next_w;",
+        "            f[i] = next_f;",
+        "        }",
+        f"        if (settled && limit_w <= {largest} && limit_f <= {largest}) break;",
+        "    }",
+        f"    if (pass == {MAX_PASSES}) {{",
+        "        for (i = 0; i < 3; ++i) rate[i] = force[i] = NAN;",
+        "        return -1;",
+        "    }",
+    ]
+    return lines
+
+
+def _constants_of_a_sample(
+    effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
+) -> list[str]:
+    """What the fields depend on besides rate and force, under their short names."""
+    from imucal import _core
+
+    used = " ".join(
+        expression for values in effects for column in FIELDS[values.name] for _, expression in column
+    )
+    lines = []
+    if re.search(r"\bd\b", used):
+        reference = literal(_core.REFERENCE_TEMPERATURE_DEGC)
+        lines.append(f"    const {real} d = temperature_degc - {reference};")
+    if re.search(r"\bt\b", used):
+        lines.append(f"    const {real} t = time_s;")
+    if re.search(r"\ba\b", used):
+        lines.append(f"    const {real} *const a = angular_acceleration_radps2;")
+    exp = "expf" if single else "exp"
+    for values in effects:
+        if values.name in WARM_UPS and values.shape is not None:
+            sensor = values.name.partition("_")[0]
+            lines.append(f"    const {real} {sensor}_cold = {exp}(-time_s / {literal(values.shape)});")
+    return lines
+
+
+def _sums(values: EffectValues, literal: Callable[[float], str]) -> dict[int, list[str]]:
+    """The terms that the effect adds to each axis, in the order of its parameters."""
+    sums: dict[int, list[str]] = {}
+    for value, column in zip(values.values.tolist(), FIELDS[values.name], strict=False):
+        for axis, expression in column:
+            sums.setdefault(axis, []).append(product_of(literal(value), expression))
+    return sums
+
+
+C_HEADER = Format(
+    name="c-header",
+    title="C header for firmware",
+    suffix=".h",
+    formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct_f64 or imucal_correct_f32",
+    source="imucal-core, EffectSet::remove; docs/model.md (16)",
+    units=SI,
+    carries="bias, scale and misalignment of both sensors, every effect of the catalogue",
+    loses="effects of your own, noise figures, standard deviations",
+    layout=block_comment,
+    write=write,
+    takes_counts=True,
+)

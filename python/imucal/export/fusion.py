@@ -1,0 +1,68 @@
+"""x-io Fusion: misalignment, sensitivity and offset of both sensors, as constants of C.
+
+    calibrated = misalignment * hadamard(uncalibrated - offset, sensitivity)
+
+(FusionCalibrationInertial in FusionCalibration.h, `imufusion.model_inertial` in Python.) The AHRS of Fusion
+takes deg/s and g, so the sensitivities lead there from any raw unit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration import Calibration
+from imucal.export.format import Format, Written, block_comment, number
+from imucal.export.model import FRAMES, linear, lost_effects
+from imucal.recording import STANDARD_GRAVITY_MPS2
+
+if TYPE_CHECKING:
+    from imucal.noise import NoiseResult
+
+__all__ = ["FUSION"]
+
+PER_SI_UNIT: Final = {"gyroscope": 180 / np.pi, "accelerometer": 1 / STANDARD_GRAVITY_MPS2}
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """T = diag(gain) N with the directions of the sensor's axes as rows of N; N^-1 is the misalignment."""
+    lines = ["#ifndef IMUCAL_FUSION_H", "#define IMUCAL_FUSION_H", "", '#include "Fusion.h"', ""]
+    for sensor in ("gyroscope", "accelerometer"):
+        triad = getattr(calibration, sensor)
+        gain = np.linalg.norm(triad.sensitivity, axis=1)
+        misalignment = np.linalg.inv(triad.sensitivity / gain[:, None])
+        rows = ",\n    ".join(_row(row) for row in misalignment)
+        lines += [
+            f"static const FusionMatrix {sensor}Misalignment = {{{{\n    {rows},\n}}}};",
+            f"static const FusionVector {sensor}Sensitivity = {{{_row(PER_SI_UNIT[sensor] / gain)}}};",
+            f"static const FusionVector {sensor}Offset = {{{_row(triad.bias)}}};",
+            "",
+        ]
+    return Written(
+        body="\n".join([*lines, "#endif", ""]),
+        lost=lost_effects(calibration),
+        same_as=linear(calibration),
+        frame=FRAMES[calibration.frame],
+        notes=(f"1 g is {STANDARD_GRAVITY_MPS2} m/s^2.",),
+    )
+
+
+def _row(values: FloatArray) -> str:
+    return f"{{{', '.join(number(value, single=True) + 'f' for value in values)}}}"
+
+
+FUSION = Format(
+    name="fusion",
+    title="x-io Fusion constants",
+    suffix=".h",
+    formula="calibrated = misalignment * ((raw - offset) .* sensitivity)",
+    source="xioTechnologies/Fusion, FusionCalibration.h, FusionCalibrationInertial",
+    units="g and deg/s, float32",
+    carries="bias, scale and misalignment of both sensors",
+    loses="all effects, noise figures",
+    layout=block_comment,
+    write=write,
+    takes_counts=True,
+)

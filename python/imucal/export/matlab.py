@@ -1,0 +1,51 @@
+"""MATLAB and Octave: a function that corrects arrays."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imucal.calibration import Calibration
+from imucal.export.format import SI, Format, Written, line_comments, number
+from imucal.export.model import FRAMES, linear, lost_effects
+
+if TYPE_CHECKING:
+    from imucal.noise import NoiseResult
+
+__all__ = ["MATLAB"]
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The function; rows of its arrays are samples, as in `Calibration.apply`."""
+    lines = ["function [rate, force] = imucal_correct(raw_rate, raw_force)"]
+    for name, triad in (("gyro", calibration.gyroscope), ("accel", calibration.accelerometer)):
+        rows = "; ".join(", ".join(number(value) for value in row) for row in triad.sensitivity)
+        lines.append(f"{name}_T = [{rows}];")
+        lines.append(f"{name}_bias = [{', '.join(number(value) for value in triad.bias)}];")
+    lines += [
+        "rate = bsxfun(@minus, raw_rate, gyro_bias) / gyro_T';",
+        "force = bsxfun(@minus, raw_force, accel_bias) / accel_T';",
+        "end",
+        "",
+    ]
+    return Written(
+        body="\n".join(lines),
+        lost=lost_effects(calibration),
+        same_as=linear(calibration),
+        frame=FRAMES[calibration.frame],
+        notes=("Save it as imucal_correct.m. Arrays are N-by-3, rows are samples.",),
+    )
+
+
+MATLAB = Format(
+    name="matlab",
+    title="MATLAB or Octave function",
+    suffix=".m",
+    formula="true = T^-1 (raw - bias), for rows: (raw - bias) / T'",
+    source="its own",
+    units=SI,
+    carries="bias, scale and misalignment of both sensors",
+    loses="all effects, noise figures",
+    layout=line_comments("%"),
+    write=write,
+    takes_counts=True,
+)

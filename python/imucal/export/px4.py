@@ -1,0 +1,89 @@
+"""PX4: the parameters CAL_ACC0, CAL_GYRO0, TC_A0 and TC_G0, as QGroundControl loads them.
+
+corrected_accel = (data - thermal_offset - offset).emult(scale)     sensor_calibration/Accelerometer.hpp
+corrected_gyro  =  data - thermal_offset - offset                   sensor_calibration/Gyroscope.hpp
+thermal_offset  = x0 + x1 dT + x2 dT^2 + x3 dT^3, dT = T - TREF, T held between TMIN and TMAX
+                                    TemperatureCompensation.cpp, calc_thermal_offsets_3D
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Final
+
+from imucal.calibration import Calibration
+from imucal.export.autopilot import PerAxis, per_axis_model
+from imucal.export.format import SI, Format, Written, line_comments, number
+from imucal.export.model import FRAMES
+
+if TYPE_CHECKING:
+    from imucal.noise import NoiseResult
+
+__all__ = ["PX4"]
+
+# MAV_PARAM_TYPE of a file of parameters.
+INT32: Final = 6
+REAL32: Final = 9
+LETTERS: Final = {"accel": "A", "gyro": "G"}
+# PX4's own, where the calibration does not know its range.
+RANGE_DEGC: Final = (0.0, 100.0)
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The parameters of the first accelerometer and the first gyroscope."""
+    model = per_axis_model(calibration)
+    rows: list[tuple[str, float | int]] = []
+    for i, axis in enumerate("XYZ"):
+        rows.append((f"CAL_ACC0_{axis}OFF", model.accel_offset[i]))
+        rows.append((f"CAL_ACC0_{axis}SCALE", model.accel_scale[i]))
+    rows += [(f"CAL_GYRO0_{axis}OFF", model.gyro_offset[i]) for i, axis in enumerate("XYZ")]
+    rows += _thermal_rows(model)
+    notes = [
+        "Raw are samples without PX4's own corrections: the topics sensor_accel and sensor_gyro.",
+        "For the first sensors; for others put their number in place of 0. CAL_ACC0_ID and CAL_GYRO0_ID, "
+        "which are not in this file, must be the device IDs of these sensors.",
+    ]
+    if model.thermal:
+        slots = ", ".join(f"TC_{LETTERS[sensor]}0_ID" for sensor in model.thermal)
+        notes.append(f"{slots} must be set to the same device IDs before the thermal terms act.")
+    body = "\n".join(
+        f"1\t1\t{name}\t{value}\t{INT32}"
+        if isinstance(value, int)
+        else f"1\t1\t{name}\t{number(value, single=True)}\t{REAL32}"
+        for name, value in rows
+    )
+    return Written(
+        body=f"#\n# Vehicle-Id Component-Id Name Value Type\n{body}\n",
+        lost=model.lost,
+        same_as=model.same_as,
+        frame=FRAMES["symmetric"] + ", along the sensor's axes",
+        notes=(*notes, *model.thermal_notes),
+    )
+
+
+def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float | int]]:
+    from imucal import _core
+
+    low, high = model.range_degc(RANGE_DEGC)
+    for sensor, thermal in model.thermal.items():
+        letter = LETTERS[sensor]
+        yield f"TC_{letter}_ENABLE", 1
+        for power, values in ((3, (0.0,) * 3), (2, thermal.square), (1, thermal.linear), (0, (0.0,) * 3)):
+            yield from ((f"TC_{letter}0_X{power}_{i}", value) for i, value in enumerate(values))
+        yield f"TC_{letter}0_TREF", _core.REFERENCE_TEMPERATURE_DEGC
+        yield f"TC_{letter}0_TMIN", low
+        yield f"TC_{letter}0_TMAX", high
+
+
+PX4 = Format(
+    name="px4",
+    title="PX4 parameters",
+    suffix=".params",
+    formula="accel = (raw - thermal - OFF) * SCALE, gyro = raw - thermal - OFF, for each axis",
+    source="PX4-Autopilot, Accelerometer.hpp, Gyroscope.hpp and TemperatureCompensation.cpp",
+    units=SI + ", parameters are float32",
+    carries="bias of both sensors, scale of the accelerometer, *_bias_temperature",
+    loses="misalignment of both, scale of the gyroscope, all other effects",
+    layout=line_comments("#"),
+    write=write,
+)

@@ -1,0 +1,60 @@
+"""ROS: the file of the package imu_calib.
+
+    corrected_accel = SM raw - bias
+
+(AccelCalib::applyCalib in accel_calib.cpp of dpkoch/imu_calib; SM row by row.) Its node apply_calib subtracts
+from the rate the mean of the first samples after its start (apply_calib.cpp), and nothing of the file.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucal.calibration import Calibration, Triad
+from imucal.export.format import SI, Format, Written, line_comments, number
+from imucal.export.model import FRAMES, inverse, linear, lost_effects, misalignment, off_scale
+
+if TYPE_CHECKING:
+    from imucal.noise import NoiseResult
+
+__all__ = ["ROS"]
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """SM = T^-1 and bias = T^-1 b of the accelerometer."""
+    scale = inverse(calibration.accelerometer)
+    bias = scale @ calibration.accelerometer.bias
+    gyro = calibration.gyroscope
+    body = "\n".join(
+        f"{name}: [{', '.join(number(value) for value in np.ravel(values))}]"
+        for name, values in (("SM", scale), ("bias", bias))
+    )
+    return Written(
+        body=body + "\n",
+        lost=(
+            f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node takes a mean of its own",
+            *off_scale("gyroscope", gyro.sensitivity),
+            *misalignment("gyroscope", gyro.sensitivity),
+            *lost_effects(calibration),
+        ),
+        same_as=replace(linear(calibration), gyroscope=Triad(np.eye(3), gyro.bias)),
+        frame=FRAMES[calibration.frame],
+        notes=("The node has to start at rest.",),
+    )
+
+
+ROS = Format(
+    name="ros",
+    title="ROS package imu_calib",
+    suffix=".yaml",
+    formula="corrected_accel = SM raw - bias; corrected_gyro = raw - mean of the first samples",
+    source="dpkoch/imu_calib, accel_calib.cpp and apply_calib.cpp",
+    units=SI,
+    carries="bias, scale and misalignment of the accelerometer",
+    loses="bias, scale and misalignment of the gyroscope, all effects",
+    layout=line_comments("#"),
+    write=write,
+)

@@ -1,0 +1,87 @@
+"""The calibration as a Rust module for imucal-core, `calibration::<f32>()` or `::<f64>()`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from imucal.arrays import FloatArray
+from imucal.calibration import Calibration
+from imucal.export.format import SI, Format, Written, line_comments, number
+from imucal.export.model import FRAMES, linear, lost_effects
+
+if TYPE_CHECKING:
+    from imucal.noise import NoiseResult
+
+__all__ = ["RUST"]
+
+FUNCTION = """
+/// The calibration, for `correct` and `correct_at` of imucal-core.
+///
+/// # Errors
+/// None with these numbers; the constructors ask for it.
+pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str> {
+    let vector = |row: &[f64; 3]| Vector3::from(row.map(convert::<f64, F>));
+    let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_rows(&[0, 1, 2].map(|i| vector(&rows[i]).transpose()));
+    let triad = |rows, bias| Triad::try_new(matrix(rows), vector(bias)).map_err(|_| "axes in one plane");
+"""
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The module; effects of one's own are not in it, their fields are Python."""
+    own = {effect.name for effect in calibration.user_effects}
+    effects = [values for values in calibration.effects if values.name not in own]
+    imports = "use imucal_core::{calibration::Calibration, sensor::Triad};"
+    if effects:
+        imports = imports.replace(
+            "calibration::Calibration,", "calibration::Calibration, effects::{Effect, EffectValues},"
+        )
+    lines = [imports, "use nalgebra::{Matrix3, RealField, Vector3, convert};", ""]
+    for name, triad in (("ACCELEROMETER", calibration.accelerometer), ("GYROSCOPE", calibration.gyroscope)):
+        rows = ",\n    ".join(_row(row) for row in triad.sensitivity)
+        lines += [
+            "/// T in raw = T true + bias.",
+            f"pub const {name}_SENSITIVITY: [[f64; 3]; 3] = [\n    {rows},\n];",
+            "/// In raw units.",
+            f"pub const {name}_BIAS: [f64; 3] = {_row(triad.bias)};",
+        ]
+    triads = ", ".join(
+        f"triad(&{name}_SENSITIVITY, &{name}_BIAS)?" for name in ("ACCELEROMETER", "GYROSCOPE")
+    )
+    lines.append(FUNCTION.rstrip("\n"))
+    lines.append(f"    let {'mut ' if effects else ''}calibration = Calibration::new({triads});")
+    for values in effects:
+        name = values.name
+        shape = "None" if values.shape is None else f"Some(convert({number(values.shape)}))"
+        lines += [
+            f'    let effect = Effect::find("{name}").ok_or("this imucal-core has no {name}")?;',
+            f"    let numbers = {_row(values.values)}.map(convert::<f64, F>);",
+            f'    let values = EffectValues::try_new(effect, &numbers, {shape}).map_err(|_| "{name}")?;',
+            '    calibration.effects.push(values).map_err(|_| "there are too many effects")?;',
+        ]
+    lines += ["    Ok(calibration)", "}", ""]
+    return Written(
+        body="\n".join(lines),
+        lost=lost_effects(calibration, {values.name for values in effects}),
+        same_as=linear(calibration, effects),
+        frame=FRAMES[calibration.frame],
+        notes=(f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in effects) or 'none'}",),
+    )
+
+
+def _row(values: FloatArray) -> str:
+    return f"[{', '.join(number(value) for value in values)}]"
+
+
+RUST = Format(
+    name="rust",
+    title="Rust module for imucal-core",
+    suffix=".rs",
+    formula="true = T^-1 (raw - bias) - effects(true), by Calibration::correct and correct_at",
+    source="imucal-core",
+    units=SI,
+    carries="bias, scale and misalignment of both sensors, every effect of the catalogue",
+    loses="effects of your own, noise figures, standard deviations",
+    layout=line_comments("//"),
+    write=write,
+    takes_counts=True,
+)

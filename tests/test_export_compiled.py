@@ -1,0 +1,308 @@
+"""The exports that are programs: C compiled by gcc, Rust by cargo, against `Calibration.apply`."""
+
+import ctypes
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal import _core
+from imucal.effects import catalogue
+
+ROOT = Path(__file__).resolve().parent.parent
+GCC = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
+ACCELEROMETER = imucal.Triad(
+    [[0.9804, 0.0012, 0.0055], [0.0012, 0.9727, 0.0043], [0.0055, 0.0043, 0.9921]], [-0.42, 0.24, 0.39]
+)
+GYROSCOPE = imucal.Triad(
+    [[0.9771, 0.0097, -0.0060], [-0.0084, 1.0309, -0.0031], [0.0087, 0.0036, 1.0030]], [-0.035, 0.0042, 0.001]
+)
+UNIT = imucal.Calibration(ACCELEROMETER, GYROSCOPE)
+TRIANGULAR = imucal.Calibration(
+    imucal.Triad([[0.9804, 0, 0], [0.0112, 0.9727, 0], [-0.0155, 0.0083, 0.9921]], ACCELEROMETER.bias),
+    GYROSCOPE,
+    frame="triangular",
+)
+COUNTS = imucal.Calibration(
+    imucal.Triad(ACCELEROMETER.sensitivity * 418.0, [32768.0, 32411.0, 32902.0]),
+    imucal.Triad(GYROSCOPE.sensitivity * 4775.0, [32777.0, 32459.0, 32511.0]),
+    accel_unit="lsb",
+    gyro_unit="lsb",
+)
+NEEDS = ("temperature", "time", "angular_acceleration")
+PASSED = {"temperature": "temperature[i]", "time": "time[i]", "angular_acceleration": "acceleration + 3 * i"}
+MEMORY_ROUTINES = {"memcpy", "memset"}
+
+
+def typical(effect, count):
+    """Numbers of ordinary size, each another: a transposed matrix shows."""
+    values = [
+        p.typical * (1.0, -0.7)[k % 2] * (1 - 0.05 * k) for k, p in enumerate(effect.parameters[:count])
+    ]
+    return imucal.EffectValues(effect.name, values, None if effect.shape is None else 80.0)
+
+
+def with_effects(*values, unit=UNIT):
+    return imucal.Calibration(
+        unit.accelerometer,
+        unit.gyroscope,
+        accel_unit=unit.accel_unit,
+        gyro_unit=unit.gyro_unit,
+        effects=values,
+    )
+
+
+def units():
+    """A calibration for each form of each effect, and three more."""
+    yield "plain", UNIT
+    yield "counts", COUNTS
+    yield "triangular", TRIANGULAR
+    for effect in catalogue():
+        for count in sorted({effect.plain, len(effect.parameters)}):
+            yield f"{effect.name}_{count}", with_effects(typical(effect, count))
+    several = [typical(e, len(e.parameters)) for e in catalogue() if e.sensor != "encoder"][::2]
+    yield "several", with_effects(*several[:12])
+
+
+UNITS = dict(units())
+
+
+def needs_of(unit):
+    left = unit.left_in_data
+    found = {n for v in unit.effects if v.name not in left for n in unit.definition(v).needs}
+    return [need for need in NEEDS if need in found]
+
+
+def driver(headers):
+    """A C program with a loop over samples for each header, `run_<name>_f64` and `run_<name>_f32`."""
+    parts = []
+    for name, path in headers.items():
+        parts.append("#undef IMUCAL_CALIBRATION_H")
+        for size in ("f64", "f32"):
+            parts += [f"#undef imucal_correct_{size}", f"#define imucal_correct_{size} {name}_{size}"]
+        parts.append(f'#include "{path}"')
+        passed = "".join(f" {PASSED[need]}," for need in needs_of(UNITS[name]))
+        for size, real in (("f64", "double"), ("f32", "float")):
+            parts.append(f"""
+void run_{name}_{size}(int n, {real} *rate, {real} *force, const {real} *temperature, const {real} *time,
+                       const {real} *acceleration, int *status);
+void run_{name}_{size}(int n, {real} *rate, {real} *force, const {real} *temperature, const {real} *time,
+                       const {real} *acceleration, int *status) {{
+    int i;
+    (void)temperature; (void)time; (void)acceleration;
+    for (i = 0; i < n; ++i)
+        status[i] = {name}_{size}(rate + 3 * i, force + 3 * i,{passed} rate + 3 * i, force + 3 * i);
+}}""")
+    return "\n".join([*parts, ""])
+
+
+def gcc(*arguments):
+    compiler = shutil.which("gcc")
+    if compiler is None:
+        pytest.fail("gcc is not on PATH: the C header cannot be tested without it")
+    done = subprocess.run([compiler, *map(str, arguments)], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="module")
+def headers(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("headers")
+    paths = {}
+    for name, unit in UNITS.items():
+        paths[name] = folder / f"{name}.h"
+        imucal.export(unit, "c-header").save(paths[name])
+    return paths
+
+
+@pytest.fixture(scope="module")
+def library(headers, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("c")
+    (folder / "driver.c").write_text(driver(headers))
+    gcc(*GCC, "-shared", "-fPIC", folder / "driver.c", "-o", folder / "driver.so", "-lm")
+    return ctypes.CDLL(str(folder / "driver.so"))
+
+
+def run(library, name, dtype, rate, force, temperature_degc, time_s, acceleration):
+    columns = [np.array(column, dtype=dtype, order="C") for column in (rate, force, temperature_degc, time_s)]
+    columns.append(np.array(acceleration, dtype=dtype))
+    status = np.full(len(rate), 7, dtype=np.int32)
+    function = getattr(library, f"run_{name}_{'f64' if dtype == np.float64 else 'f32'}")
+    pointers = [ctypes.c_void_p(column.ctypes.data) for column in (*columns, status)]
+    function(len(rate), *pointers)
+    return columns[0], columns[1], status
+
+
+def recording(unit, count=3000):
+    """A unit that turns fast, warms up and is thrown about: raw samples, in its own units."""
+    random = np.random.default_rng(6)
+    time_s = np.arange(count) / 200.0
+    phase = random.uniform(0, 6, (2, 3))
+    rate = 4.0 * np.sin(time_s[:, None] * [1.3, 2.1, 0.7] + phase[0])
+    force = 12.0 * np.sin(time_s[:, None] * [0.9, 1.7, 2.9] + phase[1]) + random.normal(0, 0.1, (count, 3))
+    return imucal.Recording(
+        time_s,
+        force @ unit.accelerometer.sensitivity.T + unit.accelerometer.bias,
+        rate @ unit.gyroscope.sensitivity.T + unit.gyroscope.bias,
+        temperature_degc=10.0 + 40.0 * time_s / time_s[-1],
+        accel_unit=unit.accel_unit,
+        gyro_unit=unit.gyro_unit,
+    )
+
+
+def acceleration_of(unit, run_c, rec):
+    """The angular acceleration as `apply_recording` takes it: of the rate that a first pass corrects."""
+    if "angular_acceleration" not in needs_of(unit):
+        return np.zeros((len(rec), 3))
+    rate = imucal.Calibration(unit.accelerometer, unit.gyroscope).apply(rec.angular_rate, rec.specific_force)[
+        0
+    ]
+    rate = run_c(_core.angular_acceleration(rec.time_s, rate))[0]
+    return _core.angular_acceleration(rec.time_s, rate)
+
+
+@pytest.mark.parametrize("name", UNITS)
+def test_the_header_gives_the_numbers_of_python(library, name):
+    unit = UNITS[name]
+    rec = recording(unit)
+    expected = unit.apply_recording(rec)
+
+    def run_c(acceleration, dtype=np.float64):
+        columns = (rec.angular_rate, rec.specific_force, rec.temperature_degc, rec.time_s)
+        return run(library, name, dtype, *columns, acceleration)
+
+    acceleration = acceleration_of(unit, run_c, rec)
+    rate, force, status = run_c(acceleration)
+    assert not status.any()
+    for found, wanted in ((rate, expected.angular_rate), (force, expected.specific_force)):
+        largest = np.abs(wanted).max(axis=1, keepdims=True)
+        assert (np.abs(found - wanted) <= 2 * np.spacing(largest)).all()
+    rate, force, status = run_c(acceleration, np.float32)
+    assert not status.any()
+    # Raw counts have an offset, whose rounding is in all that follows.
+    size = 2.0**-24 * (32768 / 418 if unit is COUNTS else 12.0)
+    np.testing.assert_allclose(rate, expected.angular_rate, rtol=0, atol=8 * size)
+    np.testing.assert_allclose(force, expected.specific_force, rtol=0, atol=8 * size)
+
+
+def test_a_million_samples_are_within_two_units_in_the_last_place(library):
+    random = np.random.default_rng(7)
+    rate, force = random.normal(0, 2, (1_000_000, 3)), random.normal(0, 10, (1_000_000, 3))
+    nothing = np.zeros(0)
+    found_rate, found_force, _ = run(library, "plain", np.float64, rate, force, nothing, nothing, nothing)
+    expected_rate, expected_force = UNIT.apply(rate, force)
+    assert (np.abs(found_rate - expected_rate) <= 2 * np.spacing(np.abs(expected_rate))).all()
+    assert (np.abs(found_force - expected_force) <= 2 * np.spacing(np.abs(expected_force))).all()
+
+
+def test_what_cannot_be_undone_is_not_a_number(headers, library):
+    # A cubic scale of this size has no inverse at a rate of 1e4 rad/s, and NaN has none at all.
+    rate = np.array([[1e4, 0.0, 0.0], [np.nan, 0.0, 0.0], [0.1, 0.0, np.inf], [0.1, 0.2, 0.3]])
+    nothing = np.zeros(0)
+    for dtype in (np.float64, np.float32):
+        found, force, status = run(
+            library, "gyro_scale_cubic_3", dtype, rate, np.ones((4, 3)), nothing, nothing, nothing
+        )
+        assert status.tolist() == [-1, -1, -1, 0]
+        assert np.isnan(found[:3]).all() and np.isnan(force[:3]).all() and np.isfinite(found[3]).all()
+
+
+@pytest.mark.parametrize(
+    ("name", "called"), [("gyro_scale_cubic_3", set()), ("gyro_bias_warmup_3", {"exp", "expf"})]
+)
+def test_the_header_calls_nothing_but_what_it_says(headers, tmp_path, name, called):
+    says = "Link libm for exp." if called else "Nothing of libm is called."
+    assert says in headers[name].read_text()
+    (tmp_path / "driver.c").write_text(driver({name: headers[name]}))
+    gcc(*GCC, "-c", tmp_path / "driver.c", "-o", tmp_path / "driver.o")
+    listing = subprocess.run(
+        ["nm", "--undefined-only", "--format=posix", tmp_path / "driver.o"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert {line.split()[0] for line in listing.stdout.splitlines()} - MEMORY_ROUTINES == called
+
+
+def test_the_header_is_cplusplus_too(headers, tmp_path):
+    source = tmp_path / "two.cpp"
+    source.write_text(f'#include "{headers["several"]}"\nint main() {{ return 0; }}\n')
+    done = subprocess.run(
+        ["g++", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", source], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_effect_of_the_catalogue_is_in_the_header():
+    for effect in catalogue():
+        assert imucal.export(with_effects(typical(effect, effect.plain)), "c-header").lost == (), effect.name
+
+
+def test_an_effect_of_ones_own_is_said_to_be_lost():
+    own = imucal.UserEffect(
+        "gyro_bias_supply", "gyroscope", (imucal.EffectParameter("x", "rad/s/V", 1e-3),), None
+    )
+    unit = imucal.Calibration(
+        ACCELEROMETER, GYROSCOPE, effects=(imucal.EffectValues(own.name, [1e-3]),), user_effects=(own,)
+    )
+    for name in ("c-header", "rust"):
+        exported = imucal.export(unit, name)
+        assert exported.lost == ("the effect gyro_bias_supply (your own)",)
+        assert "Not carried: the effect gyro_bias_supply" in exported.text
+
+
+FUSION = """
+typedef union { float array[3]; struct { float x, y, z; } axis; } FusionVector;
+typedef union {
+    float array[3][3];
+    struct { float xx, xy, xz, yx, yy, yz, zx, zy, zz; } element;
+} FusionMatrix;
+"""
+
+
+def test_the_constants_of_fusion_compile(tmp_path):
+    # The types of FusionMath.h; the numbers are tested with imufusion.
+    (tmp_path / "Fusion.h").write_text(FUSION)
+    imucal.export(UNIT, "fusion").save(tmp_path / "unit.h")
+    names = [
+        f"{s}{what}"
+        for s in ("gyroscope", "accelerometer")
+        for what in ("Misalignment", "Sensitivity", "Offset")
+    ]
+    uses = " + ".join(f"(int)sizeof({name})" for name in names)
+    (tmp_path / "main.c").write_text(f'#include "unit.h"\nint main(void) {{ return {uses}; }}\n')
+    gcc("-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", tmp_path / "main.c")
+
+
+# --- Rust -----------------------------------------------------------------------------------------
+
+
+def test_the_rust_module_runs_on_the_core(tmp_path):
+    effects = {effect.name: effect for effect in catalogue()}
+    names = ("gyro_g_sensitivity", "gyro_bias_temperature", "accel_scale_cubic")
+    unit = with_effects(*(typical(effects[name], effects[name].plain) for name in names))
+    imucal.export(unit, "rust").save(tmp_path / "unit.rs")
+    cargo = shutil.which("cargo")
+    if cargo is None:
+        pytest.fail("cargo is not on PATH: the Rust module cannot be tested without it")
+    manifest = ROOT / "tests/export_rust/Cargo.toml"
+    rec = recording(unit)
+    rows = np.hstack((rec.angular_rate, rec.specific_force, rec.temperature_degc[:, None] - 25.0))
+    # Its build of nalgebra is that of the proof without std.
+    target = ROOT / "tests/no_std/target"
+    options = ["--release", "--locked", "--manifest-path", manifest, "--target-dir", target]
+    done = subprocess.run(
+        [cargo, "run", "--quiet", *options],
+        env={**os.environ, "IMUCAL_EXPORT": str(tmp_path / "unit.rs")},
+        input=rows.astype("<f8").tobytes(),
+        capture_output=True,
+    )
+    assert done.returncode == 0, done.stderr.decode()
+    double, single = np.frombuffer(done.stdout, "<f8").reshape(2, len(rec), 6)
+    expected = unit.apply_recording(rec)
+    wanted = np.hstack((expected.angular_rate, expected.specific_force))
+    assert np.array_equal(double, wanted)
+    np.testing.assert_allclose(single, wanted, rtol=0, atol=1e-5)
