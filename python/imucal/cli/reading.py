@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from imucal.cli import completion
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,8 +24,8 @@ Files = Annotated[list[Path], typer.Argument(metavar="REC...", help="Recordings 
 _PANEL = "Other people's files"
 
 
-def _option(name: str, help: str) -> Any:
-    return typer.Option(name, help=help, rich_help_panel=_PANEL)
+def _option(name: str, help: str, **more: Any) -> Any:
+    return typer.Option(name, help=help, rich_help_panel=_PANEL, **more)
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,12 @@ class Reading:
     """How files are read; the fields are the options of `imucal.read`."""
 
     format: Annotated[
-        str | None, _option("--format", "csv, parquet, imu_tk, euroc or columns; found out if not given.")
+        str | None,
+        _option(
+            "--format",
+            "csv, parquet, imu_tk, euroc or columns; found out if not given.",
+            autocompletion=completion.formats,
+        ),
     ] = None
     columns: Annotated[
         str | None,
