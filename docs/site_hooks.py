@@ -30,6 +30,8 @@ COMMANDS_HEAD = """# Commands
 
 The help of every command as `imucal COMMAND --help` prints it, written when the site is built.
 """
+# Pages that the navigation has a place for: links to them are text until they are there.
+UNWRITTEN: set[str] = set()
 LANGUAGES = {".py": "python", ".rs": "rust", ".sh": "sh", ".c": "c", ".toml": "toml", ".json": "json"}
 
 
@@ -50,6 +52,8 @@ def _navigation(entries: list[Any]) -> list[Any]:
             kept.append({title: [str(path.relative_to(DOCS)) for path in found]})
         elif (DOCS / target).exists() or target == "commands.md":
             kept.append(entry)
+        else:
+            UNWRITTEN.add(target)
     return kept
 
 
@@ -88,6 +92,8 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     def lead(link: re.Match[str]) -> str:
         text, target, anchor = link[1], link[2], link[3] or ""
         path = (folder / target).resolve()
+        if not path.exists() and path.parent == DOCS and path.name in UNWRITTEN:
+            return text.strip("[]")
         if path.is_file() and DOCS not in path.parents and ROOT in path.parents:
             up = "../" * page.file.src_uri.count("/")
             return f"{text}({up}{source_page(path)}{anchor})"
@@ -122,7 +128,7 @@ def like_github(markdown: str) -> str:
 
 
 def _function_not_module(directive: re.Match[str]) -> str:
-    """`imucal.calibrate` is a function to whoever imports it, and the module it is in to a reader of files."""
+    """`imucal.calibrate` is a function to those who import it, and a module to a reader of files."""
     name = directive[1]
     if not (ROOT / f"python/imucal/{name}.py").exists():
         return directive[0]
