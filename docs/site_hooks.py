@@ -165,6 +165,7 @@ def commands_page() -> str:
 
     names = [[_command_name(command)] for command in app.registered_commands]
     for group in app.registered_groups:
+        names.append([str(group.name)])
         names += [
             [str(group.name), _command_name(command)] for command in group.typer_instance.registered_commands
         ]

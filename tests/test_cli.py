@@ -224,14 +224,16 @@ def test_a_stage_is_shown_on_a_terminal_when_it_takes_long(monkeypatch):
         with working("soon done"):
             pass
         monkeypatch.setattr("imucal.cli.working.PATIENCE_S", 0.0)
-        with working("reading", 3) as done:
+        with working("reading", 3) as stage:
             time.sleep(0.05)
-            done()
+            stage.step()
+            stage("judging")
             time.sleep(0.3)
         monkeypatch.undo()
     shown = os.read(terminal, 100_000).decode()
     assert "soon done" not in shown
     assert "reading" in shown
+    assert "judging" in shown
     assert "1/3" in shown
     assert "left" in shown
 

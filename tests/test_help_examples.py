@@ -13,12 +13,17 @@ from imucal.cli import main
 from imucal.cli.app import app
 from imucal.limits_template import limits_from
 
+EXAMPLE = re.compile(r"^Example: imucal (.*)$", re.MULTILINE)
+
 
 def examples(application=app):
     """Every line `Example: imucal ...` of the commands and their groups."""
     for command in application.registered_commands:
-        yield from re.findall(r"^Example: imucal (.*)$", inspect.getdoc(command.callback), re.MULTILINE)
+        yield from EXAMPLE.findall(inspect.getdoc(command.callback))
     for group in application.registered_groups:
+        callback = group.typer_instance.registered_callback
+        if callback is not None:
+            yield from EXAMPLE.findall(inspect.getdoc(callback.callback))
         yield from examples(group.typer_instance)
 
 

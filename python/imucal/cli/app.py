@@ -37,6 +37,8 @@ __all__ = ["app", "main"]
 BAD_INPUT = 1
 INTERRUPTED = 130
 INTERRUPTED_MESSAGE = "interrupted, no file is half written"
+# A longer message is a list: its items get lines of their own.
+MOST_ON_A_LINE = 300
 # Set to anything, it lets a bug end with its traceback.
 TRACEBACK = "IMUCAL_TRACEBACK"
 
@@ -145,5 +147,7 @@ def _bug(error: BaseException) -> int:
 
 
 def _say(message: str, code: int) -> int:
+    if len(message) > MOST_ON_A_LINE:
+        message = message.replace("; ", ";\n  ")
     print(f"imucal: {message}", file=sys.stderr)
     return code

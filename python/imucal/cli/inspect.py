@@ -33,10 +33,10 @@ def inspect(
     with working("reading"):
         unit_data = reading.each(recordings)
     inspections = []
-    with working("inspecting", len(unit_data)) as done:
+    with working("inspecting", len(unit_data)) as stage:
         for recording in unit_data:
             inspections.append(imucal.inspect(recording, gravity_mps2=gravity, min_rest_s=min_rest_s))
-            done()
+            stage.step()
     out = Output(json)
     out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
     for seen in inspections:

@@ -75,10 +75,10 @@ def check(
     from imucal.atomic import write_text
 
     loaded = []
-    with working("reading", len(calibrations)) as done:
+    with working("reading", len(calibrations)) as stage:
         for path in calibrations:
             loaded.append(imucal.Calibration.load(path))
-            done()
+            stage.step()
         own = {effect.name: effect for calibration in loaded for effect in calibration.user_effects}
         wanted = imucal.Limits.load(limits, user_effects=tuple(own.values()))
     judged = [wanted.judge(calibration) for calibration in loaded]
