@@ -7,7 +7,6 @@ extension: docstrings name arguments and fields in aligned columns, which become
 
 from __future__ import annotations
 
-import ast
 import contextlib
 import io
 import os
@@ -19,6 +18,8 @@ import griffe
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
+
+import imucal
 
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
@@ -81,7 +82,7 @@ def _source_text(path: Path) -> str:
     text = path.read_text(encoding="utf-8")
     if path.suffix == ".md":
         # Its links start from where the file is, and lead nowhere from here.
-        return LINK.sub(lambda link: link[0] if link[2].startswith("http") else link[1].strip("![]"), text)
+        return LINK.sub(lambda link: link[1].strip("![]"), text)
     return f"# {path.relative_to(ROOT)}\n\n````{LANGUAGES.get(path.suffix, 'text')}\n{text}````\n"
 
 
@@ -130,25 +131,16 @@ def like_github(markdown: str) -> str:
 def _function_not_module(directive: re.Match[str]) -> str:
     """`imucal.calibrate` is a function to those who import it, and a module to a reader of files."""
     name = directive[1]
-    if not (ROOT / f"python/imucal/{name}.py").exists():
+    if getattr(getattr(imucal, name), "__module__", None) != f"imucal.{name}":
         return directive[0]
     return f"::: imucal.{name}.{name}\n    options: {{heading: imucal.{name}, toc_label: {name}}}"
 
 
 def _unlisted(page: str) -> str:
     """Directives for the public names that the page does not have."""
-    listed = set(DIRECTIVE.findall(page))
-    names = [name for name in public_names() if name not in listed]
+    listed = {*DIRECTIVE.findall(page), "__version__"}
+    names = [name for name in imucal.__all__ if name not in listed]
     return "\n## More\n\n" + "".join(f"::: imucal.{name}\n\n" for name in names) if names else ""
-
-
-def public_names() -> list[str]:
-    """The names in `imucal.__all__` that have a docstring."""
-    tree = ast.parse((ROOT / "python/imucal/__init__.py").read_text(encoding="utf-8"))
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
-            return [name for name in ast.literal_eval(node.value) if name != "__version__"]
-    raise ValueError("python/imucal/__init__.py has no __all__")
 
 
 def commands_page() -> str:

@@ -152,7 +152,9 @@ class Panic(BaseException):
     """As the compiled library's: no Exception."""
 
 
-@pytest.mark.parametrize("bug", [ZeroDivisionError("float division by zero"), Panic("index\n9 of 3")])
+@pytest.mark.parametrize(
+    "bug", [ZeroDivisionError("float division by zero"), Panic("index\n9 of 3"), OSError("the port is gone")]
+)
 def test_a_bug_is_one_screen_and_says_how_to_see_more(bug, run_csv, tmp_path, monkeypatch, capsys):
     def broken(*_, **__):
         raise bug

@@ -90,6 +90,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.flush()
         return code
     except OSError as error:
+        if error.strerror is None:
+            return _bug(error)
         if error.filename is not None:
             return _say(f"{error.filename}: {error.strerror}", BAD_INPUT)
         # Standard output alone is written without InputError. The interpreter must not flush it once more.
@@ -140,7 +142,7 @@ def _bug(error: BaseException) -> int:
     what = " ".join(str(error).split())[:500]
     return _say(
         f"this is a fault of imucal and not of your data: {type(error).__name__}: {what or 'no message'}\n"
-        f"in {last.name}, {Path(last.filename).name}, line {last.lineno}; nothing was written after it\n"
+        f"in {last.name}, {Path(last.filename).name}, line {last.lineno}; what was written before it is whole\n"
         f"Run it again with {TRACEBACK}=1 before the command for the traceback, and report it with that.",
         BAD_INPUT,
     )
