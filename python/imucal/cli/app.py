@@ -142,7 +142,7 @@ def _bug(error: BaseException) -> int:
     what = " ".join(str(error).split())[:500]
     return _say(
         f"this is a fault of imucal and not of your data: {type(error).__name__}: {what or 'no message'}\n"
-        f"in {last.name}, {Path(last.filename).name}, line {last.lineno}; what was written before it is whole\n"
+        f"in {last.name}, {Path(last.filename).name}, line {last.lineno}; no file is half written\n"
         f"Run it again with {TRACEBACK}=1 before the command for the traceback, and report it with that.",
         BAD_INPUT,
     )
