@@ -262,6 +262,10 @@ def test_verbose_says_each_decision(stand_runs, tmp_path, capsys):
     assert "45 to 46" not in (judged := capsys.readouterr().out) and "44 to 45" in judged
     assert main(["gap", run, "--control", control, "-v", "--effect", "gyro_scale_cubic"]) == 0
     assert "log Bayes factor" in capsys.readouterr().out
+    still = imucal.simulate(imucal.Static(duration_s=60.0), unit="bmi088", rate_hz=100.0, seed=1)
+    imucal.write(still.recording, tmp_path / "still.csv")
+    assert main(["noise", str(tmp_path / "still.csv"), "-v"]) == 0
+    assert "periods from s" in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")

@@ -102,7 +102,7 @@ def test_readme_runs(tmp_path):
     ("page", "number_of_steps"),
     [
         ("index.md", 7 - ("export.md" in UNWRITTEN)),
-        ("hand-held.md", 8),
+        ("hand-held.md", 9),
         ("raw-counts.md", 7),
         ("thermal.md", 8),
     ],

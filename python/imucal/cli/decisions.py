@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from imucal.cli.output import Output
+    from imucal.noise import NoiseResult
 
-__all__ = ["show_fit", "show_ranking", "show_rests_and_moves"]
+__all__ = ["show_fit", "show_noise_fits", "show_ranking", "show_rests_and_moves"]
 
 STAGES = {"accelerometer": "start, accelerometer", "gyroscope": "start, gyroscope", "joint": "joint fit"}
 
@@ -76,6 +77,23 @@ def show_ranking(out: Output, ranking: Sequence[Mapping[str, Any]]) -> None:
                 f"{score['p_value']:.2g}",
             )
             for score in ranking
+        ),
+    )
+
+
+def show_noise_fits(out: Output, found: NoiseResult) -> None:
+    """What was fitted of each axis, and how well the kinds of noise describe it."""
+    out.table(
+        ("axis", "periods from s", "to s", "one count", "worst octave off by, sigma"),
+        (
+            (
+                name,
+                f"{axis.shortest_period_s:.3g}",
+                f"{found.end_s - found.start_s:.4g}",
+                f"{axis.lsb:.3g}",
+                f"{axis.misfit:.1f}",
+            )
+            for name, axis in found.axes.items()
         ),
     )
 

@@ -136,7 +136,8 @@ def _row(effect: Effect) -> str:
         names += f"; shape: {effect.shape.name}"
         sizes.append(size(effect.shape))
     needs = ", ".join(need.replace("_", " ") for need in effect.needs)
-    cells = [f"`{effect.name}`", f"`{effect.formula}`", names, ", ".join(sizes), needs, effect.observable]
+    link = f"[`{effect.name}`](#{effect.name})"
+    cells = [link, f"`{effect.formula}`", names, ", ".join(sizes), needs, effect.observable]
     return f"| {' | '.join(map(_cell, cells))} |"
 
 
