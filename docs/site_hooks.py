@@ -26,6 +26,8 @@ DOCS = ROOT / "docs"
 LINK = re.compile(r"(!?\[[^\]]*\])\((?!https?://|#)([^)#\s]+)(#[^)]*)?\)")
 # `name, other_name   what they are`: two spaces or more part the columns.
 COLUMNS = re.compile(r"(\w+(?:, \w+)*) {2,}(\S.*)")
+# Some build servers ask for colour.
+COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 DIRECTIVE = re.compile(r"^::: imucal\.(\w+)$", re.MULTILINE)
 COMMANDS_HEAD = """# Commands
 
@@ -152,7 +154,8 @@ def commands_page() -> str:
         text = io.StringIO()
         with contextlib.redirect_stdout(text):
             main([*words, "--help"])
-        lines = "\n".join(line.rstrip() for line in text.getvalue().strip("\n").splitlines())
+        plain = COLOUR.sub("", text.getvalue()).strip("\n")
+        lines = "\n".join(line.rstrip() for line in plain.splitlines())
         return f"## imucal {' '.join(words)}\n\n```text\n{lines}\n```\n"
 
     names = [[_command_name(command)] for command in app.registered_commands]
