@@ -24,8 +24,9 @@ Files = Annotated[list[Path], typer.Argument(metavar="REC...", help="Recordings 
 _PANEL = "Other people's files"
 
 
-def _option(name: str, help: str, **more: Any) -> Any:
-    return typer.Option(name, help=help, rich_help_panel=_PANEL, **more)
+def _option(name: str, help: str) -> Any:
+    names = completion.formats if name == "--format" else None
+    return typer.Option(name, help=help, rich_help_panel=_PANEL, autocompletion=names)
 
 
 @dataclass(frozen=True)
@@ -33,12 +34,7 @@ class Reading:
     """How files are read; the fields are the options of `imucal.read`."""
 
     format: Annotated[
-        str | None,
-        _option(
-            "--format",
-            "csv, parquet, imu_tk, euroc or columns; found out if not given.",
-            autocompletion=completion.formats,
-        ),
+        str | None, _option("--format", "csv, parquet, imu_tk, euroc or columns; found out if not given.")
     ] = None
     columns: Annotated[
         str | None,
