@@ -104,7 +104,7 @@ def test_readme_runs(tmp_path):
         ("index.md", 7 - ("export.md" in UNWRITTEN)),
         ("hand-held.md", 9),
         ("raw-counts.md", 7),
-        ("thermal.md", 8),
+        ("thermal.md", 9),
     ],
 )
 def test_page_prints_what_it_shows(page, number_of_steps, tmp_path):
