@@ -1,12 +1,13 @@
 # Needs Python 3.10 or newer, a Rust toolchain with rustfmt and clippy, and make. Everything else goes into .venv.
 #
-#   make test      lint, Rust tests, the source distribution in an empty environment, Python tests
+#   make test      lint, Rust tests, the source distribution in an empty environment, Python tests, the pages
 #   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
 #   make bench     speed beside a SciPy program of the same model, of the simulation, and of Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
-#   make docs-figures  convergence of the integrated attitude, to docs/results/convergence.md
+#   make docs      the pages under docs/ as a site, site/index.html; a link that leads nowhere is an error
+#   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make wheel     dist/*.whl
 #   make format    format Rust and Python
 #   make clean     forget .venv and dist; target/ stays, its dependencies take minutes to build
@@ -91,7 +92,7 @@ lint-rust: rust-components $(VENV)/.tools
 	$(call say,Rust: documentation)
 	RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --locked
 
-PYTHON_FILES := $(wildcard python tests benches examples)
+PYTHON_FILES := $(wildcard python tests benches examples) docs/site_hooks.py
 
 lint-python: $(VENV)/.installed
 	$(call say,Python: formatting and lint)
@@ -110,7 +111,7 @@ format: rust-components $(VENV)/.tools
 # --- tests -------------------------------------------------------------------------------------------------------
 
 .PHONY: test test-rust test-sdist test-python
-test: lint test-rust test-sdist test-python
+test: lint test-rust test-sdist test-python docs
 
 test-rust: rust-components
 	$(call say,Rust: tests and documentation tests)
@@ -134,6 +135,14 @@ test-python: $(VENV)/.installed
 	$(PY) -m pytest
 
 # --- what it can do ----------------------------------------------------------------------------------------------
+
+# --- pages -------------------------------------------------------------------------------------------------------
+
+# The warning that it silences is about the next major versions; pyproject.toml keeps them out.
+.PHONY: docs
+docs: $(VENV)/.installed
+	$(call say,Pages)
+	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
 
 .PHONY: demo bench accuracy gap-benchmark docs-figures
 demo: $(VENV)/.installed
@@ -159,7 +168,8 @@ gap-benchmark: $(VENV)/.installed
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)
 	$(PY) benches/convergence.py
+	$(PY) benches/effects_gallery.py
 
 .PHONY: clean
 clean:
-	rm -rf $(VENV) dist demo
+	rm -rf $(VENV) dist demo site

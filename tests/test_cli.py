@@ -10,10 +10,22 @@ import pytest
 
 import imucal
 from imucal.cli import main
+from imucal.cli.app import app
+from imucal.cli.working import working
 from imucal.disturbances import disturbances
 
 HEADER = "time_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps"
-COMMANDS = ("demo", "convert", "inspect", "calibrate", "evaluate", "apply", "simulate", "noise", "effects")
+
+
+def commands(application=app, words=()):
+    """The words of every command."""
+    for command in application.registered_commands:
+        yield (*words, command.name or command.callback.__name__)
+    for group in application.registered_groups:
+        yield from commands(group.typer_instance, (*words, group.name))
+
+
+COMMANDS = [" ".join(words) for words in commands()]
 
 
 @pytest.fixture
@@ -26,10 +38,11 @@ def run_csv(tmp_path):
 def test_help_names_every_command(capsys):
     assert main(["--help"]) == 0
     shown = capsys.readouterr().out
-    assert all(command in shown for command in (*COMMANDS, "limits"))
+    assert all(f" {command.split()[0]} " in shown for command in COMMANDS)
+    assert "--install-completion" in shown
 
 
-@pytest.mark.parametrize("command", [*COMMANDS, "limits check", "limits template"])
+@pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_a_command_has_an_example_and_json(command, capsys):
     assert main([*command.split(), "--help"]) == 0
     shown = capsys.readouterr().out
@@ -135,13 +148,124 @@ def test_full_standard_output_is_no_traceback(run_csv, tmp_path):
     assert "Traceback" not in done.stderr
 
 
-def test_a_bug_is_not_hidden(run_csv, tmp_path, monkeypatch):
+class Panic(BaseException):
+    """As the compiled library's: no Exception."""
+
+
+@pytest.mark.parametrize(
+    "bug", [ZeroDivisionError("float division by zero"), Panic("index\n9 of 3"), OSError("the port is gone")]
+)
+def test_a_bug_is_one_screen_and_says_how_to_see_more(bug, run_csv, tmp_path, monkeypatch, capsys):
     def broken(*_, **__):
-        raise ZeroDivisionError
+        raise bug
 
     monkeypatch.setattr("imucal.io.write", broken)
-    with pytest.raises(ZeroDivisionError):
-        main(["convert", str(run_csv), "-o", str(tmp_path / "out.csv")])
+    arguments = ["convert", str(run_csv), "-o", str(tmp_path / "out.csv")]
+    assert main(arguments) == 1
+    shown = capsys.readouterr().err
+    assert f"imucal: this is a fault of imucal and not of your data: {type(bug).__name__}: " in shown
+    assert " ".join(str(bug).split()) in shown
+    assert "in broken, test_cli.py, line " in shown
+    assert "IMUCAL_TRACEBACK=1" in shown
+    assert len(shown.splitlines()) == 3
+    monkeypatch.setenv("IMUCAL_TRACEBACK", "1")
+    with pytest.raises(type(bug)):
+        main(arguments)
+
+
+def test_a_file_that_fails_is_not_called_standard_output(run_csv, tmp_path, monkeypatch, capsys):
+    def broken(*_, **__):
+        raise PermissionError(13, "Permission denied", "unit.json")
+
+    monkeypatch.setattr("imucal.io.write", broken)
+    assert main(["convert", str(run_csv), "-o", str(tmp_path / "out.csv")]) == 1
+    assert capsys.readouterr().err == "imucal: unit.json: Permission denied\n"
+
+
+def test_version(capsys):
+    assert main(["--version"]) == 0
+    assert capsys.readouterr().out == f"imucal {imucal.__version__}\n"
+
+
+@pytest.mark.parametrize(
+    ("typed", "offered"),
+    [
+        ("imucal ga", ["gap"]),
+        ("imucal calibrate --effect gyro_bias_t", ["gyro_bias_temperature", "gyro_bias_temperature:full"]),
+        ("imucal calibrate --effect encoder_", []),
+        ("imucal gap --effect gyro_scale_c", ["gyro_scale_cubic"]),
+        ("imucal gap --explain earth", ["earth_rate"]),
+        ("imucal effects rest_", ["rest_not_still"]),
+        ("imucal convert --format par", ["parquet"]),
+        ("imucal simulate tu", ["tumble"]),
+        ("imucal simulate random --unit bm", ["bmi088"]),
+        ("imucal simulate random --effect gyro_scale_c", ["gyro_scale_cubic=typical"]),
+        ("imucal limits ch", ["check"]),
+    ],
+)
+def test_shell_completion(typed, offered, monkeypatch, capsys):
+    monkeypatch.setenv("_IMUCAL_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", typed)
+    monkeypatch.setenv("COMP_CWORD", str(len(typed.split()) - 1))
+    with pytest.raises(SystemExit) as end:
+        main([])
+    assert end.value.code == 0
+    assert capsys.readouterr().out.split() == offered
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
+def test_a_stage_is_shown_on_a_terminal_when_it_takes_long(monkeypatch):
+    import os
+    import pty
+    import time
+
+    terminal, stderr = pty.openpty()
+    monkeypatch.setenv("TERM", "xterm")
+    with os.fdopen(stderr, "w") as stream:
+        monkeypatch.setattr("sys.stderr", stream)
+        with working("soon done"):
+            pass
+        monkeypatch.setattr("imucal.cli.working.PATIENCE_S", 0.0)
+        with working("reading", 3) as stage:
+            time.sleep(0.05)
+            stage.step()
+            stage("judging")
+            time.sleep(0.3)
+        monkeypatch.undo()
+    shown = os.read(terminal, 100_000).decode()
+    assert "soon done" not in shown
+    assert "reading" in shown
+    assert "judging" in shown
+    assert "1/3" in shown
+    assert "left" in shown
+
+
+def test_nothing_is_shown_in_a_pipe(stand_runs, command, tmp_path):
+    done = command("calibrate", stand_runs / "run.parquet", "-o", tmp_path / "cal.json")
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert "\x1b" not in done.stdout
+
+
+def test_verbose_says_each_decision(stand_runs, tmp_path, capsys):
+    cal, output = tmp_path / "cal.json", tmp_path / "result.json"
+    run, control = str(stand_runs / "run.parquet"), str(stand_runs / "control.parquet")
+    assert main(["calibrate", run, "-o", str(cal), "--json", str(output), "-v"]) == 0
+    shown = capsys.readouterr().out
+    result = json.loads(output.read_text())
+    threshold = result["fit"]["rest_thresholds"][0]
+    assert f"below {threshold['factor']:.3g} times the noise floor" in shown
+    assert f"joint fit: converged after {result['fit']['joint']['iterations']} iterations" in shown
+    lines = shown.splitlines()
+    assert sum(line.endswith(" used") for line in lines) == len(result["rests"]) + len(result["moves"])
+    assert main(["evaluate", str(cal), control, "-v"]) == 0
+    assert "45 to 46" not in (judged := capsys.readouterr().out) and "44 to 45" in judged
+    assert main(["gap", run, "--control", control, "-v", "--effect", "gyro_scale_cubic"]) == 0
+    assert "log Bayes factor" in capsys.readouterr().out
+    still = imucal.simulate(imucal.Static(duration_s=60.0), unit="bmi088", rate_hz=100.0, seed=1)
+    imucal.write(still.recording, tmp_path / "still.csv")
+    assert main(["noise", str(tmp_path / "still.csv"), "-v"]) == 0
+    assert "periods from s" in capsys.readouterr().out
 
 
 @pytest.fixture(scope="module")

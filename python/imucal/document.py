@@ -91,7 +91,8 @@ def read_json(path: str | os.PathLike[str]) -> Node:
         return Node(content, "$", file.name)
     except json.JSONDecodeError as error:
         raise FormatError(
-            f"{file.name} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}"
+            f"{file.name} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}: give a JSON "
+            "file here (a calibration, limits, a unit, a program), and recordings where REC stands in --help"
         ) from None
     except (UnicodeDecodeError, RecursionError):
         raise FormatError(f"{file.name} is not JSON: it is no text in UTF-8") from None

@@ -190,9 +190,10 @@ def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:
     chi2 = figures["chi2_per_dof"]
     if chi2 is None or chi2 <= POOR_CHI2_PER_DOF:
         return []
+    other = ", or the calibration is another unit's" if name == "control set" else ""
     return [
         f"{name}: residuals are {chi2**0.5:.3g} times what noise explains (more than "
-        f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion"
+        f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion{other}"
     ]
 
 

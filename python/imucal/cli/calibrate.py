@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from imucal.cli import completion
+from imucal.cli.decisions import show_fit, show_rests_and_moves
 from imucal.cli.output import (
     Control,
     ExcludeSaturated,
@@ -56,6 +58,7 @@ def calibrate(
             metavar="NAME",
             help="Estimate this effect too (`imucal effects` lists them; NAME:full for the full form); may "
             "be given again.",
+            autocompletion=completion.effects_to_estimate,
         ),
     ] = None,
     unit: Annotated[
@@ -64,6 +67,7 @@ def calibrate(
             "--unit",
             metavar="FILE|NAME",
             help="Profile of the unit, whose bias instability and random walk widen the standard deviations.",
+            autocompletion=completion.units,
         ),
     ] = None,
     folds: Annotated[
@@ -117,6 +121,9 @@ def calibrate(
         write_result_page(report, "Calibration", result)
     out = Output(json)
     out.document(result.to_dict())
+    if verbose:
+        show_fit(out, result.fit)
+        show_rests_and_moves(out, result.rests, result.moves)
     out.parameters(result.parameters)
     out.line(
         f"{_used(result.rests)} rests and {_used(result.moves)} moves used"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imucal.cli import completion
 from imucal.cli.output import JsonPath, Output
 
 if TYPE_CHECKING:
@@ -25,7 +26,14 @@ NEEDS = {
 
 
 def effects(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show all about this one.")] = None,
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="Show all about this one.",
+            autocompletion=completion.effects_and_disturbances,
+        ),
+    ] = None,
     markdown: Annotated[
         Path | None, typer.Option("--markdown", metavar="PATH", help="Write the whole list as a page.")
     ] = None,

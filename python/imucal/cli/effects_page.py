@@ -20,6 +20,13 @@ and t the time since the first sample; the law and its inverse are (15) and (16)
 parameter is called `<effect>_<parameter>`; `xy` is seen on x and caused by y.
 """
 
+GALLERY = """## What they look like
+
+The error that each effect leaves in corrected readings as long as nobody takes it away, on a stand that turns
+the unit, with parameters drawn with their typical sizes as standard deviations. Below it the rate of the
+motion, or the temperature. `make docs-figures` draws them from the fields of the catalogue.
+"""
+
 IN_PYTHON = """## With Python
 
 ```python
@@ -108,7 +115,16 @@ def page() -> str:
         names = ", ".join(parameter.name for parameter in row.parameters)
         typical = size(row.parameters[0])
         lines.append(f"| `{row.name}` | {row.sensor} | {row.kind} | {names} | {typical} | {row.looks_for} |")
-    return "\n".join([*lines, "", IN_PYTHON])
+    lines += ["", GALLERY]
+    lines += [_picture(effect) for effect in catalogue()]
+    return "\n".join([*lines, IN_PYTHON])
+
+
+def _picture(effect: Effect) -> str:
+    return (
+        f"### {effect.name}\n\n`{effect.formula}`\n\n"
+        f"![Error along a motion, {effect.observable}](effects/{effect.name}.svg)\n"
+    )
 
 
 def _row(effect: Effect) -> str:
@@ -120,7 +136,8 @@ def _row(effect: Effect) -> str:
         names += f"; shape: {effect.shape.name}"
         sizes.append(size(effect.shape))
     needs = ", ".join(need.replace("_", " ") for need in effect.needs)
-    cells = [f"`{effect.name}`", f"`{effect.formula}`", names, ", ".join(sizes), needs, effect.observable]
+    link = f"[`{effect.name}`](#{effect.name})"
+    cells = [link, f"`{effect.formula}`", names, ", ".join(sizes), needs, effect.observable]
     return f"| {' | '.join(map(_cell, cells))} |"
 
 

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from imucal.cli.decisions import show_rests_and_moves
 from imucal.cli.output import JsonPath, LimitsPath, MinRest, Output, Verbose
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
@@ -40,6 +41,8 @@ def evaluate(
         judged = judged.judged_by(wanted, loaded)
     out = Output(json)
     out.document(judged.to_dict())
+    if verbose:
+        show_rests_and_moves(out, judged.rests, judged.moves)
     out.line(f"{len(judged.rests)} rests, {len(judged.moves)} moves")
     out.figures({"uncalibrated": judged.before, "calibrated": judged.figures})
     out.findings(judged.findings)

@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli.output import Control, ExcludeSaturated, JsonPath, MinRest, Output
+from imucal.cli import completion
+from imucal.cli.decisions import show_ranking
+from imucal.cli.output import Control, ExcludeSaturated, JsonPath, MinRest, Output, Verbose
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -31,16 +33,25 @@ def gap(
     ] = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option("--effect", metavar="NAME", help="Look for this effect only; may be given again."),
+        typer.Option(
+            "--effect",
+            metavar="NAME",
+            help="Look for this effect only; may be given again.",
+            autocompletion=completion.effects,
+        ),
     ] = None,
     min_rest_s: MinRest = 1.0,
     exclude_saturated: ExcludeSaturated = False,
     explain: Annotated[
         str | None,
         typer.Option(
-            "--explain", metavar="NAME", help="Say what these recordings could show of this effect."
+            "--explain",
+            metavar="NAME",
+            help="Say what these recordings could show of this effect.",
+            autocompletion=completion.effects,
         ),
     ] = None,
+    verbose: Verbose = False,
     json: JsonPath = None,
 ) -> None:
     """Find where measurement and model disagree, name the missing effect, and add it.
@@ -67,6 +78,8 @@ def gap(
         found.calibration.save(output)
     out = Output(json)
     out.document(found.to_dict())
+    if verbose:
+        show_ranking(out, found.ranking)
     for line in found.summary().splitlines():
         out.line(line)
     if explain is not None:

@@ -32,8 +32,11 @@ def inspect(
 
     with working("reading"):
         unit_data = reading.each(recordings)
-    with working("inspecting"):
-        inspections = [imucal.inspect(r, gravity_mps2=gravity, min_rest_s=min_rest_s) for r in unit_data]
+    inspections = []
+    with working("inspecting", len(unit_data)) as stage:
+        for recording in unit_data:
+            inspections.append(imucal.inspect(recording, gravity_mps2=gravity, min_rest_s=min_rest_s))
+            stage.step()
     out = Output(json)
     out.document({"recordings": [inspection.to_dict() for inspection in inspections]})
     for seen in inspections:

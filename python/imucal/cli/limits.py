@@ -74,8 +74,11 @@ def check(
     import imucal
     from imucal.atomic import write_text
 
-    with working("reading"):
-        loaded = [imucal.Calibration.load(path) for path in calibrations]
+    loaded = []
+    with working("reading", len(calibrations)) as stage:
+        for path in calibrations:
+            loaded.append(imucal.Calibration.load(path))
+            stage.step()
         own = {effect.name: effect for calibration in loaded for effect in calibration.user_effects}
         wanted = imucal.Limits.load(limits, user_effects=tuple(own.values()))
     judged = [wanted.judge(calibration) for calibration in loaded]

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli.output import JsonPath, MinRest, Output
+from imucal.cli.decisions import show_noise_fits
+from imucal.cli.output import JsonPath, MinRest, Output, Verbose
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -40,6 +41,7 @@ def noise(
         ),
     ] = None,
     min_rest_s: MinRest = 1.0,
+    verbose: Verbose = False,
     json: JsonPath = None,
 ) -> None:
     """Allan deviation, noise density, bias instability and random walk of a unit at rest.
@@ -70,6 +72,8 @@ def noise(
         profile.write(unit_profile)
     out = Output(json)
     out.document(found.to_dict())
+    if verbose:
+        show_noise_fits(out, found)
     _print(out, found)
     for path in (report, kalibr, unit_profile):
         if path is not None:

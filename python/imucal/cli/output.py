@@ -48,7 +48,7 @@ LimitsPath = Annotated[
         "--limits", metavar="LIMITS", help="Limits file: one that is not kept makes a poor verdict."
     ),
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also list the limits that are kept.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say each decision, and not only the result.")]
 
 
 class Output:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
+from imucal.cli import completion
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
@@ -24,7 +25,8 @@ _PANEL = "Other people's files"
 
 
 def _option(name: str, help: str) -> Any:
-    return typer.Option(name, help=help, rich_help_panel=_PANEL)
+    names = completion.formats if name == "--format" else None
+    return typer.Option(name, help=help, rich_help_panel=_PANEL, autocompletion=names)
 
 
 @dataclass(frozen=True)

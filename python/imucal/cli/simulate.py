@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from imucal.cli import completion
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
 from imucal.errors import InputError
@@ -30,6 +31,7 @@ def simulate(
             metavar="PROGRAM",
             help="random or grid (the paper's programs on a stand), tumble (by hand), static, a program "
             "file, or a truth file, whose run is repeated.",
+            autocompletion=completion.programs,
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
@@ -55,6 +57,7 @@ def simulate(
             metavar="NAME|FILE",
             help="paper, ideal, bmi088, adis16460, icm42688p, mpu6050, lsm6dso; random:NAME:SEED for one "
             "drawn from the spread of its datasheet; or a unit file.",
+            autocompletion=completion.units,
             rich_help_panel=UNIT,
         ),
     ] = "paper",
@@ -72,6 +75,7 @@ def simulate(
             help="An effect, noise or a fault, SI units: NAME=V for all its parameters, NAME=V,V,V one by "
             "one, @SHAPE after it where it has one, or NAME=typical. Any number of times; `imucal effects` "
             "lists them.",
+            autocompletion=completion.effects_to_simulate,
             rich_help_panel=UNIT,
         ),
     ] = None,

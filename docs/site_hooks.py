@@ -1,0 +1,207 @@
+"""What `make docs` does to pages on their way into the site; mkdocs.yml names this file twice.
+
+To mkdocs it is a hook: the navigation, the source files that pages link to, the page of the commands, and
+the public names that the page of the Python interface does not list by itself. To mkdocstrings it is an
+extension: docstrings name arguments and fields in aligned columns, which become lists.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+from pathlib import Path
+from typing import Any
+
+import griffe
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+import imucal
+
+ROOT = Path(__file__).resolve().parent.parent
+DOCS = ROOT / "docs"
+LINK = re.compile(r"(!?\[[^\]]*\])\((?!https?://|#)([^)#\s]+)(#[^)]*)?\)")
+# `name, other_name   what they are`: two spaces or more part the columns.
+COLUMNS = re.compile(r"(\w+(?:, \w+)*) {2,}(\S.*)")
+# Some build servers ask for colour.
+COLOUR = re.compile(r"\x1b\[[0-9;]*m")
+DIRECTIVE = re.compile(r"^::: imucal\.(\w+)$", re.MULTILINE)
+COMMANDS_HEAD = """# Commands
+
+The help of every command as `imucal COMMAND --help` prints it, written when the site is built.
+"""
+# Pages that the navigation has a place for: links to them are text until they are there.
+UNWRITTEN: set[str] = set()
+LANGUAGES = {".py": "python", ".rs": "rust", ".sh": "sh", ".c": "c", ".toml": "toml", ".json": "json"}
+
+
+def on_config(config: MkDocsConfig) -> MkDocsConfig:
+    """Fill in the navigation."""
+    config.nav = _navigation(config.nav or [])
+    return config
+
+
+def _navigation(entries: list[Any]) -> list[Any]:
+    kept = []
+    for entry in entries:
+        [(title, target)] = entry.items()
+        if isinstance(target, list):
+            kept.append({title: _navigation(target)})
+        elif target.endswith("*"):
+            found = sorted(DOCS.glob(f"{target}.md"))
+            kept.append({title: [str(path.relative_to(DOCS)) for path in found]})
+        elif (DOCS / target).exists() or target == "commands.md":
+            kept.append(entry)
+        else:
+            UNWRITTEN.add(target)
+    return kept
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the page of the commands, and a page for each file outside docs/ that a page links to."""
+    files.append(File.generated(config, "commands.md", content=commands_page()))
+    outside = {
+        path
+        for page in DOCS.rglob("*.md")
+        for _, target, _ in LINK.findall(page.read_text(encoding="utf-8"))
+        if DOCS not in (path := (page.parent / target).resolve()).parents and path.is_file()
+    }
+    for path in sorted(outside):
+        files.append(File.generated(config, source_page(path), content=_source_text(path)))
+    return files
+
+
+def source_page(path: Path) -> str:
+    """Where in the site a file outside docs/ is shown."""
+    name = str(path.relative_to(ROOT))
+    return f"source/{name}" if path.suffix == ".md" else f"source/{name}.md"
+
+
+def _source_text(path: Path) -> str:
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".md":
+        # Its links start from where the file is, and lead nowhere from here.
+        return LINK.sub(lambda link: link[1].strip("![]"), text)
+    return f"# {path.relative_to(ROOT)}\n\n````{LANGUAGES.get(path.suffix, 'text')}\n{text}````\n"
+
+
+def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
+    """Lead links out of docs/ to the pages of these files; complete the page of the Python interface."""
+    folder = (DOCS / page.file.src_uri).parent
+
+    def lead(link: re.Match[str]) -> str:
+        text, target, anchor = link[1], link[2], link[3] or ""
+        path = (folder / target).resolve()
+        if not path.exists() and path.parent == DOCS and path.name in UNWRITTEN:
+            return text.strip("[]")
+        if path.is_file() and DOCS not in path.parents and ROOT in path.parents:
+            up = "../" * page.file.src_uri.count("/")
+            return f"{text}({up}{source_page(path)}{anchor})"
+        return link[0]
+
+    if page.file.src_uri.startswith("source/"):
+        return markdown
+    if page.file.src_uri == "api.md":
+        markdown = DIRECTIVE.sub(_function_not_module, markdown + _unlisted(markdown))
+    return like_github(LINK.sub(lead, markdown))
+
+
+def like_github(markdown: str) -> str:
+    """Two things that Python-Markdown reads in another way than GitHub.
+
+    What goes on in an item of a list is indented by four, and a bar in code needs no backslash in a table.
+    """
+    lines: list[str] = []
+    in_item = in_code = False
+    for line in markdown.splitlines():
+        in_code ^= line.startswith("```")
+        starts_item = line.startswith("* ") and not in_code
+        if starts_item and lines and lines[-1]:
+            lines.append("")
+        in_item = starts_item or (in_item and (not line or line.startswith("  ")))
+        if in_item and not starts_item and line:
+            line = f"  {line}"
+        if line.startswith("|") and not in_code:
+            line = re.sub(r"`[^`]*`", lambda code: code[0].replace("\\|", "|"), line)
+        lines.append(line)
+    return "\n".join(lines)
+
+
+def _function_not_module(directive: re.Match[str]) -> str:
+    """`imucal.calibrate` is a function to those who import it, and a module to a reader of files."""
+    name = directive[1]
+    if getattr(getattr(imucal, name), "__module__", None) != f"imucal.{name}":
+        return directive[0]
+    return f"::: imucal.{name}.{name}\n    options: {{heading: imucal.{name}, toc_label: {name}}}"
+
+
+def _unlisted(page: str) -> str:
+    """Directives for the public names that the page does not have."""
+    listed = {*DIRECTIVE.findall(page), "__version__"}
+    names = [name for name in imucal.__all__ if name not in listed]
+    return "\n## More\n\n" + "".join(f"::: imucal.{name}\n\n" for name in names) if names else ""
+
+
+def commands_page() -> str:
+    """The help of every command, as a terminal shows it."""
+    os.environ["TERMINAL_WIDTH"] = "100"  # what typer asks for when it is imported
+    from imucal.cli.app import app, main
+
+    def shown(words: list[str]) -> str:
+        text = io.StringIO()
+        with contextlib.redirect_stdout(text):
+            main([*words, "--help"])
+        plain = COLOUR.sub("", text.getvalue()).strip("\n")
+        lines = "\n".join(line.rstrip() for line in plain.splitlines())
+        return f"## imucal {' '.join(words)}\n\n```text\n{lines}\n```\n"
+
+    names = [[_command_name(command)] for command in app.registered_commands]
+    for group in app.registered_groups:
+        names.append([str(group.name)])
+        names += [
+            [str(group.name), _command_name(command)] for command in group.typer_instance.registered_commands
+        ]
+    return "\n".join([COMMANDS_HEAD, *map(shown, names)])
+
+
+def _command_name(command: Any) -> str:
+    return str(command.name or command.callback.__name__)
+
+
+class AlignedColumns(griffe.Extension):
+    """Turns the aligned columns of a docstring into a definition list."""
+
+    def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
+        """Rewrite the docstring of a module, class, function or attribute."""
+        if obj.docstring is not None:
+            obj.docstring.value = definitions(obj.docstring.value)
+
+
+def definitions(docstring: str) -> str:
+    """Aligned columns as Markdown; everything else as it is.
+
+    A line that goes on is indented; a formula is, too, but no column comes before it.
+    """
+    lines: list[str] = []
+    inside = False
+    for line in docstring.splitlines():
+        if columns := COLUMNS.fullmatch(line):
+            if not inside and lines and lines[-1]:
+                lines.append("")
+            names = ", ".join(f"`{name}`" for name in columns[1].split(", "))
+            lines += [names, f":   {_plain(columns[2])}", ""]
+            inside = True
+        elif inside and line.startswith("  "):
+            lines[-2] += f" {_plain(line.strip())}"
+        else:
+            inside = False
+            lines.append(line)
+    return "\n".join(lines)
+
+
+def _plain(text: str) -> str:
+    """Text that is no HTML."""
+    return text.replace("<", "&lt;")

@@ -1,0 +1,109 @@
+"""The pages as a site: it builds without a warning, needs nothing from elsewhere, and leaves nothing out."""
+
+import importlib.util
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import effects_gallery
+import imucal
+
+ROOT = Path(__file__).parent.parent
+SPEC = importlib.util.spec_from_file_location("site_hooks", ROOT / "docs/site_hooks.py")
+site_hooks = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(site_hooks)
+
+
+def build(folder, *options):
+    command = [sys.executable, "-m", "mkdocs", "build", "--quiet", "--site-dir", str(folder), *options]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    done = build(folder)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    return folder
+
+
+def test_every_page_is_in_the_site(site):
+    pages = [path.relative_to(ROOT / "docs").with_suffix(".html") for path in (ROOT / "docs").rglob("*.md")]
+    assert len(pages) > 25
+    assert [page for page in pages if not (site / page).is_file()] == []
+
+
+def test_nothing_is_loaded_from_elsewhere(site):
+    loaded = re.compile(r"<(?:script|img|iframe|link)\b[^>]*(?:src|href)=\"?(https?:)?//[^\">]+")
+    imported = re.compile(r"(?:@import|url\()\s*[\"']?(?:https?:)?//[^)\"']+")
+    for path in site.rglob("*.html"):
+        assert not loaded.search(path.read_text(encoding="utf-8")), path
+    for path in site.rglob("*.css"):
+        assert not imported.search(path.read_text(encoding="utf-8")), path
+
+
+def test_every_public_name_is_explained(site):
+    page = (site / "api.html").read_text(encoding="utf-8")
+    headings = set(re.findall(r'<h3 id="imucal\.(?:\w+\.)*(\w+)"', page))
+    assert set(imucal.__all__) - {"__version__"} - headings == set()
+    assert "UserField" not in page, "a module stands where its function should"
+
+
+def test_every_command_is_shown(site):
+    page = (site / "commands.html").read_text(encoding="utf-8")
+    for command in ("calibrate", "gap", "limits check"):
+        assert f"Usage: imucal {command}" in page
+    assert page.count("Example: imucal") >= 13
+
+
+def test_columns_of_a_docstring_become_a_list():
+    docstring = (
+        "What.\n\nname, other   one\n              more <b>\nthird  two\n\n    formula = a  b\n\nLast."
+    )
+    assert site_hooks.definitions(docstring).split("\n") == [
+        "What.",
+        "",
+        "`name`, `other`",
+        ":   one more &lt;b>",
+        "",
+        "`third`",
+        ":   two",
+        "",
+        "",
+        "    formula = a  b",
+        "",
+        "Last.",
+    ]
+
+
+def test_lists_and_tables_read_as_elsewhere():
+    page = "Text\n* one\n  goes on\n\n      code\n\nText\n\n| `\\|a\\|` |\n```\n* no item\n```"
+    assert site_hooks.like_github(page) == (
+        "Text\n\n* one\n    goes on\n\n        code\n\nText\n\n| `|a|` |\n```\n* no item\n```"
+    )
+
+
+def test_pictures_of_the_effects_are_those_of_the_catalogue():
+    drawn = effects_gallery.pictures()
+    folder = ROOT / "docs/effects"
+    assert {path.stem for path in folder.iterdir()} == set(drawn)
+    assert set(drawn) == {effect.name for effect in imucal.effects.catalogue()}
+    for name, svg in drawn.items():
+        kept = (folder / f"{name}.svg").read_text(encoding="utf-8")
+        assert len(kept) < 60_000
+        assert same_picture(kept, svg), f"run `make docs-figures`: {name} has changed"
+
+
+def same_picture(one, other):
+    """The same but for the last digit, which another processor may round differently."""
+    number = re.compile(r"-?\d+\.\d")
+    if number.sub("#", one) != number.sub("#", other):
+        return False
+    pairs = zip(number.findall(one), number.findall(other), strict=True)
+    return all(abs(float(a) - float(b)) < 0.15 for a, b in pairs)
