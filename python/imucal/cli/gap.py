@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli.output import Control, ExcludeSaturated, JsonPath, MinRest, Output
+from imucal.cli.output import (
+    Control,
+    ExcludeSaturated,
+    JsonPath,
+    MinRest,
+    Output,
+    ReportPath,
+    prepare_report,
+)
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -41,6 +49,7 @@ def gap(
             "--explain", metavar="NAME", help="Say what these recordings could show of this effect."
         ),
     ] = None,
+    report: ReportPath = None,
     json: JsonPath = None,
 ) -> None:
     """Find where measurement and model disagree, name the missing effect, and add it.
@@ -49,6 +58,7 @@ def gap(
     """
     import imucal
 
+    prepare_report(report)
     with working("reading"):
         unit_data = reading.each(recordings)
         judges = reading.each(control or []) or None
@@ -65,6 +75,10 @@ def gap(
         )
     if output is not None and found.calibration is not None:
         found.calibration.save(output)
+    if report is not None:
+        from imucal.report import write_gap_page
+
+        write_gap_page(report, found)
     out = Output(json)
     out.document(found.to_dict())
     for line in found.summary().splitlines():

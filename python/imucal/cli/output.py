@@ -23,7 +23,9 @@ __all__ = [
     "LimitsPath",
     "MinRest",
     "Output",
+    "ReportPath",
     "Verbose",
+    "prepare_report",
 ]
 
 POOR_VERDICT = 2
@@ -48,7 +50,19 @@ LimitsPath = Annotated[
         "--limits", metavar="LIMITS", help="Limits file: one that is not kept makes a poor verdict."
     ),
 ]
+ReportPath = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="PAGE", help="HTML page with figures to write; needs plotly."),
+]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also list the limits that are kept.")]
+
+
+def prepare_report(path: Path | None) -> None:
+    """ImucalError if a report is asked for and plotly is missing: before the work, not after it."""
+    if path is not None:
+        from imucal.report import require_plotly
+
+        require_plotly()
 
 
 class Output:
