@@ -138,7 +138,7 @@ def _kind(parameter: Parameter, calibration: Calibration) -> str:
         return f"{effect}{unit}"
     if rest.startswith("bias"):
         return f"{SENSORS[sensor]} bias{unit}"
-    what = "scale (1 is perfect)" if rest[-1] == rest[-2] else "misalignment (0 is perfect)"
+    what = "scale" if rest[-1] == rest[-2] else "misalignment"
     return f"{SENSORS[sensor]} {what}" if not unit else f"{SENSORS[sensor]} sensitivity{unit}"
 
 

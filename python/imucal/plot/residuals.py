@@ -76,7 +76,7 @@ def _figure(
             x=kept,
             y=edge * sigmas[kept],
             mode="lines",
-            line={"color": GREY, "width": 0 if edge <= 0 else 0.5, "shape": "hvh"},
+            line={"color": GREY, "width": 0, "shape": "hvh"},
             fill=None if edge == band[0] else "tonexty",
             fillcolor=BAND,
             name="95 % of noise alone",

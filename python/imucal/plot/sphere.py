@@ -49,7 +49,7 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
             "zaxis": nothing,
             "aspectmode": "cube",
             "bgcolor": PAPER,
-            "camera": {"eye": {"x": 0.88, "y": 0.8, "z": 0.6}},
+            "camera": {"eye": {"x": 1.0, "y": 0.91, "z": 0.68}},
             "dragmode": "orbit",
         }
     )

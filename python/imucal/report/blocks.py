@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from imucal import plot
 from imucal.plot.sphere import up_at_rests
 from imucal.report.page import Shown, Tab
-from imucal.report.tables import checks_table, heading, paragraph, table
+from imucal.report.tables import checks_table, heading, item_list, paragraph, table
 
 if TYPE_CHECKING:
     from imucal.calibration_result import CalibrationResult
@@ -98,6 +98,7 @@ def limits_tabs(judgement: Judgement | None) -> tuple[Tab, ...]:
             "ends at 1.",
         ),
         checks_table(judgement),
+        *([heading("Near a limit"), item_list(judgement.warnings)] if judgement.warnings else ()),
     )
     return (Tab("Limits", content),)
 

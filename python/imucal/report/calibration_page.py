@@ -42,7 +42,11 @@ def write_calibration_page(
             "Parameters",
             (
                 paragraph("measured = T true + bias, with T the sensitivity matrix of each sensor."),
-                Shown("parameters", plot.parameters(result), "Every parameter with bars of 1 σ."),
+                Shown(
+                    "parameters",
+                    plot.parameters(result),
+                    "Every parameter with bars of 1 σ: ideal are bias 0, scale 1, misalignment 0.",
+                ),
                 Shown("sigmas", plot.sigmas(result), "Standard deviation of every parameter."),
                 parameter_table(result.parameters, truth),
             ),

@@ -15,13 +15,19 @@
   const PAPER_WIDTH = 680;
   let chosen = null;
 
-  function draw(figure, inTheDark, width) {
+  // A figure is drawn when its tab is first seen; on a phone all of them at once would take seconds.
+  function draw(figure, theme, width) {
+    const look = `${theme} ${width ?? ""}`;
+    if (figure.look === look) return Plotly.Plots.resize(figure.place);
+    figure.look = look;
     const { data, layout } = JSON.parse(figure.text, (_, value) =>
-      inTheDark && typeof value === "string" && value in dark ? dark[value] : value);
+      theme === "dark" && typeof value === "string" && value in dark ? dark[value] : value);
     if (width) layout.width = width;
+    // A ball that was turned stays so.
+    if (layout.scene && figure.place.layout) layout.scene.camera = figure.place.layout.scene.camera;
     // A finger that moves over a flat plot scrolls the page.
     if (touch) layout.dragmode = false;
-    Plotly.react(figure.place, data, layout, { responsive: true, displayModeBar: false, scrollZoom: false });
+    return Plotly.react(figure.place, data, layout, { responsive: true, displayModeBar: false, scrollZoom: false });
   }
 
   function paint() {
@@ -29,7 +35,7 @@
     root.dataset.theme = theme;
     toggle.textContent = theme === "dark" ? "Light" : "Dark";
     toggle.setAttribute("aria-label", `${toggle.textContent} colours`);
-    figures.forEach((figure) => draw(figure, theme === "dark"));
+    figures.filter((figure) => !figure.place.closest("[hidden]")).forEach((figure) => draw(figure, theme));
   }
 
   function show(tab, focus) {
@@ -41,7 +47,7 @@
       if (selected && focus) button.focus();
       if (selected) bar.scrollLeft = button.offsetLeft - bar.clientWidth / 3;
     });
-    tab.querySelectorAll(".js-plotly-plot").forEach((plot) => Plotly.Plots.resize(plot));
+    paint();
   }
 
   function makeTabs() {
@@ -85,15 +91,16 @@
     });
   });
 
-  // The figures are drawn while all tabs are open, so that each has its width.
   toggle.hidden = false;
   toggle.addEventListener("click", () => {
-    chosen = root.dataset.theme === "dark" ? "light" : "dark";
+    const other = root.dataset.theme === "dark" ? "light" : "dark";
+    // Back to what the system prefers is to follow it again.
+    chosen = other === (prefersDark.matches ? "dark" : "light") ? null : other;
     paint();
   });
   prefersDark.addEventListener("change", paint);
-  paint();
   if (tabs.length > 1) makeTabs();
+  else paint();
 
   // Paper is white, shows all tabs, and is narrower than a screen.
   let before = null;
@@ -101,7 +108,7 @@
     before = tabs.map((tab) => tab.hidden);
     tabs.forEach((tab) => { tab.hidden = false; });
     root.dataset.theme = "light";
-    figures.forEach((figure) => draw(figure, false, PAPER_WIDTH));
+    figures.forEach((figure) => draw(figure, "light", PAPER_WIDTH));
   });
   addEventListener("afterprint", () => {
     tabs.forEach((tab, i) => { tab.hidden = before[i]; });

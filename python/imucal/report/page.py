@@ -107,7 +107,7 @@ def _figure_html(shown: Shown) -> str:
     caption = escape(shown.caption)
     height = shown.figure.layout.height
     return (
-        f'<figure>\n<figcaption>{caption}</figcaption>\n<div class="plot" id="{shown.name}" role="img" '
+        f'<figure>\n<figcaption>{caption}</figcaption>\n<div class="plot" id="figure-{shown.name}" role="img" '
         f'aria-label="{caption}" style="min-height: {height}px"></div>\n'
         f'<script type="application/json">{_json(shown.figure.to_json())}</script>\n</figure>'
     )

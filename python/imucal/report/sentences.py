@@ -99,7 +99,8 @@ def _closed(gap: Gap) -> str:
         return ""
     figure: Mapping[str, Any] = gap.gap
     where = "On the control recordings" if gap.control_set is not None else "On moves held out"
+    metric = METRICS.get(figure["metric"], figure["metric"])
     return (
-        f"{where} {METRICS.get(figure['metric'], figure['metric'])} goes from {figure['before']:.4g} to {figure['after']:.4g}: "
+        f"{where} {metric} goes from {figure['before']:.4g} to {figure['after']:.4g}: "
         f"{100 * figure['closed']:.0f} % of the gap to its floor of {figure['floor']:.3g} is closed."
     )

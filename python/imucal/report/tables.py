@@ -91,17 +91,10 @@ def figures_table(columns: Mapping[str, Mapping[str, Any] | None]) -> str:
 def checks_table(judgement: Judgement) -> str:
     """Every check beside its limit, the worst first."""
     rows = [
-        [
-            c.what,
-            c.value_text,
-            c.limit_text,
-            shown_unit(c.unit),
-            "pass" if c.passed else "FAIL",
-            c.problem or c.warning,
-        ]
+        [c.what, c.value_text, c.limit_text, shown_unit(c.unit), "pass" if c.passed else "FAIL"]
         for c in judgement.by_use
     ]
-    return table(["check", "value", "limit", "unit", "", ""], rows, words=(5,))
+    return table(["check", "value", "limit", "unit", ""], rows)
 
 
 def rounded_to(value: float, std: float) -> str:
