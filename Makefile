@@ -7,6 +7,7 @@
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
 #   make docs-figures  convergence of the integrated attitude, to docs/results/convergence.md
+#   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
 #   make wheel     dist/*.whl
 #   make format    format Rust and Python
 #   make clean     forget .venv and dist; target/ stays, its dependencies take minutes to build
@@ -135,7 +136,7 @@ test-python: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy gap-benchmark docs-figures
+.PHONY: demo bench accuracy gap-benchmark docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -159,6 +160,10 @@ gap-benchmark: $(VENV)/.installed
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)
 	$(PY) benches/convergence.py
+
+docs-pictures: $(VENV)/.installed
+	$(call say,Screenshots of a report)
+	$(PY) benches/report_pictures.py
 
 .PHONY: clean
 clean:

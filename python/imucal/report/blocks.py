@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 # Each control recording has three figures; the others are drawn by `imucal.plot.carried_gravity`.
-MOST_RECORDINGS = 4
+MOST_RECORDINGS = 3
 
 
 def carried_tab(judged: Evaluation) -> Tab:

@@ -107,8 +107,9 @@ def _figure_html(shown: Shown) -> str:
     caption = escape(shown.caption)
     height = shown.figure.layout.height
     return (
-        f'<figure>\n<figcaption>{caption}</figcaption>\n<div class="plot" id="figure-{shown.name}" role="img" '
-        f'aria-label="{caption}" style="min-height: {height}px"></div>\n'
+        f"<figure>\n<figcaption>{caption}</figcaption>\n"
+        f'<div class="plot" id="figure-{shown.name}" role="img" aria-label="{caption}" '
+        f'style="min-height: {height}px"></div>\n'
         f'<script type="application/json">{_json(shown.figure.to_json())}</script>\n</figure>'
     )
 
