@@ -11,7 +11,7 @@ from imucal.report import write_calibration_page
 
 FOLDER = Path(__file__).parent.parent / "docs/pictures"
 DESKTOP = {"viewport": {"width": 1000, "height": 800}}
-PHONE = {"viewport": {"width": 390, "height": 760}, "is_mobile": True, "has_touch": True}
+PHONE = {"viewport": {"width": 390, "height": 900}, "is_mobile": True, "has_touch": True}
 
 
 def main() -> None:

@@ -9,6 +9,7 @@ import pytest
 import imucal
 from imucal.cli import main
 from imucal.plot.style import DARK, PAPER
+from imucal.report import write_gap_page
 
 sync_api = pytest.importorskip("playwright.sync_api", reason="the browser test needs playwright")
 
@@ -359,3 +360,16 @@ def test_pages_fit_the_screen_in_both_themes(opened, tmp_path, name, scheme, dev
         assert set(figures) <= {colour}
         # To be looked at: they stay in pytest's folder of temporary files.
         page.screenshot(path=tmp_path / f"{name}-{tab.get_attribute('aria-controls')}-{scheme}-{device}.png")
+
+
+def test_a_page_of_refused_recordings_is_one_quiet_tab(opened, reports):
+    fault = imucal.Gap(
+        "data_fault", effects=({"name": "clipped", "parameters": ()},), notes=("rest 7 clips",)
+    )
+    write_gap_page(reports / "fault.html", fault)
+    page = opened("fault", "dark")
+    assert tabs(page) == []
+    assert page.locator(".tab").is_visible()
+    assert "rest 7 clips" in page.locator("main").text_content()
+    page.get_by_role("button", name="Light colours").click()
+    assert page.locator("html").get_attribute("data-theme") == "light"
