@@ -202,6 +202,9 @@ def test_the_sphere_shows_which_way_was_up(opened, reports):
         shown = np.column_stack([points[name][axis] for axis in "xyz"])
         expected = expected / np.linalg.norm(expected, axis=1, keepdims=True)
         np.testing.assert_allclose(shown, expected, atol=1e-12)
+    nearest = [("xyz"[k], row[k] > 0) for row in up for k in [int(np.argmax(np.abs(row)))]]
+    counts = [[axis, *(str(nearest.count((axis, above))) for above in (True, False))] for axis in "xyz"]
+    assert rows(page.locator("#coverage")) == counts
 
 
 def test_the_page_of_a_calibration_shows_its_json(opened, reports):

@@ -139,12 +139,13 @@ def _kind(parameter: Parameter, calibration: Calibration) -> str:
     if rest.startswith("bias"):
         return f"{SENSORS[sensor]} bias{unit}"
     what = "scale" if rest[-1] == rest[-2] else "misalignment"
-    return f"{SENSORS[sensor]} {what}" if not unit else f"{SENSORS[sensor]} sensitivity{unit}"
+    return f"{SENSORS[sensor]} {what}{unit}"
 
 
 def _words(p: Parameter) -> str:
-    spread = "1 σ not known" if p.std is None else f"1 σ {p.std:.3g}"
-    return f"{p.name}<br>{p.value:.7g} {shown_unit(p.unit)}<br>{spread} {shown_unit(p.unit)}"
+    unit = shown_unit(p.unit)
+    spread = "1 σ not known" if p.std is None else f"1 σ {p.std:.3g} {unit}"
+    return f"{p.name}<br>{p.value:.7g} {unit}<br>{spread}"
 
 
 def _position(check: Check) -> float:

@@ -32,7 +32,7 @@ def of_calibration(result: CalibrationResult) -> Verdict:
     beside = f"{used[0]} of {len(result.rests)} rests and {used[1]} of {len(result.moves)} moves are used."
     if result.control is None:
         beside += " No control recording judges it: give one with --control."
-        sentence = "Good: noise explains what the calibration leaves in its own recordings."
+        sentence = "Good, judged by its own recordings alone."
     else:
         beside = f"{_better(result.control)} {beside}".strip()
         sentence = "Good: the calibration holds on recordings that the fit never saw."
@@ -89,8 +89,8 @@ def _better(judged: Evaluation) -> str:
     if uncalibrated is None or calibrated is None:
         return ""
     return (
-        f"There the direction of gravity carried over a move is off by {calibrated:.2g} deg rms, without "
-        f"calibration by {uncalibrated:.2g} deg."
+        f"On the control recordings the direction of gravity carried over a move is off by {calibrated:.2g} "
+        f"deg rms, without calibration by {uncalibrated:.2g} deg."
     )
 
 
