@@ -8,6 +8,7 @@ import pytest
 
 import imucal
 from imucal.cli import main
+from imucal.document import plain
 from imucal.plot.style import DARK, PAPER
 from imucal.report import write_gap_page
 
@@ -376,3 +377,19 @@ def test_a_page_of_refused_recordings_is_one_quiet_tab(opened, reports):
     assert "rest 7 clips" in page.locator("main").text_content()
     page.get_by_role("button", name="Light colours").click()
     assert page.locator("html").get_attribute("data-theme") == "light"
+
+
+def test_the_next_motion_is_saved_as_a_program(opened, reports):
+    program = imucal.Program.random(seed=1, moves=3).to_dict()
+    effect = {"name": "earth_rate", "parameters": ()}
+    motion = {"description": "turn about the vertical", "program": program}
+    rival = ("gyro_g_sensitivity",)
+    write_gap_page(
+        reports / "next.html", imucal.Gap("ambiguous", (effect,), ambiguous_with=rival, next_motion=motion)
+    )
+    page = opened("next")
+    assert "turn about the vertical" in open_tab(page, "Next motion").text_content()
+    with page.expect_download() as download:
+        page.get_by_role("button", name="Save next-motion.json").click()
+    assert download.value.suggested_filename == "next-motion.json"
+    assert json.loads(download.value.path().read_text()) == plain(program)

@@ -157,12 +157,15 @@ def test_where_it_disagrees_is_shown_if_it_is_known(gap, tmp_path):
     rest = {"recording": "run.csv", "index": 32, "times_noise": 76.1, "norm_error_mps2": 5.96e-5}
     depends = [{"channel": "rest_rate", "axis": "x", "on": "gravity", "share": 0.99, "p_value": 1e-62}]
     shown = replace(gap)
-    object.__setattr__(
-        shown, "where", {"channels": [channel], "rests": [rest], "moves": [], "depends": depends}
-    )
+    move = {"recording": "run.csv", "index": 7, "times_noise": 30.0, "direction_error_deg": 1.4}
+    move["left_out"] = True
+    where = {"channels": [channel], "rests": [rest], "moves": [move], "turns_about": "z", "depends": depends}
+    object.__setattr__(shown, "where", where)
     page = page_of(report.write_gap_page, tmp_path / "gap.html", shown)
     assert "rate at rest about x0.009270.000199rad/s46.70.906stands out" in page.text
     assert "run.csv, rest 32765.96e-05" in page.text
+    assert "Moves that stand out, all of them turns about z" in page.text
+    assert "run.csv, move 7, left out301.4" in page.text
     assert "rate at rest about xgravity99 %1e-62" in page.text
     before, after = plot.disagreement(shown).data[:2]
     assert (list(before.x), list(after.x)) == ([46.7], [0.906])

@@ -128,11 +128,14 @@ def _where(gap: Gap, where: Mapping[str, Any]) -> Iterator[Shown | str]:
         ("moves", "direction_error_deg", "direction error, deg"),
     ):
         if where[kind]:
-            yield heading(f"{kind.capitalize()} that stand out")
+            axis = where.get("turns_about") if kind == "moves" else None
+            about = f", all of them turns about {axis}" if axis else ""
+            yield heading(f"{kind.capitalize()} that stand out{about}")
             worst = sorted(where[kind], key=lambda item: -item["times_noise"])[:MOST_WORST]
             rows = [
                 [
-                    f"{item['recording']}, {kind[:-1]} {item['index']}",
+                    f"{item['recording']}, {kind[:-1]} {item['index']}"
+                    + (", left out" if item.get("left_out") else ""),
                     f"{item['times_noise']:.2g}",
                     f"{item[key]:.3g}",
                 ]
