@@ -12,7 +12,7 @@ from imucal import plot, report
 from imucal.cli import main
 from imucal.errors import ImucalError, InputError
 from imucal.plot import style
-from imucal.plot.thinning import thinned
+from imucal.plot.thinning import evenly, thinned
 from imucal.report.page import Tab, Verdict, write_page
 from imucal.report.tables import figures_table, item_list, parameter_table, rounded_to
 
@@ -190,6 +190,7 @@ def test_a_page_of_a_very_long_recording_stays_small(result, tmp_path):
     long = replace(result, rests=rests, moves=moves, control=control)
     page = page_of(report.write_calibration_page, tmp_path / "long.html", long)
     assert f"{plot.MOST} of {count} are drawn" in page.text
+    assert "a double click shows what was left out, too" in page.text
     points = {trace.name: list(trace.x) for trace in plot.rest_residuals(long).data}
     assert 17_003 in points["used"]
     assert points["left out"] == [9_001]
@@ -204,6 +205,9 @@ def test_thinning_keeps_the_worst_and_spreads_the_others():
     assert len(kept) <= 100
     assert max(np.diff([k for k in kept if k >= 50])) < 10_000 / 45
     assert thinned(importance[:50], 100) == list(range(50))
+    assert evenly(9, 3) == [0, 4, 8]
+    assert evenly(2, 3) == [0, 1]
+    assert evenly(0, 3) == []
 
 
 def test_page_without_figures_needs_no_plotly(tmp_path, monkeypatch, capsys, result):

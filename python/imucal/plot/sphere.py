@@ -8,7 +8,7 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.plot.style import BALL, BLUE, GREEN, GREY, INK, PAPER, VERMILION, plotly, styled
-from imucal.plot.thinning import thinned
+from imucal.plot.thinning import evenly
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
@@ -30,7 +30,7 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
     figure = go.Figure([_ball(go), _circles(go), *_axes(go)])
     series = _series(result)
     for name, up, words, colour, symbol, size in series:
-        kept = thinned(np.zeros(len(up)))
+        kept = evenly(len(up))
         figure.add_scatter3d(
             x=up[kept, 0],
             y=up[kept, 1],

@@ -9,7 +9,7 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 
-__all__ = ["MOST", "numbers", "thinned"]
+__all__ = ["MOST", "evenly", "numbers", "thinned"]
 
 # A figure holds no more points than this: the page of hours stays below 6 MB, 5 of which are plotly.
 MOST: Final = 400
@@ -18,6 +18,12 @@ MOST: Final = 400
 def numbers(items: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
     """The field `name` of each item, (K,); NaN where it does not exist."""
     return np.array([np.nan if item[name] is None else item[name] for item in items], dtype=float)
+
+
+def evenly(count: int, most: int = MOST) -> list[int]:
+    """Indices, increasing, of at most `most` of `count` items, evenly spread."""
+    indices: list[int] = np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()
+    return indices
 
 
 def thinned(importance: FloatArray, most: int = MOST) -> list[int]:
@@ -29,6 +35,5 @@ def thinned(importance: FloatArray, most: int = MOST) -> list[int]:
     if count <= most:
         return list(range(count))
     worst = np.argsort(-np.nan_to_num(importance, nan=-np.inf), kind="stable")[: most // 2]
-    even = np.linspace(0, count - 1, most - len(worst)).round().astype(int)
-    chosen: list[int] = np.union1d(worst, even).tolist()
+    chosen: list[int] = np.union1d(worst, evenly(count, most - len(worst))).astype(int).tolist()
     return chosen

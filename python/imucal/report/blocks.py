@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Literal
+from collections.abc import Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal
 
 from imucal import plot
 from imucal.plot.sphere import up_at_rests
@@ -51,7 +51,7 @@ def residuals(result: CalibrationResult | Evaluation, name: str) -> Iterator[Sho
             plot.rest_residuals(result),
             "Length of gravity at each rest after calibration, minus local gravity"
             + _thinned(result.rests)
-            + ".",
+            + _out_of_sight(result.rests),
         )
     if result.moves:
         yield Shown(
@@ -59,7 +59,7 @@ def residuals(result: CalibrationResult | Evaluation, name: str) -> Iterator[Sho
             plot.move_residuals(result),
             "Angle between gravity as the gyroscope carries it over a move and as it is measured after it"
             + _thinned(result.moves)
-            + ".",
+            + _out_of_sight(result.moves),
         )
 
 
@@ -78,7 +78,7 @@ def coverage_tab(result: CalibrationResult | Evaluation) -> Tab:
                 "coverage",
                 plot.coverage(result),
                 "Which way was up at each rest, in the body frame: turn the ball. Poses far from all points "
-                "are not covered.",
+                f"are not covered.{f' {plot.MOST} rests are drawn.' if len(up) > plot.MOST else ''}",
             ),
             heading("Rests by the body axis nearest to the vertical"),
             table(["axis", "up", "down"], rows),
@@ -106,6 +106,12 @@ def limits_tabs(judgement: Judgement | None) -> tuple[Tab, ...]:
 def finding_texts(findings: Sequence[Finding]) -> list[str]:
     """One sentence for each finding."""
     return [f"{finding.severity}: {finding}" for finding in findings]
+
+
+def _out_of_sight(items: Sequence[Mapping[str, Any]]) -> str:
+    if all(item["excluded"] is None for item in items):
+        return "."
+    return ". The axis is that of what is used: a double click shows what was left out, too."
 
 
 def _thinned(items: Sequence[object]) -> str:
