@@ -8,6 +8,7 @@
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
 #   make docs      the pages under docs/ as a site, site/index.html; a link that leads nowhere is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
+#   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
 #   make wheel     dist/*.whl
 #   make format    format Rust and Python
 #   make clean     forget .venv and dist; target/ stays, its dependencies take minutes to build
@@ -144,7 +145,7 @@ docs: $(VENV)/.installed
 	$(call say,Pages)
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
 
-.PHONY: demo bench accuracy gap-benchmark docs-figures
+.PHONY: demo bench accuracy gap-benchmark docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -169,6 +170,10 @@ docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)
 	$(PY) benches/convergence.py
 	$(PY) benches/effects_gallery.py
+
+docs-pictures: $(VENV)/.installed
+	$(call say,Screenshots of a report)
+	$(PY) benches/report_pictures.py
 
 .PHONY: clean
 clean:

@@ -726,7 +726,6 @@ BAD_FILES = {
     "control without rests": ("calibrate good.csv --control no-rest.parquet", "no rest of 1 s or more", None),
     "control with a dead gyroscope": ("calibrate good.csv --control dead.parquet", "[stuck_axis]", None),
     "control in counts": ("calibrate good.csv --control counts.parquet", "calibration expects m/s", None),
-    "no control for the page": ("calibrate good.csv --report x.html", "give one with --control", None),
     "unknown format": ("calibrate good.csv --format xml", "'xml' is not known", None),
     "a time column and a rate": ("calibrate good.csv --rate-hz 100", "there is a column time_s", None),
     "text for a number": ("calibrate good.csv --gravity earth", "'--gravity'", None),

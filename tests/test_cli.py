@@ -61,7 +61,6 @@ def test_help_of_a_command_has_an_example_and_json(command, capsys):
         (["convert", "none.csv", "-o", "y.csv"], "none.csv: there is no such file"),
         (["inspect", "none.csv"], "none.csv: there is no such file"),
         (["calibrate", "none.csv"], "none.csv: there is no such file"),
-        (["calibrate", "none.csv", "--report", "page.html"], "give one with --control"),
         (["calibrate", "none.mat", "--format", "imu_tk"], "needs 2 for each recording"),
         (["evaluate", "none.json", "none.csv"], "none.json: there is no such file"),
         (["apply", "none.json", "none.csv", "-o", "y.csv"], "none.json: there is no such file"),

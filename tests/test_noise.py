@@ -11,7 +11,7 @@ import yaml
 import imucal
 from imucal.cli import main
 from imucal.noise_export import kalibr_yaml, unit_of_noise
-from imucal.report import allan_figure
+from imucal.plot import allan
 
 RATE_HZ = 100.0
 DENSITY, INSTABILITY, WALK = 1e-3, 5e-4, 1e-4
@@ -284,7 +284,7 @@ def test_a_unit_file_simulates_the_same_noise(found, tmp_path):
 
 
 def test_the_figure_shows_points_bands_and_model(found):
-    figure = allan_figure(found, "gyro")
+    figure = allan(found, "gyro")
     points = [trace for trace in figure.data if trace.mode == "markers"]
     assert [trace.name for trace in points] == ["x", "y", "z"]
     axis = found.axes["gyro_z"]

@@ -148,6 +148,12 @@ def test_page_of_exports_prints_what_it_shows(tmp_path):
     assert run_page("docs/export.md", tmp_path) == 8
 
 
+def test_page_of_reports_prints_what_it_shows(tmp_path):
+    assert run_page("docs/report.md", tmp_path) == 5
+    assert (tmp_path / "unit-0042.html").stat().st_size > 0
+    assert (tmp_path / "coverage.html").stat().st_size > 0
+
+
 def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
     written = tmp_path / "effects.md"
     subprocess.run(

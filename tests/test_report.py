@@ -1,49 +1,67 @@
 import html.parser
+import json
 import re
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from imucal import report
-from imucal.errors import ImucalError
-from imucal.report.tables import rounded_to
+import imucal
+from imucal import plot, report
+from imucal.cli import main
+from imucal.errors import ImucalError, InputError
+from imucal.plot import style
+from imucal.plot.thinning import evenly, thinned
+from imucal.report.page import Tab, Verdict, write_page
+from imucal.report.tables import figures_table, item_list, parameter_table, rounded_to
 
-PARAMETERS = [
-    {"name": "accel_bias_x", "value": -0.418743, "std": 0.000162, "unit": "m/s^2"},
-    {"name": "gyro_sensitivity_xx", "value": 0.97713, "std": 0.00011, "unit": "1"},
-]
-TRUTH = {"accel_bias_x": -0.41859, "gyro_sensitivity_xx": 0.9771}
-BEFORE = {"gravity_norm_rms_mps2": 0.31, "gravity_direction_rms_deg": 3.2}
-AFTER = {"gravity_norm_rms_mps2": 0.00042, "gravity_direction_rms_deg": 0.061}
+MOST_BYTES = 6_000_000
+HOSTILE = "<script>alert(1)</script>"
+MOTION = {"description": "turn by heat", "program": {"schema": "imucal.program/1", "steps": []}}
 
 
-def carried(rests=46):
-    angle = np.linspace(0.0, 7.0, rests)
-    measured = 9.80665 * np.column_stack([np.sin(angle), np.cos(angle) * 0.6, np.cos(angle) * 0.8])
-    drift = np.linspace(0.0, 1.0, rests)[:, None]
-    return {
-        "rest_time_s": 2.5 + 7.0 * np.arange(rests),
-        "measured": measured,
-        "carried_uncalibrated": measured + drift * [4.0, -3.0, 2.0],
-        "carried_calibrated": measured + drift * [0.02, -0.01, 0.015],
-    }
+@pytest.fixture(scope="module")
+def runs():
+    return [imucal.simulate("random", seed=seed, rate_hz=50).recording for seed in (1, 2)]
+
+
+@pytest.fixture(scope="module")
+def result(runs):
+    limits = imucal.Limits((imucal.ParameterLimit("gyro_bias_*", "rad/s", -0.02, 0.02, 1e-3),))
+    return imucal.calibrate(runs[0], control=runs[1], serial_number="0042").judged_by(limits)
+
+
+@pytest.fixture(scope="module")
+def gap():
+    both = [
+        imucal.simulate("random", seed=seed, rate_hz=50, effects={"gyro_g_sensitivity": 1e-3}).recording
+        for seed in (1, 2)
+    ]
+    candidates = ["gyro_g_sensitivity", "gyro_scale_quadratic"]
+    return imucal.find_gap(both[0], control=both[1], candidates=candidates)
+
+
+@pytest.fixture(scope="module")
+def noise():
+    return imucal.noise(imucal.simulate(imucal.Static(60.0), rate_hz=50, seed=1).recording)
 
 
 class Page(html.parser.HTMLParser):
     """What a browser would make of the file: unclosed elements, addresses to load, text."""
 
-    VOID = frozenset({"meta", "br", "img", "hr", "link", "input"})
+    VOID = frozenset({"meta", "br", "wbr", "img", "hr", "link", "input"})
 
     def __init__(self, text):
         super().__init__()
-        self.open, self.loads, self.counts, self.words = [], [], {}, []
+        self.open, self.loads, self.ids, self.counts, self.words = [], [], [], {}, []
         self.feed(text)
         self.close()
 
     def handle_starttag(self, tag, attrs):
         self.counts[tag] = self.counts.get(tag, 0) + 1
         self.loads += [value for name, value in attrs if name in ("src", "href") and value]
+        self.ids += [value for name, value in attrs if name == "id"]
         if tag not in self.VOID:
             self.open.append(tag)
 
@@ -56,96 +74,276 @@ class Page(html.parser.HTMLParser):
 
     @property
     def text(self):
-        return " ".join(" ".join(self.words).split())
+        return " ".join("".join(self.words).split())
 
 
-def calibration_page(path, **changes):
-    arguments = {
-        "title": "Unit 0042",
-        "verdict": "Good: the control record agrees.",
-        "parameters": PARAMETERS,
-        "truth": TRUTH,
-        "control_before": BEFORE,
-        "control_after": AFTER,
-        **carried(),
-    }
-    report.write_calibration_page(path, **{**arguments, **changes})
-    return path.read_text(encoding="utf-8")
-
-
-def test_calibration_page_holds_verdict_tables_and_the_three_figures(tmp_path):
-    text = calibration_page(tmp_path / "report.html")
+def page_of(write, path, *arguments, **options):
+    write(path, *arguments, **options)
+    assert path.stat().st_size < MOST_BYTES
+    text = path.read_text(encoding="utf-8")
     page = Page(text)
     assert page.open == []
-    assert page.counts["table"] == 2
-    assert page.counts["figure"] == 3
-    for words in (
-        "Good: the control record agrees.",
-        "carried over a move is off by 0.061 deg rms, without calibration by 3.2 deg",
-        "accel_bias_x -0.41874 0.00016 m/s² -0.41859 -0.9",
-    ):
-        assert words in page.text
-
-
-def test_page_is_self_contained_and_holds_plotly_once(tmp_path):
-    text = calibration_page(tmp_path / "report.html")
-    assert Page(text).loads == []
+    assert page.loads == []
+    assert len(set(page.ids)) == len(page.ids)
     assert "default-src 'none'" in text
     assert len(re.findall(r"\* plotly\.js v", text)) == 1
+    return page
 
 
-def test_page_without_figures_needs_no_plotly(tmp_path, monkeypatch):
+def test_the_page_of_a_calibration_has_verdict_tables_and_figures(result, tmp_path):
+    page = page_of(report.write_calibration_page, tmp_path / "report.html", result)
+    assert page.counts["figure"] == 2 + 1 + 1 + 3 + 4
+    gyro = next(p for p in result.parameters if p.name == "gyro_bias_x")
+    for words in (
+        "Calibration of unit 0042",
+        f"Poor: {result.reasons[0]}",
+        f"{result.control_set['gravity_direction_rms_deg']:.2g} deg rms",
+        f"gyro_bias_x{rounded_to(gyro.value, gyro.std)}",
+    ):
+        assert words in page.text
+    good = replace(result, judgement=None, reasons=(), control=None)
+    page = page_of(report.write_calibration_page, tmp_path / "alone.html", good)
+    assert "give one with --control" in page.text
+    assert page.counts["figure"] == 2 + 1 + 2
+
+
+def test_known_truth_stands_beside_the_parameters(result, tmp_path):
+    truth = {p.name: p.value + 2 * p.std for p in result.parameters}
+    page = page_of(report.write_calibration_page, tmp_path / "r.html", result, title="Made", truth=truth)
+    assert page.text.count("-2.0") >= len(truth)
+
+
+@pytest.mark.parametrize(
+    ("verdict", "words"),
+    [
+        ("named", "The model misses gyro_g_sensitivity. On the control recordings"),
+        ("ambiguous", "The model misses gyro_g_sensitivity, or earth_rate: these recordings do not tell"),
+        ("unknown", "it is not in the catalogue. gyro_bias varies. What"),
+        ("stochastic", "A bias wanders at random"),
+        ("nothing_missing", "Nothing is missing from the model that these recordings could show."),
+        ("data_fault", "mend it and record again"),
+    ],
+)
+def test_the_page_of_a_gap_says_its_verdict(gap, tmp_path, verdict, words):
+    assert gap.verdict == "named"
+    other = replace(
+        gap,
+        verdict=verdict,
+        effects=gap.effects if verdict in ("named", "ambiguous") else (),
+        ambiguous_with=("earth_rate",) if verdict == "ambiguous" else (),
+        next_motion=MOTION if verdict == "ambiguous" else None,
+        generic={"description": "gyro_bias varies"} if verdict == "unknown" else None,
+    )
+    page = page_of(report.write_gap_page, tmp_path / "gap.html", other)
+    assert words.removesuffix(" What") in page.text
+    assert ("turn by heat" in page.text) == (verdict == "ambiguous")
+
+
+def test_a_gap_in_refused_recordings_has_a_page(runs, tmp_path):
+    force = runs[0].specific_force.copy()
+    force[1000:1400] = np.nan
+    broken = imucal.Recording(runs[0].time_s, force, runs[0].angular_rate)
+    found = imucal.find_gap(broken)
+    assert found.verdict == "data_fault"
+    report.write_gap_page(tmp_path / "gap.html", found)
+    text = Page((tmp_path / "gap.html").read_text()).text
+    assert "The data have a fault" in text
+    assert str(found.findings[0]) in text
+
+
+def test_where_it_disagrees_is_shown_if_it_is_known(gap, tmp_path):
+    channel = {"channel": "rest_rate", "axis": "x", "unit": "rad/s", "rms": 9.27e-3, "noise_rms": 1.99e-4}
+    channel |= {"times_noise": 46.7, "times_noise_after": 0.906, "stands_out": True}
+    rest = {"recording": "run.csv", "index": 32, "times_noise": 76.1, "norm_error_mps2": 5.96e-5}
+    depends = [{"channel": "rest_rate", "axis": "x", "on": "gravity", "share": 0.99, "p_value": 1e-62}]
+    shown = replace(gap)
+    move = {"recording": "run.csv", "index": 7, "times_noise": 30.0, "direction_error_deg": 1.4}
+    move["left_out"] = True
+    where = {"channels": [channel], "rests": [rest], "moves": [move], "turns_about": "z", "depends": depends}
+    object.__setattr__(shown, "where", where)
+    page = page_of(report.write_gap_page, tmp_path / "gap.html", shown)
+    assert "rate at rest about x0.009270.000199rad/s46.70.906stands out" in page.text
+    assert "run.csv, rest 32765.96e-05" in page.text
+    assert "Moves that stand out, all of them turns about z" in page.text
+    assert "run.csv, move 7, left out301.4" in page.text
+    assert "rate at rest about xgravity99 %1e-62" in page.text
+    before, after = plot.disagreement(shown).data[:2]
+    assert (list(before.x), list(after.x)) == ([46.7], [0.906])
+
+
+def test_a_page_of_a_very_long_recording_stays_small(result, tmp_path):
+    count = 20_000
+    random = np.random.default_rng(1)
+    times = np.arange(count) * 1.8
+
+    def many(items, error):
+        pool = [{**items[k % len(items)], "recording": 60 * "a"} for k in range(count)]
+        return tuple(
+            {**item, error: float(x)} for item, x in zip(pool, random.normal(size=count), strict=True)
+        )
+
+    rests, moves = many(result.rests, "norm_error_mps2"), many(result.moves, "direction_error_deg")
+    rests[17_003]["norm_error_mps2"] = 40.0
+    rests[9_001]["excluded"] = "contradicts the others"
+    carried = {name: random.normal(size=(count, 3)) for name in ("measured", "uncalibrated", "calibrated")}
+    control = replace(result.control, rests=rests, moves=moves, carried=3 * ({"time_s": times, **carried},))
+    long = replace(result, rests=rests, moves=moves, control=control)
+    page = page_of(report.write_calibration_page, tmp_path / "long.html", long)
+    assert f"{plot.MOST} of {count} are drawn" in page.text
+    assert "a double click shows what was left out, too" in page.text
+    points = {trace.name: list(trace.x) for trace in plot.rest_residuals(long).data}
+    assert 17_003 in points["used"]
+    assert points["left out"] == [9_001]
+
+
+def test_thinning_keeps_the_worst_and_spreads_the_others():
+    importance = np.zeros(10_000)
+    importance[[17, 4711]] = 1.0
+    importance[5000] = np.nan
+    kept = thinned(importance, 100)
+    assert {0, 17, 4711, 9999} <= set(kept)
+    assert len(kept) <= 100
+    assert max(np.diff([k for k in kept if k >= 50])) < 10_000 / 45
+    assert thinned(importance[:50], 100) == list(range(50))
+    assert evenly(9, 3) == [0, 4, 8]
+    assert evenly(2, 3) == [0, 1]
+    assert evenly(0, 3) == []
+
+
+def test_page_without_figures_needs_no_plotly(tmp_path, monkeypatch, capsys, result):
     monkeypatch.setitem(sys.modules, "plotly", None)
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
-    report.write_page(tmp_path / "short.html", "Short", [report.Section("One", text="Two.")])
-    assert (tmp_path / "short.html").stat().st_size < 10_000
+    write_page(tmp_path / "short.html", "Short", [Tab("One", ("<p>Two.</p>",))], Verdict("good", "Good."))
+    assert (tmp_path / "short.html").stat().st_size < 20_000
     with pytest.raises(ImucalError, match=re.escape('pip install "imucal-rs[report]"')):
-        calibration_page(tmp_path / "report.html")
+        report.write_calibration_page(tmp_path / "report.html", result)
+    # It is said before any work is done: there is no such recording.
+    for command in ("calibrate", "gap", "noise", "evaluate cal.json"):
+        arguments = [*command.split(), "none.csv", "--report", str(tmp_path / "report.html")]
+        assert main(arguments) == 1
+        assert 'pip install "imucal-rs[report]"' in capsys.readouterr().err
     assert not (tmp_path / "report.html").exists()
 
 
-def test_text_from_outside_is_escaped(tmp_path):
-    hostile = "<script>alert(1)</script>"
-    parameters = [{"name": hostile, "value": 1.0, "std": 0.1, "unit": hostile}]
-    text = calibration_page(tmp_path / "report.html", title=hostile, verdict=hostile, parameters=parameters)
-    assert hostile not in text
-    assert Page(text).open == []
+def test_text_from_outside_is_escaped(result, tmp_path):
+    hostile = replace(
+        result,
+        calibration=replace(result.calibration, serial_number=HOSTILE),
+        rests=tuple({**rest, "recording": HOSTILE} for rest in result.rests),
+        reasons=(HOSTILE,),
+    )
+    page_of(report.write_calibration_page, tmp_path / "report.html", hostile)
+    assert HOSTILE not in (tmp_path / "report.html").read_text()
+    assert HOSTILE not in hostile._repr_html_()
+    assert HOSTILE not in item_list([HOSTILE])
 
 
-def test_figure_shows_the_axis_asked_for():
-    data = carried()
-    for column, axis in enumerate("xyz"):
-        figure = report.carried_gravity_figure(axis, **data)
-        by_name = {trace.name: np.asarray(trace.y) for trace in figure.data}
-        np.testing.assert_array_equal(by_name["measured"], data["measured"][:, column])
-        np.testing.assert_array_equal(
-            by_name["carried, uncalibrated"], data["carried_uncalibrated"][:, column]
-        )
-        np.testing.assert_array_equal(by_name["carried, calibrated"], data["carried_calibrated"][:, column])
-        expected = data["carried_calibrated"][:, column] - data["measured"][:, column]
-        np.testing.assert_array_equal(by_name["calibrated minus measured"], expected)
+@pytest.mark.parametrize("axis", ["x", "y", "z"])
+def test_carried_gravity_is_that_of_the_axis(result, axis):
+    carried, column = result.control.carried[0], "xyz".index(axis)
+    by_name = {trace.name: np.asarray(trace.y) for trace in plot.carried_gravity(result.control, axis).data}
+    for name, key in (
+        ("measured", "measured"),
+        ("carried, uncalibrated", "uncalibrated"),
+        ("carried, calibrated", "calibrated"),
+    ):
+        np.testing.assert_array_equal(by_name[name], np.asarray(carried[key])[:, column])
+    difference = (np.asarray(carried["calibrated"]) - carried["measured"])[:, column]
+    np.testing.assert_array_equal(by_name["calibrated minus measured"], difference)
 
 
-def test_curves_differ_in_colour_and_in_marker():
-    traces = report.carried_gravity_figure("x", **carried()).data[:3]
-    assert len({trace.marker.color for trace in traces}) == 3
-    assert len({trace.marker.symbol for trace in traces}) == 3
+def test_figures_say_what_they_cannot_show(result, gap):
+    with pytest.raises(InputError, match="there is no recording 1: 1 were judged"):
+        plot.carried_gravity(result.control, "x", 1)
+    with pytest.raises(InputError, match="axis is 'w': give x, y or z"):
+        plot.carried_gravity(result.control, "w")
+    refused = imucal.Gap("data_fault")
+    for figure in (plot.ranking, plot.before_and_after, plot.disagreement):
+        with pytest.raises(InputError, match=r"faults of the data|recordings were refused"):
+            figure(refused)
 
 
-def test_figure_refuses_arrays_that_do_not_fit():
-    data = carried()
-    with pytest.raises(ValueError, match=r"46 rests has shape \(45, 3\)"):
-        report.carried_gravity_figure("x", **{**data, "measured": data["measured"][1:]})
+def test_every_series_has_a_colour_and_a_marker_of_its_own(result, gap, noise):
+    for figure in (
+        plot.carried_gravity(result.control, "x"),
+        plot.limits(result.judgement),
+        plot.coverage(result),
+        plot.before_and_after(gap),
+        plot.allan(noise, "gyro"),
+    ):
+        series = [
+            trace
+            for trace in figure.data
+            if "markers" in (getattr(trace, "mode", None) or "") and trace.showlegend is not False
+        ]
+        assert len(series) >= 2
+        assert len({trace.marker.color for trace in series}) == len(series)
+        assert len({trace.marker.symbol for trace in series}) == len(series)
 
 
-def test_judgement_table_shows_a_dash_for_what_is_not_known():
-    page = Page(report.judgement_table({}, {"gravity_norm_rms_mps2": 0.00042}))
-    assert page.text.endswith("rms error, m/s² - 0.00042")
+def luminance(colour):
+    """Relative luminance, WCAG 2.2."""
+    parts = np.array(list(bytes.fromhex(colour[1:]))) / 255
+    linear = np.where(parts <= 0.04045, parts / 12.92, ((parts + 0.055) / 1.055) ** 2.4)
+    return linear @ [0.2126, 0.7152, 0.0722]
+
+
+@pytest.mark.parametrize("theme", [{}, style.DARK], ids=["light", "dark"])
+def test_colours_stand_out_from_the_paper(theme):
+    def contrast(colour):
+        a, b = sorted(luminance(theme.get(c, c)) for c in (colour, style.PAPER))
+        return (b + 0.05) / (a + 0.05)
+
+    # WCAG 2.2: 3 for graphics (1.4.11), 4.5 for text (1.4.3).
+    assert all(contrast(c) >= 3 for c in (style.BLUE, style.VERMILION, style.GREEN, style.GREY))
+    assert contrast(style.INK) >= 4.5
+
+
+def test_the_page_has_the_colours_of_its_figures_in_both_themes(tmp_path):
+    write_page(tmp_path / "p.html", "P", [Tab("T", ("",))], Verdict("good", "Good."))
+    text = (tmp_path / "p.html").read_text()
+    css = dict(re.findall(r"--(ink|paper): (#\w+)", text.split("data-theme")[0]))
+    assert css == {"ink": style.INK, "paper": style.PAPER}
+    dark = json.loads(re.search(r'id="dark">(.*?)</script>', text)[1])
+    css = dict(re.findall(r"--(ink|paper): (#\w+)", text.split('[data-theme="dark"]')[1]))
+    assert css == {"ink": dark[style.INK], "paper": dark[style.PAPER]}
+
+
+def test_notebooks_show_verdict_and_numbers(result, gap, noise):
+    for shown, words in (
+        (result, f"Poor: {result.reasons[0]}"),
+        (result.calibration, "Calibration of unit 0042, symmetric frame"),
+        (result.control, "Good: the calibration holds on these recordings."),
+        (gap, "The model misses gyro_g_sensitivity."),
+        (noise, "gyro_x noise density"),
+    ):
+        page = Page(shown._repr_html_())
+        assert page.open == []
+        assert words in page.text
+        assert page.counts["table"] >= 1
+    parameter = result.parameters[0]
+    assert rounded_to(parameter.value, parameter.std) in Page(result._repr_html_()).text
+
+
+def test_the_json_of_a_calibration_has_what_its_page_shows(result):
+    document = result.to_dict()
+    assert document["control"] == result.control.to_dict()
+    assert replace(result, control=None).to_dict()["control"] is None
+
+
+def test_a_figure_that_is_not_known_is_a_dash():
+    page = Page(figures_table({"before": {}, "after": {"gravity_norm_rms_mps2": 0.00042}, "none": None}))
+    assert page.text.endswith("rms error, m/s²-0.00042")
 
 
 def test_parameter_without_a_sigma_has_none():
-    page = Page(report.parameter_table([{"name": "b", "value": 0.25, "std": None, "unit": "1"}], {"b": 0.5}))
-    assert page.text.endswith("b 0.25 - 1 0.5 -")
+    page = Page(parameter_table([imucal.Parameter("b", 0.25, None, "1")], {"b": 0.5}))
+    assert page.text.endswith("b0.25-10.5-")
+
+
+def test_long_lists_are_cut_and_say_so():
+    page = Page(item_list([f"item {k}" for k in range(100)]))
+    assert "item 38 item 39 and 60 more, which --json lists" in page.text
 
 
 @pytest.mark.parametrize(

@@ -254,6 +254,12 @@ class Calibration:
             self, effects=tuple(values for values in self.effects if values.name not in own), user_effects=()
         )
 
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_calibration
+
+        return of_calibration(self)
+
     def to_dict(self) -> dict[str, Any]:
         """The fields of the file."""
         from imucal.calibration_file import document_of

@@ -170,6 +170,12 @@ class CalibrationResult:
         lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))
         return "\n".join(lines)
 
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_calibration_result
+
+        return of_calibration_result(self)
+
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal calibrate --json`."""
         document = self.calibration.to_dict()
@@ -178,6 +184,7 @@ class CalibrationResult:
             "verdict": self.verdict,
             "reasons": list(self.reasons),
             **{name: document[name] for name in fields},
+            "control": None if self.control is None else self.control.to_dict(),
             "held_out": without_nan(self.held_out),
             "rests": without_nan(self.rests),
             "moves": without_nan(self.moves),

@@ -96,6 +96,12 @@ class Evaluation:
         judgement = limits.judge(calibration, control_set=self.figures)
         return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
 
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_evaluation
+
+        return of_evaluation(self)
+
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal evaluate --json`."""
         return {

@@ -78,6 +78,12 @@ class Gap:
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
 
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_gap
+
+        return of_gap(self)
+
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal gap --json`."""
         names = (

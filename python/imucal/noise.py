@@ -145,6 +145,12 @@ class NoiseResult:
                     lines.append(f"{name} {figure} {estimate}")
         return "\n".join([*lines, *(f"{finding.severity}: {finding}" for finding in self.findings)])
 
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_noise
+
+        return of_noise(self)
+
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal noise --json`."""
         document: dict[str, Any] = without_nan(self)

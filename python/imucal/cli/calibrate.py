@@ -18,11 +18,12 @@ from imucal.cli.output import (
     LimitsPath,
     MinRest,
     Output,
+    ReportPath,
     Verbose,
+    prepare_report,
 )
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
-from imucal.errors import InputError
 
 __all__ = ["calibrate"]
 
@@ -78,10 +79,7 @@ def calibrate(
     ] = None,
     limits: LimitsPath = None,
     verbose: Verbose = False,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", metavar="PAGE", help="HTML page to write; needs --control and plotly."),
-    ] = None,
+    report: ReportPath = None,
     json: JsonPath = None,
 ) -> None:
     """Calibrate one unit from its recordings.
@@ -90,8 +88,7 @@ def calibrate(
     """
     import imucal
 
-    if report is not None and not control:
-        raise InputError("--report shows the control recordings: give one with --control")
+    prepare_report(report)
     with working("reading"):
         wanted = imucal.Limits.load(limits) if limits else None
         unit_data = reading.each(recordings)
@@ -116,9 +113,9 @@ def calibrate(
     if output is not None:
         result.calibration.save(output)
     if report is not None:
-        from imucal.cli.page import write_result_page
+        from imucal.report import write_calibration_page
 
-        write_result_page(report, "Calibration", result)
+        write_calibration_page(report, result)
     out = Output(json)
     out.document(result.to_dict())
     if verbose:

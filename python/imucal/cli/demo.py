@@ -32,8 +32,10 @@ def demo(
     Example: imucal demo -o demo
     """
     import imucal
-    from imucal.cli.page import write_result_page
     from imucal.errors import InputError
+    from imucal.report import require_plotly, write_calibration_page
+
+    require_plotly()
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -51,7 +53,7 @@ def demo(
         imucal.write(control.recording, folder / "control.csv")
     result.calibration.save(folder / "calibration.json")
     page = folder / "report.html"
-    write_result_page(page, "Simulated calibration of the paper's unit", result, truth)
+    write_calibration_page(page, result, title="Simulated calibration of the paper's unit", truth=truth)
 
     out = Output(json)
     out.document({**result.to_dict(), "truth": run.truth.to_dict(), "page": str(page)})

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from imucal.cli.decisions import show_rests_and_moves
-from imucal.cli.output import JsonPath, LimitsPath, MinRest, Output, Verbose
+from imucal.cli.output import JsonPath, LimitsPath, MinRest, Output, ReportPath, Verbose, prepare_report
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -23,6 +23,7 @@ def evaluate(
     min_rest_s: MinRest = 1.0,
     limits: LimitsPath = None,
     verbose: Verbose = False,
+    report: ReportPath = None,
     json: JsonPath = None,
 ) -> None:
     """Judge a calibration on recordings of the same unit that the fit never saw.
@@ -31,6 +32,7 @@ def evaluate(
     """
     import imucal
 
+    prepare_report(report)
     with working("reading"):
         loaded = imucal.Calibration.load(calibration)
         wanted = imucal.Limits.load(limits, user_effects=loaded.user_effects) if limits else None
@@ -39,6 +41,10 @@ def evaluate(
         judged = imucal.evaluate(loaded, judges, min_rest_s=min_rest_s)
     if wanted is not None:
         judged = judged.judged_by(wanted, loaded)
+    if report is not None:
+        from imucal.report import write_evaluation_page
+
+        write_evaluation_page(report, judged, title=f"{calibration.name} judged")
     out = Output(json)
     out.document(judged.to_dict())
     if verbose:

@@ -9,7 +9,16 @@ import typer
 
 from imucal.cli import completion
 from imucal.cli.decisions import show_ranking
-from imucal.cli.output import Control, ExcludeSaturated, JsonPath, MinRest, Output, Verbose
+from imucal.cli.output import (
+    Control,
+    ExcludeSaturated,
+    JsonPath,
+    MinRest,
+    Output,
+    ReportPath,
+    Verbose,
+    prepare_report,
+)
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -52,6 +61,7 @@ def gap(
         ),
     ] = None,
     verbose: Verbose = False,
+    report: ReportPath = None,
     json: JsonPath = None,
 ) -> None:
     """Find where measurement and model disagree, name the missing effect, and add it.
@@ -60,6 +70,7 @@ def gap(
     """
     import imucal
 
+    prepare_report(report)
     with working("reading"):
         unit_data = reading.each(recordings)
         judges = reading.each(control or []) or None
@@ -76,6 +87,10 @@ def gap(
         )
     if output is not None and found.calibration is not None:
         found.calibration.save(output)
+    if report is not None:
+        from imucal.report import write_gap_page
+
+        write_gap_page(report, found)
     out = Output(json)
     out.document(found.to_dict())
     if verbose:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucal.cli.decisions import show_noise_fits
-from imucal.cli.output import JsonPath, MinRest, Output, Verbose
+from imucal.cli.output import JsonPath, MinRest, Output, ReportPath, Verbose, prepare_report
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -24,10 +24,7 @@ def noise(
         list[Path], typer.Argument(metavar="REC", help="A recording at rest; hours are good.")
     ],
     reading: Reading,
-    report: Annotated[
-        Path | None,
-        typer.Option("--report", metavar="PATH", help="Allan plots and figures as a page, HTML."),
-    ] = None,
+    report: ReportPath = None,
     kalibr: Annotated[
         Path | None, typer.Option("--kalibr", metavar="PATH", help="Write Kalibr's imu.yaml.")
     ] = None,
@@ -55,6 +52,7 @@ def noise(
     from imucal.atomic import write_text
     from imucal.noise_export import kalibr_yaml, unit_of_noise
 
+    prepare_report(report)
     with working("reading"):
         loaded = reading.one(recording)
     with working("identifying the noise"):

@@ -23,7 +23,9 @@ __all__ = [
     "LimitsPath",
     "MinRest",
     "Output",
+    "ReportPath",
     "Verbose",
+    "prepare_report",
 ]
 
 POOR_VERDICT = 2
@@ -49,6 +51,18 @@ LimitsPath = Annotated[
     ),
 ]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say each decision, and not only the result.")]
+ReportPath = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="PAGE", help="HTML page with figures to write; needs plotly."),
+]
+
+
+def prepare_report(path: Path | None) -> None:
+    """ImucalError if a report is asked for and plotly is missing: before the work, not after it."""
+    if path is not None:
+        from imucal.report import require_plotly
+
+        require_plotly()
 
 
 class Output:

@@ -1,23 +1,20 @@
 """Reports: one self-contained HTML page, readable without network, on a phone, in the dark and on paper.
 
-Figures need plotly, an optional dependency: it is imported when a figure is made, and a missing one is an
-`ImucalError` that says how to install it. Nothing here computes results; it shows what it is given.
+    write_calibration_page("unit-0042.html", imucal.calibrate(run, control=control))
+
+A page shows what the command's JSON holds and estimates nothing. Its figures are those of `imucal.plot` and
+need plotly, an optional dependency: without it there is an `ImucalError` that says how to install it.
 """
 
-from imucal.report.calibration_page import write_calibration_page
-from imucal.report.figures import carried_gravity_figure
-from imucal.report.noise_page import allan_figure, write_noise_page
-from imucal.report.page import Section, write_page
-from imucal.report.tables import judgement_table, parameter_table, table
+from imucal.report.calibration_page import write_calibration_page, write_evaluation_page
+from imucal.report.gap_page import write_gap_page
+from imucal.report.noise_page import write_noise_page
+from imucal.report.page import require_plotly
 
 __all__ = [
-    "Section",
-    "allan_figure",
-    "carried_gravity_figure",
-    "judgement_table",
-    "parameter_table",
-    "table",
+    "require_plotly",
     "write_calibration_page",
+    "write_evaluation_page",
+    "write_gap_page",
     "write_noise_page",
-    "write_page",
 ]

@@ -1,85 +1,130 @@
-"""The page of a calibration: verdict, figures of the control record, parameters, and the paper's plots."""
+"""The page of a calibration, and that of a calibration judged on further recordings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING
 
-from imucal.report.figures import carried_gravity_figure
-from imucal.report.page import Section, write_page
-from imucal.report.tables import judgement_table, parameter_table
+from imucal import plot
+from imucal.report import sentences
+from imucal.report.blocks import carried_tab, coverage_tab, finding_texts, limits_tabs, residuals
+from imucal.report.page import Shown, Tab, write_page
+from imucal.report.tables import figures_table, heading, item_list, paragraph, parameter_table, table
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from imucal.calibration import Calibration
+    from imucal.calibration_result import CalibrationResult
+    from imucal.evaluate import Evaluation
 
-AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
+__all__ = ["write_calibration_page", "write_evaluation_page"]
 
 
 def write_calibration_page(
     path: str | Path,
+    result: CalibrationResult,
     *,
-    title: str,
-    verdict: str,
-    parameters: Iterable[Mapping[str, Any]],
+    title: str | None = None,
     truth: Mapping[str, float] | None = None,
-    control_before: Mapping[str, float | None],
-    control_after: Mapping[str, float | None],
-    rest_time_s: ArrayLike,
-    measured: ArrayLike,
-    carried_uncalibrated: ArrayLike,
-    carried_calibrated: ArrayLike,
 ) -> None:
-    """Write the page of one calibration, judged on a control record that the fit never saw.
+    """Write the page of a calibration.
 
-    Args:
-        path: The HTML file.
-        title: Heading of the page.
-        verdict: One sentence.
-        parameters: See `parameter_table`.
-        truth: True values by parameter name, for simulated recordings.
-        control_before: Figures of the control record, uncalibrated; see `judgement_table`.
-        control_after: The same, calibrated.
-        rest_time_s: (K,) times of the control rests, s.
-        measured: (K, 3) gravity measured at them, m/s^2, as in `carried_gravity_figure`.
-        carried_uncalibrated: (K, 3) gravity carried by the raw gyroscope, m/s^2.
-        carried_calibrated: (K, 3) gravity carried by the calibrated gyroscope, m/s^2.
+    path    the HTML file
+    title   heading of the page; without it the serial number, or the first recording
+    truth   true values by parameter name, of simulated recordings
 
-    Raises:
-        ImucalError: plotly is not installed, or the file cannot be written.
+    Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
-    plots = tuple(
-        (
-            carried_gravity_figure(axis, rest_time_s, measured, carried_uncalibrated, carried_calibrated),
-            f"Gravity along body {axis} at the rests of the control record.",
-        )
-        for axis in AXES
-    )
-    sections = [
-        Section("Control record", tables=(judgement_table(control_before, control_after),)),
-        Section(
+    calibration = result.calibration
+    tabs = [
+        Tab("Summary", (*_summary(result), *_provenance(calibration))),
+        Tab(
             "Parameters",
-            text="measured = T true + bias, with T the sensitivity matrix of each sensor.",
-            tables=(parameter_table(parameters, truth),),
+            (
+                paragraph("measured = T true + bias, with T the sensitivity matrix of each sensor."),
+                Shown(
+                    "parameters",
+                    plot.parameters(result),
+                    "Every parameter with bars of 1 σ: ideal are bias 0, scale 1, misalignment 0.",
+                ),
+                Shown("sigmas", plot.sigmas(result), "Standard deviation of every parameter."),
+                parameter_table(result.parameters, truth),
+            ),
         ),
-        Section(
-            "Gravity carried by the gyroscope",
-            text="The gyroscope carries gravity from the first rest of the control record to every later "
-            "one, and its errors add up, as they do for a user. The upper plot compares that with what the "
-            "accelerometer measures at each rest; the lower one shows what is left after calibration.",
-            figures=plots,
-        ),
+        *limits_tabs(result.judgement),
+        coverage_tab(result),
     ]
-    write_page(path, title, sections, verdict=verdict, beside=_headline(control_before, control_after))
+    if result.control is not None:
+        tabs.append(carried_tab(result.control))
+    left: list[Shown | str] = [heading("Recordings of the calibration"), *residuals(result, "calibration")]
+    if result.control is not None:
+        left += [heading("Control recordings"), *residuals(result.control, "control")]
+    tabs.append(Tab("Residuals", tuple(left)))
+    write_page(path, title or _title(calibration), tabs, sentences.of_calibration(result))
 
 
-def _headline(before: Mapping[str, float | None], after: Mapping[str, float | None]) -> str:
-    """The one figure that tells most, if it is known."""
-    key = "gravity_direction_rms_deg"
-    uncalibrated, calibrated = before.get(key), after.get(key)
-    if uncalibrated is None or calibrated is None:
-        return ""
-    return (
-        "On the control record the direction of gravity carried over a move is off by "
-        f"{calibrated:.2g} deg rms, without calibration by {uncalibrated:.2g} deg."
-    )
+def write_evaluation_page(
+    path: str | Path, judged: Evaluation, *, title: str = "Calibration judged on other recordings"
+) -> None:
+    """Write the page of a calibration that is judged on recordings that it was not made of.
+
+    Raises ImucalError without plotly, and InputError if the file cannot be written.
+    """
+    tabs = [
+        Tab(
+            "Summary",
+            (
+                figures_table({"uncalibrated": judged.before, "calibrated": judged.figures}),
+                *_reasons(judged.reasons),
+                *_remarks(finding_texts(judged.findings)),
+            ),
+        ),
+        *limits_tabs(judged.judgement),
+        carried_tab(judged),
+        Tab("Residuals", tuple(residuals(judged, "control"))),
+        coverage_tab(judged),
+    ]
+    write_page(path, title, tabs, sentences.of_evaluation(judged))
+
+
+def _summary(result: CalibrationResult) -> list[str]:
+    sets = {
+        "control, uncalibrated": result.control_before,
+        "control, calibrated": result.control_set,
+        "held out": result.held_out,
+        "calibration set": result.calibration_set,
+    }
+    remarks = [*result.notes, *finding_texts(result.findings)]
+    if result.control is not None:
+        remarks += finding_texts(result.control.findings)
+    return [figures_table(sets), *_reasons(result.reasons), *_remarks(remarks)]
+
+
+def _reasons(reasons: Sequence[str]) -> list[str]:
+    return [heading("Why it is poor"), item_list(reasons)] if reasons else []
+
+
+def _remarks(remarks: Sequence[str]) -> list[str]:
+    return [heading("Worth knowing"), item_list(remarks)] if remarks else []
+
+
+def _provenance(calibration: Calibration) -> list[str]:
+    origin = calibration.provenance
+    temperature = calibration.temperature_range_degc
+    rows = [
+        ["serial number", calibration.serial_number or ""],
+        ["recordings", ", ".join(source.path for source in origin.files)],
+        ["control recordings", ", ".join(source.path for source in origin.control_files)],
+        ["body frame", calibration.frame],
+        ["local gravity", f"{calibration.gravity_mps2:.6g} m/s²"],
+        ["temperature", "" if temperature is None else f"{temperature[0]:.1f} to {temperature[1]:.1f} °C"],
+        ["made", f"{origin.date}, imucal {origin.imucal_version}"],
+    ]
+    return [heading("Where it comes from"), table(["", ""], [row for row in rows if row[1]], words=(1,))]
+
+
+def _title(calibration: Calibration) -> str:
+    if calibration.serial_number:
+        return f"Calibration of unit {calibration.serial_number}"
+    files = calibration.provenance.files
+    return f"Calibration from {Path(files[0].path).name}" if files else "Calibration"

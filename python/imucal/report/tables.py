@@ -1,73 +1,100 @@
-"""Tables as HTML."""
+"""Tables, lists and paragraphs as HTML: what stands between the figures of a page, and in notebooks."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-JUDGEMENTS = {
+from imucal.plot.style import shown_unit
+
+if TYPE_CHECKING:
+    from imucal.calibration import Parameter
+    from imucal.judgement import Judgement
+
+FIGURES = {
     "gravity_direction_rms_deg": "direction of gravity carried over one move, rms error, deg",
-    "gravity_norm_rms_mps2": "norm of gravity at rest, rms error, m/s²",
-    "chi2_per_dof": "chi² per degree of freedom (1 = noise alone)",
+    "gravity_norm_rms_mps2": "length of gravity at rest, rms error, m/s²",
+    "chi2_per_dof": "χ² per degree of freedom (1 is noise alone)",
     "rests": "rests judged",
     "moves": "moves judged",
 }
+# A list on a page holds so many items; the JSON holds all.
+MOST_ITEMS = 40
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table of plain text cells; the first column is words, the others are numbers."""
-    head = "".join(f"<th scope=col>{escape(cell)}</th>" for cell in header)
+def paragraph(text: str) -> str:
+    """A paragraph of plain text."""
+    return f"<p>{escape(text)}</p>"
+
+
+def heading(text: str) -> str:
+    """A heading inside a tab."""
+    return f"<h3>{escape(text)}</h3>"
+
+
+def item_list(items: Sequence[str]) -> str:
+    """A list of plain texts, cut to `MOST_ITEMS`; empty without any."""
+    if not items:
+        return ""
+    shown = [f"<li>{escape(item)}</li>" for item in items[:MOST_ITEMS]]
+    if len(items) > MOST_ITEMS:
+        shown.append(f"<li>and {len(items) - MOST_ITEMS} more, which --json lists</li>")
+    return "<ul>\n" + "\n".join(shown) + "\n</ul>"
+
+
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[int] = ()) -> str:
+    """A table of plain text cells: the first column is words, and so are those in `words`."""
+
+    def kind(column: int, cell: str) -> str:
+        return ' class="words"' if column in words else (' class="fail"' if cell == "FAIL" else "")
+
+    head = "".join(f"<th scope=col{kind(i, cell)}>{escape(cell)}</th>" for i, cell in enumerate(header))
+    head = f"<thead><tr>{head}</tr></thead>\n" if any(header) else ""
     body = "\n".join(
-        f"<tr><th scope=row>{escape(first)}</th>"
-        + "".join(f"<td>{escape(cell)}</td>" for cell in rest)
+        # Names of parameters are long, and a phone is narrow.
+        f"<tr><th scope=row>{escape(first).replace('_', '_<wbr>')}</th>"
+        + "".join(f"<td{kind(i, cell)}>{escape(cell)}</td>" for i, cell in enumerate(rest, start=1))
         + "</tr>"
         for first, *rest in rows
     )
-    return (
-        f'<div class="table"><table><thead><tr>{head}</tr></thead>\n<tbody>\n{body}\n</tbody></table></div>'
-    )
+    return f'<div class="table"><table>{head}<tbody>\n{body}\n</tbody></table></div>'
 
 
-def parameter_table(parameters: Iterable[Mapping[str, Any]], truth: Mapping[str, float] | None = None) -> str:
-    """Value, one sigma and unit of every parameter; beside the truth where it is known.
-
-    Args:
-        parameters: One mapping per parameter with `name`, `value`, `std` (None: not known) and `unit`,
-            as in `imucal calibrate --json`.
-        truth: True value by parameter name, in the same units (simulated recordings).
-    """
-    header = ["parameter", "value", "1 σ", "unit"]
-    if truth is not None:
-        header += ["truth", "error / σ"]
+def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] | None = None) -> str:
+    """Value, 1 sigma and unit of every parameter; beside its true value, by name, where that is known."""
+    header = ["parameter", "value", "1 σ", "unit", *(["truth", "error / σ"] if truth else [])]
     rows = []
-    for parameter in parameters:
-        name, value, std = str(parameter["name"]), float(parameter["value"]), parameter["std"]
-        sigma = math.nan if std is None else float(std)
-        unit = str(parameter["unit"]).replace("^2", "²")
-        row = [name, rounded_to(value, sigma), _sigma(sigma), unit]
-        if truth is not None:
-            row += _beside_truth(value, sigma, truth.get(name))
+    for p in parameters:
+        std = math.nan if p.std is None else p.std
+        row = [
+            p.name,
+            rounded_to(p.value, std),
+            rounded_to(std, std) if p.std else "-",
+            shown_unit(p.unit) or "1",
+        ]
+        if truth:
+            row += _beside_truth(p.value, std, truth.get(p.name))
         rows.append(row)
     return table(header, rows)
 
 
-def judgement_table(before: Mapping[str, float | None], after: Mapping[str, float | None]) -> str:
-    """What a recording says about the unit, uncalibrated and calibrated.
+def figures_table(columns: Mapping[str, Mapping[str, Any] | None]) -> str:
+    """Figures of sets of recordings, one column for each set; a set that is None is left out."""
+    sets = {name: figures for name, figures in columns.items() if figures is not None}
+    keys = [key for key in FIGURES if any(key in figures for figures in sets.values())]
+    rows = [[FIGURES[key], *(_figure(figures.get(key)) for figures in sets.values())] for key in keys]
+    return table(["", *sets], rows)
 
-    Args:
-        before: Uncalibrated figures by key: `gravity_norm_rms_mps2`, `gravity_direction_rms_deg`,
-            `chi2_per_dof`.
-        after: The same, calibrated. A key that only one of them has is shown with a dash.
-    """
-    given = {*after, *before}
-    keys = [key for key in JUDGEMENTS if key in given] + sorted(given - set(JUDGEMENTS))
+
+def checks_table(judgement: Judgement) -> str:
+    """Every check beside its limit, the worst first."""
     rows = [
-        [JUDGEMENTS.get(key, key), _significant(before.get(key)), _significant(after.get(key))]
-        for key in keys
+        [c.what, c.value_text, c.limit_text, shown_unit(c.unit), "pass" if c.passed else "FAIL"]
+        for c in judgement.by_use
     ]
-    return table(["", "uncalibrated", "calibrated"], rows)
+    return table(["check", "value", "limit", "unit", ""], rows)
 
 
 def rounded_to(value: float, std: float) -> str:
@@ -84,9 +111,13 @@ def _beside_truth(value: float, std: float, truth: float | None) -> list[str]:
     return [rounded_to(truth, std), f"{(value - truth) / std:+.1f}" if std > 0.0 else "-"]
 
 
-def _sigma(std: float) -> str:
-    return rounded_to(std, std) if math.isfinite(std) else "-"
-
-
-def _significant(value: float | None) -> str:
+def _figure(value: float | None) -> str:
     return f"{value:.4g}" if value is not None and math.isfinite(value) else "-"
+
+
+def file_button(name: str, file: str, text: str) -> str:
+    """A text to be read on the page, and a button that saves it as a file."""
+    return (
+        f'<button type="button" hidden data-from="{escape(name)}" data-file="{escape(file)}">'
+        f'Save {escape(file)}</button>\n<pre id="{escape(name)}">{escape(text)}</pre>'
+    )

@@ -1,0 +1,160 @@
+"""The search for a missing effect: the candidates with their evidence, and what the pick changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Final
+
+from imucal.errors import InputError
+from imucal.plot.style import BLUE, GREEN, GREY, VERMILION, plotly, rows_of, styled
+
+if TYPE_CHECKING:
+    from plotly.graph_objects import Figure
+
+    from imucal.gap import Gap
+
+__all__ = ["before_and_after", "channel_name", "disagreement", "ranking"]
+
+CANDIDATES: Final = 15
+ROW_PX: Final = 26
+FIGURES: Final = {
+    "chi2_per_dof": "χ² per degree of freedom (1 is noise alone)",
+    "gravity_norm_rms_mps2": "length of gravity at rest, rms error, m/s²",
+    "gravity_direction_rms_deg": "direction of gravity per move, rms error, deg",
+}
+CHANNELS: Final = {
+    "rest_norm": "|f| − g at rest",
+    "rest_rate": "rate at rest about",
+    "move_direction": "direction after moves about",
+    "move_force": "force in moves along",
+}
+SETS: Final = {"control_set": "control", "calibration_set": "calibration"}
+
+
+def disagreement(gap: Gap) -> Figure:
+    """Where simulation and measurement disagree: residuals of each channel over what noise explains.
+
+    Without effects, and with those that joined the model; 1 is noise alone. Channels are those of
+    `gap.where`.
+
+    Raises InputError if they are not known, ImucalError without plotly.
+    """
+    where = getattr(gap, "where", None)
+    if not where or not where["channels"]:
+        raise InputError("it is not known where simulation and measurement disagree: recordings were refused")
+    go, _ = plotly()
+    figure = go.Figure()
+    rows = where["channels"]
+    names = [channel_name(row) for row in rows]
+    looks = [("without effects", "times_noise", VERMILION, "triangle-up", 11)]
+    if gap.effects:
+        looks.append(("with what joined", "times_noise_after", GREEN, "circle", 9))
+    for name, key, colour, symbol, size in looks:
+        figure.add_scatter(
+            x=[row[key] for row in rows],
+            y=names,
+            name=name,
+            mode="markers",
+            marker={"color": colour, "symbol": symbol, "size": size},
+            hovertemplate=f"%{{y}}, {name}<br>%{{x:.3g}} times noise<extra></extra>",
+        )
+    figure.add_vline(x=1, line={"color": GREY, "width": 1, "dash": "dash"}, layer="below")
+    figure.update_yaxes(rows_of(names))
+    figure.update_xaxes(title_text="residuals, times noise", rangemode="tozero")
+    return styled(figure, 110 + ROW_PX * len(rows))
+
+
+def channel_name(row: Mapping[str, Any]) -> str:
+    """What a channel of `gap.where` is called."""
+    name = CHANNELS.get(row["channel"], row["channel"].replace("_", " "))
+    return name if row["axis"] is None else f"{name} {row['axis']}"
+
+
+def ranking(gap: Gap) -> Figure:
+    """Log Bayes factors of the candidates against the plain model, in nats, the best 15.
+
+    Filled bars are what joined the model, striped ones its rivals.
+
+    Raises InputError if nothing was ranked, ImucalError without plotly.
+    """
+    if not gap.ranking:
+        raise InputError(
+            "there is no ranking: faults of the data ended the search before any effect was tried"
+        )
+    go, _ = plotly()
+    best = gap.ranking[:CANDIDATES]
+    picked = {effect["name"] for effect in gap.effects}
+    rivals = set(gap.ambiguous_with)
+    looks = (
+        ("joined the model", picked, BLUE, ""),
+        ("rival of the pick", rivals, VERMILION, "/"),
+        ("other candidate", {score["name"] for score in best} - picked - rivals, GREY, ""),
+    )
+    figure = go.Figure()
+    for name, members, colour, shape in looks:
+        own = [score for score in best if score["name"] in members]
+        if own:
+            figure.add_bar(
+                x=[score["log_bayes_factor"] for score in own],
+                y=[score["name"] for score in own],
+                name=name,
+                orientation="h",
+                width=0.65,
+                marker={"color": colour, "pattern": {"shape": shape}},
+                text=[_evidence(score) for score in own],
+                textposition="none",
+                hovertemplate="%{text}<extra></extra>",
+            )
+    order = [score["name"] for score in best]
+    figure.update_yaxes(rows_of(order))
+    figure.update_xaxes(title_text="log Bayes factor, nats")
+    figure.update_layout(barmode="overlay")
+    return styled(figure, 110 + ROW_PX * len(order))
+
+
+def before_and_after(gap: Gap) -> Figure:
+    """Figures of the control and of the calibration recordings without and with what was found.
+
+    Raises InputError if there are none, ImucalError without plotly.
+    """
+    sets = {word: getattr(gap, of) for of, word in SETS.items() if getattr(gap, of) is not None}
+    if not sets:
+        raise InputError("there are no figures: faults of the data ended the search before any fit")
+    _, make_subplots = plotly()
+    figure = make_subplots(rows=len(FIGURES), vertical_spacing=0.17, subplot_titles=list(FIGURES.values()))
+    looks = (("before", VERMILION, "triangle-up", 11), ("after", GREEN, "circle", 10))
+    for row, name in enumerate(FIGURES, start=1):
+        for word, of in sets.items():
+            figure.add_scatter(
+                x=[of["before"][name], of["after"][name]],
+                y=[word, word],
+                mode="lines",
+                line={"color": GREY, "width": 2},
+                hoverinfo="skip",
+                showlegend=False,
+                row=row,
+                col=1,
+            )
+        for when, colour, symbol, size in looks:
+            figure.add_scatter(
+                x=[of[when][name] for of in sets.values()],
+                y=list(sets),
+                name=when,
+                mode="markers",
+                marker={"color": colour, "symbol": symbol, "size": size},
+                hovertemplate=f"%{{y}} recordings, {when}: %{{x:.4g}}<extra></extra>",
+                showlegend=row == 1,
+                row=row,
+                col=1,
+            )
+        figure.update_yaxes(rows_of(list(sets)), row=row, col=1)
+    figure.update_xaxes(rangemode="tozero")
+    figure.update_annotations(x=0, xanchor="left", font={"size": 13})
+    return styled(figure, 90 + 3 * (55 + 32 * len(sets))).update_layout(legend={"y": 1.08}, margin={"t": 60})
+
+
+def _evidence(score: Any) -> str:
+    return (
+        f"{score['name']}<br>log Bayes factor {score['log_bayes_factor']:.1f}<br>"
+        f"χ² {score['statistic']:.1f} with {score['dof']} degrees of freedom<br>p {score['p_value']:.2g}"
+    )

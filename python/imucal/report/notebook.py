@@ -1,0 +1,67 @@
+"""What notebooks show of a result: its verdict and tables; figures are those of `imucal.plot`."""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+from imucal.report import sentences
+from imucal.report.gap_page import effects_table, gap_figures_table
+from imucal.report.noise_page import noise_table
+from imucal.report.page import MARKS, Verdict
+from imucal.report.tables import checks_table, figures_table, item_list, paragraph, parameter_table
+
+if TYPE_CHECKING:
+    from imucal.calibration import Calibration
+    from imucal.calibration_result import CalibrationResult
+    from imucal.evaluate import Evaluation
+    from imucal.gap import Gap
+    from imucal.noise import NoiseResult
+
+
+def of_calibration(calibration: Calibration) -> str:
+    """The parameters."""
+    unit = f" of unit {calibration.serial_number}" if calibration.serial_number else ""
+    return paragraph(f"Calibration{unit}, {calibration.frame} frame") + parameter_table(
+        calibration.parameters
+    )
+
+
+def of_calibration_result(result: CalibrationResult) -> str:
+    """Verdict, figures, checks against limits, parameters, and what is worth knowing."""
+    sets = {
+        "control, uncalibrated": result.control_before,
+        "control, calibrated": result.control_set,
+        "calibration set": result.calibration_set,
+    }
+    checks = "" if result.judgement is None else checks_table(result.judgement)
+    return (
+        _lead(sentences.of_calibration(result))
+        + figures_table(sets)
+        + checks
+        + parameter_table(result.parameters)
+        + item_list(result.notes)
+    )
+
+
+def of_evaluation(judged: Evaluation) -> str:
+    """Verdict, figures, and checks against limits."""
+    checks = "" if judged.judgement is None else checks_table(judged.judgement)
+    sets = {"uncalibrated": judged.before, "calibrated": judged.figures}
+    return _lead(sentences.of_evaluation(judged)) + figures_table(sets) + checks
+
+
+def of_noise(noise: NoiseResult) -> str:
+    """Verdict and figures."""
+    return _lead(sentences.of_noise(noise)) + noise_table(noise)
+
+
+def of_gap(gap: Gap) -> str:
+    """Verdict, what joined the model, figures before and after, and what is worth knowing."""
+    return _lead(sentences.of_gap(gap)) + effects_table(gap) + gap_figures_table(gap) + item_list(gap.notes)
+
+
+def _lead(verdict: Verdict) -> str:
+    return f"<p>{MARKS[verdict.mood]} <strong>{escape(verdict.sentence)}</strong></p>" + paragraph(
+        verdict.beside
+    )

@@ -1,0 +1,117 @@
+"use strict";
+// Draws the figures in the colours of the theme, and makes tabs of the sections. Nothing here changes a number.
+(() => {
+  const root = document.documentElement;
+  const dark = JSON.parse(document.getElementById("dark").textContent);
+  const prefersDark = matchMedia("(prefers-color-scheme: dark)");
+  const touch = matchMedia("(pointer: coarse)").matches;
+  const figures = [...document.querySelectorAll("figure")].map((figure) => ({
+    place: figure.querySelector(".plot"),
+    text: figure.querySelector("script").textContent,
+  }));
+  const tabs = [...document.querySelectorAll(".tab")];
+  const bar = document.getElementById("tabs");
+  const toggle = document.getElementById("theme");
+  const PAPER_WIDTH = 680;
+  let chosen = null;
+
+  // A figure is drawn when its tab is first seen; on a phone all of them at once would take seconds.
+  function draw(figure, theme, width) {
+    const look = `${theme} ${width ?? ""}`;
+    if (figure.look === look) return Plotly.Plots.resize(figure.place);
+    figure.look = look;
+    const { data, layout } = JSON.parse(figure.text, (_, value) =>
+      theme === "dark" && typeof value === "string" && value in dark ? dark[value] : value);
+    if (width) layout.width = width;
+    // A ball that was turned stays so.
+    if (layout.scene && figure.place.layout) layout.scene.camera = figure.place.layout.scene.camera;
+    // A finger that moves over a flat plot scrolls the page.
+    if (touch) layout.dragmode = false;
+    return Plotly.react(figure.place, data, layout, { responsive: true, displayModeBar: false, scrollZoom: false });
+  }
+
+  function paint() {
+    const theme = chosen ?? (prefersDark.matches ? "dark" : "light");
+    root.dataset.theme = theme;
+    toggle.textContent = theme === "dark" ? "Light" : "Dark";
+    toggle.setAttribute("aria-label", `${toggle.textContent} colours`);
+    figures.filter((figure) => !figure.place.closest("[hidden]")).forEach((figure) => draw(figure, theme));
+  }
+
+  function show(tab, focus) {
+    tabs.forEach((other) => { other.hidden = other !== tab; });
+    [...bar.children].forEach((button) => {
+      const selected = button.getAttribute("aria-controls") === tab.id;
+      button.setAttribute("aria-selected", selected);
+      button.tabIndex = selected ? 0 : -1;
+      if (selected && focus) button.focus();
+      if (selected) bar.scrollLeft = button.offsetLeft - bar.clientWidth / 3;
+    });
+    paint();
+  }
+
+  function makeTabs() {
+    tabs.forEach((tab) => {
+      const button = document.createElement("button");
+      button.type = "button";
+      button.id = `show-${tab.id}`;
+      button.textContent = tab.querySelector("h2").textContent;
+      button.setAttribute("role", "tab");
+      button.setAttribute("aria-controls", tab.id);
+      button.addEventListener("click", () => {
+        show(tab);
+        history.replaceState(null, "", `#${tab.id}`);
+      });
+      tab.setAttribute("role", "tabpanel");
+      tab.setAttribute("aria-labelledby", button.id);
+      bar.append(button);
+    });
+    bar.addEventListener("keydown", (event) => {
+      const step = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
+      if (step === undefined) return;
+      const at = tabs.findIndex((tab) => !tab.hidden);
+      show(tabs[(at + step + tabs.length) % tabs.length], true);
+    });
+    bar.hidden = false;
+    document.body.classList.add("tabbed");
+    const open = () => show(tabs.find((tab) => `#${tab.id}` === location.hash) ?? tabs[0]);
+    addEventListener("hashchange", open);
+    open();
+  }
+
+  // Texts that the page offers as files.
+  document.querySelectorAll("button[data-file]").forEach((button) => {
+    button.hidden = false;
+    button.addEventListener("click", () => {
+      const link = document.createElement("a");
+      link.href = URL.createObjectURL(new Blob([document.getElementById(button.dataset.from).textContent]));
+      link.download = button.dataset.file;
+      link.click();
+      URL.revokeObjectURL(link.href);
+    });
+  });
+
+  toggle.hidden = false;
+  toggle.addEventListener("click", () => {
+    const other = root.dataset.theme === "dark" ? "light" : "dark";
+    // Back to what the system prefers is to follow it again.
+    chosen = other === (prefersDark.matches ? "dark" : "light") ? null : other;
+    paint();
+  });
+  prefersDark.addEventListener("change", paint);
+  if (tabs.length > 1) makeTabs();
+  else paint();
+
+  // Paper is white, shows all tabs, and is narrower than a screen.
+  let before = null;
+  addEventListener("beforeprint", () => {
+    before = tabs.map((tab) => tab.hidden);
+    tabs.forEach((tab) => { tab.hidden = false; });
+    root.dataset.theme = "light";
+    figures.forEach((figure) => draw(figure, "light", PAPER_WIDTH));
+  });
+  addEventListener("afterprint", () => {
+    tabs.forEach((tab, i) => { tab.hidden = before[i]; });
+    paint();
+  });
+})();

@@ -1,0 +1,106 @@
+"""The verdict of each kind of result in one sentence, and what supports it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from imucal.report.page import Verdict
+
+if TYPE_CHECKING:
+    from imucal.calibration_result import CalibrationResult
+    from imucal.evaluate import Evaluation
+    from imucal.gap import Gap
+    from imucal.noise import NoiseResult
+
+METRICS = {
+    "chi2_per_dof": "χ² per degree of freedom",
+    "held_out_gravity_direction_rms_deg": "the rms error of the direction of gravity, deg,",
+}
+# What the page says of a verdict that names no effect.
+NO_NAME = {
+    "nothing_missing": ("good", "Nothing is missing from the model that these recordings could show."),
+    "stochastic": ("poor", "A bias wanders at random by more than the noise of the unit explains."),
+    "unknown": ("poor", "Something is missing from the model, and it is not in the catalogue."),
+    "data_fault": ("poor", "The data have a fault: mend it and record again."),
+}
+
+
+def of_calibration(result: CalibrationResult) -> Verdict:
+    """Whether the calibration is good, and by how much it helps on recordings that the fit never saw."""
+    used = [sum(item["excluded"] is None for item in items) for items in (result.rests, result.moves)]
+    beside = f"{used[0]} of {len(result.rests)} rests and {used[1]} of {len(result.moves)} moves are used."
+    if result.control is None:
+        beside += " No control recording judges it: give one with --control."
+        sentence = "Good, judged by its own recordings alone."
+    else:
+        beside = f"{_better(result.control)} {beside}".strip()
+        sentence = "Good: the calibration holds on recordings that the fit never saw."
+    if result.judgement is not None:
+        beside += f" {result.judgement.count}."
+    return _judged(result, sentence, beside)
+
+
+def of_evaluation(judged: Evaluation) -> Verdict:
+    """Whether the calibration holds on these recordings."""
+    beside = _better(judged)
+    if judged.judgement is not None:
+        beside += f" {judged.judgement.count}."
+    return _judged(judged, "Good: the calibration holds on these recordings.", beside.strip())
+
+
+def of_noise(found: NoiseResult) -> Verdict:
+    """Whether the figures can be relied on."""
+    sentence = f"Good: noise figures from {found.duration_s:.5g} s at rest."
+    return _judged(found, sentence, found.heading() + ".")
+
+
+def of_gap(gap: Gap) -> Verdict:
+    """What is missing from the model, and how much of the gap it closes."""
+    names = " and ".join(effect["name"] for effect in gap.effects)
+    beside = _closed(gap)
+    if gap.verdict == "named":
+        return Verdict("good", f"The model misses {names}.", beside)
+    if gap.verdict == "ambiguous":
+        rivals = " or ".join(gap.ambiguous_with)
+        return Verdict(
+            "open", f"The model misses {names}, or {rivals}: these recordings do not tell them apart.", beside
+        )
+    mood, sentence = NO_NAME[gap.verdict]
+    if gap.generic is not None:
+        beside = f"{gap.generic['description']}. {beside}"
+    elif gap.verdict == "data_fault":
+        beside = f"{names}. {beside}"
+    return Verdict(mood, sentence, beside.strip())
+
+
+def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, beside: str) -> Verdict:
+    if result.verdict == "good":
+        return Verdict("good", good, beside)
+    first, more = result.reasons[0], len(result.reasons) - 1
+    others = f", and {more} more reason{'s' if more > 1 else ''}" if more else ""
+    return Verdict("poor", f"Poor: {first}{others}.", beside)
+
+
+def _better(judged: Evaluation) -> str:
+    """The one figure that tells most, if it is known."""
+    key = "gravity_direction_rms_deg"
+    uncalibrated, calibrated = judged.before.get(key), judged.figures.get(key)
+    if uncalibrated is None or calibrated is None:
+        return ""
+    return (
+        f"On the control recordings the direction of gravity carried over a move is off by {calibrated:.2g} "
+        f"deg rms, without calibration by {uncalibrated:.2g} deg."
+    )
+
+
+def _closed(gap: Gap) -> str:
+    if gap.gap is None or gap.verdict not in ("named", "ambiguous"):
+        return ""
+    figure: Mapping[str, Any] = gap.gap
+    where = "On the control recordings" if gap.control_set is not None else "On moves held out"
+    metric = METRICS.get(figure["metric"], figure["metric"])
+    return (
+        f"{where} {metric} goes from {figure['before']:.4g} to {figure['after']:.4g}: "
+        f"{100 * figure['closed']:.0f} % of the gap to its floor of {figure['floor']:.3g} is closed."
+    )
