@@ -135,8 +135,6 @@ test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
 	$(PY) -m pytest
 
-# --- what it can do ----------------------------------------------------------------------------------------------
-
 # --- pages -------------------------------------------------------------------------------------------------------
 
 # The warning that it silences is about the next major versions; pyproject.toml keeps them out.
@@ -144,6 +142,8 @@ test-python: $(VENV)/.installed
 docs: $(VENV)/.installed
 	$(call say,Pages)
 	NO_MKDOCS_2_WARNING=1 $(PY) -m mkdocs build --quiet
+
+# --- what it can do ----------------------------------------------------------------------------------------------
 
 .PHONY: demo bench accuracy gap-benchmark docs-figures docs-pictures
 demo: $(VENV)/.installed
