@@ -145,7 +145,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy gap-benchmark docs-figures docs-pictures
+.PHONY: demo bench accuracy gap-benchmark first-steps docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -165,6 +165,10 @@ SHARE ?= 1
 gap-benchmark: $(VENV)/.installed
 	$(call say,Hidden effects)
 	PYTHONPATH=benches $(PY) -m gap --share $(SHARE)
+
+first-steps: $(VENV)/.installed
+	$(call say,From a clone to a C header)
+	$(PY) benches/first_steps.py
 
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)
