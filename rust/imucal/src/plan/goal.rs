@@ -4,6 +4,9 @@ use faer::Mat;
 
 use super::predict::{covariance, log_determinant};
 
+/// The norm that stands for the largest.
+const SHARPNESS: f64 = 8.0;
+
 /// What an optimal program is to do.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
@@ -25,7 +28,9 @@ impl Goal {
         match self {
             Self::MostIn { .. } => Some(-log_determinant(information, before)? / before.len() as f64),
             Self::ShortestTo { .. } => {
-                let worst = self.worst(information, before)?;
+                // Nearly the largest, and smooth: what makes another one smaller pays, too.
+                let shares = self.shares(information, before)?;
+                let worst = shares.iter().map(|share| share.powf(SHARPNESS)).sum::<f64>().powf(1.0 / SHARPNESS);
                 // A variance falls as one over the time: beyond what is wished for time counts more, before it less.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
@@ -35,8 +40,13 @@ impl Goal {
 
     /// The largest variance in units of the one that is wished for; above 1 the goal is missed.
     pub(super) fn worst(&self, information: &Mat<f64>, before: &[f64]) -> Option<f64> {
-        let Self::ShortestTo { sigma } = self else { return Some(0.0) };
+        Some(self.shares(information, before)?.into_iter().fold(0.0, f64::max))
+    }
+
+    /// Each variance in units of the one that is wished for; none without wishes.
+    fn shares(&self, information: &Mat<f64>, before: &[f64]) -> Option<Vec<f64>> {
+        let Self::ShortestTo { sigma } = self else { return Some(Vec::new()) };
         let covariance = covariance(information, before)?;
-        Some(sigma.iter().enumerate().map(|(p, sigma)| covariance[(p, p)] / (sigma * sigma)).fold(1e-12, f64::max))
+        Some(sigma.iter().enumerate().map(|(p, sigma)| covariance[(p, p)] / (sigma * sigma)).collect())
     }
 }

@@ -7,7 +7,7 @@ use super::sensors::Sensors;
 use crate::simulate::Moment;
 
 /// Rest detection gives up this much of a rest at each end; a move is so much longer.
-pub(super) const EDGE_S: f64 = 0.04;
+pub(super) const EDGE_S: f64 = 0.01;
 /// Length of a block inside a move, and of a stretch of a rest in a hand, s: as the joint fit has them.
 const BLOCK_S: f64 = 0.04;
 const HELD_S: f64 = 0.2;

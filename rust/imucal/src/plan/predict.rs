@@ -19,53 +19,62 @@ pub struct Prediction {
     pub rests: usize,
 }
 
-/// Standard deviations that the joint fit will have after this motion.
+/// Standard deviations that the joint fit will have after these motions of one unit, each in a recording of its own.
 ///
 /// * `min_rest_s`: rests that are shorter are not found.
 /// * `settle_s`: how much of each rest after a move is not used.
 /// * `in_hand`: a hand holds the unit: it trembles, and the mean rate of a rest is not zero.
 ///
 /// # Errors
-/// [`Error::NotEnoughMotion`] if there is no rest, [`Error::Fit`] if the information has no inverse.
+/// [`Error::NotEnoughMotion`] if a motion has no rest, [`Error::Fit`] if the information has no inverse.
 pub fn predict(
     sensors: &Sensors,
-    motion: &Motion,
+    motions: &[Motion],
     min_rest_s: f64,
     settle_s: f64,
     in_hand: bool,
 ) -> Result<Prediction, Error> {
-    let duration_s = motion.duration_s();
-    // The first rest of a run has no move before it, the last one none after it.
-    let used = |(start, end): (f64, f64)| {
-        let (start, end) = (
-            if start > 0.0 { start + EDGE_S + settle_s } else { start },
-            if end < duration_s { end - EDGE_S } else { end },
-        );
-        (start, end, end - start)
-    };
-    let rests: Vec<((f64, f64), f64)> = motion
-        .rests()
-        .into_iter()
-        .map(|rest| (rest, used(rest).2))
-        .filter(|(_, used_s)| *used_s >= min_rest_s)
-        .collect();
-    if rests.is_empty() {
-        return Err(Error::NotEnoughMotion(format!(
-            "the motion has no rest of {min_rest_s} s or more: hold the poses for longer"
-        )));
-    }
-    let mut chain = Chain::new(sensors.parameters());
-    for (k, ((start_s, end_s), used_s)) in rests.iter().enumerate() {
-        let middle_s = (start_s + end_s) / 2.0;
-        Still::new(sensors, &motion.at(middle_s), middle_s, in_hand).see(&mut chain, *used_s);
-        if let Some(((next_s, _), _)) = rests.get(k + 1) {
-            Leg::new(sensors, *end_s, next_s - end_s, settle_s, |time_s| motion.at(time_s)).go(&mut chain);
+    let n = sensors.parameters();
+    let (mut information, mut found) = (Mat::zeros(n, n), 0);
+    for motion in motions {
+        let rests = rests(motion, min_rest_s, settle_s);
+        if rests.is_empty() {
+            return Err(Error::NotEnoughMotion(format!(
+                "the motion has no rest of {min_rest_s} s or more: hold the poses for longer"
+            )));
         }
+        let mut chain = Chain::new(n);
+        for (k, rest) in rests.iter().enumerate() {
+            let middle_s = (rest.start_s + rest.end_s) / 2.0;
+            Still::new(sensors, &motion.at(middle_s), middle_s, in_hand).see(&mut chain, rest.used_s);
+            if let Some(next) = rests.get(k + 1) {
+                let move_s = next.start_s - rest.end_s;
+                Leg::new(sensors, rest.end_s, move_s, settle_s, |time_s| motion.at(time_s)).go(&mut chain);
+            }
+        }
+        information += chain.information();
+        found += rests.len();
     }
-    let covariance = covariance(&chain.information(), &sensors.before_data())
+    let covariance = covariance(&information, &sensors.before_data())
         .ok_or_else(|| Error::Fit("the information of the motion has no inverse: check the noise of the unit".into()))?;
-    let sigma = (0..sensors.parameters()).map(|p| covariance[(p, p)].sqrt()).collect();
-    Ok(Prediction { sigma, rests: rests.len() })
+    Ok(Prediction { sigma: (0..n).map(|p| covariance[(p, p)].sqrt()).collect(), rests: found })
+}
+
+struct RestSpan {
+    start_s: f64,
+    end_s: f64,
+    used_s: f64,
+}
+
+/// The rests that are long enough to be found. The first one has no move before it, the last one none after it.
+fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
+    let duration_s = motion.duration_s();
+    let span = |(start_s, end_s): (f64, f64)| {
+        let before = if start_s > 0.0 { EDGE_S + settle_s } else { 0.0 };
+        let after = if end_s < duration_s { EDGE_S } else { 0.0 };
+        RestSpan { start_s, end_s, used_s: end_s - start_s - before - after }
+    };
+    motion.rests().into_iter().map(span).filter(|rest| rest.used_s >= min_rest_s).collect()
 }
 
 /// Inverse of the information, with what is known before any data.

@@ -24,8 +24,8 @@ const SHARE_OF_START: usize = 16;
 /// Fewest poses: ten rests for the accelerometer's nine numbers.
 const FEWEST_POSES: usize = 10;
 /// Costs are logarithms: from here to there go the differences that are taken by chance half of the time or so.
-const WARM: f64 = 0.02;
-const COLD: f64 = 0.0002;
+const WARM: f64 = 0.006;
+const COLD: f64 = 0.00006;
 /// Attempts to find a next pose that the stand can go to.
 const ATTEMPTS: usize = 200;
 /// Steps to the holds that are just long enough.
