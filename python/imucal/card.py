@@ -25,7 +25,7 @@ RIGHT: Final = np.array([0.88, 0.48, 0.0])
 UP: Final = np.array([-0.19, 0.35, 0.92])
 EYE: Final = np.cross(RIGHT, UP)
 STYLE: Final = """
-body { font: 15px/1.4 system-ui, sans-serif; color: #1a1a1a; background: #fff; margin: 1.5em; max-width: 64em }
+body { font: 15px/1.4 system-ui, sans-serif; color: #1a1a1a; margin: 1.5em; max-width: 64em }
 ol { display: flex; flex-wrap: wrap; gap: .6em; padding: 0; list-style: none }
 li { border: 1px solid #dde1e6; border-radius: 6px; padding: .4em .6em; width: 176px; break-inside: avoid }
 li b { font-size: 1.15em } svg { display: block }
@@ -43,6 +43,7 @@ def write_card(program: Program, path: str | os.PathLike[str]) -> None:
         for number, (pose, step) in enumerate(zip(angles, program.steps, strict=True), start=1)
     )
     minutes = sum(step.hold_s + step.move_s for step in program.steps) / 60.0
+    move_s = max(step.move_s for step in program.steps)
     write_text(
         path,
         f"""<!DOCTYPE html>
@@ -50,10 +51,10 @@ def write_card(program: Program, path: str | os.PathLike[str]) -> None:
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
 <style>{STYLE}</style></head><body>
 <h1>Poses to hold</h1>
-<p>{len(program.steps)} poses, {minutes:.1f} min. The arrows are the axes of the sensor as its data sheet has them; the
-picture is seen from the front, a little from the right and from above. Start recording, hold each pose as still
-as you can, and turn to the next one within about {max(step.move_s for step in program.steps):.0f} s. A few degrees
-off do no harm; rests that are too short do.</p>
+<p>{len(program.steps)} poses, {minutes:.1f} min. The arrows are the axes of the sensor as its data sheet
+has them; the picture is seen from the front, a little from the left and from above. Start recording, hold
+each pose as still as you can, and turn to the next one in about {move_s:.0f} s. A few degrees off do no harm;
+rests that are too short do.</p>
 <ol>
 {items}
 </ol></body></html>
@@ -103,8 +104,8 @@ def _picture(attitude: FloatArray) -> str:
                 points = " ".join(_point(attitude @ corner) for corner in corners)
                 # The light comes from above.
                 grey = round(205 + 35 * float((attitude @ normal)[2]))
-                shape = f'<polygon points="{points}" fill="rgb({grey},{grey},{grey})" stroke="#555" stroke-width=".03"/>'
-                shapes.append((0.0, shape))
+                look = f'fill="rgb({grey},{grey},{grey})" stroke="#555" stroke-width=".03"'
+                shapes.append((0.0, f'<polygon points="{points}" {look}/>'))
     for axis in range(3):
         tip, foot = attitude[:, axis] * ARROW, attitude[:, axis] * BOX[axis]
         # An axis that points away from the eye is hidden by the box as far as that.
@@ -118,7 +119,8 @@ def _arrow(foot: FloatArray, tip: FloatArray, axis: int) -> str:
     label = _point(tip * 1.12)
     lx, ly = label.split(",")
     return (
-        f'<line x1="{x1:.3f}" y1="{y1:.3f}" x2="{x2:.3f}" y2="{y2:.3f}" stroke="{colour}" stroke-width=".07"/>'
+        f'<line x1="{x1:.3f}" y1="{y1:.3f}" x2="{x2:.3f}" y2="{y2:.3f}" stroke="{colour}" '
+        'stroke-width=".07"/>'
         f'<circle cx="{x2:.3f}" cy="{y2:.3f}" r=".07" fill="{colour}"/>'
         f'<text x="{lx}" y="{ly}" font-size=".36" text-anchor="middle" dominant-baseline="central" '
         f'fill="{colour}">{"xyz"[axis]}</text>'

@@ -67,7 +67,7 @@ class Program:
 
     @staticmethod
     def of_steps(steps: Sequence[tuple[Sequence[float], float, float]]) -> Program:
-        """A program of the compiled library's steps: turn of each motor in rad, duration of turn and hold in s."""
+        """A program of the compiled library's steps: turns in rad, how long turn and hold take in s."""
         return Program(
             tuple(
                 Step(_triple([math.degrees(angle) for angle in turn_rad]), move_s, hold_s)

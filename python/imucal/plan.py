@@ -24,7 +24,7 @@ from imucal.document import without_nan
 from imucal.effects import catalogue, find
 from imucal.errors import ImucalError, InputError
 from imucal.motion import Motion, Program, Tumble, motion_of
-from imucal.plan_targets import GROUPS, sigma_of, targets_of, worst_of
+from imucal.plan_targets import sigma_of, targets_of, worst_of
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
 from imucal.simulate import simulate
 from imucal.stand import Stand
@@ -62,14 +62,14 @@ class Plan:
     minutes           how long it takes on the stand
     moves, rests      how many; rests that are too short to be found do not count
     parameters        the 21 parameters, then those of the effects asked for
-    worst             largest standard deviation of each group, {"accel_bias": {value, unit}, ...}; None where one of
-                      the group is not determined
+    worst             largest standard deviation of each group, {"accel_bias": {value, unit}, ...}; None where
+                      one of the group is not determined
     targets           what was wished for, by group, SI units
     reached           whether all targets, and the time allowed, are kept
-    detection_limits  by effect: the smallest size that `imucal gap` would find with 90 % probability, {value, unit}
+    detection_limits  by effect: the smallest size that `imucal gap` would find with 90 % probability
     not_observable    effects that such a run cannot show: {name, needs}
     undetermined      what the motion does not determine and what would, in words; None if nothing is open
-    comparison        the paper's programs with this unit: {name, minutes, worst} for each, and for both together
+    comparison        the paper's programs with this unit: {name, minutes, worst} of each, and of both
     notes             what the figures leave out
     """
 
@@ -131,10 +131,10 @@ def plan(
 
     kind       "optimal"; "random", "grid" or "tumble"; a Program, Tumble or Static; or a program file
     unit       whose noise it is: a name out of `unit_names()`, a Unit, or the path of a unit file
-    stand      limits of the stand: "paper" (three motors, 120 deg/s), "two-axis", "one-axis", "hand" (no stand:
-               poses to hold), a StandLimits, or the path of a limits file
-    targets    of the optimal program: standard deviation that the worst parameter of a group is to reach, in SI
-               units or as text with a unit ("50 ppm"); groups are accel_bias, accel_sensitivity, gyro_bias,
+    stand      limits of the stand: "paper" (three motors, 120 deg/s), "two-axis", "one-axis", "hand" (poses
+               to hold, without a stand), a StandLimits, or the path of a limits file
+    targets    of the optimal program: standard deviation that the worst of a group is to reach, in SI units
+               or as text with a unit ("50 ppm"); groups are accel_bias, accel_sensitivity, gyro_bias,
                gyro_sensitivity and the names in `effects`. The shortest program is found. Without targets it
                is the one with most information on all parameters (D-optimal) in `minutes`
     minutes    the time that the optimal program may take; the limits' own if not given, or 3
@@ -144,8 +144,8 @@ def plan(
     detection_limits  False leaves them, `not_observable` and `undetermined` out, which take most of the time
     options    of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`, `poses`, ...
 
-    Raises InputError for what cannot be used, FormatError for a bad file, NotEnoughMotionError if the stand can
-    run no program in the time.
+    Raises InputError for what cannot be used, FormatError for a bad file, NotEnoughMotionError if the stand
+    can run no program in the time.
     """
     check_seed(seed)
     check_count(proposals, "proposals")
@@ -220,12 +220,19 @@ class _Planner:
         minutes = _duration_s(motion) / 60.0
         sigma, rests = self._sigma([motion], minutes)
         known = [True] * 21
-        undetermined, visible, blind, notes = None, {}, (), list(self._notes())
+        undetermined, notes = None, self._notes()
+        visible: dict[str, dict[str, Any]] = {}
+        blind: tuple[dict[str, str], ...] = ()
         if thorough:
             run = self._run(motion)
             known, undetermined = self._determined(run)
-            visible, blind, note = self._visible(run)
-            notes += note
+            if undetermined is None:
+                visible, blind, note = self._visible(run)
+                notes += note
+            else:
+                notes.append(
+                    "no detection limits: the gap is searched beside a calibration, and there is none"
+                )
         parameters = tuple(
             PlannedParameter(name, std if k >= 21 or known[k] else None, unit)
             for k, ((name, unit), std) in enumerate(zip(self._parameters(minutes), sigma, strict=True))

@@ -36,7 +36,7 @@ def targets_of(given: Mapping[str, float | str], effects: Sequence[str]) -> dict
             unit = find(group).parameters[0].unit
         else:
             raise InputError(
-                f"targets has {group!r}: give {', '.join(GROUPS)}, or an effect that is named with --effect, too"
+                f"targets has {group!r}: give {', '.join(GROUPS)}, or an effect that is in effects, too"
             )
         value = _value(group, wish, unit)
         if not 0 < value < math.inf:

@@ -35,7 +35,7 @@ class AxisLimits:
     max_rate_dps           highest rate, mean over a turn; the peak rate is 4/3 of it
     max_acceleration_dps2  highest acceleration
     range_deg              end stops, counted from where a program starts; None: none
-    cable_wrap_deg         how far the cable may wind up to either side of there; None: a slip ring, or no cable
+    cable_wrap_deg         how far the cable may wind up to either side of there; None: slip rings
     """
 
     max_rate_dps: float = PAPER_DPS
@@ -87,7 +87,7 @@ class StandLimits:
         node.require_schema(SCHEMA)
         _require_known(node, FIELDS)
         given = node.mapping()
-        numbers = {
+        numbers: dict[str, Any] = {
             name: _number(node.get(name), zero=True)
             for name in ("settle_s", "min_rest_s", "minutes")
             if given.get(name) is not None
@@ -225,8 +225,8 @@ def _three(node: Node, of: Any) -> list[Any]:
     items = node.items()
     if len(items) != 3:
         raise FormatError(
-            f"{node.file}: {node.path} has {len(items)} items: three are needed, outer motor first, null where "
-            "there is none"
+            f"{node.file}: {node.path} has {len(items)} items: three are needed, outer motor first, "
+            "null where there is none"
         )
     return [of(item) for item in items]
 

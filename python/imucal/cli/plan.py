@@ -24,7 +24,7 @@ def plan(
         str,
         typer.Argument(
             metavar="PROGRAM",
-            help="optimal; random or grid (the paper's programs); or a program file, whose figures are predicted.",
+            help="optimal; random or grid (the paper's programs); or a program file, to be predicted.",
             autocompletion=completion.plans,
         ),
     ],
@@ -53,8 +53,8 @@ def plan(
         typer.Option(
             "--stand",
             metavar="NAME|FILE",
-            help="What the stand can do: paper (three motors, 120 deg/s), two-axis, one-axis, hand (no stand), "
-            "or a limits file.",
+            help="What the stand can do: paper (three motors, 120 deg/s), two-axis, one-axis, hand (no "
+            "stand), or a limits file.",
             autocompletion=completion.stand_limits,
         ),
     ] = "paper",
@@ -83,7 +83,8 @@ def plan(
         typer.Option(
             "--effect",
             metavar="NAME",
-            help="An effect that the program is to show, too. Any number of times; `imucal effects` lists them.",
+            help="An effect that the program is to show, too. Any number of times; `imucal effects` lists "
+            "them.",
             autocompletion=completion.effects,
             rich_help_panel=GOAL,
         ),
