@@ -29,14 +29,17 @@ from imucal.judgement import Check, Judgement
 from imucal.limits import FigureLimit, Limits, ParameterLimit
 from imucal.motion import Program, Static, Step, Tumble
 from imucal.noise import AxisNoise, NoiseFigure, NoiseResult, noise
+from imucal.plan import Plan, PlannedParameter, plan
 from imucal.recording import Recording, Source
 from imucal.simulate import Simulation, repeat, simulate
 from imucal.stand import Stand
+from imucal.stand_limits import AxisLimits, StandLimits
 from imucal.temperature import Temperature
 from imucal.truth import Truth
 from imucal.unit import Sensor, Unit, unit_names
 
 __all__ = [
+    "AxisLimits",
     "AxisNoise",
     "Calibration",
     "CalibrationResult",
@@ -64,6 +67,8 @@ __all__ = [
     "Parameter",
     "ParameterLimit",
     "Place",
+    "Plan",
+    "PlannedParameter",
     "Program",
     "Provenance",
     "Recording",
@@ -72,6 +77,7 @@ __all__ = [
     "Simulation",
     "Source",
     "Stand",
+    "StandLimits",
     "State",
     "Static",
     "Step",
@@ -90,6 +96,7 @@ __all__ = [
     "find_gap",
     "inspect",
     "noise",
+    "plan",
     "read",
     "repeat",
     "simulate",

@@ -52,11 +52,15 @@ __all__ = [
     "identify_noise",
     "inspect",
     "integrate",
+    "optimal_program",
     "parameter_names",
+    "plan_effect_parameters",
+    "predict_sigma",
     "prospect",
     "random_program",
     "search_gap",
     "simulate",
+    "smallest_visible",
 ]
 
 __version__: str
@@ -645,6 +649,56 @@ def random_program(
 def gravity_mps2(latitude_deg: float, height_m: float) -> float: ...
 def earth_rate_radps(latitude_deg: float) -> _Array: ...
 def simulate(setup: _Setup) -> Simulation: ...
+
+class _PlanSensors(Protocol):
+    @property
+    def unit(self) -> _Unit: ...
+    @property
+    def rate_hz(self) -> float: ...
+    @property
+    def gravity_mps2(self) -> float: ...
+    @property
+    def effects(self) -> Sequence[str]: ...
+    @property
+    def run_s(self) -> float: ...
+
+class _PlanLimits(Protocol):
+    @property
+    def axes(self) -> Sequence[tuple[float, float, Sequence[float] | None] | None]: ...
+    @property
+    def settle_s(self) -> float: ...
+    @property
+    def min_rest_s(self) -> float: ...
+    @property
+    def min_move_s(self) -> float: ...
+    @property
+    def forbidden_rad(self) -> Sequence[Sequence[Sequence[float] | None]]: ...
+    @property
+    def pose_step_rad(self) -> float: ...
+    @property
+    def most_moves(self) -> int: ...
+    @property
+    def in_hand(self) -> bool: ...
+
+def plan_effect_parameters(sensors: _PlanSensors) -> list[tuple[str, str]]: ...
+def predict_sigma(
+    sensors: _PlanSensors,
+    motions: Sequence[_StandMotion | _TumbleMotion | _StaticMotion],
+    min_rest_s: float,
+    settle_s: float,
+    in_hand: bool,
+) -> tuple[list[float], int]: ...
+def optimal_program(
+    sensors: _PlanSensors,
+    limits: _PlanLimits,
+    duration_s: float,
+    sigma: Sequence[float] | None,
+    seed: int,
+    proposals: int,
+) -> tuple[list[_Step], bool]: ...
+def smallest_visible(
+    recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
+) -> tuple[list[tuple[str, float, str]], list[tuple[str, str]]]: ...
 
 @final
 class NoiseEstimate:

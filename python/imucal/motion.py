@@ -56,14 +56,24 @@ class Program:
 
         check_seed(seed)
         check_count(moves, "moves")
-        return _of_steps(_core.random_program(moves, math.radians(max_rate_dps), move_s, hold_s, seed))
+        return Program.of_steps(_core.random_program(moves, math.radians(max_rate_dps), move_s, hold_s, seed))
 
     @staticmethod
     def grid(*, step_deg: float = 20.0, move_s: float = 1.0, hold_s: float = 5.0) -> Program:
         """The paper's accelerometer program: motor 3 through full turns, motor 2 through half a turn."""
         from imucal import _core
 
-        return _of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
+        return Program.of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
+
+    @staticmethod
+    def of_steps(steps: Sequence[tuple[Sequence[float], float, float]]) -> Program:
+        """A program of the compiled library's steps: turns in rad, how long turn and hold take in s."""
+        return Program(
+            tuple(
+                Step(_triple([math.degrees(angle) for angle in turn_rad]), move_s, hold_s)
+                for turn_rad, move_s, hold_s in steps
+            )
+        )
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Program:
@@ -232,16 +242,6 @@ def program_of(node: Node) -> Program:
     if not steps:
         raise FormatError(f"{node.file}: $.steps is empty: a program needs at least one step")
     return Program(tuple(steps), stand_of(node.get("stand")) if "stand" in node.mapping() else None)
-
-
-def _of_steps(steps: Sequence[tuple[Sequence[float], float, float]]) -> Program:
-    """A program of the library's steps, angles in rad."""
-    return Program(
-        tuple(
-            Step(_triple([math.degrees(angle) for angle in turn_rad]), move_s, hold_s)
-            for turn_rad, move_s, hold_s in steps
-        )
-    )
 
 
 def _triple(values: Sequence[float]) -> tuple[float, float, float]:

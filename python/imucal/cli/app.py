@@ -30,6 +30,7 @@ from imucal.cli import (
     inspect,
     limits,
     noise,
+    plan,
     simulate,
 )
 from imucal.errors import ImucalError
@@ -63,6 +64,7 @@ for command in (
     export.export,
     diff.diff,
     simulate.simulate,
+    plan.plan,
     noise.noise,
     effects.effects,
 ):

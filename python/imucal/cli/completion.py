@@ -8,7 +8,9 @@ __all__ = [
     "effects_to_estimate",
     "effects_to_simulate",
     "formats",
+    "plans",
     "programs",
+    "stand_limits",
     "units",
 ]
 
@@ -52,9 +54,21 @@ def formats(incomplete: str) -> list[str]:
     return _starting(list(FORMATS), incomplete)
 
 
+def plans(incomplete: str) -> list[str]:
+    """Programs to plan; a file is completed by the shell."""
+    return _starting(["grid", "optimal", "random"], incomplete)
+
+
 def programs(incomplete: str) -> list[str]:
     """Motions that have a name; a file is completed by the shell."""
     return _starting(["grid", "random", "static", "tumble"], incomplete)
+
+
+def stand_limits(incomplete: str) -> list[str]:
+    """Stands that have a name."""
+    from imucal.stand_limits import NAMED
+
+    return _starting(list(NAMED), incomplete)
 
 
 def units(incomplete: str) -> list[str]:

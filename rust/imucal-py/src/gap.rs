@@ -76,7 +76,7 @@ pub(crate) fn gap_design<'py>(
     Ok((PyArray1::from_vec(py, found.residual.clone()), array(&found.base)?, effects))
 }
 
-fn choices(candidates: &[(String, bool)]) -> Result<Vec<EffectChoice>, Error> {
+pub(crate) fn choices(candidates: &[(String, bool)]) -> Result<Vec<EffectChoice>, Error> {
     candidates.iter().map(|(name, full)| Ok(EffectChoice { effect: find(name)?, full: *full })).collect()
 }
 

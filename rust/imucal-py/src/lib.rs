@@ -9,6 +9,7 @@ mod error;
 mod gap;
 mod noise;
 mod options;
+mod plan;
 mod results;
 mod simulation;
 
@@ -35,6 +36,8 @@ mod _core {
     #[pymodule_export]
     use super::noise::{AxisNoise, Noise, NoiseEstimate, allan_deviations, allan_factors, identify_noise};
     use super::options::{CalibrateOptions, frame_named};
+    #[pymodule_export]
+    use super::plan::{optimal_program, plan_effect_parameters, predict_sigma, smallest_visible};
     #[pymodule_export]
     use super::results::{
         Carried, Diagnosis, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Misfit, Move, Outcome,

@@ -7,6 +7,7 @@ use imucal::simulate::{
     self as library, Added, Converter, Faults, Grid, HandMoves, LowPass, Program, RandomMoves, Sensor, Setup, Slip,
     Step, Temperature, Tremor, Tumble, Unit, earth,
 };
+use imucal_core::effects::EffectSet;
 use imucal_core::so3;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -16,7 +17,7 @@ use crate::effects::EffectArrays;
 use crate::error::ToPython;
 
 /// Turn of the three motors in rad, duration of the turn and of the hold after it in s.
-type StepTuple = ([f64; 3], f64, f64);
+pub(crate) type StepTuple = ([f64; 3], f64, f64);
 
 /// A simulated run and the truth beside it.
 #[pyclass(frozen, get_all, module = "imucal._core")]
@@ -61,14 +62,14 @@ pub(crate) struct SetupArrays<'py> {
 
 /// Told apart by their attributes.
 #[derive(FromPyObject)]
-enum Motion {
+pub(crate) enum Motion {
     Stand { steps: Vec<StepTuple>, stand: Stand },
     Tumble { poses: usize, hold_s: f64, move_s: f64, tremor_rad: f64, translation_m: f64, seed: u64 },
     Static { rotation_wxyz: [f64; 4], duration_s: f64 },
 }
 
 #[derive(FromPyObject)]
-struct Stand {
+pub(crate) struct Stand {
     mount_rotation_rad: [f64; 3],
     base_tilt_rad: [f64; 2],
     non_orthogonality_rad: [f64; 2],
@@ -85,7 +86,7 @@ struct Stand {
 }
 
 #[derive(FromPyObject)]
-struct UnitArrays<'py> {
+pub(crate) struct UnitArrays<'py> {
     accelerometer: SensorArrays<'py>,
     gyroscope: SensorArrays<'py>,
 }
@@ -105,7 +106,7 @@ struct SensorArrays<'py> {
 }
 
 impl Motion {
-    fn motion(self) -> Result<library::Motion, Error> {
+    pub(crate) fn motion(self) -> Result<library::Motion, Error> {
         Ok(match self {
             Self::Stand { steps, stand } => library::Motion::Stand {
                 program: Program::try_new(
@@ -139,6 +140,17 @@ impl Motion {
     }
 }
 
+impl UnitArrays<'_> {
+    /// The two sensors, without effects.
+    pub(crate) fn unit(&self, py: Python<'_>) -> PyResult<Unit> {
+        Ok(Unit {
+            accelerometer: self.accelerometer.sensor(py, "accelerometer")?,
+            gyroscope: self.gyroscope.sensor(py, "gyroscope")?,
+            effects: EffectSet::none(),
+        })
+    }
+}
+
 impl SensorArrays<'_> {
     fn sensor(&self, py: Python<'_>, name: &str) -> PyResult<Sensor> {
         let converter = match (self.lsb, self.bits) {
@@ -163,7 +175,7 @@ impl SensorArrays<'_> {
     }
 }
 
-fn steps(program: &Program) -> Vec<StepTuple> {
+pub(crate) fn steps(program: &Program) -> Vec<StepTuple> {
     program.steps().iter().map(|step| (step.turn_rad, step.move_s, step.hold_s)).collect()
 }
 
@@ -203,11 +215,7 @@ pub(crate) fn earth_rate_radps(py: Python<'_>, latitude_deg: f64) -> Py<PyArray1
 #[pyfunction]
 pub(crate) fn simulate(py: Python<'_>, setup: SetupArrays<'_>) -> PyResult<Simulation> {
     let motion = setup.motion.motion().to_python(py)?;
-    let unit = Unit {
-        accelerometer: setup.unit.accelerometer.sensor(py, "accelerometer")?,
-        gyroscope: setup.unit.gyroscope.sensor(py, "gyroscope")?,
-        effects: EffectArrays::set(py, &setup.effects)?,
-    };
+    let unit = Unit { effects: EffectArrays::set(py, &setup.effects)?, ..setup.unit.unit(py)? };
     let temperature = Temperature::try_new(
         column(py, &setup.temperature_time_s, "temperature_time_s")?.to_vec(),
         column(py, &setup.temperature_degc, "temperature_degc")?.to_vec(),

@@ -20,7 +20,7 @@ mod score;
 mod stage;
 
 pub use generic::{Block, Kernel};
-pub use path::{linearise, search};
+pub use path::{Visible, linearise, search, smallest_visible};
 
 /// What a search has found.
 #[derive(Clone, Debug)]

@@ -38,7 +38,7 @@ pub(crate) use encoders::Encoders;
 pub(crate) use linear::{INSIDE, Line, Linear, Prepared, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
-pub(crate) use model::{BASE, Model};
+pub(crate) use model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 pub(crate) use outliers::{Item, outliers};
 pub(crate) use problem::Joint;
 pub(crate) use report::JointFit;

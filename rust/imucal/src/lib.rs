@@ -44,6 +44,7 @@ pub mod frame;
 pub mod gap;
 pub mod joint;
 pub mod noise;
+pub mod plan;
 pub mod recording;
 pub mod segment;
 pub mod simulate;

@@ -66,6 +66,29 @@ pub fn linearise(
     })
 }
 
+/// The smallest rms size of each effect that is seen with 90 % probability, with its unit; and the names of those that are not seen at
+/// all, with what would show them.
+pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
+
+/// How small each of the candidates could be and still be found beside the model without effects.
+///
+/// # Errors
+/// As [`search`].
+pub fn smallest_visible(
+    recordings: &[Recording<'_>],
+    options: &Options<'_>,
+    candidates: &[EffectChoice],
+) -> Result<Visible, Error> {
+    let mut hunt = Hunt::new(recordings, candidates, &[]);
+    let open = hunt.with_columns(recordings, candidates);
+    calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
+        let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
+        let judged = judge(&stage);
+        hunt.left_out.extend(judged.blind);
+        Ok((judged.visible, hunt.left_out.clone()))
+    })
+}
+
 /// What stays the same through a search.
 pub(super) struct Hunt<'a> {
     pub(super) kinds: Kinds,

@@ -10,6 +10,8 @@ use imucal_core::effects::StandState;
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::attitude::Attitude;
+use super::gimbal::inner_ring;
+use super::profile::MotorState;
 use super::program::Program;
 use super::stand::Stand;
 use super::tumble::Tumble;
@@ -52,6 +54,22 @@ pub struct Moment {
 }
 
 impl Moment {
+    /// On a stand without errors, its motors as given.
+    pub(crate) fn on_perfect_stand(motors: &MotorState) -> Self {
+        let attitude = inner_ring(motors, &[0.0; 2]);
+        Self {
+            rotation_world_from_body: attitude.rotation,
+            angular_rate: attitude.rate,
+            angular_acceleration: attitude.acceleration,
+            acceleration: Vector3::zeros(),
+            stand: Some(StandState {
+                angle_rad: motors.angle_rad,
+                rate_radps: motors.rate_radps,
+                direction: motors.rate_radps.map(|rate| if rate == 0.0 { 0.0 } else { rate.signum() }),
+            }),
+        }
+    }
+
     /// The same with the unit turned further, in the body frame.
     pub(super) fn turned(self, turn: &Attitude) -> Self {
         let before = Attitude {

@@ -1,0 +1,124 @@
+//! Planning for Python.
+
+use imucal::gap;
+use imucal::plan::{self as library, Axis, Goal, Limits, Search, Sensors, Zone};
+use pyo3::prelude::*;
+
+use crate::arrays::RecordingColumns;
+use crate::error::ToPython;
+use crate::gap::choices;
+use crate::options::CalibrateOptions;
+use crate::simulation::{Motion, StepTuple, UnitArrays, steps};
+
+/// The unit that a plan is for, taken by attribute.
+#[derive(FromPyObject)]
+pub(crate) struct PlanSensors<'py> {
+    unit: UnitArrays<'py>,
+    rate_hz: f64,
+    gravity_mps2: f64,
+    effects: Vec<String>,
+    /// About how long the run is, s.
+    run_s: f64,
+}
+
+/// What a stand can do, taken by attribute; angles in rad.
+#[derive(FromPyObject)]
+pub(crate) struct PlanLimits {
+    /// Highest rate and acceleration, and the range or None; None for an axis that is not there.
+    axes: [Option<AxisTuple>; 3],
+    settle_s: f64,
+    min_rest_s: f64,
+    min_move_s: f64,
+    forbidden_rad: Vec<[Option<[f64; 2]>; 3]>,
+    pose_step_rad: f64,
+    most_moves: usize,
+    in_hand: bool,
+}
+
+type AxisTuple = (f64, f64, Option<[f64; 2]>);
+
+impl PlanSensors<'_> {
+    fn sensors(&self, py: Python<'_>) -> PyResult<Sensors> {
+        let unit = self.unit.unit(py)?;
+        let sensors = Sensors::of(&unit, self.rate_hz, self.gravity_mps2);
+        sensors.with_effects(&self.effects, self.run_s).to_python(py)
+    }
+}
+
+impl From<PlanLimits> for Limits {
+    fn from(given: PlanLimits) -> Self {
+        let axis = |(max_rate_radps, max_acceleration_radps2, range_rad): AxisTuple| Axis {
+            max_rate_radps,
+            max_acceleration_radps2,
+            range_rad,
+        };
+        Self {
+            axes: given.axes.map(|a| a.map(axis)),
+            settle_s: given.settle_s,
+            min_rest_s: given.min_rest_s,
+            min_move_s: given.min_move_s,
+            forbidden: given.forbidden_rad.into_iter().map(|angle_rad| Zone { angle_rad }).collect(),
+            pose_step_rad: given.pose_step_rad,
+            most_moves: given.most_moves,
+            in_hand: given.in_hand,
+        }
+    }
+}
+
+/// Names and units of the effects' parameters, which follow the 21.
+#[pyfunction]
+pub(crate) fn plan_effect_parameters(py: Python<'_>, sensors: PlanSensors<'_>) -> PyResult<Vec<(String, &'static str)>> {
+    Ok(sensors.sensors(py)?.effect_parameters())
+}
+
+/// Standard deviation of every parameter after motions, SI units, and how many rests are found in them.
+#[pyfunction]
+pub(crate) fn predict_sigma(
+    py: Python<'_>,
+    sensors: PlanSensors<'_>,
+    motions: Vec<Motion>,
+    min_rest_s: f64,
+    settle_s: f64,
+    in_hand: bool,
+) -> PyResult<(Vec<f64>, usize)> {
+    let sensors = sensors.sensors(py)?;
+    let motions = motions.into_iter().map(Motion::motion).collect::<Result<Vec<_>, _>>().to_python(py)?;
+    let found = py.detach(|| library::predict(&sensors, &motions, min_rest_s, settle_s, in_hand)).to_python(py)?;
+    Ok((found.sigma, found.rests))
+}
+
+/// Steps of the best program, and whether it reaches `sigma`; without `sigma` it is the one with most information in `duration_s`.
+#[pyfunction]
+#[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]
+pub(crate) fn optimal_program(
+    py: Python<'_>,
+    sensors: PlanSensors<'_>,
+    limits: PlanLimits,
+    duration_s: f64,
+    sigma: Option<Vec<f64>>,
+    seed: u64,
+    proposals: usize,
+) -> PyResult<(Vec<StepTuple>, bool)> {
+    let (sensors, limits) = (sensors.sensors(py)?, limits.into());
+    let goal = sigma.map_or(Goal::MostIn { duration_s }, |sigma| Goal::ShortestTo { sigma });
+    let search = Search { goal, seed, proposals };
+    let found = py.detach(|| library::optimal(&sensors, &limits, &search)).to_python(py)?;
+    Ok((steps(&found.program), found.reached))
+}
+
+/// The smallest size of each effect that recordings would show, with its unit, and what they cannot show with what it needs.
+type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
+
+/// How small the effects of `candidates` could be and still be found.
+#[pyfunction]
+pub(crate) fn smallest_visible(
+    py: Python<'_>,
+    recordings: Vec<RecordingColumns<'_>>,
+    options: CalibrateOptions<'_>,
+    candidates: Vec<(String, bool)>,
+) -> PyResult<Visible> {
+    let options = options.options(py)?;
+    let recordings = RecordingColumns::views(py, &recordings)?;
+    let candidates = choices(&candidates).to_python(py)?;
+    py.detach(|| gap::smallest_visible(&recordings, &options, &candidates)).to_python(py)
+}

@@ -1,0 +1,252 @@
+//! The search for the best program: a pose, a hold or a turn is changed at a time, and what is better stays.
+//!
+//! What is a little worse stays now and then, less and less often (simulated annealing): programs that differ in several poses
+//! at once are found that way.
+
+use std::f64::consts::{PI, TAU};
+
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+use rand_distr::StandardNormal;
+
+use super::goal::Goal;
+use super::limits::Limits;
+use super::sensors::Sensors;
+use super::trial::{Scene, Trial};
+use crate::error::Error;
+use crate::simulate::Program;
+
+/// Numbers of poses to start with; the search adds and removes.
+const STARTS: [usize; 4] = [8, 16, 32, 64];
+/// The share of the proposals that each start has before the best one goes on.
+const SHARE_OF_START: usize = 16;
+/// Fewest poses: ten rests for the accelerometer's nine numbers.
+const FEWEST_POSES: usize = 10;
+/// Costs are logarithms: from here to there go the differences that are taken by chance half of the time or so.
+const WARM: f64 = 0.006;
+const COLD: f64 = 0.00006;
+/// Attempts to find a next pose that the stand can go to.
+const ATTEMPTS: usize = 200;
+/// Steps to the holds that are just long enough.
+const HALVINGS: usize = 30;
+
+/// What to look for, and how long.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Search {
+    /// What the program is for.
+    pub goal: Goal,
+    /// Of the random numbers: the same seed gives the same program.
+    pub seed: u64,
+    /// How many changes are tried.
+    pub proposals: usize,
+}
+
+/// The best program that was found.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Found {
+    /// It starts with all motors at zero.
+    pub program: Program,
+    /// Whether it reaches what was wished for.
+    pub reached: bool,
+}
+
+/// The best program for these sensors on this stand.
+///
+/// # Errors
+/// [`Error::Input`] for limits or a goal that cannot be used, [`Error::NotEnoughMotion`] if the stand can run no program in that time.
+pub fn optimal(sensors: &Sensors, limits: &Limits, search: &Search) -> Result<Found, Error> {
+    limits.check()?;
+    check(&search.goal, sensors)?;
+    let scene = Scene { sensors, limits, goal: &search.goal, before: sensors.before_data() };
+    let mut walk = Walk { scene: &scene, random: ChaCha8Rng::seed_from_u64(search.seed) };
+    let each = search.proposals / SHARE_OF_START;
+    let mut starts: Vec<Trial> = Vec::new();
+    for poses in STARTS {
+        if let Some(start) = walk.start(poses.min(limits.most_moves + 1)) {
+            starts.push(walk.anneal(start, each, (WARM, WARM / 4.0)));
+        }
+    }
+    let Some(best) = starts.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)) else {
+        return Err(Error::NotEnoughMotion(format!(
+            "no program was found that the stand can run: {FEWEST_POSES} rests of {:.2} s with turns between them are needed: \
+             give more time, wider ranges or smaller forbidden zones",
+            scene.shortest_hold_s()
+        )));
+    };
+    let best = walk.anneal(best, search.proposals.saturating_sub(STARTS.len() * each), (WARM / 2.0, COLD));
+    match search.goal {
+        Goal::MostIn { .. } => Ok(Found { program: best.program(false)?, reached: true }),
+        Goal::ShortestTo { .. } => {
+            let (best, reached) = walk.just_enough(best);
+            Ok(Found { program: best.program(true)?, reached })
+        }
+    }
+}
+
+fn check(goal: &Goal, sensors: &Sensors) -> Result<(), Error> {
+    match goal {
+        Goal::MostIn { duration_s } if *duration_s > 0.0 && duration_s.is_finite() => Ok(()),
+        Goal::MostIn { duration_s } => {
+            Err(Error::Input(format!("the program may take {duration_s} s: a positive time is needed")))
+        }
+        Goal::ShortestTo { sigma } if sigma.len() != sensors.parameters() => Err(Error::Input(format!(
+            "sigma has {} numbers, {} are needed: one for each parameter",
+            sigma.len(),
+            sensors.parameters()
+        ))),
+        Goal::ShortestTo { sigma } if sigma.iter().any(|sigma| sigma.is_nan() || *sigma <= 0.0) => {
+            Err(Error::Input("sigma holds a number that is not positive: give infinity where there is no wish".into()))
+        }
+        Goal::ShortestTo { sigma } if sigma.iter().all(|sigma| sigma.is_infinite()) => {
+            Err(Error::Input("sigma wishes for nothing: every number is infinite".into()))
+        }
+        Goal::ShortestTo { .. } => Ok(()),
+    }
+}
+
+struct Walk<'a> {
+    scene: &'a Scene<'a>,
+    random: ChaCha8Rng,
+}
+
+impl Walk<'_> {
+    /// Random poses; fewer than asked for if the time is too short.
+    fn start(&mut self, poses: usize) -> Option<Trial> {
+        let mut count = poses.max(FEWEST_POSES);
+        loop {
+            let mut all = vec![Vector3::zeros()];
+            while all.len() < count {
+                let next = self.next_pose(&all[all.len() - 1])?;
+                all.push(next);
+            }
+            let holds = vec![1.5 * self.scene.shortest_hold_s(); count];
+            if let Some(trial) = self.scene.trial(all, holds) {
+                return Some(trial);
+            }
+            if count == FEWEST_POSES {
+                return None;
+            }
+            count = (count - 1).max(FEWEST_POSES);
+        }
+    }
+
+    /// A random pose that the stand can go to from here.
+    fn next_pose(&mut self, from: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let limits = self.scene.limits;
+        (0..ATTEMPTS).find_map(|_| {
+            let to = Vector3::from_fn(|motor, _| {
+                let angle = match limits.axes[motor].and_then(|axis| axis.range_rad) {
+                    Some([low, high]) if high - low < TAU => self.random.random_range(low..high),
+                    _ => from[motor] + self.random.random_range(-TAU..TAU) * 0.8,
+                };
+                limits.nearest(motor, angle)
+            });
+            ((to - from).amax() > 0.2 && limits.allow(from, &to)).then_some(to)
+        })
+    }
+
+    fn anneal(&mut self, start: Trial, proposals: usize, (warm, cold): (f64, f64)) -> Trial {
+        let (mut here, mut best) = (start.clone(), start);
+        for k in 0..proposals {
+            let temperature = warm * (cold / warm).powf(k as f64 / proposals as f64);
+            let Some(there) = self.propose(&here) else { continue };
+            let worse = there.cost - here.cost;
+            if worse <= 0.0 || self.random.random_range(0.0..1.0) < (-worse / temperature).exp() {
+                here = there;
+                if here.cost < best.cost {
+                    best = here.clone();
+                }
+            }
+        }
+        best
+    }
+
+    /// A change; `None` if the stand cannot run it.
+    fn propose(&mut self, trial: &Trial) -> Option<Trial> {
+        let count = trial.poses.len();
+        // The first pose is where the motors start.
+        let k = self.random.random_range(1..count);
+        match self.random.random_range(0..100) {
+            0..40 => {
+                let size = [3_f64, 12.0, 45.0][self.random.random_range(0..3)].to_radians();
+                let moved = Vector3::from_fn(|motor, _| trial.poses[k][motor] + size * self.normal());
+                self.scene.with_pose(trial, k, self.snapped(&moved))
+            }
+            40..47 => {
+                let pose = self.next_pose(&trial.poses[k - 1])?;
+                self.scene.with_pose(trial, k, pose)
+            }
+            47..55 => {
+                // The other way round: all poses from here on are a full turn of one motor away.
+                let (motor, turn) = (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
+                let mut poses = trial.poses.clone();
+                for pose in &mut poses[k..] {
+                    pose[motor] += turn;
+                    if (self.scene.limits.nearest(motor, pose[motor]) - pose[motor]).abs() > 1e-9 {
+                        return None;
+                    }
+                }
+                self.scene.trial(poses, trial.holds_s.clone())
+            }
+            55..80 => {
+                let mut holds = trial.holds_s.clone();
+                let j = self.random.random_range(0..count);
+                holds[j] = (holds[j] * (0.4 * self.normal()).exp()).max(self.scene.shortest_hold_s());
+                self.scene.with_holds(trial, holds)
+            }
+            80..86 => {
+                let factor = (0.1 * self.normal()).exp();
+                let shortest = self.scene.shortest_hold_s();
+                let holds = trial.holds_s.iter().map(|hold| (hold * factor).max(shortest)).collect();
+                self.scene.with_holds(trial, holds)
+            }
+            86..93 if count <= self.scene.limits.most_moves => {
+                let pose = self.next_pose(&trial.poses[k - 1])?;
+                let (mut poses, mut holds) = (trial.poses.clone(), trial.holds_s.clone());
+                poses.insert(k, pose);
+                holds.insert(k, self.scene.shortest_hold_s());
+                self.scene.trial(poses, holds)
+            }
+            _ if count > FEWEST_POSES => {
+                let (mut poses, mut holds) = (trial.poses.clone(), trial.holds_s.clone());
+                poses.remove(k);
+                holds.remove(k);
+                self.scene.trial(poses, holds)
+            }
+            _ => None,
+        }
+    }
+
+    /// Holds that are just long enough for the goal, and whether it is reached.
+    fn just_enough(&self, trial: Trial) -> (Trial, bool) {
+        let scene = self.scene;
+        let shortest = scene.shortest_hold_s();
+        let with = |factor: f64| {
+            let holds = trial.holds_s.iter().map(|hold| (hold * factor).max(shortest)).collect();
+            let scaled = scene.with_holds(&trial, holds)?;
+            let worst = scene.goal.worst(&scaled.information(scene), &scene.before)?;
+            Some((scaled, worst))
+        };
+        // Ten times the rest does what can be done by resting.
+        let (mut low, mut high) = (0.1, 10.0);
+        match with(high) {
+            Some((_, worst)) if worst <= 1.0 => {}
+            _ => return (trial, false),
+        }
+        for _ in 0..HALVINGS {
+            let middle = (low * high as f64).sqrt();
+            if with(middle).is_some_and(|(_, worst)| worst <= 1.0) { high = middle } else { low = middle }
+        }
+        with(high).map_or((trial.clone(), false), |(found, _)| (found, true))
+    }
+
+    fn snapped(&self, pose: &Vector3<f64>) -> Vector3<f64> {
+        Vector3::from_fn(|motor, _| self.scene.limits.nearest(motor, pose[motor]))
+    }
+
+    fn normal(&mut self) -> f64 {
+        // Half a turn and more is no small change.
+        self.random.sample::<f64, _>(StandardNormal).clamp(-PI, PI)
+    }
+}

@@ -1,0 +1,220 @@
+//! What the sensors make of a motion: rows of derivatives by the parameters.
+//!
+//! Order of the parameters: that of the joint fit, accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3)
+//! and sensitivity (9, row by row), then those of the effects.
+
+use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor as Kind, State, Surroundings};
+use nalgebra::{Matrix3, Vector3};
+
+use super::DIRECTION;
+use crate::error::Error;
+use crate::frame::SYMMETRIC;
+use crate::joint::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use crate::simulate::{Converter, Moment, Sensor, Unit};
+
+/// No parameter is further from nominal than this share of its size: what a motion leaves open still has a variance.
+const FARTHEST: f64 = 0.1;
+/// Where a gyroscope is at its rails from, as a share of its range: there is noise, and a motor that overshoots.
+const NEAR_RAILS: f64 = 0.95;
+/// Time constant of an effect that has one, as a share of the run.
+const SHAPE_SHARE: f64 = 0.3;
+
+/// A unit as a plan sees it: sensitivities, white noise, and the effects that are to be seen.
+#[derive(Clone, Debug)]
+pub struct Sensors {
+    accelerometer: Matrix3<f64>,
+    gyroscope: Matrix3<f64>,
+    gyroscope_bias: Vector3<f64>,
+    from_gyroscope: Matrix3<f64>,
+    /// Variance of a mean over one second.
+    pub(super) force_variance: f64,
+    pub(super) rate_variance: f64,
+    /// The gyroscope's while the unit turns.
+    pub(super) moving_variance: f64,
+    gyroscope_range: f64,
+    gravity_mps2: f64,
+    effects: Vec<&'static Effect<f64>>,
+    /// How long the run is thought to be, for effects that depend on the time, s.
+    pub(super) run_s: f64,
+}
+
+impl Sensors {
+    /// Of a unit that is sampled at this rate; its own effects are left out.
+    pub fn of(unit: &Unit, rate_hz: f64, gravity_mps2: f64) -> Self {
+        let variance = |sensor: &Sensor, factor: f64| {
+            let rounding = sensor.converter.map_or(0.0, |converter| converter.lsb * converter.lsb / 12.0);
+            (sensor.noise_density * factor).powi(2) + rounding / rate_hz
+        };
+        let rails = |Converter { lsb, bits }: Converter| lsb * 2_f64.powi(bits as i32 - 1);
+        let gyroscope = unit.gyroscope.sensitivity;
+        Self {
+            accelerometer: unit.accelerometer.sensitivity,
+            gyroscope,
+            gyroscope_bias: unit.gyroscope.bias,
+            from_gyroscope: gyroscope.try_inverse().unwrap_or_else(Matrix3::identity),
+            force_variance: variance(&unit.accelerometer, 1.0),
+            rate_variance: variance(&unit.gyroscope, 1.0),
+            moving_variance: variance(&unit.gyroscope, unit.gyroscope.noise_in_motion),
+            gyroscope_range: unit.gyroscope.converter.map_or(f64::INFINITY, rails),
+            gravity_mps2,
+            effects: Vec::new(),
+            run_s: 0.0,
+        }
+    }
+
+    /// With effects that are to be estimated, too; `run_s` is about how long the run will be.
+    ///
+    /// # Errors
+    /// [`Error::Input`] for an effect of the encoders, and for one that depends on the temperature: no motion shows it.
+    pub fn with_effects(mut self, names: &[String], run_s: f64) -> Result<Self, Error> {
+        for name in names {
+            let Some(effect) = Effect::<f64>::find(name) else {
+                return Err(Error::Input(format!("effects has {name:?}: no effect of the catalogue has this name")));
+            };
+            if effect.sensor == Kind::Encoder {
+                return Err(Error::Input(format!(
+                    "{name} is an effect on the encoders of the stand: a plan is made for the sensors of the unit"
+                )));
+            }
+            if effect.needs.contains(&Need::Temperature) {
+                return Err(Error::Input(format!(
+                    "{name} depends on the temperature, which no motion changes: {}",
+                    effect.observable
+                )));
+            }
+            self.effects.push(effect);
+        }
+        self.run_s = run_s;
+        Ok(self)
+    }
+
+    /// How many parameters.
+    pub fn parameters(&self) -> usize {
+        BASE + self.effects.iter().map(|effect| effect.plain).sum::<usize>()
+    }
+
+    /// Names of the effects' parameters, in the order in which they follow the 21, and their SI units.
+    pub fn effect_parameters(&self) -> Vec<(String, &'static str)> {
+        let named = |effect: &&'static Effect<f64>| {
+            let name = effect.name;
+            effect.parameters[..effect.plain].iter().map(move |p| (format!("{name}_{}", p.name), p.unit))
+        };
+        self.effects.iter().flat_map(named).collect()
+    }
+
+    /// Precision that each parameter has before any data: a tenth of its size, ten typical sizes of an effect.
+    pub(super) fn before_data(&self) -> Vec<f64> {
+        let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
+        let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));
+        let base = (0..BASE).map(|p| match p {
+            0..3 => accelerometer * self.gravity_mps2,
+            3..9 => accelerometer,
+            _ => gyroscope,
+        });
+        let effects = self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
+        base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2)).collect()
+    }
+
+    /// Whether the accelerometer has to be looked at inside the moves, as the joint fit does for such an effect.
+    pub(super) fn look_inside(&self) -> bool {
+        self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
+    }
+
+    /// Whether a row depends on when it is.
+    pub(super) fn depend_on_time(&self) -> bool {
+        self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
+    }
+
+    /// By what factor a body rate is too fast for the gyroscope; below 1 it is not.
+    pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
+        let reading = self.gyroscope * rate;
+        let share = |axis: usize| {
+            reading[axis].abs() / (NEAR_RAILS * self.gyroscope_range - self.gyroscope_bias[axis].abs()).max(1e-9)
+        };
+        (0..3).map(share).fold(0.0, f64::max)
+    }
+
+    /// Three rows of what the accelerometer reads, for a standard deviation of one.
+    pub(super) fn force_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
+        let to_world = moment.rotation_world_from_body.to_rotation_matrix();
+        let [x, y, z] = [0, 1, 2].map(|row| to_world.matrix().row(row).transpose());
+        let force = z * self.gravity_mps2;
+        let by_direction = [self.accelerometer * -y * self.gravity_mps2, self.accelerometer * x * self.gravity_mps2];
+        let mut rows: [Vec<f64>; 3] = std::array::from_fn(|i| {
+            let mut row = vec![0.0; DIRECTION + self.parameters()];
+            (row[0], row[1]) = (by_direction[0][i], by_direction[1][i]);
+            row[DIRECTION + i] = 1.0;
+            row
+        });
+        for (p, (i, j)) in SYMMETRIC.into_iter().enumerate() {
+            rows[i][DIRECTION + 3 + p] = force[j];
+            rows[j][DIRECTION + 3 + p] = force[i];
+        }
+        self.effect_columns(Kind::Accelerometer, moment, time_s, |p, column| {
+            let raw = self.accelerometer * column;
+            (0..3).for_each(|i| rows[i][DIRECTION + p] = raw[i]);
+        });
+        rows
+    }
+
+    /// Three rows of what the gyroscope reads at rest, for a standard deviation of one.
+    pub(super) fn rate_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
+        let mut rows: [Vec<f64>; 3] = std::array::from_fn(|i| {
+            let mut row = vec![0.0; DIRECTION + self.parameters()];
+            row[DIRECTION + GYRO_BIAS.start + i] = 1.0;
+            row
+        });
+        self.effect_columns(Kind::Gyroscope, moment, time_s, |p, column| {
+            let raw = self.gyroscope * column;
+            (0..3).for_each(|i| rows[i][DIRECTION + p] = raw[i]);
+        });
+        rows
+    }
+
+    /// Adds what the gyroscope's reading of `duration_s` around a moment makes of the direction that is carried on: derivatives by
+    /// the parameters, and the gain on white noise.
+    pub(super) fn add_turn(&self, moment: &Moment, time_s: f64, duration_s: f64, by: &mut [Vec<f64>; 2]) -> [Vector3<f64>; 2] {
+        let to_world = moment.rotation_world_from_body.to_rotation_matrix();
+        let across = [0, 1].map(|row| to_world.matrix().row(row).transpose());
+        let seen = across.map(|axis| self.from_gyroscope.tr_mul(&axis));
+        for (row, seen) in by.iter_mut().zip(&seen) {
+            for i in 0..3 {
+                row[GYRO_BIAS.start + i] += seen[i] * duration_s;
+                for j in 0..3 {
+                    row[GYRO_SENSITIVITY.start + 3 * i + j] += seen[i] * moment.angular_rate[j] * duration_s;
+                }
+            }
+        }
+        self.effect_columns(Kind::Gyroscope, moment, time_s, |p, column| {
+            for (row, across) in by.iter_mut().zip(&across) {
+                row[p] += across.dot(&column) * duration_s;
+            }
+        });
+        seen
+    }
+
+    /// Hands every column of the effects on a sensor to `take`, with the place of its parameter.
+    fn effect_columns(&self, sensor: Kind, moment: &Moment, time_s: f64, mut take: impl FnMut(usize, Vector3<f64>)) {
+        let mut place = BASE;
+        for effect in &self.effects {
+            if effect.sensor == sensor {
+                let up = moment.rotation_world_from_body.inverse() * Vector3::z();
+                let state = State {
+                    angular_rate: moment.angular_rate,
+                    specific_force: up * self.gravity_mps2,
+                    surroundings: Surroundings {
+                        angular_acceleration: Some(moment.angular_acceleration),
+                        rotation_world_from_body: Some(moment.rotation_world_from_body),
+                        time_s: Some(time_s),
+                        stand: moment.stand,
+                        ..Surroundings::unknown()
+                    },
+                };
+                let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+                effect.field(&state, SHAPE_SHARE * self.run_s, &mut columns);
+                columns[..effect.plain].iter().enumerate().for_each(|(k, column)| take(place + k, *column));
+            }
+            place += effect.plain;
+        }
+    }
+}
