@@ -31,6 +31,7 @@ from imucal.cli import (
     limits,
     noise,
     simulate,
+    stand,
 )
 from imucal.errors import ImucalError
 
@@ -68,6 +69,7 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(limits.app, name="limits")
+app.add_typer(stand.app, name="stand")
 
 
 def _print_version(wanted: bool) -> None:
