@@ -12,6 +12,7 @@ from imucal.cli import completion
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
+from imucal.errors import InputError
 
 if TYPE_CHECKING:
     from imucal.stand.recorder import Done
@@ -110,6 +111,85 @@ def show_run(out: Output, done: Done) -> None:
         + (f"; {counted}" if counted else "")
     )
     out.line(f"run: {done.state} at step {done.step + 1} of {done.steps}")
+
+
+@app.command()
+def gcode(
+    program: ProgramName,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="G-code file to write.")],
+    axes: Annotated[
+        str, typer.Option("--axes", help="Letters of the three motors, outer motor first.")
+    ] = "XYZ",
+    max_rate_dps: Annotated[
+        str,
+        typer.Option(
+            "--max-rate-dps", metavar="A[,B,C]", help="Of each motor: $110 to $112 of the controller over 60."
+        ),
+    ] = "360",
+    acceleration_dps2: Annotated[
+        str,
+        typer.Option(
+            "--acceleration-dps2", metavar="A[,B,C]", help="Of each motor: $120 to $122 of the controller."
+        ),
+    ] = "1000",
+    seed: Seed = 1,
+    json: JsonPath = None,
+) -> None:
+    """Write a program as G-code for GRBL 1.1, a degree for a millimetre, and say how long it takes.
+
+    Example: imucal stand gcode random -o run.nc --axes ABC
+    """
+    import numpy as np
+
+    from imucal.atomic import write_text
+    from imucal.stand.gcode import Axes, MotorLimits, blocks_of, duration_s, late
+    from imucal.stand.gcode import gcode as gcode_of
+    from imucal.stand.programs import program_named
+
+    letters = Axes(axes.upper())
+    blocks = blocks_of(
+        program_named(program, seed), MotorLimits(_three(max_rate_dps), _three(acceleration_dps2))
+    )
+    write_text(output, gcode_of(blocks, letters, Path(program).name))
+    angles = np.array([block.angles_deg for block in blocks])
+    ranges = [[min(low, 0.0), max(high, 0.0)] for low, high in zip(angles.min(0), angles.max(0), strict=True)]
+    too_late = late(blocks)
+    out = Output(json)
+    out.document(
+        {
+            "output": str(output),
+            "steps": len(blocks),
+            "duration_s": duration_s(blocks),
+            "range_deg": ranges,
+            "late_steps": too_late,
+        }
+    )
+    if too_late:
+        longest_s = max(block.late_s for block in blocks)
+        print(
+            f"imucal: {len(too_late)} of {len(blocks)} moves take longer than the program says, up to "
+            f"{longest_s:.2f} s: the motors are not fast enough; the poses are the same",
+            file=sys.stderr,
+        )
+    turned = ", ".join(
+        f"{letter} {low:.0f} to {high:.0f} deg"
+        for letter, (low, high) in zip(letters.letters, ranges, strict=True)
+    )
+    out.line(f"{output}: {len(blocks)} steps, {duration_s(blocks):.1f} s; {turned}: mind the cables")
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    """One number for all motors, or three."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 3):
+        raise InputError(
+            f"{text!r} is neither a number nor three, such as 360 or 90,180,360: give one of them"
+        )
+    x, y, z = values * 3 if len(values) == 1 else values
+    return (x, y, z)
 
 
 @app.command()
