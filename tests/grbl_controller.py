@@ -149,13 +149,13 @@ class Controller:
             speed = max(self.speed - acceleration * tick_s, 0.0)
         elif left <= self.speed**2 / (2 * acceleration) + self.speed * tick_s:
             # With the deceleration that ends at the target; in the last tick it arrives.
-            speed = self.speed - self.speed**2 / (2 * left) * tick_s
-            done = length if speed <= 0.0 else done
+            speed = max(self.speed - self.speed**2 / (2 * left) * tick_s, 0.0)
         else:
             speed = min(self.speed + acceleration * tick_s, rate)
         done += (self.speed + speed) / 2 * tick_s
         self.speed = speed
-        share = min(done / length, 1.0)
+        arrives = speed == 0.0 and self.state != "Hold"
+        share = 1.0 if arrives else min(done / length, 1.0)
         self.position = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
         self.block = (start, target, rate, acceleration, done, length)
         if share == 1.0:
@@ -198,6 +198,8 @@ class Controller:
             return b"error:2\r\n" if line[0].isalpha() else b"error:1\r\n"
         codes = {float(number) for letter, number in words if letter in "GM"}
         values = {letter: float(number) for letter, number in words if letter not in "GM"}
+        if {4.0, 53.0} <= codes or {0.0, 1.0} <= codes:
+            return b"error:21\r\n"
         if not codes <= {0.0, 1.0, 2.0, 4.0, 21.0, 53.0, 90.0, 92.0, 94.0} or set(values) - set(
             self.axes + "FP"
         ):
