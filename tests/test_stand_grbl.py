@@ -41,7 +41,7 @@ def packet(number):
 
 
 def damaged(number, whole, draw):
-    """One in twenty packets comes otherwise: bits flipped, bytes lost, noise before it, cut, or not at all."""
+    """One in twenty packets comes otherwise: bits flipped, bytes lost, noise before it, cut, or none."""
     if number < 20 or draw.random() > 0.05:
         return whole
     kind, at = draw.randrange(5), draw.randrange(1, len(whole))

@@ -62,6 +62,9 @@ def run(
     makes the recording of it. Ends with 1 if the run broke off; what was recorded by then is written.
 
     Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv
+
+    Example: imucal stand run grid --driver grbl --port /dev/ttyACM0 --source /dev/ttyUSB0 --packet unit.json
+    -o run.csv
     """
     from imucal.stand.live import live_view
     from imucal.stand.programs import program_named
@@ -74,7 +77,7 @@ def run(
         driver, source = equipment.open(wanted, seed)
     about = {"program": program, "seed": seed, "driver": equipment.driver}
     try:
-        with live_view(program) as watch:
+        with live_view(program, says=equipment.driver == "manual") as watch:
             done = record(
                 driver,
                 source,

@@ -26,10 +26,13 @@ GROUPS: Final = {
 
 
 @contextmanager
-def live_view(name: str) -> Iterator[Callable[[Moment], None] | None]:
-    """A function that shows a moment of the run, or None where there is no terminal."""
+def live_view(name: str, says: bool = False) -> Iterator[Callable[[Moment], None] | None]:
+    """A function that shows a moment of the run; None where there is no terminal.
+
+    says  somebody must hear what comes next, terminal or not: a line for each step
+    """
     if not sys.stderr.isatty():
-        yield None
+        yield _Steps().say if says else None
         return
     from rich.console import Console
     from rich.live import Live
@@ -44,6 +47,18 @@ def live_view(name: str) -> Iterator[Callable[[Moment], None] | None]:
                 live.update(_table(name, moment), refresh=True)
 
         yield show
+
+
+class _Steps:
+    """A line for each step of the program, as it begins."""
+
+    def __init__(self) -> None:
+        self._step = -1
+
+    def say(self, moment: Moment) -> None:
+        if moment.status.step != self._step and moment.status.state != "finished":
+            self._step = moment.status.step
+            print(f"{self._step + 1} of {moment.steps}: {moment.status.message}", file=sys.stderr, flush=True)
 
 
 def _table(name: str, moment: Moment) -> Table:
