@@ -6,7 +6,6 @@ import struct
 import subprocess
 import sys
 import threading
-import time
 from pathlib import Path
 
 import numpy as np
@@ -285,18 +284,17 @@ def test_by_hand_with_the_command_and_a_pipe(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
     )
-    said = child.stderr.readline()
-    for start in range(0, len(lines), 20):
-        try:
-            child.stdin.write(b"".join(lines[start : start + 20]).decode())
-            child.stdin.flush()
-        except BrokenPipeError:
-            break
-        time.sleep(0.005)
-    said += child.stderr.read()
+    said = [child.stderr.readline()]
+    # The first pose is held for 2 s; then the next one is asked for.
+    for part in (lines[:200], lines[200:]):
+        child.stdin.write(b"".join(part).decode())
+        child.stdin.flush()
+        said.append(child.stderr.readline())
     assert child.wait() == 0, said
-    assert said.splitlines()[0].startswith("1 of 2: +z up")
-    assert said.splitlines()[1].startswith("2 of 2: ")
+    child.stdin.close()
+    assert said[0].startswith("1 of 2: +z up")
+    assert said[1].startswith("2 of 2: ")
+    assert said[2] == ""
     read = imucal.read(tmp_path / "run.csv")
     assert np.array_equal(read.time_s, np.arange(len(read)) / 100)
 
