@@ -6,12 +6,15 @@ import shlex
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import imucal
 from imucal.cli import main
 from imucal.cli.app import app
+from imucal.io.vocabulary import column_names
 from imucal.limits_template import limits_from
+from imucal.stand.journal import Journal
 
 EXAMPLE = re.compile(r"^Example: imucal (.*)$", re.MULTILINE)
 
@@ -50,6 +53,8 @@ def files(tmp_path_factory):
     limits_from([imucal.Calibration.load(folder / f"good-{n}.json") for n in (1, 2)], 4.0).save(
         folder / "limits.json"
     )
+    with Journal(folder / "broken-off.csv.journal", [name for name, _ in column_names(run)], {}) as journal:
+        journal.samples(np.column_stack([values for _, values in column_names(run)]), 0.0)
     return folder
 
 

@@ -32,6 +32,7 @@ from imucal.cli import (
     noise,
     plan,
     simulate,
+    stand,
 )
 from imucal.errors import ImucalError
 
@@ -70,6 +71,7 @@ for command in (
 ):
     app.command()(command)
 app.add_typer(limits.app, name="limits")
+app.add_typer(stand.app, name="stand")
 
 
 def _print_version(wanted: bool) -> None:

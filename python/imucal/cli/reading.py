@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from imucal.cli import completion
+from imucal.cli.options import options_of
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
@@ -84,32 +83,4 @@ class Reading:
         return [self.one(paths[start : start + size]) for start in range(0, len(paths), size)]
 
 
-def reading_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Replace a command's parameter `reading` by one option for each field of `Reading`."""
-    hints = get_type_hints(command, include_extras=True)
-    kept = [
-        parameter.replace(annotation=hints[parameter.name])
-        for parameter in inspect.signature(command).parameters.values()
-        if parameter.name != "reading"
-    ]
-    option_hints = get_type_hints(Reading, include_extras=True)
-    options = [
-        inspect.Parameter(
-            field.name,
-            inspect.Parameter.KEYWORD_ONLY,
-            default=field.default,
-            annotation=option_hints[field.name],
-        )
-        for field in fields(Reading)
-    ]
-
-    @functools.wraps(command)
-    def with_options(**values: Any) -> None:
-        reading = Reading(**{field.name: values.pop(field.name) for field in fields(Reading)})
-        command(reading=reading, **values)
-
-    parameters = [parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY) for parameter in kept] + options
-    # typer reads both.
-    with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    with_options.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return with_options
+reading_options = options_of("reading", Reading)

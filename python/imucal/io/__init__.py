@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from imucal.errors import InputError
-from imucal.io.canonical import write_csv, write_parquet
+from imucal.io.canonical import write_columns
 from imucal.io.formats import FORMATS
 from imucal.io.recognition import recognise
-from imucal.io.vocabulary import NAMES
+from imucal.io.vocabulary import NAMES, column_names
 from imucal.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["FORMATS", "files_per_recording", "read", "write"]
@@ -92,13 +91,7 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
     Both have the canonical columns in SI units or counts and give every number back bit for bit. The file is
     written whole or not at all. Raises InputError if it cannot be written.
     """
-    ending = Path(path).suffix.lower()
-    if ending == ".csv":
-        write_csv(recording, path)
-    elif ending == ".parquet":
-        write_parquet(recording, path)
-    else:
-        raise InputError(f"{os.fspath(path)}: a recording is written as .csv or .parquet: change the ending")
+    write_columns(column_names(recording), path)
 
 
 def files_per_recording(format: str | None) -> int:

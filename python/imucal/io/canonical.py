@@ -5,18 +5,25 @@ from __future__ import annotations
 import io
 import os
 from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeAlias
 
+from imucal.arrays import FloatArray
 from imucal.atomic import write_atomically
 from imucal.errors import FormatError, InputError
 from imucal.io.columns import mapping_of
 from imucal.io.source import File, Table, open_file
 from imucal.io.text import read_headed
-from imucal.io.vocabulary import column_names, recording_from_table
+from imucal.io.vocabulary import recording_from_table
 from imucal.recording import Recording
 
-__all__ = ["read_csv", "read_parquet", "write_csv", "write_parquet"]
+__all__ = ["read_csv", "read_parquet", "require_ending", "write_columns"]
 
 PARQUET_MAGIC = b"PAR1"
+CSV, PARQUET = ".csv", ".parquet"
+
+# Names and values, in the order in which they are written.
+Columns: TypeAlias = Sequence[tuple[str, FloatArray]]
 
 
 def read_csv(
@@ -45,12 +52,26 @@ def read_parquet(
     return recording_from_table(_chosen(_parquet_table(file), columns), [file.source], rate_hz)
 
 
-def write_csv(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write a recording as canonical CSV; reading it gives every number back bit for bit."""
+def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
+    """Write columns with canonical names as CSV or Parquet, by the ending of `path`.
+
+    Reading gives every number back bit for bit. Raises InputError for another ending, or if it cannot be
+    written.
+    """
+    require_ending(path)
+    (_write_parquet if Path(path).suffix.lower() == PARQUET else _write_csv)(columns, path)
+
+
+def require_ending(path: str | os.PathLike[str]) -> None:
+    """Refuse a file that is to be written and ends neither with .csv nor with .parquet."""
+    if Path(path).suffix.lower() not in (CSV, PARQUET):
+        raise InputError(f"{os.fspath(path)}: a recording is written as .csv or .parquet: change the ending")
+
+
+def _write_csv(columns: Columns, path: str | os.PathLike[str]) -> None:
     import pyarrow as pa
     from pyarrow import csv
 
-    columns = column_names(recording)
     table = pa.table([values for _, values in columns], names=[name for name, _ in columns])
     with write_atomically(path) as file:
         # The header by hand: Arrow would put it in quotes.
@@ -58,12 +79,10 @@ def write_csv(recording: Recording, path: str | os.PathLike[str]) -> None:
         csv.write_csv(table, file, csv.WriteOptions(include_header=False))
 
 
-def write_parquet(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write a recording as canonical Parquet."""
+def _write_parquet(columns: Columns, path: str | os.PathLike[str]) -> None:
     import pyarrow as pa
     from pyarrow import parquet
 
-    columns = column_names(recording)
     table = pa.table([values for _, values in columns], names=[name for name, _ in columns])
     with write_atomically(path) as file:
         parquet.write_table(table, file, compression="zstd")

@@ -1,0 +1,122 @@
+"""Hidden faults of a simulated stand or unit: what a line must find, and nothing but the simulation knows.
+
+slip         the unit slips on its mount by 1 to 3 deg about any axis, once in the middle of each run
+loose-mount  the unit has play on its mount: after every move it sits another way, 0.5 deg (1 sigma) about
+             each motor's axis
+clipping     the range of the gyroscope ends at 0.4 to 0.8 of the highest rate of the run
+dead-axis    one of the six axes does not feel: its noise goes on, or it stands at one value
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.errors import InputError
+from imucal.motion import Program, Step
+from imucal.recording import Recording
+from imucal.simulate import simulate
+from imucal.stand.model import Stand, stand_from_name
+from imucal.unit import Unit, unit_of
+
+__all__ = ["FAULTS", "SimulatedUnit"]
+
+FAULTS: Final = ("slip", "loose-mount", "clipping", "dead-axis")
+SLIP_DEG: Final = (1.0, 3.0)
+SLIP_SHARE: Final = (0.15, 0.85)
+PLAY_DEG: Final = 0.5
+RANGE_SHARE: Final = (0.4, 0.8)
+
+
+@dataclass(frozen=True)
+class SimulatedUnit:
+    """A unit on a simulated stand, the same one in every run.
+
+    unit, stand  as `imucal.simulate` takes them; without a stand it is the program's own
+    fault        one of `FAULTS`, or None
+    fault_seed   of the size and place of the fault
+    """
+
+    unit: Unit | str = "paper"
+    stand: Stand | str | None = None
+    rate_hz: float = 200.0
+    fault: str | None = None
+    fault_seed: int = 1
+
+    def __post_init__(self) -> None:
+        if self.fault is not None and self.fault not in FAULTS:
+            raise InputError(f"there is no fault {self.fault!r}: give one of {', '.join(FAULTS)}")
+
+    def run(self, program: Program, seed: int) -> Recording:
+        """What the unit records of a program; `seed` is that of the noise."""
+        random = np.random.default_rng([self.fault_seed, seed])
+        # A dead axis and a range are the unit's, and the same in every run.
+        of_unit = np.random.default_rng(self.fault_seed)
+        unit = unit_of(self.unit)
+        stand = (program.stand or Stand()) if self.stand is None else stand_from_name(self.stand)
+        motion = dataclasses.replace(program, stand=stand)
+        if self.fault == "slip":
+            motion = dataclasses.replace(motion, stand=_slipping(stand, program, random))
+        if self.fault == "loose-mount":
+            motion = _with_play(motion, random)
+        if self.fault == "clipping":
+            unit = self._clipped(unit, motion, seed, float(of_unit.uniform(*RANGE_SHARE)))
+        recording = simulate(motion, seed=seed, unit=unit, rate_hz=self.rate_hz).recording
+        if self.fault == "loose-mount":
+            # The motors do what they are told: their encoders know nothing of the play.
+            told = dataclasses.replace(program, stand=stand)
+            encoders = simulate(told, seed=seed, unit=unit, rate_hz=self.rate_hz).recording.stand_rad
+            recording = _changed(recording, stand_rad=encoders)
+        if self.fault == "dead-axis":
+            recording = _with_dead_axis(recording, unit, of_unit)
+        return recording
+
+    def _clipped(self, unit: Unit, program: Program, seed: int, share: float) -> Unit:
+        """The unit with a gyroscope whose range is a share of what the program asks of it."""
+        whole = simulate(program, seed=seed, unit=unit, rate_hz=self.rate_hz).recording
+        highest_radps = float(np.abs(whole.angular_rate).max())
+        return dataclasses.replace(unit, gyroscope=unit.gyroscope.with_range(share * highest_radps))
+
+
+def _slipping(stand: Stand, program: Program, random: np.random.Generator) -> Stand:
+    axis = random.normal(size=3)
+    turn_deg = random.uniform(*SLIP_DEG) * axis / np.linalg.norm(axis)
+    whole_s = sum(step.move_s + step.hold_s for step in program.steps)
+    time_s = float(random.uniform(*SLIP_SHARE)) * whole_s
+    x, y, z = turn_deg.tolist()
+    return dataclasses.replace(stand, slip_deg=(x, y, z), slip_time_s=time_s)
+
+
+def _with_play(program: Program, random: np.random.Generator) -> Program:
+    """The program as the unit undergoes it: every move ends somewhere else, and the next one starts there."""
+    steps, before = [], np.zeros(3)
+    for step in program.steps:
+        moves = any(step.turn_deg)
+        after = random.normal(scale=PLAY_DEG, size=3) if moves else before
+        x, y, z = (np.array(step.turn_deg) + after - before).tolist()
+        steps.append(Step((x, y, z), step.move_s, step.hold_s))
+        before = after
+    return dataclasses.replace(program, steps=tuple(steps))
+
+
+def _with_dead_axis(recording: Recording, unit: Unit, random: np.random.Generator) -> Recording:
+    axis, stuck = int(random.integers(6)), bool(random.integers(2))
+    columns = {name: getattr(recording, name).copy() for name in ("specific_force", "angular_rate")}
+    name, sensor = ("specific_force", unit.accelerometer) if axis < 3 else ("angular_rate", unit.gyroscope)
+    column: FloatArray = columns[name]
+    noise = 0.0 if stuck else sensor.noise_density * recording.rate_hz**0.5
+    bias = float(sensor.bias[axis % 3])
+    column[:, axis % 3] = bias + random.normal(scale=noise, size=len(column)) if noise else bias
+    return _changed(recording, **columns)
+
+
+def _changed(recording: Recording, **columns: FloatArray | None) -> Recording:
+    fields = {
+        name: getattr(recording, name)
+        for name in ("time_s", "specific_force", "angular_rate", "temperature_degc", "stand_rad")
+    }
+    return Recording(**{**fields, **columns}, name=recording.name)

@@ -1,0 +1,203 @@
+"""A program as G-code for GRBL 1.1, and the time that the controller takes.
+
+One line moves all motors to absolute angles, one line holds: `G4` waits until the motors stand, so that every
+move starts and ends at rest, a trapezoid of speed (GRBL's planner.c): with the length d of the turn of all
+motors together, the feed v and the acceleration a along it,
+
+    t = d / v + v / a    if v^2 / a <= d,    2 sqrt(d / a)    if the feed is not reached
+
+GRBL knows rotary axes as linear ones: a degree is its millimetre. A dwell is a whole number of 50 ms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from imucal.errors import InputError
+from imucal.motion import Program, Step
+
+__all__ = ["Axes", "Block", "MotorLimits", "blocks_of", "gcode"]
+
+DWELL_STEP_S: Final = 0.05
+# GRBL reads eight digits of a number.
+ANGLE_DECIMALS: Final = 4
+FEED_DECIMALS: Final = 2
+# A feed of less is raised to it.
+LEAST_FEED_DPM: Final = 1.0
+# By so much a move may take longer than the program says before it is told.
+LATE_S: Final = 0.01
+
+
+@dataclass(frozen=True)
+class MotorLimits:
+    """What the controller lets each motor do.
+
+    max_rate_dps       highest rate, deg/s: $110 to $112, deg/min, over 60
+    acceleration_dps2  deg/s^2: $120 to $122
+    """
+
+    max_rate_dps: tuple[float, float, float] = (360.0, 360.0, 360.0)
+    acceleration_dps2: tuple[float, float, float] = (1000.0, 1000.0, 1000.0)
+
+    def __post_init__(self) -> None:
+        for name in ("max_rate_dps", "acceleration_dps2"):
+            values = getattr(self, name)
+            if len(values) != 3 or not all(math.isfinite(value) and value > 0 for value in values):
+                raise InputError(f"{name} is {values}: three positive numbers are needed")
+
+    def along(self, turn_deg: Sequence[float]) -> tuple[float, float]:
+        """The highest rate and the acceleration along a turn: no motor does more than it may."""
+        length = math.hypot(*turn_deg)
+
+        def most(limits: Sequence[float]) -> float:
+            return min(
+                limit * length / abs(turn) for limit, turn in zip(limits, turn_deg, strict=True) if turn
+            )
+
+        return most(self.max_rate_dps), most(self.acceleration_dps2)
+
+
+@dataclass(frozen=True)
+class Axes:
+    """The letters of the three motors, outer motor first."""
+
+    letters: str = "XYZ"
+
+    def __post_init__(self) -> None:
+        if len(set(self.letters)) != 3 or not set(self.letters) <= set("XYZABCUVW"):
+            raise InputError(
+                f"the axes are {self.letters!r}: give three different letters, such as XYZ or ABC"
+            )
+
+    def words(self, angles_deg: Sequence[float]) -> str:
+        """The words of a position: X12.5Y-3Z0."""
+        return "".join(
+            f"{letter}{_number(angle, ANGLE_DECIMALS)}"
+            for letter, angle in zip(self.letters, angles_deg, strict=True)
+        )
+
+
+@dataclass(frozen=True)
+class Block:
+    """One step of a program for the controller.
+
+    angles_deg  where the motors go, from all at zero
+    feed_dpm    how fast, deg/min along the turn of all together; None where nothing turns
+    dwell_s     how long they then stand
+    move_s      how long the controller takes to get there
+    late_s      by how much that is longer than the program says
+    """
+
+    angles_deg: tuple[float, float, float]
+    feed_dpm: float | None
+    dwell_s: float
+    move_s: float
+    late_s: float
+
+    def dwell_line(self) -> str:
+        """The line that waits for the motors, and then holds."""
+        return f"G4P{_number(self.dwell_s, 3)}"
+
+    def move_line(self, axes: Axes, words: str = "G1", shift_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
+        """The line that moves; `shift_deg` is where the controller sees the stand's zero."""
+        angles = [angle + shift for angle, shift in zip(self.angles_deg, shift_deg, strict=True)]
+        return f"{words}{axes.words(angles)}F{_number(self.feed_dpm or LEAST_FEED_DPM, FEED_DECIMALS)}"
+
+    @property
+    def hold_s(self) -> float:
+        """How long the controller dwells."""
+        return DWELL_STEP_S * float(np.ceil(np.float32(1.0 / DWELL_STEP_S) * np.float32(self.dwell_s)))
+
+
+def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
+    """The steps of a program for a controller with these limits; numbers are rounded as they are written."""
+    blocks, before = [], (0.0, 0.0, 0.0)
+    exact = np.cumsum([step.turn_deg for step in program.steps], axis=0)
+    for step, sum_deg in zip(program.steps, exact, strict=True):
+        x, y, z = (round(float(angle), ANGLE_DECIMALS) for angle in sum_deg)
+        turn_deg = (x - before[0], y - before[1], z - before[2])
+        blocks.append(_block(step, (x, y, z), turn_deg, limits))
+        before = (x, y, z)
+    return blocks
+
+
+def gcode(blocks: Sequence[Block], axes: Axes, title: str) -> str:
+    """The file; its zero is where the motors stand when it starts."""
+    angles = np.array([block.angles_deg for block in blocks])
+    ranges = [
+        f"({letter} from {low:.1f} to {high:.1f} deg)"
+        for letter, low, high in zip(
+            axes.letters, angles.min(axis=0, initial=0.0), angles.max(axis=0, initial=0.0), strict=True
+        )
+    ]
+    lines = [
+        f"({_comment(title)})",
+        f"({len(blocks)} steps, {duration_s(blocks):.1f} s)",
+        *ranges,
+        "(degrees; all motors at zero before it starts)",
+        "G21G90G94",
+        f"G92{axes.words((0.0, 0.0, 0.0))}",
+    ]
+    for block in blocks:
+        if block.feed_dpm is not None:
+            lines.append(block.move_line(axes))
+        lines.append(block.dwell_line())
+    return "\n".join([*lines, "M2", ""])
+
+
+def duration_s(blocks: Sequence[Block]) -> float:
+    """How long the controller takes."""
+    return sum(block.move_s + block.hold_s for block in blocks)
+
+
+def late(blocks: Sequence[Block]) -> list[int]:
+    """The steps whose move takes longer than the program says."""
+    return [number for number, block in enumerate(blocks) if block.late_s > LATE_S]
+
+
+def _block(
+    step: Step,
+    angles_deg: tuple[float, float, float],
+    turn_deg: tuple[float, float, float],
+    limits: MotorLimits,
+) -> Block:
+    dwell_s = round(step.hold_s, 3)
+    if not any(turn_deg):
+        # GRBL drops a move to where it is; the program means this time to pass.
+        return Block(angles_deg, None, round(step.hold_s + step.move_s, 3), 0.0, 0.0)
+    length = math.hypot(*turn_deg)
+    max_rate, acceleration = limits.along(turn_deg)
+    rate = min(_rate(length, step.move_s, acceleration), max_rate)
+    feed_dpm = max(round(60.0 * rate, FEED_DECIMALS), LEAST_FEED_DPM)
+    move_s = _move_s(length, min(feed_dpm / 60.0, max_rate), acceleration)
+    return Block(angles_deg, feed_dpm, dwell_s, move_s, move_s - step.move_s)
+
+
+def _rate(length: float, move_s: float, acceleration: float) -> float:
+    """The feed with which a move takes `move_s`, or the highest that is reached if that is too short."""
+    root = (acceleration * move_s) ** 2 - 4.0 * acceleration * length
+    if root < 0.0:
+        return math.sqrt(acceleration * length)
+    return (acceleration * move_s - math.sqrt(root)) / 2.0
+
+
+def _move_s(length: float, rate: float, acceleration: float) -> float:
+    if rate * rate / acceleration <= length:
+        return length / rate + rate / acceleration
+    return 2.0 * math.sqrt(length / acceleration)
+
+
+def _number(value: float, decimals: int) -> str:
+    """As short as it can be: every character counts against the 128 of the controller."""
+    text = f"{value:.{decimals}f}".rstrip("0").rstrip(".")
+    return "0" if text in ("", "-0") else text
+
+
+def _comment(text: str) -> str:
+    """A comment of G-code holds no brackets, and GRBL takes ASCII."""
+    return "".join(c if c.isascii() and c.isprintable() and c not in "()" else "_" for c in text)[:60]

@@ -1,0 +1,194 @@
+"""The journal of a run: everything is on the disk as it arrives, and what is damaged is known.
+
+A file of blocks. Each is a head (magic, kind, number, length, CRC-32 of all three and of the payload) and a
+payload, little-endian:
+
+    H  the header, JSON: schema, names of the columns of a sample, and what is known at the start
+    S  samples: rows of float64, the columns of the header and after them the host's time of arrival, s
+    P  positions of the motors: rows of float64, the host's time, s, and three angles, deg
+    E  an event, JSON
+
+Blocks are only ever appended, each by one write: a killed process leaves whole blocks and at most one part
+of a block. `sync` asks the disk; what it returns survives a power cut.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.errors import FormatError, InputError
+
+__all__ = ["Journal", "Logged", "read_journal"]
+
+SCHEMA: Final = "imucal.journal/1"
+MAGIC: Final = b"\x89imJ"
+HEAD: Final = struct.Struct("<4sc3xIII")
+HEADER, SAMPLES, POSITIONS, EVENT = b"H", b"S", b"P", b"E"
+POSITION_COLUMNS: Final = 4
+
+
+class Journal:
+    """A journal being written; use it in a `with` block.
+
+    Raises InputError if the file is there already, as it may be all that is left of a run, or cannot be
+    written.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], columns: Sequence[str], about: Mapping[str, Any]
+    ) -> None:
+        self.path = Path(path)
+        self.columns = tuple(columns)
+        self.written = 0
+        self._number = 0
+        try:
+            self._file = os.open(
+                self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
+            )
+        except FileExistsError:
+            raise InputError(
+                f"{self.path} is there already, of a run that was broken off: keep its samples with "
+                f"`imucal stand recover {self.path} -o FILE`, then remove it"
+            ) from None
+        except OSError as error:
+            raise self._unwritable(error) from error
+        header = {"schema": SCHEMA, "columns": list(self.columns), **about}
+        self._append(HEADER, json.dumps(header).encode())
+        self.sync()
+
+    def __enter__(self) -> Journal:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        os.close(self._file)
+
+    def samples(self, rows: FloatArray, host_s: float) -> None:
+        """Append samples, (N, columns), that have arrived by `host_s`."""
+        if len(rows) == 0:
+            return
+        stamped = np.column_stack([rows, np.full(len(rows), host_s)])
+        self._append(SAMPLES, stamped.astype("<f8").tobytes())
+        self.written += len(rows)
+
+    def positions(self, rows: Sequence[Sequence[float]]) -> None:
+        """Append positions of the motors: the host's time, s, and three angles, deg, each."""
+        if rows:
+            self._append(POSITIONS, np.asarray(rows, dtype="<f8").tobytes())
+
+    def event(self, host_s: float, code: str, message: str) -> None:
+        """Append what happened; `code` is a stable word."""
+        self._append(EVENT, json.dumps({"host_s": host_s, "code": code, "message": message}).encode())
+
+    def sync(self) -> int:
+        """Put all on the disk; returns how many samples are acknowledged by that."""
+        try:
+            os.fsync(self._file)
+        except OSError as error:
+            raise self._unwritable(error) from error
+        return self.written
+
+    def _append(self, kind: bytes, payload: bytes) -> None:
+        block = _block(kind, self._number, payload)
+        self._number += 1
+        try:
+            done = os.write(self._file, block)
+            while done < len(block):
+                done += os.write(self._file, block[done:])
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> InputError:
+        return InputError(f"{self.path} cannot be written: {error.strerror}; what it has is kept")
+
+
+@dataclass(frozen=True, eq=False)
+class Logged:
+    """What a journal holds.
+
+    header      the header's fields
+    columns     names of the columns of a sample
+    samples     (N, columns), NaN where the unit gave no number
+    host_s      (N,)    the host's time at which each sample had arrived, s
+    positions   (M, 4)  the host's time, s, and the motors' angles, deg
+    events      what happened: host_s, code, message
+    blocks_lost how many blocks are missing between others
+    tail_bytes  length of what stands after the last whole block: a block that was being written
+    """
+
+    path: str
+    header: Mapping[str, Any]
+    columns: tuple[str, ...]
+    samples: FloatArray
+    host_s: FloatArray
+    positions: FloatArray
+    events: tuple[Mapping[str, Any], ...]
+    blocks_lost: int
+    tail_bytes: int
+
+
+def read_journal(path: str | os.PathLike[str]) -> Logged:
+    """Read every whole block of a journal; a damaged one is skipped and counted.
+
+    Raises InputError if it cannot be read, FormatError if it is no journal or has no header.
+    """
+    try:
+        content = Path(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{os.fspath(path)} cannot be read: {error.strerror}") from error
+    blocks, end = _blocks(content)
+    if not blocks or blocks[0][0] != HEADER:
+        raise FormatError(f"{os.fspath(path)} is no journal of a run: it does not start with a whole header")
+    header = json.loads(blocks[0][2])
+    if header.get("schema") != SCHEMA:
+        raise FormatError(f"{os.fspath(path)} has the schema {header.get('schema')!r}, {SCHEMA!r} is needed")
+    columns = tuple(header["columns"])
+
+    def rows(kind: bytes, width: int) -> FloatArray:
+        data = b"".join(payload for found, _, payload in blocks if found == kind)
+        return np.frombuffer(data, dtype="<f8").astype(np.float64).reshape(-1, width)
+
+    samples = rows(SAMPLES, len(columns) + 1)
+    return Logged(
+        path=os.fspath(path),
+        header=header,
+        columns=columns,
+        samples=samples[:, :-1],
+        host_s=samples[:, -1],
+        positions=rows(POSITIONS, POSITION_COLUMNS),
+        events=tuple(json.loads(payload) for kind, _, payload in blocks if kind == EVENT),
+        blocks_lost=blocks[-1][1] + 1 - len(blocks),
+        tail_bytes=len(content) - end,
+    )
+
+
+def _block(kind: bytes, number: int, payload: bytes) -> bytes:
+    head = HEAD.pack(MAGIC, kind, number, len(payload), 0)
+    return HEAD.pack(MAGIC, kind, number, len(payload), zlib.crc32(payload, zlib.crc32(head))) + payload
+
+
+def _blocks(content: bytes) -> tuple[list[tuple[bytes, int, bytes]], int]:
+    """The whole blocks, in order and none twice, and where the last one ends."""
+    found: list[tuple[bytes, int, bytes]] = []
+    at = end = 0
+    while (at := content.find(MAGIC, at)) >= 0 and at + HEAD.size <= len(content):
+        _, kind, number, length, _ = HEAD.unpack_from(content, at)
+        stop = at + HEAD.size + length
+        payload = content[at + HEAD.size : stop]
+        whole = stop <= len(content) and content[at:stop] == _block(kind, number, payload)
+        if whole and (not found or number > found[-1][1]):
+            found.append((kind, number, payload))
+            at = end = stop
+        else:
+            # The magic may stand in numbers by chance: the next one may be the head.
+            at += 1
+    return found, end

@@ -1,0 +1,88 @@
+"""The live view of a run in a terminal; in a pipe nothing is shown."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from imucal.stand.recorder import Moment
+
+__all__ = ["live_view"]
+
+EVERY_S: Final = 0.2
+# Groups of parameters, and the unit in which the largest standard deviation of each is shown.
+GROUPS: Final = {
+    "accel_bias_": ("accelerometer bias", "m/s^2"),
+    "accel_sensitivity_": ("accelerometer sensitivity", ""),
+    "gyro_bias_": ("gyroscope bias", "rad/s"),
+    "gyro_sensitivity_": ("gyroscope sensitivity", ""),
+}
+
+
+@contextmanager
+def live_view(name: str, says: bool = False) -> Iterator[Callable[[Moment], None] | None]:
+    """A function that shows a moment of the run; None where there is no terminal.
+
+    says  somebody must hear what comes next, terminal or not: a line for each step
+    """
+    if not sys.stderr.isatty():
+        yield _Steps().say if says else None
+        return
+    from rich.console import Console
+    from rich.live import Live
+
+    shown_s = 0.0
+    with Live(console=Console(stderr=True), auto_refresh=False, transient=True) as live:
+
+        def show(moment: Moment) -> None:
+            nonlocal shown_s
+            if time.monotonic() - shown_s >= EVERY_S:
+                shown_s = time.monotonic()
+                live.update(_table(name, moment), refresh=True)
+
+        yield show
+
+
+class _Steps:
+    """A line for each step of the program, as it begins."""
+
+    def __init__(self) -> None:
+        self._step = -1
+
+    def say(self, moment: Moment) -> None:
+        if moment.status.step != self._step and moment.status.state != "finished":
+            self._step = moment.status.step
+            print(f"{self._step + 1} of {moment.steps}: {moment.status.message}", file=sys.stderr, flush=True)
+
+
+def _table(name: str, moment: Moment) -> Table:
+    from rich.table import Table
+
+    table = Table(box=None, show_header=False, pad_edge=False)
+    prospect = moment.prospect
+    table.add_row(
+        name,
+        f"step {moment.status.step + 1} of {moment.steps}, {moment.status.state}: {moment.status.message}",
+    )
+    table.add_row(
+        "samples",
+        f"{moment.samples}, {moment.arrival_rate_hz:.0f} per second, {moment.acknowledged} on the disk",
+    )
+    bad = {what: count for what, count in moment.counts.items() if count and what != "samples"}
+    if bad:
+        table.add_row("link", ", ".join(f"{what} {count}" for what, count in bad.items()))
+    table.add_row(
+        "rests", f"{prospect.rests}, {prospect.coverage:.0%} of all directions within 30 deg of one"
+    )
+    for prefix, (group, unit) in GROUPS.items():
+        sigma = [std for parameter, std in prospect.sigma.items() if parameter.startswith(prefix)]
+        known = [std for std in sigma if std is not None]
+        text = f"{max(known):.1e} {unit}" if sigma and len(known) == len(sigma) else "not determined yet"
+        table.add_row(f"{group}, expected sigma", text)
+    return table

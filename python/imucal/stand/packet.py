@@ -1,0 +1,213 @@
+"""A unit's binary packets, described in a file of schema imucal.packet/1.
+
+    {"schema": "imucal.packet/1",
+     "sync": "aa55", "byte_order": "little",
+     "fields": [{"name": "sequence", "type": "uint16"}, {"name": "time_us", "type": "uint32"},
+                {"name": "accel_x_lsb", "type": "int16"}, ...,
+                {"name": "temp_degc", "type": "int16", "scale": 0.01}],
+     "checksum": {"kind": "crc16-ccitt", "over": "all"}}
+
+A packet is the sync bytes, the fields one after the other, and the checksum in the same byte order, over all
+before it or over the fields alone. What does not match is skipped byte by byte, counted, and never a sample.
+"""
+
+from __future__ import annotations
+
+import binascii
+import os
+import struct
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+from imucal.document import Node, read_json
+from imucal.errors import FormatError
+
+__all__ = ["CHECKSUMS", "Field", "PacketDecoder", "PacketFormat"]
+
+SCHEMA: Final = "imucal.packet/1"
+TYPES: Final = {
+    **{"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I"},
+    **{"int64": "q", "uint64": "Q", "float32": "f", "float64": "d"},
+}
+SKIP: Final = "-"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One number of a packet: its name (`-` is left out), its type, and value = scale raw + offset."""
+
+    name: str
+    type: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def turns_over(self) -> float | None:
+        """Where a counter starts again at zero, in its own unit; None for what is no counter."""
+        size = struct.calcsize(f"<{TYPES[self.type]}")
+        return self.scale * 2.0 ** (8 * size) if self.type.startswith("uint") else None
+
+
+@dataclass(frozen=True)
+class PacketFormat:
+    """What a packet looks like."""
+
+    sync: bytes
+    byte_order: str
+    fields: tuple[Field, ...]
+    checksum: str
+    over_fields_alone: bool = False
+
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> PacketFormat:
+        """Read the file that describes a packet; FormatError names the field that is wrong."""
+        node = read_json(path)
+        node.require_schema(SCHEMA)
+        sync = node.get("sync")
+        try:
+            start = bytes.fromhex(sync.text())
+        except ValueError:
+            start = b""
+        if not start:
+            raise FormatError(f"{sync.file}: $.sync is {sync.value!r}: give bytes in hex, such as aa55")
+        checksum = node.get("checksum")
+        over = checksum.get("over").text(("all", "fields")) if "over" in checksum.mapping() else "all"
+        return PacketFormat(
+            start,
+            node.get("byte_order").text(("little", "big")),
+            tuple(_field(item) for item in node.get("fields").items()),
+            checksum.get("kind").text(tuple(CHECKSUMS)),
+            over == "fields",
+        )
+
+    @property
+    def layout(self) -> struct.Struct:
+        """The fields as struct has them."""
+        order = "<" if self.byte_order == "little" else ">"
+        return struct.Struct(order + "".join(TYPES[field.type] for field in self.fields))
+
+    def sum_of(self, packet: bytes) -> bytes:
+        """The checksum of a packet without it."""
+        size, of = CHECKSUMS[self.checksum]
+        body = packet[len(self.sync) :] if self.over_fields_alone else packet
+        return of(body).to_bytes(size, "little" if self.byte_order == "little" else "big")
+
+    def pack(self, *raw: float) -> bytes:
+        """The packet of these numbers, one for each field as it is sent: for units and for trying."""
+        packet = self.sync + self.layout.pack(*raw)
+        return packet + self.sum_of(packet)
+
+
+class PacketDecoder:
+    """From bytes to rows of numbers, one for each packet whose checksum is right.
+
+    columns  names of the fields that are kept
+    """
+
+    def __init__(self, form: PacketFormat) -> None:
+        self.form = form
+        kept = [(i, field) for i, field in enumerate(form.fields) if field.name != SKIP]
+        self.columns = tuple(field.name for _, field in kept)
+        self.turns_over = tuple(field.turns_over for _, field in kept)
+        self.damaged = 0
+        self.skipped_bytes = 0
+        self._kept = [(i, field.scale, field.offset) for i, field in kept]
+        self._layout = form.layout
+        self._size = len(form.sync) + self._layout.size
+        self._whole = self._size + CHECKSUMS[form.checksum][0]
+        self._left = b""
+        # Bytes before the first packet are those of one that began before we listened.
+        self._found = False
+
+    def feed(self, data: bytes) -> list[tuple[float, ...]]:
+        """The rows of the packets that are whole with these bytes."""
+        data = self._left + data
+        rows, at = [], 0
+        while True:
+            start = data.find(self.form.sync, at)
+            if start < 0:
+                # The sync bytes may come in two pieces.
+                start = max(at, len(data) - len(self.form.sync) + 1)
+                self._skip(start - at)
+                at = start
+                break
+            self._skip(start - at)
+            at = start
+            if len(data) - at < self._whole:
+                break
+            packet = data[at : at + self._size]
+            if self.form.sum_of(packet) == data[at + self._size : at + self._whole]:
+                raw = self._layout.unpack_from(packet, len(self.form.sync))
+                rows.append(tuple(scale * raw[i] + offset for i, scale, offset in self._kept))
+                at += self._whole
+                self._found = True
+            else:
+                self.damaged += self._found
+                self._skip(1)
+                at += 1
+        self._left = data[at:]
+        return rows
+
+    def counts(self) -> dict[str, int]:
+        """What was no packet."""
+        return {"packets_damaged": self.damaged, "bytes_skipped": self.skipped_bytes}
+
+    def _skip(self, count: int) -> None:
+        if self._found:
+            self.skipped_bytes += count
+
+
+def _field(node: Node) -> Field:
+    fields = node.mapping()
+    return Field(
+        node.get("name").text(),
+        node.get("type").text(tuple(TYPES)),
+        node.get("scale").number() if "scale" in fields else 1.0,
+        node.get("offset").number() if "offset" in fields else 0.0,
+    )
+
+
+def _remainder(byte: int, step: Callable[[int], int]) -> int:
+    for _ in range(8):
+        byte = step(byte)
+    return byte
+
+
+# The polynomial 8005, lowest bit first, and 07, highest bit first.
+MODBUS: Final = [_remainder(b, lambda crc: crc >> 1 ^ (0xA001 if crc & 1 else 0)) for b in range(256)]
+CRC8: Final = [_remainder(b, lambda crc: crc << 1 & 0xFF ^ (0x07 if crc & 0x80 else 0)) for b in range(256)]
+
+
+def _modbus(data: bytes) -> int:
+    crc = 0xFFFF
+    for byte in data:
+        crc = crc >> 8 ^ MODBUS[(crc ^ byte) & 0xFF]
+    return crc
+
+
+def _crc8(data: bytes) -> int:
+    crc = 0
+    for byte in data:
+        crc = CRC8[crc ^ byte]
+    return crc
+
+
+def _xor(data: bytes) -> int:
+    result = 0
+    for byte in data:
+        result ^= byte
+    return result
+
+
+# Name -> length in bytes, and the function. Check values of "123456789": 29b1, 31c3, 4b37, f4.
+CHECKSUMS: Final[dict[str, tuple[int, Callable[[bytes], int]]]] = {
+    "crc32": (4, zlib.crc32),
+    "crc16-ccitt": (2, lambda data: binascii.crc_hqx(data, 0xFFFF)),
+    "crc16-xmodem": (2, lambda data: binascii.crc_hqx(data, 0)),
+    "crc16-modbus": (2, _modbus),
+    "crc8": (1, _crc8),
+    "sum8": (1, lambda data: sum(data) & 0xFF),
+    "xor8": (1, _xor),
+}

@@ -1,0 +1,98 @@
+"""A simulated stand with a unit on it: driver and source at once, in real time or faster."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.errors import InputError
+from imucal.io.vocabulary import column_names
+from imucal.motion import Program
+from imucal.stand.driver import Event, Position, Status
+from imucal.stand.faults import SimulatedUnit
+
+__all__ = ["SimulatedStand"]
+
+NAP_S: Final = 0.002
+
+
+class SimulatedStand:
+    """Runs a program with a simulated unit; use it as the driver and as the source of a recording.
+
+    speed   how many times faster than real time; the samples are the same
+    seed    of the noise
+
+    Its encoders are read with the samples: the columns stand_1_deg, stand_2_deg, stand_3_deg.
+    """
+
+    def __init__(self, program: Program, unit: SimulatedUnit, *, seed: int, speed: float = 1.0) -> None:
+        if not (np.isfinite(speed) and speed > 0):
+            raise InputError(f"speed is {speed}: give a positive number, 1 is real time")
+        recording = unit.run(program, seed)
+        named = [
+            (name.replace("_rad", "_deg"), np.degrees(values))
+            if name.startswith("stand_")
+            else (name, values)
+            for name, values in column_names(recording)
+        ]
+        self.columns = tuple(name for name, _ in named)
+        self._rows = np.column_stack([values for _, values in named])
+        self._time_s = recording.time_s
+        self._speed = speed
+        lengths_s = [(step.move_s, step.hold_s) for step in program.steps]
+        self._ends_s = np.cumsum(lengths_s)
+        self._started_s: float | None = None
+        self._given = 0
+
+    def start(self) -> None:
+        """Start the motors' clock; the unit's and the stand's are one."""
+        if self._started_s is None:
+            self._started_s = time.monotonic()
+
+    def read(self, wait_s: float) -> FloatArray:
+        """What the unit has sent by now."""
+        until_s = time.monotonic() + wait_s
+        while True:
+            end = int(np.searchsorted(self._time_s, self._now_s(), side="right"))
+            if end > self._given or time.monotonic() >= until_s:
+                break
+            time.sleep(NAP_S)
+        rows: FloatArray = self._rows[self._given : max(end, self._given)]
+        self._given += len(rows)
+        return rows
+
+    def poll(self) -> Status:
+        """The phase of the program at this moment; it is through when its last sample is read."""
+        now_s = self._now_s()
+        phase = int(np.searchsorted(self._ends_s, now_s, side="right"))
+        if phase >= len(self._ends_s):
+            last = len(self._ends_s) // 2 - 1
+            return Status("finished" if self._given == len(self._rows) else "holding", last)
+        return Status("holding" if phase % 2 else "moving", phase // 2)
+
+    def see(self, samples: FloatArray) -> None:
+        """The motors go by the clock."""
+
+    def positions(self) -> Sequence[Position]:
+        """None: they are columns of the samples."""
+        return ()
+
+    def events(self) -> Sequence[Event]:
+        """Nothing happens here that is not in the samples."""
+        return ()
+
+    def counts(self) -> dict[str, int]:
+        """The samples that were given."""
+        return {"samples": self._given}
+
+    def close(self) -> None:
+        """The unit sends no more."""
+        self._rows = self._rows[: self._given]
+        self._time_s = self._time_s[: self._given]
+
+    def _now_s(self) -> float:
+        return 0.0 if self._started_s is None else (time.monotonic() - self._started_s) * self._speed

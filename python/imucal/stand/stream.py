@@ -1,0 +1,179 @@
+"""The samples of a real unit: bytes of a link, decoded, in time, and counted."""
+
+from __future__ import annotations
+
+import queue
+import threading
+import time
+from collections.abc import Sequence
+from typing import Final, Protocol
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.errors import ImucalError, InputError
+from imucal.stand.driver import Event
+from imucal.stand.link import Link, LinkLostError
+
+__all__ = ["StreamSource"]
+
+TRY_AGAIN_S: Final = 0.3
+TICKS_PER_S: Final = {"time_s": 1.0, "time_ms": 1e3, "time_us": 1e6, "time_ns": 1e9}
+SEQUENCE: Final = "sequence"
+# A counter that falls from this share of its range, or above, to the rest of it below has turned over.
+TURNED: Final = 0.9
+
+
+class Decoder(Protocol):
+    """From bytes to rows of numbers."""
+
+    columns: tuple[str, ...]
+    turns_over: tuple[float | None, ...]
+
+    def feed(self, data: bytes) -> list[tuple[float, ...]]: ...
+
+    def counts(self) -> dict[str, int]: ...
+
+
+class StreamSource:
+    """Reads a link in a thread of its own, so that nothing is lost while the disk is slow.
+
+    rate_hz  sample rate, for a unit that sends no time: with a column `sequence` lost samples leave gaps
+
+    Counters that turn over go on. Raises InputError if there is no way to know the time of a sample.
+    """
+
+    def __init__(self, link: Link, decoder: Decoder, *, rate_hz: float | None = None) -> None:
+        self._link, self._decoder = link, decoder
+        names = decoder.columns
+        self._time = next((i for i, name in enumerate(names) if name in TICKS_PER_S), None)
+        self._sequence = names.index(SEQUENCE) if SEQUENCE in names else None
+        if (self._time is None) == (rate_hz is None):
+            raise InputError(
+                f"the unit sends {', '.join(names)}: "
+                + (
+                    "name a column time_s, time_ms, time_us or time_ns, or give --sample-rate"
+                    if rate_hz is None
+                    else "there is a time in it, so leave the sample rate out"
+                )
+            )
+        if rate_hz is not None and not rate_hz > 0:
+            raise InputError(f"the sample rate is {rate_hz}: give a positive number, Hz")
+        self._rate_hz = rate_hz
+        self._kept = [i for i in range(len(names)) if i != self._sequence]
+        self.columns = (*(() if rate_hz is None else ("time_s",)), *(names[i] for i in self._kept))
+        self._before: tuple[float, ...] | None = None
+        self._heard_s = 0.0
+        self._numbered = 0
+        self._shift = [0.0] * len(names)
+        self._count = {"samples": 0, "packets_missing": 0, "packets_repeated": 0, "unit_restarts": 0}
+        self._happened: list[Event] = []
+        self._arrived: queue.SimpleQueue[bytes | Event] = queue.SimpleQueue()
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+
+    def start(self) -> None:
+        """Open the link; ImucalError if that fails."""
+        try:
+            self._link.open()
+        except LinkLostError as error:
+            raise ImucalError(f"the unit cannot be heard: {error}") from None
+        self._thread.start()
+
+    def read(self, wait_s: float) -> FloatArray:
+        """Samples since the last call, (N, columns)."""
+        rows: list[list[float]] = []
+        try:
+            arrived = self._arrived.get(timeout=wait_s)
+            while True:
+                if isinstance(arrived, Event):
+                    self._happened.append(arrived)
+                else:
+                    rows += [row for raw in self._decoder.feed(arrived) if (row := self._sample(raw))]
+                arrived = self._arrived.get_nowait()
+        except queue.Empty:
+            pass
+        self._count["samples"] += len(rows)
+        return np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
+
+    def events(self) -> Sequence[Event]:
+        """What happened since the last call."""
+        happened, self._happened = self._happened, []
+        return happened
+
+    def counts(self) -> dict[str, int]:
+        """What arrived and what did not."""
+        return {**self._count, **self._decoder.counts()}
+
+    def close(self) -> None:
+        """Stop listening."""
+        self._closed.set()
+        if self._thread.is_alive() and self._link.comes_back:
+            self._thread.join(timeout=1.0)
+        self._link.close()
+
+    def _listen(self) -> None:
+        while not self._closed.is_set():
+            try:
+                data = self._link.read()
+                if data:
+                    self._arrived.put(data)
+            except LinkLostError as error:
+                if self._closed.is_set():
+                    return
+                self._arrived.put(Event("unit_link_lost", str(error)))
+                if not self._link.comes_back or not self._reopened():
+                    return
+                self._arrived.put(Event("unit_link_back", f"{self._link.name} is open again"))
+
+    def _reopened(self) -> bool:
+        while not self._closed.is_set():
+            self._link.close()
+            try:
+                self._link.open()
+                return True
+            except LinkLostError:
+                self._closed.wait(TRY_AGAIN_S)
+        return False
+
+    def _sample(self, raw: tuple[float, ...]) -> list[float] | None:
+        """The columns of a sample, counters going on; None for a packet that came a second time."""
+        now_s = time.monotonic()
+        row = list(raw)
+        for i in (self._time, self._sequence):
+            if i is not None:
+                row[i] = self._going_on(i, raw[i], now_s)
+        if self._sequence is not None and self._before is not None:
+            step = row[self._sequence] - self._before[self._sequence]
+            if step == 0:
+                self._count["packets_repeated"] += 1
+                return None
+            self._count["packets_missing"] += max(int(step) - 1, 0)
+        self._before, self._heard_s = tuple(row), now_s
+        kept = [row[i] for i in self._kept]
+        if self._rate_hz is None:
+            return kept
+        number = self._numbered if self._sequence is None else row[self._sequence]
+        self._numbered += 1
+        return [number / self._rate_hz, *kept]
+
+    def _going_on(self, i: int, raw: float, now_s: float) -> float:
+        """A counter without its falls: where it turns over, and where the unit has started anew."""
+        value = raw + self._shift[i]
+        if self._before is None or value >= self._before[i]:
+            return value
+        last, turn = self._before[i], self._decoder.turns_over[i]
+        if turn is not None and last - self._shift[i] >= TURNED * turn and raw <= (1 - TURNED) * turn:
+            self._shift[i] += turn
+            return raw + self._shift[i]
+        # By the host's clock: the unit's says nothing of the time between.
+        if i == self._time:
+            self._count["unit_restarts"] += 1
+            self._happened.append(
+                Event("unit_restarted", f"the unit's clock fell from {last:g} to {value:g}: it started anew")
+            )
+            elapsed = (now_s - self._heard_s) * TICKS_PER_S[self._decoder.columns[i]]
+        else:
+            elapsed = 1.0
+        self._shift[i] = last + elapsed - raw
+        return last + elapsed

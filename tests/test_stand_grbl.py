@@ -1,0 +1,264 @@
+"""The grbl driver against a controller at a pseudo-terminal, with everything that goes wrong on a bench."""
+
+import sys
+import time
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal import Program, Step
+
+if sys.platform == "win32":
+    pytest.skip("pseudo-terminals are POSIX", allow_module_level=True)
+
+from grbl_controller import Controller
+from imucal.stand.grbl import GrblDriver
+from imucal.stand.grbl_talk import Patience
+from imucal.stand.link import link_to
+from imucal.stand.packet import Field, PacketDecoder, PacketFormat
+from imucal.stand.recorder import record
+from imucal.stand.stream import StreamSource
+from stand_devices import ControllerPort, UnitPort
+
+TURNS = ((0, 0, 0), (40, 0, 0), (0, 60, -30), (-20, 0, 90), (10, -40, 0), (0, 0, -80), (35, 20, 10))
+PROGRAM = Program(tuple(Step(turn, 1.0 if any(turn) else 0.0, 1.0) for turn in TURNS))
+POSES = np.cumsum(TURNS, axis=0)
+QUICK = Patience(answer_s=0.6, stall_s=0.8, reconnect_s=6.0)
+NAMES = (*(f"accel_{axis}_lsb" for axis in "xyz"), *(f"gyro_{axis}_lsb" for axis in "xyz"))
+PACKET = PacketFormat(
+    b"\xaa\x55",
+    "little",
+    (Field("sequence", "uint16"), Field("time_us", "uint32"), *(Field(name, "int16") for name in NAMES)),
+    "crc16-ccitt",
+)
+
+
+def packet(number):
+    """The sample of this number, known by its six values."""
+    values = [(number * factor + 7) % 60000 - 30000 for factor in (1, 3, 7, 11, 13, 17)]
+    return PACKET.pack(number % 65536, number * 500 % 2**32, *values)
+
+
+def damaged(number, whole, draw):
+    """One in twenty packets comes otherwise: bits flipped, bytes lost, noise before it, cut, or none."""
+    if number < 20 or draw.random() > 0.05:
+        return whole
+    kind, at = draw.randrange(5), draw.randrange(1, len(whole))
+    return (
+        whole[:at] + bytes([whole[at] ^ draw.randrange(1, 256)]) + whole[at + 1 :],
+        whole[:at] + whole[at + draw.randrange(1, 4) :],
+        bytes(draw.randrange(256) for _ in range(at)) + whole[:-1],
+        whole[:at],
+        b"",
+    )[kind]
+
+
+@pytest.fixture
+def bench(tmp_path):
+    """A run of the program with this controller and this unit; what came of it."""
+
+    def run(controller=None, program=PROGRAM, unit_damage=None, patience=QUICK, **port):
+        controller = controller or Controller()
+        with (
+            ControllerPort(tmp_path / "controller", controller, **port) as stand,
+            UnitPort(tmp_path / "unit", packet, damage=unit_damage, rate_hz=2000.0) as unit,
+        ):
+            driver = GrblDriver(program, str(stand.path), patience=patience)
+            source = StreamSource(link_to(str(unit.path), 921600), PacketDecoder(PACKET))
+            done = record(driver, source, tmp_path / "run.csv", steps=len(program.steps))
+        read = imucal.read(tmp_path / "run.csv")
+        numbers = np.round(read.time_s * 2000).astype(int)
+        # The first sample that was heard is at zero; which one it was, its values tell.
+        first = int(read.specific_force[0, 0] + 30000 - 7)
+        return done, stand, unit, read, numbers + first
+
+    return run
+
+
+def assert_every_intact_sample_once(unit, read, numbers):
+    """No sample is lost or doubled, and none is in the record that was not sent so."""
+    assert len(set(numbers)) == len(numbers)
+    intact = [number for number in unit.intact if numbers[0] <= number <= numbers[-1]]
+    assert numbers.tolist() == intact
+    values = np.array([(numbers * f + 7) % 60000 - 30000 for f in (1, 3, 7, 11, 13, 17)]).T
+    assert np.array_equal(np.hstack([read.specific_force, read.angular_rate]), values)
+
+
+def assert_poses_were_held(stand):
+    """Each pose of the program was held for its time, in the program's order."""
+    held = [pose for pose, hold_s in stand.controller.dwelt if hold_s >= 1.0]
+    found = 0
+    for pose in held:
+        if found < len(POSES) and np.allclose(pose, POSES[found], atol=0.01):
+            found += 1
+    assert found == len(POSES)
+
+
+def codes(done):
+    return [event["code"] for event in done.events]
+
+
+def test_a_run_without_trouble(bench):
+    done, stand, unit, read, numbers = bench(latency_s=0.01)
+    assert (done.state, codes(done)) == ("completed", [])
+    assert stand.controller.overflowed == 0
+    assert [pose for pose, _ in stand.controller.dwelt] == [pytest.approx(pose, abs=1e-3) for pose in POSES]
+    assert_every_intact_sample_once(unit, read, numbers)
+    # The angles of the controller are there, from the first pose to the last.
+    angles = np.degrees(read.stand_rad)
+    assert np.allclose(angles[0], POSES[0], atol=0.01)
+    assert np.abs(angles[-1] - POSES[-1]).max() < 1.0
+    assert np.ptp(angles, axis=0) == pytest.approx(np.ptp(POSES, axis=0), abs=2.0)
+
+
+def test_the_start_is_where_the_stand_is(bench):
+    controller = Controller()
+    controller.position = controller.planned = [100.0, -50.0, 7.0]
+    done, stand, _, read, _ = bench(controller)
+    assert done.state == "completed"
+    assert np.allclose(stand.controller.dwelt[0][0], (100.0, -50.0, 7.0))
+    assert np.allclose(stand.controller.dwelt[-1][0], POSES[-1] + (100.0, -50.0, 7.0), atol=1e-3)
+    assert np.allclose(np.degrees(read.stand_rad[0]), 0.0, atol=0.01)
+
+
+def test_feeds_are_those_that_the_motors_can(bench):
+    """A slow controller takes longer: nothing is taken for a stall, and lines never overflow its buffer."""
+    slow = Controller(max_rate_dpm=(900.0,) * 3, acceleration=(200.0,) * 3)
+    done, stand, unit, read, numbers = bench(slow, latency_s=0.05)
+    assert (done.state, codes(done)) == ("completed", [])
+    assert_poses_were_held(stand)
+    assert_every_intact_sample_once(unit, read, numbers)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_lost_bytes_either_way(bench, seed):
+    done, stand, unit, read, numbers = bench(loss=0.004, seed=seed, latency_s=0.005)
+    assert stand.lost > 3
+    assert done.state == "completed", (done.message, done.events)
+    assert_poses_were_held(stand)
+    assert_every_intact_sample_once(unit, read, numbers)
+
+
+def test_damaged_packets_are_counted_and_never_recorded(bench):
+    done, _, unit, read, numbers = bench(unit_damage=damaged)
+    assert_every_intact_sample_once(unit, read, numbers)
+    heard = range(numbers[0], numbers[-1] + 1)
+    missing = len(heard) - len(numbers)
+    assert missing > 100
+    assert done.counts["packets_missing"] == missing
+    assert done.counts["packets_damaged"] > 0
+    assert done.counts["samples"] == len(read)
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        lambda port: port.controller.reset(),
+        lambda port: port.controller.power_cycle(),
+        lambda port: port.controller.receive(b"\x18"),
+    ],
+    ids=["reset", "power", "ctrl-x"],
+)
+@pytest.mark.parametrize("at_s", [5.3, 6.1], ids=["moving", "holding"])
+def test_a_reset_in_the_middle(bench, event, at_s):
+    done, stand, unit, read, numbers = bench(script=[(at_s, event)])
+    assert done.state == "completed", (done.message, done.events)
+    assert "resumed" in codes(done)
+    assert_every_intact_sample_once(unit, read, numbers)
+    if "position_lost" not in codes(done):
+        assert_poses_were_held(stand)
+    # The angles go on, whatever the controller takes for zero: the last pose is the program's.
+    assert np.abs(np.degrees(read.stand_rad[-1]) - POSES[-1]).max() < 1.0
+
+
+@pytest.mark.parametrize(("code", "ends"), [(1, "alarm"), (2, "alarm"), (3, "completed")])
+def test_alarms(bench, code, ends):
+    done, stand, unit, read, numbers = bench(script=[(5.0, lambda port: port.controller.alarm(code))])
+    assert done.state == ends
+    assert f"alarm {code}" in str([done.message, *done.events])
+    assert_every_intact_sample_once(unit, read, numbers)
+    if ends == "completed":
+        assert_poses_were_held(stand)
+    else:
+        assert not done.good
+        assert 0 < done.step < len(POSES) - 1
+        assert "run the program again" in done.message
+
+
+def test_locked_when_it_is_switched_on(bench):
+    done, stand, *_ = bench(Controller(locked=True))
+    assert done.state == "completed"
+    assert_poses_were_held(stand)
+
+
+def test_a_damaged_welcome(bench, monkeypatch):
+    import grbl_controller
+
+    monkeypatch.setattr(grbl_controller, "WELCOME", b"\r\nG\xffbl 1.\x001h ['$' fo")
+    done, stand, *_ = bench()
+    assert done.state == "completed"
+    assert_poses_were_held(stand)
+
+
+def test_a_cable_that_is_pulled_out_and_put_back(bench):
+    gone = [(4.0, lambda port: port.unplug()), (10.0, lambda port: port.plug())]
+    done, stand, unit, read, numbers = bench(script=gone)
+    assert done.state == "completed", (done.message, done.events)
+    assert codes(done)[0] == "controller_lost"
+    assert "resumed" in codes(done)
+    assert_poses_were_held(stand)
+    assert_every_intact_sample_once(unit, read, numbers)
+
+
+def test_a_cable_that_stays_out(bench):
+    patience = Patience(answer_s=0.6, stall_s=0.8, reconnect_s=1.0)
+    done, _, unit, read, numbers = bench(script=[(4.0, lambda port: port.unplug())], patience=patience)
+    assert (done.state, done.good) == ("controller_lost", False)
+    assert "check cable and supply" in done.message
+    assert done.output is not None
+    assert_every_intact_sample_once(unit, read, numbers)
+
+
+def test_a_controller_that_falls_silent(bench):
+    patience = Patience(answer_s=0.2, stall_s=0.5, reconnect_s=1.0)
+    silent = [(4.0, lambda port: setattr(port, "loss", 1.0))]
+    done, _, unit, read, numbers = bench(script=silent, patience=patience)
+    assert done.state == "controller_lost"
+    assert_every_intact_sample_once(unit, read, numbers)
+
+
+def test_nobody_there(tmp_path):
+    with pytest.raises(imucal.ImucalError, match="cannot be opened"):
+        GrblDriver(PROGRAM, str(tmp_path / "nothing")).start()
+    with (
+        ControllerPort(tmp_path / "controller", Controller(), loss=1.0) as stand,
+        pytest.raises(imucal.ImucalError, match="baud rate"),
+    ):
+        GrblDriver(PROGRAM, str(stand.path), patience=Patience(answer_s=0.05)).start()
+
+
+def test_the_motors_are_stopped_when_a_run_is_interrupted(tmp_path):
+    class InterruptedError_(Exception):
+        pass
+
+    def watch(moment):
+        if moment.status.step >= 2:
+            raise InterruptedError_
+
+    with (
+        ControllerPort(tmp_path / "controller", Controller()) as stand,
+        UnitPort(tmp_path / "unit", packet) as unit,
+    ):
+        driver = GrblDriver(PROGRAM, str(stand.path), patience=QUICK)
+        source = StreamSource(link_to(str(unit.path), 921600), PacketDecoder(PACKET))
+        with pytest.raises(InterruptedError_):
+            record(driver, source, tmp_path / "run.csv", steps=len(PROGRAM.steps), watch=watch)
+        # The reset arrives a moment later.
+        for _ in range(200):
+            if stand.controller.idle:
+                break
+            time.sleep(0.01)
+        assert stand.controller.idle
+        assert len(stand.controller.dwelt) < len(POSES)
+    assert (tmp_path / "run.csv.journal").exists()

@@ -1,0 +1,326 @@
+"""A run on a simulated stand: what arrives is what is written, once each, however the run ends."""
+
+import dataclasses
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal import Program, Step
+from imucal.stand.faults import SimulatedUnit
+from imucal.stand.journal import Journal, read_journal
+from imucal.stand.progress import parse_target
+from imucal.stand.recorder import journal_of, record
+from imucal.stand.recovery import recover
+from imucal.stand.simulated import SimulatedStand
+
+SHORT = Program((Step((0, 0, 0), 0, 2), Step((90, 0, 0), 1, 2), Step((0, 90, 0), 1, 2)))
+
+
+def simulated(program=SHORT, speed=1000.0, seed=1, **unit):
+    return SimulatedStand(program, SimulatedUnit(**unit), seed=seed, speed=speed)
+
+
+def test_a_run_writes_every_sample_of_the_unit_once(tmp_path):
+    stand = simulated()
+    done = record(stand, stand, tmp_path / "run.csv", steps=len(SHORT.steps))
+    expected = imucal.simulate(SHORT, seed=1).recording
+    written = imucal.read(tmp_path / "run.csv")
+    assert (done.state, done.step, done.good) == ("completed", 2, True)
+    assert done.samples == len(expected)
+    for name in ("time_s", "specific_force", "angular_rate"):
+        assert np.array_equal(getattr(written, name), getattr(expected, name))
+    # Degrees and back: the last bit may differ.
+    assert np.allclose(written.stand_rad, expected.stand_rad, rtol=1e-15, atol=0)
+    header = (tmp_path / "run.csv").read_text().splitlines()[0]
+    assert header.endswith("stand_1_deg,stand_2_deg,stand_3_deg")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["run.csv"]
+
+
+def test_the_speed_changes_nothing_but_the_time_taken(tmp_path):
+    for speed in (200.0, 5000.0):
+        stand = simulated(speed=speed)
+        record(stand, stand, tmp_path / f"{speed}.parquet", steps=3)
+    assert (tmp_path / "200.0.parquet").read_bytes() == (tmp_path / "5000.0.parquet").read_bytes()
+
+
+def test_a_target_ends_the_run_early(tmp_path):
+    program = Program.random(seed=1)
+    stand = simulated(program, speed=300.0)
+    targets = [parse_target("gyro_bias_*=2e-4"), parse_target("gyro_sensitivity_*=1e-3")]
+    done = record(stand, stand, tmp_path / "run.csv", steps=len(program.steps), targets=targets)
+    assert done.state == "target_reached"
+    assert done.step < len(program.steps) - 1
+    # What was promised is what the calibration of the file then says.
+    result = imucal.calibrate(imucal.read(tmp_path / "run.csv"))
+    bias = [p.std for p in result.parameters if p.name.startswith("gyro_bias")]
+    assert max(bias) < 2e-4 * 1.2
+
+
+def test_targets_that_mean_nothing_are_refused():
+    for text in ("gyro_bias_x", "gyro_bias_x=fast", "gyro_bias_x=-1", "gyro_bias_w=1e-4", "=1"):
+        with pytest.raises(imucal.InputError, match="the target"):
+            parse_target(text)
+
+
+def test_a_unit_that_falls_silent_ends_the_run_and_keeps_what_it_sent(tmp_path):
+    stand = simulated()
+
+    class Mute:
+        columns = stand.columns
+        start, events, counts, close = stand.start, stand.events, stand.counts, stand.close
+
+        def read(self, wait_s):
+            rows = stand.read(wait_s)
+            return rows if rows.size and rows[-1, 0] < 3.0 else rows[:0]
+
+    class Patient:
+        """A driver whose program does not end."""
+
+        start, see, positions, events, close = (lambda *_: (),) * 5
+        poll = staticmethod(lambda: imucal.stand.driver.Status("moving", 1))
+
+    done = record(Patient(), Mute(), tmp_path / "run.csv", steps=3, silent_s=0.3)
+    assert (done.state, done.good) == ("unit_silent", False)
+    assert "cable" in done.message
+    assert done.output is None or len(imucal.read(tmp_path / "run.csv")) == done.samples
+
+
+def test_a_journal_that_is_there_is_never_overwritten(tmp_path, command):
+    left = journal_of(tmp_path / "run.csv")
+    with Journal(left, ("time_s", "a"), {}) as journal:
+        journal.samples(np.ones((3, 2)), 0.0)
+    before = left.read_bytes()
+    done = command("stand", "run", "random", "--driver", "simulated", "-o", tmp_path / "run.csv")
+    assert done.returncode == 1
+    assert "imucal stand recover" in done.stderr
+    assert left.read_bytes() == before
+    assert command("stand", "run", "random", "-o", tmp_path / "run.txt").returncode == 1
+
+
+# --- the journal ---
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A journal of 20 blocks of samples, and where the file ended after each."""
+    path, ends, rows = tmp_path / "run.csv.journal", [], []
+    draw = np.random.default_rng(3)
+    with Journal(path, ("time_s", "value"), {"seed": 3}) as journal:
+        for number in range(20):
+            block = np.column_stack([np.arange(5) + 5 * number, draw.normal(size=5)])
+            journal.samples(block, host_s=float(number))
+            journal.positions([(float(number), 1.0, 2.0, 3.0)])
+            journal.event(float(number), "step", f"block {number}")
+            rows.append(block)
+            ends.append(path.stat().st_size)
+    return path, ends, np.concatenate(rows)
+
+
+def test_a_power_cut_at_any_byte_costs_the_unfinished_block_alone(written, tmp_path):
+    path, ends, rows = written
+    content, first = path.read_bytes(), len(path.read_bytes()) - 600
+    for length in range(first, len(content) + 1):
+        cut = tmp_path / "cut.journal"
+        cut.write_bytes(content[:length])
+        whole = sum(end <= length for end in ends)
+        found = read_journal(cut).samples
+        # The samples of a block come before its position and its event.
+        assert len(found) in (5 * whole, 5 * whole + 5)
+        assert np.array_equal(found, rows[: len(found)])
+
+
+def test_damage_anywhere_costs_the_blocks_it_hits_and_is_counted(written, tmp_path):
+    path, _, rows = written
+    content = bytearray(path.read_bytes())
+    start = len(content) // 2
+    content[start : start + 40] = bytes(40)
+    damaged = tmp_path / "damaged.journal"
+    damaged.write_bytes(content)
+    logged = read_journal(damaged)
+    assert 1 <= logged.blocks_lost <= 3
+    kept = {tuple(row) for row in logged.samples}
+    assert kept <= {tuple(row) for row in rows}
+    assert len(rows) - 5 <= len(logged.samples) == len(kept)
+
+
+def test_a_block_that_stands_twice_is_read_once(written, tmp_path):
+    path, ends, rows = written
+    content = path.read_bytes()
+    twice = tmp_path / "twice.journal"
+    twice.write_bytes(content[: ends[9]] + content[ends[4] : ends[9]] + content[ends[9] :])
+    assert np.array_equal(read_journal(twice).samples, rows)
+
+
+@pytest.mark.parametrize("content", [b"", b"time_s,accel\n1,2\n", bytes(5000), b"\x89imJ" * 400])
+def test_what_is_no_journal_is_refused(content, tmp_path):
+    path = tmp_path / "other.journal"
+    path.write_bytes(content)
+    with pytest.raises(imucal.FormatError, match="no journal of a run"):
+        recover(path, tmp_path / "run.csv")
+    assert not (tmp_path / "run.csv").exists()
+
+
+def test_positions_are_joined_to_the_samples_at_their_instants(tmp_path):
+    """Samples arrive late by up to 30 ms; the unit's clock is even, so that the joined angle is not."""
+    draw, rate_hz = random.Random(5), 100.0
+    path = tmp_path / "run.csv.journal"
+    columns = ("time_us", *(f"accel_{a}_mps2" for a in "xyz"), *(f"gyro_{a}_radps" for a in "xyz"))
+    with Journal(path, columns, {}) as journal:
+        for block in range(100):
+            time_s = (np.arange(10) + 10 * block) / rate_hz
+            rows = np.column_stack([5e6 + time_s * 1e6, np.ones((10, 6))])
+            journal.samples(rows, 1000.0 + time_s[-1] + draw.uniform(0.001, 0.03))
+            journal.positions([(1000.0 + time_s[0], 10.0 * time_s[0], 0.0, -20.0 * time_s[0])])
+    recover(path, tmp_path / "run.csv")
+    read = imucal.read(tmp_path / "run.csv")
+    expected = np.degrees(read.stand_rad[:980, 0])
+    # 10 deg/s: 5 ms of delay that cannot be known are 0.05 deg.
+    assert np.abs(expected - 10.0 * read.time_s[:980]).max() < 0.2
+    assert np.allclose(read.stand_rad[:, 2], -2 * read.stand_rad[:, 0])
+
+
+# --- killed at any moment ---
+
+# Forks a child for every line it is given: the child runs the stand and says what is acknowledged.
+KILLED = """
+import os, sys
+import numpy, pyarrow.csv
+from imucal import Program, Step
+from imucal.stand.faults import SimulatedUnit
+from imucal.stand.simulated import SimulatedStand
+import imucal.stand.recorder as recorder
+
+# Acknowledged more often than people need it, so that there is much to lose.
+recorder.SYNC_S = 0.005
+program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(400)))
+stand = SimulatedStand(program, SimulatedUnit(), seed=1, speed=1000.0)
+for name in sys.stdin:
+    child = os.fork()
+    if child == 0:
+        told = 0
+        def tell(moment):
+            global told
+            if moment.acknowledged > told:
+                told = moment.acknowledged
+                print(told, flush=True)
+        recorder.record(stand, stand, name.strip(), steps=len(program.steps), watch=tell)
+        os._exit(0)
+    print("child", child, flush=True)
+    os.waitpid(child, 0)
+    print("gone", flush=True)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
+def test_killed_at_fifty_moments_every_acknowledged_sample_is_recovered(tmp_path):
+    program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(400)))
+    expected = imucal.simulate(program, seed=1).recording
+    draw, kept = random.Random(11), []
+    parent = subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", KILLED],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    for moment in range(50):
+        output = tmp_path / f"{moment}.csv"
+        parent.stdin.write(f"{output}\n")
+        parent.stdin.flush()
+        said, acknowledged = parent.stdout.readline().split(), 0
+        # Not a time but a number of acknowledgements and then a moment: a slow machine is no less random.
+        while said[0] != "child":
+            acknowledged = int(said[0])
+            said = parent.stdout.readline().split()
+        for _ in range(draw.randrange(0, 10)):
+            acknowledged = int(parent.stdout.readline())
+        time.sleep(draw.uniform(0.0, 0.02))
+        os.kill(int(said[1]), signal.SIGKILL)
+        while (line := parent.stdout.readline()) != "gone\n":
+            acknowledged = int(line)
+        journal = journal_of(output)
+        if not acknowledged and len(read_journal_or_none(journal)) == 0:
+            kept.append(0)
+            continue
+        logged = recover(journal, output)
+        read = imucal.read(output)
+        assert len(read) == len(logged.samples) >= acknowledged
+        # Those of the unit from the first on, each once, and bit for bit.
+        assert np.array_equal(read.time_s, expected.time_s[: len(read)])
+        assert np.array_equal(read.angular_rate, expected.angular_rate[: len(read)])
+        kept.append(acknowledged)
+    parent.stdin.close()
+    parent.wait()
+    assert sum(count > 0 for count in kept) > 30
+    assert len(set(kept)) > 20
+
+
+def read_journal_or_none(path):
+    try:
+        return read_journal(path).samples
+    except (imucal.FormatError, imucal.InputError):
+        return ()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
+def test_interrupted_the_command_says_where_the_samples_are(tmp_path):
+    output = tmp_path / "run.csv"
+    command = [Path(sys.executable).with_name("imucal"), "stand", "run", "random"]
+    child = subprocess.Popen(
+        [*command, "--driver", "simulated", "--speed", "5", "-o", str(output)],
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    journal = journal_of(output)
+    while not (journal.exists() and len(read_journal_or_none(journal)) > 100):
+        assert child.poll() is None, child.stderr.read()
+    child.send_signal(signal.SIGINT)
+    _, shown = child.communicate(timeout=60)
+    assert child.returncode == 130
+    assert "Traceback" not in shown
+    assert f"imucal stand recover {journal} -o {output}" in shown
+    assert not output.exists()
+    assert len(recover(journal, output).samples) == len(imucal.read(output)) > 100
+
+
+# --- the command ---
+
+
+def test_run_of_a_program_file_by_the_command(tmp_path, command):
+    SHORT.write(tmp_path / "program.json")
+    done = command(
+        *("stand", "run", tmp_path / "program.json", "--driver", "simulated", "--speed", "1000"),
+        *("-o", tmp_path / "run.csv", "--json", tmp_path / "run.json", "--unit", "bmi088"),
+    )
+    assert done.returncode == 0, done.stderr
+    # In a pipe there is no live view.
+    assert done.stderr == ""
+    document = json.loads((tmp_path / "run.json").read_text())
+    assert document["state"] == "completed"
+    assert document["samples"] == len(imucal.read(tmp_path / "run.csv"))
+    assert document["prospect"]["rests"] == 3
+
+
+@pytest.mark.parametrize("options", [("--speed", "0"), ("--fault", "fire"), ("--driver", "steam")])
+def test_options_that_mean_nothing(options, tmp_path, command):
+    done = command("stand", "run", "random", *options, "-o", tmp_path / "run.csv")
+    assert done.returncode == 1
+    assert "give" in done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_program_carries_its_stand(tmp_path):
+    cheap = dataclasses.replace(SHORT, stand=imucal.Stand.cheap(4))
+    stand = simulated(cheap)
+    record(stand, stand, tmp_path / "run.csv", steps=3)
+    expected = imucal.simulate(cheap, seed=1).recording
+    assert np.array_equal(imucal.read(tmp_path / "run.csv").specific_force, expected.specific_force)
