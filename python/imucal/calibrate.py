@@ -114,8 +114,8 @@ def calibrate(
     unit               profile of the unit, its name, or the path of its file: its bias instabilities and
                        random walks, which recordings of minutes hardly show, widen the standard deviations;
                        the biases are means over the recording then
-    folds              also fit that many times without a part of the moves, and as often without a part of the
-                       rests, and judge on what was left out
+    folds              also fit that many times without a part of the moves, and as often without a part of
+                       the rests, and judge on what was left out
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
     NotEnoughMotionError for poses that are missing, FitError if a fit comes to no acceptable end.

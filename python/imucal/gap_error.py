@@ -1,4 +1,4 @@
-"""How wrong corrected signals are without and with what joined the model, as it is predicted without any truth.
+"""How wrong corrected signals are without and with what joined the model, predicted without any truth.
 
     after^2  = noise^2 + parameters^2,   before^2 = after^2 + rms(before - after)^2
 
@@ -35,7 +35,7 @@ SEED: Final = 1
 def predicted_error(
     before: Calibration, after: CalibrationResult, recordings: Sequence[Recording]
 ) -> dict[str, dict[str, float]]:
-    """Rms over samples and axes of the error of corrected rate and force, averaged over 1 s, before and after."""
+    """Rms over samples and axes of the error of corrected rate and force, averaged over 1 s."""
     better = after.calibration
     accel, gyro = noise_densities(better)
     instability = after.fit.get("bias_instability_radps")

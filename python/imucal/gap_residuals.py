@@ -1,4 +1,4 @@
-"""Residuals of a calibration in the body frame, with what noise explains of them and what they may go with."""
+"""Residuals of a calibration in the body frame, what noise explains of them, and what they may go with."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ AXES: Final = "xyz"
 
 @dataclass(frozen=True)
 class Item:
-    """A rest or a move: its place among all of the result, chi2 with `dof` degrees of freedom, and its error."""
+    """A rest or a move: its place in the result, chi2 with `dof` degrees of freedom, and its error."""
 
     recording: str
     index: int
@@ -317,11 +317,12 @@ def _vector(rotation: FloatArray) -> FloatArray:
     )
     sine, cosine = np.linalg.norm(skew) / 2.0, (np.trace(rotation) - 1.0) / 2.0
     if sine > 1e-6:
-        return skew / (2.0 * sine) * np.arctan2(sine, cosine)
+        turned: FloatArray = skew / (2.0 * sine) * np.arctan2(sine, cosine)
+        return turned
     if cosine > 0:
         return skew / 2.0
-    axis = np.sqrt(np.maximum((np.diag(rotation) + 1.0) / 2.0, 0.0))
-    return axis * np.pi
+    half_turn: FloatArray = np.pi * np.sqrt(np.maximum((np.diag(rotation) + 1.0) / 2.0, 0.0))
+    return half_turn
 
 
 def _half(rotation: FloatArray) -> FloatArray:

@@ -41,7 +41,8 @@ class Gap:
     traces             by effect, `times_noise` by kind of residual at its typical size, and the share of it
                        that the 21 parameters take up
     calibration_set, control_set   figures before and after
-    held_out           figures before and after on rests and moves that were left out, without a control record
+    held_out           without a control record, figures before and after on rests and moves that were left
+                       out
     fits               the plain calibration and that with what joined, `before` and `after`
     calibration        the improved calibration, or the plain one if nothing was found; None for a data fault
     ranking            all candidates against the plain model, best first
@@ -101,7 +102,7 @@ class Gap:
         return dict(plain(document))
 
     def explain(self, name: str) -> list[str]:
-        """What an effect is, how it would look here, and what these recordings show or could have shown of it.
+        """What an effect is, how it would look here, whether it could be seen, how large it may be unseen.
 
         Raises InputError for a name that is not in the catalogue.
         """

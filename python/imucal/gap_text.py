@@ -109,8 +109,8 @@ def sentences(gap: Gap) -> Iterator[str]:
         yield ", ".join(f"{words} {a:.3g} -> {b:.3g} {unit} rms" for words, a, b, unit in known)
     if gap.control_set is None and gap.held_out is not None:
         yield (
-            f"no control recording was given: every {gap.held_out['folds']}rd rest and move in turn was left out "
-            "of a fit and judged it"
+            f"no control recording was given: one rest and one move in {gap.held_out['folds']} in turn "
+            "was left out of a fit and judged it"
         )
     yield from gap.notes
 
@@ -123,14 +123,14 @@ def _finding(gap: Gap) -> str:
         (gap.control_set, "control") if gap.control_set is not None else (gap.held_out, "held-out")
     )
     figure = gap.gap
-    before, after = (None, None) if unseen is None else (unseen["before"], unseen["after"])
     # Where rests and moves are as good without it, it is inside the moves, or at the stand, that it counts.
     if (
         figure is not None
-        and before is not None
+        and unseen is not None
         and figure["before"] > 1.1 * figure["floor"]
         and figure["closed"] > 0.1
     ):
+        before, after = unseen["before"], unseen["after"]
         name, unit, words = ("gravity_direction_rms_deg", "deg", "gravity direction")
         if _ratio(before, after, "gravity_norm_rms_mps2") > _ratio(before, after, name):
             name, unit, words = ("gravity_norm_rms_mps2", "m/s^2", "|f| - g")
@@ -199,16 +199,18 @@ def where_in_words(gap: Gap) -> Iterator[str]:
             if row["times_noise_after"] is None or not gap.effects
             else f", {row['times_noise_after']:.2g} after"
         )
-        yield f"where: {_channel(row)}: {rms:.3g} {unit} rms, {row['times_noise']:.3g} times noise{after}{goes}"
+        times = f"{row['times_noise']:.3g} times noise{after}"
+        yield f"where: {_channel(row)}: {rms:.3g} {unit} rms, {times}{goes}"
     if len(rows) > MOST_CHANNELS:
         yield f"where: and {len(rows) - MOST_CHANNELS} more channels, the report and --json have them all"
     for kind in ("rests", "moves"):
         if gap.where[kind]:
             about = gap.where["turns_about"] if kind == "moves" else None
             worst = max(gap.where[kind], key=lambda item: item["times_noise"])
+            turns = f", all turns about {about}" if about else ""
             yield (
-                f"where: {len(gap.where[kind])} {kind} stand out{f', all turns about {about}' if about else ''}, most "
-                f"{kind[:-1]} {worst['index']} of {worst['recording']} with {worst['times_noise']:.3g} times noise"
+                f"where: {len(gap.where[kind])} {kind} stand out{turns}, most {kind[:-1]} {worst['index']} "
+                f"of {worst['recording']} with {worst['times_noise']:.3g} times noise"
             )
 
 
@@ -234,27 +236,30 @@ def explanation(gap: Gap, name: str) -> Iterator[str]:
             if times > WORTH_SAYING
         ]
         yield (
-            f"at that size it would leave here {', '.join(seen[:MOST_CHANNELS]) or 'next to nothing'}; of its squares the "
-            f"21 parameters take up {100 * trace['taken_up']:.0f} %"
+            f"at that size it would leave here {', '.join(seen[:MOST_CHANNELS]) or 'next to nothing'}; "
+            f"of its squares the 21 parameters take up {100 * trace['taken_up']:.0f} %"
         )
     if missing is not None:
         yield f"these recordings cannot show it: it needs {missing['needs']}; it may be of any size"
     if name in gap.smallest_visible:
         size = gap.smallest_visible[name]
         value, unit = for_people(size["value"], size["unit"])
-        yield f"these recordings show it from {value:.2g} {unit} rms per parameter on: a smaller one may be there unseen"
+        yield (
+            f"it would have been seen from {value:.2g} {unit} rms per parameter on: a smaller one may be "
+            "there unseen"
+        )
     joined = next((e for e in gap.effects if e["name"] == name and e["parameters"]), None)
     score = next((score for score in gap.ranking if score["name"] == name), None)
     if joined is not None:
         yield f"here: it joined the model, {_size(joined)} at most, {_evidence(joined)}"
     elif score is not None:
-        yield f"here: it did not join the model; by itself against the model without effects {_evidence(score)}"
+        yield f"here: it did not join; by itself against the model without effects {_evidence(score)}"
     for alias in effect.aliases:
         yield f"{alias.name} looks like it; they are told apart by {alias.told_apart_by}"
 
 
 def _evidence(score: Mapping[str, Any]) -> str:
     return (
-        f"log Bayes factor {score['log_bayes_factor']:.1f}, chi2 {score['statistic']:.1f} with {score['dof']} degrees of "
-        f"freedom, p {score['p_value']:.2g}"
+        f"log Bayes factor {score['log_bayes_factor']:.1f}, chi2 {score['statistic']:.1f} with "
+        f"{score['dof']} degrees of freedom, p {score['p_value']:.2g}"
     )

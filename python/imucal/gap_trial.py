@@ -43,7 +43,7 @@ class Trial:
         self._fits: dict[tuple[str, ...], CalibrationResult] = {}
 
     def fit(self, names: Sequence[str]) -> CalibrationResult:
-        """The calibration with these effects, judged on the control recordings, or on rests and moves held out."""
+        """The calibration with these effects, judged on control recordings, or on what is held out."""
         key = tuple(names)
         if key not in self._fits:
             self._fits[key] = self._fit(key)
@@ -62,6 +62,7 @@ class Trial:
         )
 
     def search(self, before: CalibrationResult, wanted: Sequence[str] | None) -> _core.Search:
+        """What explains the recordings, out of the effects that are wanted."""
         from imucal import _core
 
         names = wanted if wanted is not None else [effect.name for effect in catalogue()]
@@ -87,7 +88,7 @@ class Trial:
         if result.control_set is not None:
             return float(result.control_set["chi2_per_dof"])
         held_out = result.held_out or {}
-        terms = [
+        terms: list[tuple[int, float]] = [
             (count, count * (held_out[name] / floor) ** 2)
             for name, (floor, count) in _floors(self.fit(())).items()
             if held_out[name] is not None and floor > 0
@@ -110,8 +111,8 @@ class Trial:
             value, least = self.unseen_chi2(trial), self.unseen_chi2(best)
             if value > least * (1 + SAME):
                 notes.append(
-                    f"{name} was found and left out: chi2 per degree of freedom of what no fit has seen goes from "
-                    f"{least:.4g} to {value:.4g}"
+                    f"{name} was found and left out: chi2 per degree of freedom of what no fit has seen goes "
+                    f"from {least:.4g} to {value:.4g}"
                 )
                 continue
             names.append(name)

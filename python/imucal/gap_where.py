@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["disagreement"]
 
-# A channel, a rest or a move stands out where noise makes as much less often than this in all of them together.
+# A channel, a rest or a move stands out where noise does as much less often than this in all of them.
 CHANCE: Final = 1e-3
 # Of what a channel goes with, so many are said, those that explain this share of its squares at least.
 MOST_NAMED: Final = 3
@@ -81,7 +81,7 @@ def _row(channel: Channel, chance: float) -> dict[str, Any]:
 
 def _depends(channel: Channel) -> Iterator[dict[str, Any]]:
     """What a channel goes with, the largest share first."""
-    found = []
+    found: list[dict[str, Any]] = []
     z = channel.values / channel.sigma
     z = z - z.mean()
     for on, columns in channel.inputs.items():

@@ -115,7 +115,7 @@ def _circles() -> Program:
 
 
 def _headings() -> list[Step]:
-    """Four headings with each body axis up and down: of motor 3 as it stands, of motor 2 when it stands upright."""
+    """Four headings with each body axis up and down, by motor 3 or, upright, by motor 2."""
 
     def go(*turn_deg: float) -> Step:
         first, second, third = turn_deg

@@ -4,7 +4,8 @@
 
 in units of noise: the chi2 by which effect a, as large as it was estimated, stays visible however the
 parameters of b and those that are always there adapt. A motion decides if T(a, b) and T(b, a) are large for
-all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). Columns are those of the search, on simulated runs.
+all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). Columns are those of the search, of simulated
+runs.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# Half of chi2 is the expected lead in nats, its root the standard deviation: three nats are reached nearly always.
+# Half of chi2 is the expected lead in nats, its root the standard deviation: three are nearly always met.
 SEPARATES: Final = 30.0
 SEED: Final = 3
 # Of the search's trial time constants, as shares of the longest recording.
@@ -191,12 +192,12 @@ def _left(trace: FloatArray, columns: FloatArray) -> float:
 
 
 def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -> Recording:
-    """The motion with a unit of the calibration's triads and noise, without effects, as the unit would record it."""
+    """The motion with a unit of these triads and noise, without effects, as the unit would record it."""
     from imucal.simulate import simulate
 
     calibration = after.calibration
     accel, gyro = noise_densities(calibration)
-    sensors = [
+    accelerometer, gyroscope = (
         Sensor(
             triad.sensitivity,
             triad.bias,
@@ -204,7 +205,7 @@ def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -
             noise_density=float(np.mean(density) * np.cbrt(abs(np.linalg.det(triad.sensitivity)))),
         )
         for triad, density in ((calibration.accelerometer, accel), (calibration.gyroscope, gyro))
-    ]
+    )
     first = trial.unit_data[0]
     temperature: Any = suggestion.temperature
     if temperature is None and first.temperature_degc is not None:
@@ -213,7 +214,7 @@ def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -
     made = simulate(
         suggestion.program,
         seed=SEED,
-        unit=Unit(*sensors),
+        unit=Unit(accelerometer, gyroscope),
         rate_hz=rate_hz,
         gravity_mps2=trial.gravity_mps2,
         temperature=temperature,

@@ -133,4 +133,5 @@ def _write_next(found: Gap, path: Path) -> str:
         return f"{path} is not written: the finding is {found.verdict}, and no motion has to decide"
     write_json(found.next_motion["program"], path)
     options = " ".join(["", *found.next_motion["simulate"]])
-    return f"program of the next motion written to {path}: try it with imucal simulate {path}{options} -o next.csv"
+    command = f"imucal simulate {path}{options} -o next.csv"
+    return f"program of the next motion written to {path}; it runs on a stand, and as {command}"
