@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -34,6 +34,7 @@ class Suggestion:
     words             what is new in it
     program           for the stand
     temperature       as `imucal simulate --temperature` has it, or None: as in the recordings that are there
+    answers           words of the catalogue, what tells effects apart, that this is
     on_its_own        it has to be searched without the recordings that are there
     encoders          the stand's angles are recorded
     """
@@ -41,6 +42,7 @@ class Suggestion:
     words: str
     program: Program
     temperature: str | None = None
+    answers: str = "other turns"
     on_its_own: bool = False
     encoders: bool = False
 
@@ -48,41 +50,37 @@ class Suggestion:
 def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Iterator[Suggestion]:
     """All motions; `needs` is what the fields of the rivals depend on."""
     again = Program.random(seed=SEED, moves=MOVES, max_rate_dps=MAX_RATE_DPS)
+    longer = Program.random(seed=SEED, moves=3 * MOVES, max_rate_dps=MAX_RATE_DPS)
+    found = [
+        Suggestion("random turns once more, others than before", again),
+        Suggestion(
+            "turns of both signs at several rates, 15 to 120 deg/s",
+            _at_rates(RATES_DPS),
+            answers="several rates",
+        ),
+        Suggestion("rests every 15 deg on three circles", _circles(), answers="rests every 15 deg"),
+        Suggestion("three times as many random turns", longer, answers="several time constants"),
+        Suggestion(
+            "turns at rates of up to 240 deg/s, if the gyroscope's range allows", _at_rates(FASTER_DPS)
+        ),
+    ]
     # The heading is not known from one recording to the next.
     alone = "attitude" in needs
-    yield Suggestion("random turns once more, others than before", again, on_its_own=alone)
-    yield Suggestion(
-        "turns of both signs at several rates, 15 to 120 deg/s", _at_rates(RATES_DPS), on_its_own=alone
-    )
-    yield Suggestion("rests every 15 deg on three circles", _circles(), on_its_own=alone)
     if alone:
-        yield Suggestion(
-            "turns of the heading in six poses, then random turns",
-            Program((*_headings(), *again.steps)),
-            on_its_own=True,
-        )
+        turned = Program((*_headings(), *again.steps))
+        words = "turns of the heading in six poses, then random turns"
+        found.insert(3, Suggestion(words, turned, answers="turns of the heading"))
     given = [r.temperature_degc for r in recordings if r.temperature_degc is not None]
     if "temperature" in needs and len(given) == len(recordings):
         middle = round(float(np.mean(np.concatenate(given))))
         low, high = middle - HALF_RANGE_K, middle + HALF_RANGE_K
+        words = f"random turns while the unit heats and cools again, {low:g} to {high:g} degC"
         cycle = f"cycle:{low:g}:{high:g}:{_duration_s(again):.0f}"
-        yield Suggestion(
-            f"random turns while the unit heats and cools again, {low:g} to {high:g} degC",
-            again,
-            cycle,
-            alone,
-        )
-    longer = Program.random(seed=SEED, moves=3 * MOVES, max_rate_dps=MAX_RATE_DPS)
-    yield Suggestion("three times as many random turns", longer, on_its_own=alone)
-    yield Suggestion(
-        "turns at rates of up to 240 deg/s, if the gyroscope's range allows",
-        _at_rates(FASTER_DPS),
-        on_its_own=alone,
-    )
+        found.insert(3, Suggestion(words, again, cycle, answers="heats and cools"))
+    yield from (replace(suggestion, on_its_own=alone) for suggestion in found)
     if any(recording.stand_rad is None for recording in recordings):
-        yield Suggestion(
-            "random turns on a stand whose angles are recorded", again, on_its_own=True, encoders=True
-        )
+        words = "random turns on a stand whose angles are recorded"
+        yield Suggestion(words, again, answers="angles are known", on_its_own=True, encoders=True)
 
 
 def _at_rates(rates_dps: Sequence[float]) -> Program:

@@ -68,9 +68,14 @@ def next_motion(
     names = {*path, *(rival for of in rivals.values() for rival in of)}
     needs = frozenset(need for name in names & set(known) for need in known[name].needs)
     pairs = list(_pairs(trial, rivals, after)) if names <= set(known) else []
+    told = _told_apart(known, rivals)
     now = _separation(trial, None, pairs, after)
     best: tuple[float, Suggestion] | None = None
-    for suggestion in suggestions(trial.unit_data, needs):
+    # What the catalogue says tells them apart comes first.
+    library = sorted(
+        suggestions(trial.unit_data, needs), key=lambda s: not any(s.answers in words for words in told)
+    )
+    for suggestion in library:
         trial.stage(f"trying the next motion: {suggestion.words}")
         chi2 = _separation(trial, suggestion, pairs, after)
         if best is None or chi2 > best[0]:
@@ -79,7 +84,6 @@ def next_motion(
             break
     assert best is not None
     chi2, suggestion = best
-    told = _told_apart(known, rivals)
     words = [*told, suggestion.words]
     if pairs:
         words.append(f"chi2 between them is then about {chi2:.0f}, and {now:.1f} now")
