@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 __all__ = ["data_fault", "outcome"]
 
+# Evidence that no chance explains, nats.
+SURELY: Final = 8.0
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 
 
@@ -58,6 +60,8 @@ def outcome(
     spoilt = {fault.code for fault in faults} - {"clock_irregular", "samples_missing"}
     if not slips and not path and found.generic is None and not spoilt:
         faults += faults_without_effect(before, trial.unit_data)
+    # What fits so well is no chance, and not what the unseen recordings have either.
+    not_confirmed = [score for score in found.path if score.log_bayes_factor > SURELY and not path]
     if any(fault.code == "clock_irregular" for fault in faults):
         # With such a clock long steps say nothing of lost samples.
         faults = [fault for fault in faults if fault.code != "samples_missing"]
@@ -69,7 +73,7 @@ def outcome(
         verdict = "ambiguous" if rivals else "named"
     elif faults:
         verdict, effects = "data_fault", data_fault(faults).effects
-    elif found.scattering_rests is not None and not found.path:
+    elif (found.scattering_rests is not None and not found.path) or not_confirmed:
         verdict = "unknown"
     else:
         verdict = "nothing_missing"
@@ -91,7 +95,8 @@ def outcome(
         if verdict == "unknown"
         else (),
         generic=_generic(found.generic)
-        or (_scatter(found.scattering_rests) if verdict == "unknown" else None),
+        or (_scatter(found.scattering_rests) if verdict == "unknown" else None)
+        or (_not_confirmed(not_confirmed) if verdict == "unknown" else None),
         not_observable=tuple({"name": name, "needs": needs} for name, needs in found.not_observable),
         smallest_visible={
             name: {"value": size, "unit": unit or _unit(name, trial.user_effects)}
@@ -198,6 +203,18 @@ def _scatter(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
         "kernel": "white",
         "description": f"{residual} scatters from rest to rest by {factor:.2g} times its noise "
         f"(p {chance:.1g}), without a pattern in time, direction or motion",
+    }
+
+
+def _not_confirmed(scores: Sequence[_core.EffectScore]) -> dict[str, Any] | None:
+    if not scores:
+        return None
+    names = " and ".join(score.name for score in scores)
+    return {
+        "block": "accel" if scores[0].name.startswith("accel") else "gyro",
+        "kernel": "not_confirmed",
+        "description": f"{names} fits these recordings by {scores[0].log_bayes_factor:.0f} nats and does not "
+        "predict what no fit has seen: record more rests and moves",
     }
 
 

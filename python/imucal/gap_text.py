@@ -75,7 +75,7 @@ def sentences(gap: Gap) -> Iterator[str]:
     if gap.generic is not None:
         yield gap.generic["description"]
     if gap.resembles:
-        yield f"not in the catalogue; it looks a little like {', '.join(gap.resembles)}"
+        yield f"it looks a little like {', '.join(gap.resembles)}"
     if gap.ambiguous_with:
         yield f"it may as well be {' or '.join(gap.ambiguous_with)}"
     if gap.next_motion is not None:

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 __all__ = ["Trial"]
 
 FOLDS: Final = 3
-# Figures of two fits that differ by less than this share are the same.
+# Figures of two fits that differ by less than this share are the same, by less than this one perhaps.
 SAME: Final = 0.005
+ONLY_CHANCE: Final = 0.1
+# Chance does not change a sum by more standard deviations.
+SURE: Final = 2.0
 
 
 class Trial:
@@ -98,7 +101,7 @@ class Trial:
     def accepted(
         self, before: CalibrationResult, path: Sequence[str]
     ) -> tuple[list[str], CalibrationResult, list[str]]:
-        """The effects that do not make the unseen recordings worse, with the fit that has them."""
+        """The effects that do not make what no fit has seen worse, their fit, and why others went."""
         notes: list[str] = []
         names: list[str] = []
         best = before
@@ -109,7 +112,7 @@ class Trial:
                 notes.append(f"{name} was found and cannot be fitted: {error}")
                 continue
             value, least = self.unseen_chi2(trial), self.unseen_chi2(best)
-            if value > least * (1 + SAME):
+            if self._is_worse(trial, best):
                 notes.append(
                     f"{name} was found and left out: chi2 per degree of freedom of what no fit has seen goes "
                     f"from {least:.4g} to {value:.4g}"
@@ -126,6 +129,37 @@ class Trial:
             if self.unseen_chi2(whole) < self.unseen_chi2(best):
                 return list(path), whole, []
         return names, best, notes
+
+    def _is_worse(self, trial: CalibrationResult, best: CalibrationResult) -> bool:
+        """Whether what no fit has seen is predicted worse, by more than chance."""
+        value, least = self.unseen_chi2(trial), self.unseen_chi2(best)
+        if value <= least * (1 + SAME):
+            return False
+        ours, theirs = _squares(trial), _squares(best)
+        change = np.array([ours[item] - theirs[item] for item in ours.keys() & theirs.keys()])
+        chance = SURE * np.sqrt(len(change)) * np.std(change)
+        return bool(value > least * (1 + ONLY_CHANCE) or np.sum(change) > chance)
+
+
+def _squares(result: CalibrationResult) -> dict[tuple[str, int], float]:
+    """chi2 of each rest and of each move that no fit has seen."""
+    if result.control is not None:
+        rests, moves = result.control.rests, result.control.moves
+        norms = [rest["norm_error_mps2"] for rest in rests]
+        turns = [move["direction_error_deg"] for move in moves]
+    else:
+        held_out = result.held_out or {"norm_error_mps2": (), "direction_error_deg": ()}
+        rests, moves = result.rests, result.moves
+        norms, turns = held_out["norm_error_mps2"], held_out["direction_error_deg"]
+    known = [
+        (("rest", k), error, rest["norm_sigma_mps2"])
+        for k, (error, rest) in enumerate(zip(norms, rests, strict=False))
+    ]
+    known += [
+        (("move", k), error, move["direction_sigma_deg"])
+        for k, (error, move) in enumerate(zip(turns, moves, strict=False))
+    ]
+    return {item: (error / sigma) ** 2 for item, error, sigma in known if error is not None and sigma}
 
 
 def _floors(result: CalibrationResult) -> dict[str, tuple[float, int]]:
