@@ -114,7 +114,8 @@ def calibrate(
     unit               profile of the unit, its name, or the path of its file: its bias instabilities and
                        random walks, which recordings of minutes hardly show, widen the standard deviations;
                        the biases are means over the recording then
-    folds              also fit that many times, each time without a part of the moves, and judge on that part
+    folds              also fit that many times without a part of the moves, and as often without a part of
+                       the rests, and judge on what was left out
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
     NotEnoughMotionError for poses that are missing, FitError if a fit comes to no acceptable end.
@@ -147,11 +148,14 @@ def calibrate(
     figures = fields_of(outcome.figures, FIGURES)
     held_out = None
     if folds is not None:
-        rms_deg, error_deg = _core.cross_validate(unit_data, options, folds)
+        rms_deg, error_deg, norm_error_mps2 = _core.cross_validate(unit_data, options, folds)
+        known = norm_error_mps2[np.isfinite(norm_error_mps2)]
         held_out = {
             "folds": folds,
             "gravity_direction_rms_deg": rms_deg,
             "direction_error_deg": without_nan(error_deg),
+            "gravity_norm_rms_mps2": float(np.sqrt(np.mean(known**2))) if len(known) else None,
+            "norm_error_mps2": without_nan(norm_error_mps2),
         }
     judges = _as_list(control)
     _require_other_data(unit_data, judges)

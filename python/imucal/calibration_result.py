@@ -36,7 +36,8 @@ class CalibrationResult:
     rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part, `chi2` and
                    `p_value` how well noise alone explains one that does, as a fit without it would see it
     findings       warnings about the recordings
-    held_out       gravity direction on moves that the fit had not seen, if folds were asked for
+    held_out       direction of gravity after moves, and its length at rests, that the fit had not seen, if
+                   folds were asked for
     control        the calibration judged on the control recordings, if there are any
     reasons        why the verdict is poor; empty for a good one
     diagnosis      what the data tell badly, one mapping for each: `code` (traded_off, flat or at_bound), the

@@ -1,31 +1,233 @@
-"""The motion that would decide between effects that a recording cannot tell apart."""
+"""The motion that would decide between effects that a recording cannot tell apart.
+
+    T(a, b) = min over base, b of |J_a theta_a - J_base delta - J_b theta_b|^2
+
+in units of noise: the chi2 by which effect a, as large as it was estimated, stays visible however the
+parameters of b and those that are always there adapt. A motion decides if T(a, b) and T(b, a) are large for
+all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). Columns are those of the search, of simulated
+runs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+import itertools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
 
+import numpy as np
+
+from imucal.calibrate import Options
 from imucal.document import plain
-from imucal.effects import catalogue
+from imucal.effects import Effect, catalogue
+from imucal.errors import ImucalError
+from imucal.gap_residuals import noise_densities
+from imucal.motion_library import Suggestion, suggestions
+from imucal.recording import Recording
+from imucal.temperature import Temperature
+from imucal.unit import Sensor, Unit
+
+if TYPE_CHECKING:
+    from imucal.arrays import FloatArray
+    from imucal.calibration_result import CalibrationResult
+    from imucal.gap_trial import Trial
 
 __all__ = ["next_motion"]
 
+# Half of chi2 is the expected lead in nats, its root the standard deviation: three are nearly always met.
+SEPARATES: Final = 30.0
+SEED: Final = 3
+# Of the search's trial time constants, as shares of the longest recording.
+SHAPE_SHARES: Final = (0.03, 0.1, 0.3, 1.0)
 
-def next_motion(path: Sequence[str], rivals: Sequence[str]) -> dict[str, Any]:
-    """What to record next, in words, and a program that the stand can run."""
-    from imucal.motion import SCHEMA, Program
+Design = tuple["FloatArray", Mapping[str, Sequence["FloatArray"]]]
 
-    effects = {effect.name: effect for effect in catalogue()}
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """An effect as it was estimated, a rival of it, and what else is in the model."""
+
+    name: str
+    rival: str
+    values: FloatArray
+    shape: float | None
+    beside: tuple[str, ...]
+
+
+def next_motion(
+    trial: Trial, rivals: Mapping[str, Sequence[str]], after: CalibrationResult
+) -> dict[str, Any]:
+    """What to record next, in words, and a program that the stand can run.
+
+    rivals  of each effect that joined the model
+    """
+    from imucal.motion import SCHEMA
+
+    known = {effect.name: effect for effect in catalogue()}
+    path = tuple(rivals)
+    names = {*path, *(rival for of in rivals.values() for rival in of)}
+    needs = frozenset(need for name in names & set(known) for need in known[name].needs)
+    pairs = list(_pairs(trial, rivals, after)) if names <= set(known) else []
+    told = _told_apart(known, rivals)
+    now = _separation(trial, None, pairs, after)
+    best: tuple[float, Suggestion] | None = None
+    # What the catalogue says tells them apart comes first.
+    library = sorted(
+        suggestions(trial.unit_data, needs), key=lambda s: not any(s.answers in words for words in told)
+    )
+    for suggestion in library:
+        trial.stage(f"trying the next motion: {suggestion.words}")
+        chi2 = _separation(trial, suggestion, pairs, after)
+        if best is None or chi2 > best[0]:
+            best = (chi2, suggestion)
+        if chi2 > SEPARATES:
+            break
+    assert best is not None
+    chi2, suggestion = best
+    words = [*told, suggestion.words]
+    if pairs:
+        words.append(f"chi2 between them is then about {chi2:.0f}, and {now:.1f} now")
+        if chi2 <= SEPARATES:
+            words.append("no motion of the library is sure to decide, this one is the best of them")
+    if suggestion.on_its_own:
+        words.append("search that recording on its own")
+    return {
+        "description": "; ".join(words),
+        "program": {"schema": SCHEMA, **plain(suggestion.program.to_dict())},
+        "simulate": [] if suggestion.temperature is None else ["--temperature", suggestion.temperature],
+        "on_its_own": suggestion.on_its_own,
+        "chi2_now": now if pairs else None,
+        "chi2_predicted": chi2 if pairs else None,
+    }
+
+
+def _told_apart(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str]]) -> list[str]:
+    """What the catalogue says of each pair."""
     words = []
-    for name in path:
-        for alias in effects[name].aliases if name in effects else ():
-            if alias.name in rivals:
-                words.append(f"{name} and {alias.name} are told apart by {alias.told_apart_by}")
-    for rival in rivals:
-        for alias in effects[rival].aliases if rival in effects else ():
-            if alias.name in path and not any(rival in text for text in words):
-                words.append(f"{alias.name} and {rival} are told apart by {alias.told_apart_by}")
-    if not words:
-        words.append("record longer and with other turns: twice the moves, at other rates and of both signs")
-    program = Program.random(seed=2, moves=90)
-    return {"description": "; ".join(words), "program": {"schema": SCHEMA, **plain(program.to_dict())}}
+    for name, of in rivals.items():
+        for rival in of:
+            for one, other in ((name, rival), (rival, name)):
+                aliases = known[one].aliases if one in known else ()
+                found = next((alias for alias in aliases if alias.name == other), None)
+                if found is not None:
+                    words.append(f"{name} and {rival} are told apart by {found.told_apart_by}")
+                    break
+    return words
+
+
+def _pairs(trial: Trial, rivals: Mapping[str, Sequence[str]], after: CalibrationResult) -> list[_Pair]:
+    """Each pick against each of its rivals, both ways, as large as recordings say."""
+    path = tuple(rivals)
+    pairs = []
+    for name, of in rivals.items():
+        beside = tuple(other for other in path if other != name)
+        for rival in of:
+            pairs.append(_pair(after, name, rival, beside))
+            try:
+                instead = trial.fit([rival if other == name else other for other in path])
+            except ImucalError:
+                # What cannot be fitted has no size; the other way round says enough.
+                continue
+            pairs.append(_pair(instead, rival, name, beside))
+    return pairs
+
+
+def _pair(result: CalibrationResult, name: str, rival: str, beside: tuple[str, ...]) -> _Pair:
+    own = next(values for values in result.calibration.effects if values.name == name)
+    return _Pair(name, rival, own.values, own.shape, beside)
+
+
+def _separation(
+    trial: Trial, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
+) -> float:
+    """The least chi2 of all pairs with this motion; zero where the motion determines too little."""
+    if not pairs:
+        return 0.0
+    recordings = list(trial.unit_data)
+    if suggestion is not None:
+        further = _simulated(trial, suggestion, after)
+        recordings = [further] if suggestion.on_its_own else [*recordings, further]
+    names = sorted({name for pair in pairs for name in (pair.name, pair.rival, *pair.beside)})
+    try:
+        design = _design(trial, recordings, names)
+    except ImucalError:
+        return 0.0
+    longest_s = max(float(np.ptp(recording.time_s)) for recording in recordings)
+    return min(_chi2(design, pair, longest_s) for pair in pairs)
+
+
+def _design(trial: Trial, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
+    from imucal import _core
+
+    options = Options(trial.gravity_mps2, "symmetric", trial.min_rest_s, trial.exclude_saturated, None, None)
+    _, base, candidates = _core.gap_design(recordings, options, [(name, False) for name in names])
+    columns: dict[str, list[FloatArray]] = {}
+    for name, of in candidates:
+        columns.setdefault(name, []).append(of)
+    return base, columns
+
+
+def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
+    """T of one pair."""
+    base, columns = design
+    if pair.name not in columns or pair.rival not in columns:
+        return 0.0
+    own = columns[pair.name]
+    chosen = 0
+    if pair.shape is not None and len(own) > 1:
+        shapes = np.array(SHAPE_SHARES[: len(own)]) * longest_s
+        chosen = int(np.argmin(np.abs(np.log(shapes / pair.shape))))
+    trace = own[chosen] @ pair.values[: own[chosen].shape[1]]
+    beside = [columns[name][0] for name in pair.beside if name in columns]
+    rivals = columns[pair.rival]
+    if len(rivals) > 1:
+        # A time constant is free: two neighbours together stand for what lies between them.
+        rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
+    return min(_left(trace, np.hstack([base, *beside, rival])) for rival in rivals)
+
+
+def _left(trace: FloatArray, columns: FloatArray) -> float:
+    """The square of what columns leave of a vector."""
+    size = np.linalg.norm(columns, axis=0)
+    known = columns[:, size > 0] / size[size > 0]
+    basis, values, _ = np.linalg.svd(known, full_matrices=False)
+    basis = basis[:, values > 1e-9 * values[0]]
+    return float(np.sum((trace - basis @ (basis.T @ trace)) ** 2))
+
+
+def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -> Recording:
+    """The motion with a unit of these triads and noise, without effects, as the unit would record it."""
+    from imucal.simulate import simulate
+
+    calibration = after.calibration
+    accel, gyro = noise_densities(calibration)
+    accelerometer, gyroscope = (
+        Sensor(
+            triad.sensitivity,
+            triad.bias,
+            # Noise is added to what leaves the sensor.
+            noise_density=float(np.mean(density) * np.cbrt(abs(np.linalg.det(triad.sensitivity)))),
+        )
+        for triad, density in ((calibration.accelerometer, accel), (calibration.gyroscope, gyro))
+    )
+    first = trial.unit_data[0]
+    temperature: Any = suggestion.temperature
+    if temperature is None and first.temperature_degc is not None:
+        temperature = Temperature(first.time_s - first.time_s[0], first.temperature_degc)
+    rate_hz = (len(first) - 1) / float(np.ptp(first.time_s))
+    made = simulate(
+        suggestion.program,
+        seed=SEED,
+        unit=Unit(accelerometer, gyroscope),
+        rate_hz=rate_hz,
+        gravity_mps2=trial.gravity_mps2,
+        temperature=temperature,
+    ).recording
+    keeps_angles = suggestion.encoders or all(r.stand_rad is not None for r in trial.unit_data)
+    return replace(
+        made,
+        accel_unit=first.accel_unit,
+        gyro_unit=first.gyro_unit,
+        stand_rad=made.stand_rad if keeps_angles else None,
+        name="next",
+    )

@@ -54,8 +54,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit codes: 0 good, 1 bad input or no result, 2 finished but the verdict is poor.",
 )
+app.add_typer(demo.app, name="demo")
 for command in (
-    demo.demo,
     convert.convert,
     inspect.inspect,
     calibrate.calibrate,

@@ -8,13 +8,19 @@ from typing import Annotated
 
 import typer
 
+from imucal.cli import demo_gap
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
 
-__all__ = ["demo"]
+__all__ = ["app"]
+
+app = typer.Typer(help="Simulate, calibrate, judge, and show it as a page; or hide an effect and find it.")
+app.command()(demo_gap.gap)
 
 
+@app.callback(invoke_without_command=True)
 def demo(
+    context: typer.Context,
     folder: Annotated[
         Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")
     ] = Path("demo"),
@@ -31,6 +37,8 @@ def demo(
 
     Example: imucal demo -o demo
     """
+    if context.invoked_subcommand is not None:
+        return
     import imucal
     from imucal.errors import InputError
     from imucal.report import require_plotly, write_calibration_page

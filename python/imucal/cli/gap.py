@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,9 @@ from imucal.cli.output import (
 )
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    from imucal.gap_result import Gap
 
 __all__ = ["gap"]
 
@@ -60,6 +63,14 @@ def gap(
             autocompletion=completion.effects,
         ),
     ] = None,
+    next_program: Annotated[
+        Path | None,
+        typer.Option(
+            "--next",
+            metavar="PATH",
+            help="Program file to write of the motion that would decide, where the finding is ambiguous.",
+        ),
+    ] = None,
     verbose: Verbose = False,
     report: ReportPath = None,
     json: JsonPath = None,
@@ -67,15 +78,18 @@ def gap(
     """Find where measurement and model disagree, name the missing effect, and add it.
 
     Example: imucal gap run.csv --control control.csv -o improved.json
+
+    Example: imucal gap run.csv --explain gyro_g_sensitivity
     """
     import imucal
+    from imucal.gap_text import where_in_words
 
     prepare_report(report)
     with working("reading"):
         unit_data = reading.each(recordings)
         judges = reading.each(control or []) or None
         judged = None if calibration is None else imucal.Calibration.load(calibration)
-    with working("looking for effects"):
+    with working("looking for effects") as stage:
         found = imucal.find_gap(
             unit_data,
             control=judges,
@@ -84,6 +98,7 @@ def gap(
             gravity_mps2=gravity,
             min_rest_s=min_rest_s,
             exclude_saturated=exclude_saturated,
+            stage=stage,
         )
     if output is not None and found.calibration is not None:
         found.calibration.save(output)
@@ -95,14 +110,28 @@ def gap(
     out.document(found.to_dict())
     if verbose:
         show_ranking(out, found.ranking)
-    for line in found.summary().splitlines():
+    for line in (*where_in_words(found), *found.summary().splitlines()):
         out.line(line)
     if explain is not None:
         for line in found.explain(explain):
             out.line(line)
     if output is not None and found.calibration is not None:
         out.line(f"calibration written to {output}")
+    if next_program is not None:
+        out.line(_write_next(found, next_program))
     if found.verdict == "data_fault":
         raise typer.Exit(1)
     if found.verdict in ("unknown", "stochastic"):
         raise typer.Exit(2)
+
+
+def _write_next(found: Gap, path: Path) -> str:
+    """Write the program of the motion that would decide; says what was done."""
+    from imucal.document import write_json
+
+    if found.next_motion is None:
+        return f"{path} is not written: the finding is {found.verdict}, and no motion has to decide"
+    write_json(found.next_motion["program"], path)
+    options = " ".join(["", *found.next_motion["simulate"]])
+    command = f"imucal simulate {path}{options} -o next.csv"
+    return f"program of the next motion written to {path}; it runs on a stand, and as {command}"

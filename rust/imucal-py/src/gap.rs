@@ -44,6 +44,8 @@ pub(crate) struct Search {
     not_predictive: Vec<(String, f64, f64, f64)>,
     not_observable: Vec<(String, String)>,
     smallest_visible: Vec<(String, f64, String)>,
+    /// Name, kind of residual with how many times the noise it leaves there, and the share that the base takes up.
+    traces: Vec<(String, Vec<(&'static str, f64)>, f64)>,
     scattering_rests: Option<(&'static str, f64, f64)>,
     in_motion_left_out: Option<String>,
 }
@@ -111,6 +113,7 @@ pub(crate) fn search_gap(
             .collect(),
         not_observable: found.not_observable,
         smallest_visible: found.smallest_visible,
+        traces: found.traces.into_iter().map(|t| (t.name, t.times_noise, t.taken_up)).collect(),
         scattering_rests: found.scattering_rests,
         in_motion_left_out: found.in_motion_left_out,
     })

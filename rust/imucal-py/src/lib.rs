@@ -56,6 +56,9 @@ mod _core {
 
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
+    /// What was held out: rms of directions, the error of each, and errors of norms.
+    type Held<'py> = (f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
     fn require_same_length(time: usize, rate: usize) -> Result<(), Error> {
         if time == rate {
             return Ok(());
@@ -89,18 +92,20 @@ mod _core {
         Ok(py.detach(|| library::calibrate::prospect(&recordings, &options)).to_python(py)?.into())
     }
 
-    /// Rms direction error, deg, over moves that the fit has not seen, and the error of each move.
+    /// Rms direction error, deg, over moves that the fit has not seen, the error of each move, and errors of |f| at rests that
+    /// it has not seen, m/s^2.
     #[pyfunction]
     fn cross_validate<'py>(
         py: Python<'py>,
         recordings: Vec<RecordingColumns<'py>>,
         options: CalibrateOptions<'py>,
         folds: usize,
-    ) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
+    ) -> PyResult<Held<'py>> {
         let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let result = py.detach(|| library::calibrate::cross_validate(&recordings, &options, folds)).to_python(py)?;
-        Ok((result.gravity_direction_rms_deg, PyArray1::from_vec(py, result.direction_error_deg)))
+        let array = |values| PyArray1::from_vec(py, values);
+        Ok((result.gravity_direction_rms_deg, array(result.direction_error_deg), array(result.norm_error_mps2)))
     }
 
     /// Judges a calibration on recordings; `uncalibrated` is the gyroscope that the carried gravity is compared with.

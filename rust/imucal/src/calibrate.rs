@@ -1,6 +1,7 @@
 //! From recordings to a calibration, in the order of the method: check, find rests, fit the accelerometer to them,
 //! carry gravity from rest to rest to fit the gyroscope, say how sure all of it is.
 
+mod cross_validation;
 mod jointly;
 mod outcome;
 mod prospect;
@@ -9,18 +10,15 @@ mod unit_data;
 pub use imucal_core::STANDARD_GRAVITY_MPS2;
 use imucal_core::sensor::Triad;
 
-use crate::carry::rotate;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
-use crate::moves::{Move, direction_error_rad};
 use crate::recording::Recording;
-use crate::stats::rms;
-use jointly::Selection;
 use unit_data::{UnitData, refuse_errors};
 
+pub use cross_validation::{CrossValidation, cross_validate};
 pub use outcome::{Outcome, parameter_names, parameter_values};
 pub use prospect::{Prospect, prospect};
 
@@ -127,59 +125,6 @@ pub(crate) fn prepare<T>(
     data.prepared_for(&selection, triads, options, (kinds, true, jointly::known(options)), |prepared| {
         work(prepared, triads[0], triads[1])
     })
-}
-
-/// How well moves are predicted that the gyroscope's fit has not seen.
-#[derive(Clone, Debug)]
-pub struct CrossValidation {
-    /// Rms over all moves of the angle between carried and measured gravity, each with the fit that left it out, deg.
-    pub gravity_direction_rms_deg: f64,
-    /// The angle of each move, deg.
-    pub direction_error_deg: Vec<f64>,
-}
-
-/// Fits the gyroscope `folds` times, each time without every `folds`-th move, and judges it on the moves left out.
-///
-/// # Errors
-/// As [`calibrate`]; [`Error::Input`] for fewer than two folds.
-pub fn cross_validate(
-    recordings: &[Recording<'_>],
-    options: &Options<'_>,
-    folds: usize,
-) -> Result<CrossValidation, Error> {
-    if folds < 2 {
-        return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
-    }
-    let mut data = UnitData::try_new(recordings, options)?;
-    let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, _) = data.moves(&accelerometer, options)?;
-    if options.is_joint() {
-        let all = data.fit_gyroscope(&moves, &accelerometer, options)?.fit.triad;
-        data.free_of_tremor(&accelerometer.triad, &all);
-    }
-    let mut direction_error_deg = vec![f64::NAN; moves.len()];
-    for fold in 0..folds {
-        let seen: Vec<Move> = (0..moves.len()).filter(|k| k % folds != fold).map(|k| moves[k]).collect();
-        let gyroscope = data.fit_gyroscope(&seen, &accelerometer, options)?;
-        let held_out = (fold..moves.len()).step_by(folds);
-        if options.is_joint() {
-            let seen = Selection::of_two_stages(&accelerometer, &gyroscope, &[]);
-            let joint = data.fit_jointly(&seen, [&accelerometer.triad, &gyroscope.fit.triad], options)?;
-            let unseen = Selection { moves: held_out.clone().map(|k| moves[k]).collect(), ..seen };
-            let predicted = data.predict(&joint, &unseen, options)?;
-            for (k, (ends, rotation)) in held_out.zip(&predicted) {
-                direction_error_deg[k] = direction_error_rad(ends, rotation).to_degrees();
-            }
-            continue;
-        }
-        let (ends, _) = data.ends(&moves, &accelerometer, &gyroscope.fit.triad);
-        for k in held_out {
-            let m = &moves[k];
-            let rotation = rotate(&recordings[m.recording], m.first, m.last, &gyroscope.fit.triad);
-            direction_error_deg[k] = direction_error_rad(&ends[k], &rotation).to_degrees();
-        }
-    }
-    Ok(CrossValidation { gravity_direction_rms_deg: rms(direction_error_deg.iter().copied()), direction_error_deg })
 }
 
 /// Refuses what cannot be meant.

@@ -35,8 +35,11 @@ pub struct Search {
     pub not_predictive: Vec<NotPredictive>,
     /// Effects that these recordings cannot show, and what would.
     pub not_observable: Vec<(String, String)>,
-    /// Smallest rms size of a parameter that is seen with 90 % probability, by effect, and its unit.
+    /// Smallest rms size of a parameter that is seen with 90 % probability beside the final model, by effect, and its unit; of a
+    /// member of the path beside the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
+    /// What each effect leaves in the residuals at its typical size.
+    pub traces: Vec<Trace>,
     /// Rests that scatter by more than noise and chance under the final model: the name of the residual, the factor, and the
     /// probability of it.
     pub scattering_rests: Option<(&'static str, f64, f64)>,
@@ -59,6 +62,17 @@ pub struct Score {
     pub p_value: f64,
     /// Of a member of the path: names within three nats of its evidence when it was picked.
     pub rivals: Vec<String>,
+}
+
+/// What an effect of typical size leaves in the residuals when the parameters that are always there have taken up what they can.
+#[derive(Clone, Debug)]
+pub struct Trace {
+    /// Its name.
+    pub name: String,
+    /// Kind of residual, and the rms of what it leaves there in units of noise.
+    pub times_noise: Vec<(&'static str, f64)>,
+    /// Share of its chi2 that is taken up.
+    pub taken_up: f64,
 }
 
 /// An effect that explains data only where it was fitted to them.

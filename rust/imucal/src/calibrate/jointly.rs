@@ -89,7 +89,7 @@ impl UnitData<'_> {
     }
 
     /// A selection without these rests and moves of it; moves lead over a rest that is gone.
-    fn without(&self, all: &Selection, contradicts: &[Item]) -> Selection {
+    pub(super) fn without(&self, all: &Selection, contradicts: &[Item]) -> Selection {
         let mut used = all.used.clone();
         let mut bad = Vec::new();
         for item in contradicts {
@@ -144,6 +144,22 @@ impl UnitData<'_> {
         let model = [&fit.model.accelerometer, &fit.model.gyroscope];
         self.prepared(unseen, model, options, known(options), |prepared| {
             joint::predict(prepared, &self.terms(options)?, &fit.model)
+        })
+    }
+
+    /// Errors of |f| at rests that a joint fit has not seen, m/s^2.
+    pub(super) fn predict_norms(
+        &self,
+        fit: &JointFit,
+        unseen: &[usize],
+        options: &Options<'_>,
+    ) -> Result<Vec<(usize, f64)>, Error> {
+        let mut used = vec![false; self.rests.len()];
+        unseen.iter().for_each(|&k| used[k] = true);
+        let selection = Selection { used, moves: Vec::new(), left_out: Vec::new() };
+        let model = [&fit.model.accelerometer, &fit.model.gyroscope];
+        self.prepared(&selection, model, options, known(options), |prepared| {
+            joint::predict_norms(prepared, &self.terms(options)?, &fit.model)
         })
     }
 

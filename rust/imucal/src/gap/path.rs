@@ -7,7 +7,7 @@ use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::evidence::Evidence;
 use super::pattern::{Pattern, best_generic};
-use super::score::{Judged, Judgement, gain, judge, scattering_rests};
+use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
@@ -143,6 +143,7 @@ impl<'a> Hunt<'a> {
     ) -> Result<Search, Error> {
         let (mut stage, open) = self.start(prepared, triads, open)?;
         let first = judge(&stage);
+        let traces = traces(&stage);
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         let mut not_predictive: Vec<NotPredictive> = Vec::new();
@@ -195,19 +196,28 @@ impl<'a> Hunt<'a> {
                 _ => skipped.push(pick.score.name.clone()),
             }
         }
-        self.eliminate(prepared, &open, &mut stage, &mut path)?;
+        if self.eliminate(prepared, &open, &mut stage, &mut path)? {
+            let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+            last = Some(judge(&self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?));
+        }
         let pattern = self.pattern(prepared, triads, &open, &stage.members)?;
         let generic = pattern.winner();
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
         self.left_out.extend(first.blind);
+        // What a large effect leaves before it joins would hide small ones that can be seen.
+        let mut smallest_visible = last.map_or_else(Vec::new, |last| last.visible);
+        let left = first.visible.into_iter().filter(|(name, _, _)| !smallest_visible.iter().any(|(n, _, _)| n == name));
+        let left: Vec<_> = left.collect();
+        smallest_visible.extend(left);
         Ok(Search {
             path,
             ranking,
             generic: generic.map(|g| g.finding(prepared)),
             not_predictive,
             not_observable: self.left_out.clone(),
-            smallest_visible: first.visible,
+            smallest_visible,
+            traces,
             scattering_rests: scattering_rests(&stage),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
@@ -275,14 +285,15 @@ impl<'a> Hunt<'a> {
         explained.is_none_or(scale)
     }
 
-    /// Leaves out members that the model does as well without.
+    /// Leaves out members that the model does as well without; says whether there were any.
     fn eliminate(
         &self,
         prepared: &Prepared<'_>,
         open: &[EffectChoice],
         stage: &mut Stage,
         path: &mut Vec<Score>,
-    ) -> Result<(), Error> {
+    ) -> Result<bool, Error> {
+        let before = stage.members.len();
         while stage.members.len() > 1 {
             let mut worst: Option<(usize, Stage)> = None;
             for k in 0..stage.members.len() {
@@ -296,10 +307,10 @@ impl<'a> Hunt<'a> {
                     worst = Some((k, without));
                 }
             }
-            let Some((k, without)) = worst else { return Ok(()) };
+            let Some((k, without)) = worst else { break };
             path.retain(|score| score.name != stage.members[k].name);
             *stage = without;
         }
-        Ok(())
+        Ok(stage.members.len() < before)
     }
 }

@@ -4,12 +4,12 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use imucal_core::effects::Effect;
 
-use super::Score;
 use super::design::{Candidate, Design};
 use super::detect::visible_noncentrality;
 use super::evidence::{Column, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
+use super::{Score, Trace};
 use crate::stats::p_value;
 
 /// Prior widths in units of the typical size.
@@ -133,6 +133,71 @@ impl Candidate {
             value: 0.0,
         })
     }
+}
+
+/// What each candidate leaves in each kind of residual at its typical size, every parameter of it, when the model has taken up what
+/// it can; of several time constants the one that leaves most.
+pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
+    const NAMES: [&str; 8] = [
+        "rest_norm",
+        "move_direction",
+        "rest_rate_x",
+        "rest_rate_y",
+        "rest_rate_z",
+        "move_force",
+        "stand_rest",
+        "stand_move",
+    ];
+    let Design { gram, model, candidates, .. } = &stage.design;
+    let mut traces: Vec<Trace> = Vec::new();
+    for candidate in candidates {
+        let Some((left, given)) = left_in_groups(gram, model, candidate) else { continue };
+        let total: f64 = left.iter().sum();
+        let times_noise = |g: usize| (NAMES[gram.groups[g]], (left[g].max(0.0) / gram.rows[g]).sqrt());
+        let trace = Trace {
+            name: candidate.name.clone(),
+            times_noise: (0..left.len()).map(times_noise).collect(),
+            taken_up: if given > 0.0 { (1.0 - total / given).clamp(0.0, 1.0) } else { 1.0 },
+        };
+        match traces.iter_mut().find(|other| other.name == trace.name) {
+            Some(other) if other.taken_up <= trace.taken_up => {}
+            Some(other) => *other = trace,
+            None => traces.push(trace),
+        }
+    }
+    traces
+}
+
+/// chi2 that a candidate of typical size adds to each group, its parameters having independent signs, after and (their sum)
+/// before the projection of the model.
+fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Option<(Vec<f64>, f64)> {
+    let n = model.len();
+    let p = candidate.typical.len();
+    let place = |k: usize| candidate.columns.start + k;
+    let total = |i: usize, j: usize| gram.sums.iter().map(|g| g[(i, j)]).sum::<f64>();
+    let size: Vec<f64> = model.iter().map(|c| total(c.place, c.place).sqrt().max(1e-300)).collect();
+    let normal_of =
+        |sum: &Mat<f64>| Mat::from_fn(n, n, |i, j| sum[(model[i].place, model[j].place)] / (size[i] * size[j]));
+    let cross_of =
+        |sum: &Mat<f64>| Mat::from_fn(n, p, |i, k| sum[(model[i].place, place(k))] / size[i] * candidate.typical[k]);
+    let (normals, crosses): (Vec<_>, Vec<_>) = gram.sums.iter().map(|sum| (normal_of(sum), cross_of(sum))).unzip();
+    let mut normal = Mat::from_fn(n, n, |i, j| if i == j { 1e-12 } else { 0.0 });
+    let mut cross = Mat::<f64>::zeros(n, p);
+    for (own, by) in normals.iter().zip(&crosses) {
+        normal += own;
+        cross += by;
+    }
+    let x = normal.llt(faer::Side::Lower).ok()?.solve(&cross);
+    let mut given = 0.0;
+    let left = gram.sums.iter().zip(normals.iter().zip(&crosses)).map(|(sum, (normal, cross))| {
+        let bent = x.transpose() * normal * &x;
+        let met = cross.transpose() * &x;
+        let own = |k: usize| sum[(place(k), place(k))] * candidate.typical[k].powi(2);
+        given += (0..p).map(own).sum::<f64>();
+        (0..p).map(|k| own(k) - 2.0 * met[(k, k)] + bent[(k, k)]).sum()
+    });
+    let left: Vec<f64> = left.collect();
+    Some((left, given))
 }
 
 /// What each direction of an effect's parameters, at typical size, moves chi2 by, after projection of the model.

@@ -1,0 +1,117 @@
+"""What a search for the missing effect gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final
+
+from imucal.calibration import Calibration
+from imucal.document import plain, without_nan
+from imucal.finding import Finding
+
+if TYPE_CHECKING:
+    from imucal.calibration_result import CalibrationResult
+
+__all__ = ["Gap"]
+
+SCHEMA: Final = "imucal.gap/1"
+
+
+@dataclass(frozen=True, eq=False)
+class Gap:
+    """What the search has found.
+
+    verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault
+    effects            what joined the model, or the faults: name, sensor, parameters (name, value, std,
+                       unit), log_bayes_factor, statistic, dof, p_value
+    ambiguous_with     rivals of the pick
+    resembles          what an unknown effect looks a little like
+    generic            block, kernel and description of what varies without a name, or None
+    not_observable     name and needs of the effects that these recordings cannot show
+    smallest_visible   by effect, the smallest rms size of a parameter that would have been seen, and its unit
+    next_motion        the motion that would decide, or None: description, program, `simulate` (the options of
+                       `imucal simulate` that go with it), `on_its_own` (whether it is to be searched without
+                       the recordings that are there), and chi2 by which it separates the rivals
+    gap                metric, before, after, floor, closed, on recordings that no fit has seen
+    where              where measurement and model disagree: channels, depends, rests, moves, turns_about
+                       (docs/gap.md); None for refused recordings
+    corrected_error    predicted error of the corrected signals, averaged over 1 s, before and after:
+                       angular_rate_rms_radps and specific_force_rms_mps2; None if nothing joined
+    traces             by effect, `times_noise` by kind of residual at its typical size, and the share of it
+                       that the 21 parameters take up
+    calibration_set, control_set   figures before and after
+    held_out           without a control record, figures before and after on rests and moves that were left
+                       out
+    fits               the plain calibration and that with what joined, `before` and `after`
+    calibration        the improved calibration, or the plain one if nothing was found; None for a data fault
+    ranking            all candidates against the plain model, best first
+    notes              what a careful reader should know
+    """
+
+    verdict: str
+    effects: tuple[Mapping[str, Any], ...] = ()
+    ambiguous_with: tuple[str, ...] = ()
+    resembles: tuple[str, ...] = ()
+    generic: Mapping[str, Any] | None = None
+    not_observable: tuple[Mapping[str, str], ...] = ()
+    smallest_visible: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    next_motion: Mapping[str, Any] | None = None
+    gap: Mapping[str, Any] | None = None
+    where: Mapping[str, Any] | None = None
+    corrected_error: Mapping[str, Mapping[str, float]] | None = None
+    traces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    calibration_set: Mapping[str, Any] | None = None
+    control_set: Mapping[str, Any] | None = None
+    held_out: Mapping[str, Any] | None = None
+    fits: Mapping[str, CalibrationResult] = field(default_factory=dict)
+    calibration: Calibration | None = None
+    ranking: tuple[Mapping[str, Any], ...] = ()
+    findings: tuple[Finding, ...] = ()
+    notes: tuple[str, ...] = ()
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_gap
+
+        return of_gap(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal gap --json`."""
+        names = (
+            "verdict",
+            "effects",
+            "ambiguous_with",
+            "resembles",
+            "generic",
+            "not_observable",
+            "smallest_visible",
+            "next_motion",
+            "gap",
+            "where",
+            "corrected_error",
+            "traces",
+            "calibration_set",
+            "control_set",
+            "held_out",
+            "ranking",
+            "notes",
+        )
+        document = {"schema": SCHEMA, **{name: without_nan(getattr(self, name)) for name in names}}
+        document["findings"] = without_nan([finding.to_dict() for finding in self.findings])
+        return dict(plain(document))
+
+    def explain(self, name: str) -> list[str]:
+        """What an effect is, how it would look here, whether it could be seen, how large it may be unseen.
+
+        Raises InputError for a name that is not in the catalogue.
+        """
+        from imucal.gap_text import explanation
+
+        return list(explanation(self, name))
+
+    def summary(self) -> str:
+        """The finding in sentences."""
+        from imucal.gap_text import sentences
+
+        return "\n".join(sentences(self))

@@ -1,0 +1,175 @@
+"""The recordings of a search, and how models of them are fitted and judged on what no fit has seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucal.calibrate import Options, calibrate, fields_for_library
+from imucal.calibration_result import CalibrationResult
+from imucal.effects import UserEffect, catalogue
+from imucal.errors import FitError, NotEnoughMotionError
+from imucal.recording import Recording
+
+if TYPE_CHECKING:
+    from imucal import _core
+
+__all__ = ["Trial"]
+
+FOLDS: Final = 3
+# Figures of two fits that differ by less than this share are the same, by less than this one perhaps.
+SAME: Final = 0.005
+ONLY_CHANCE: Final = 0.1
+# Chance does not change a sum by more standard deviations.
+SURE: Final = 2.0
+
+
+class Trial:
+    """The recordings, and how models of them are judged."""
+
+    def __init__(
+        self,
+        unit_data: Sequence[Recording],
+        judges: Sequence[Recording] | None,
+        gravity_mps2: float,
+        min_rest_s: float,
+        exclude_saturated: bool,
+        user_effects: Mapping[str, UserEffect],
+        stage: Callable[[str], None],
+    ) -> None:
+        self.unit_data, self.judges, self.user_effects = unit_data, judges, user_effects
+        self.gravity_mps2, self.min_rest_s = gravity_mps2, min_rest_s
+        self.exclude_saturated = exclude_saturated
+        self.stage = stage
+        self._fits: dict[tuple[str, ...], CalibrationResult] = {}
+
+    def fit(self, names: Sequence[str]) -> CalibrationResult:
+        """The calibration with these effects, judged on control recordings, or on what is held out."""
+        key = tuple(names)
+        if key not in self._fits:
+            self._fits[key] = self._fit(key)
+        return self._fits[key]
+
+    def _fit(self, names: tuple[str, ...]) -> CalibrationResult:
+        self.stage(f"fitting with {' and '.join(names)}" if names else "fitting without effects")
+        return calibrate(
+            list(self.unit_data),
+            control=None if self.judges is None else list(self.judges),
+            gravity_mps2=self.gravity_mps2,
+            min_rest_s=self.min_rest_s,
+            exclude_saturated=self.exclude_saturated,
+            effects=[self.user_effects.get(name, name) for name in names],
+            folds=FOLDS if self.judges is None else None,
+        )
+
+    def search(self, before: CalibrationResult, wanted: Sequence[str] | None) -> _core.Search:
+        """What explains the recordings, out of the effects that are wanted."""
+        from imucal import _core
+
+        names = wanted if wanted is not None else [effect.name for effect in catalogue()]
+        options = Options(self.gravity_mps2, "symmetric", self.min_rest_s, self.exclude_saturated, None, None)
+        self.stage(f"scoring {len(names) + len(self.user_effects)} effects")
+        fields = fields_for_library(before.calibration, self.unit_data, tuple(self.user_effects.values()))
+        return _core.search_gap(self.unit_data, options, [(name, False) for name in names], fields)
+
+    def metric(self, before: CalibrationResult, after: CalibrationResult) -> tuple[str, float, float, float]:
+        """Name, value before and after, and floor of the figure on what no fit has seen that changes most."""
+        if before.control_set is not None and after.control_set is not None:
+            values = [float(result.control_set["chi2_per_dof"]) for result in (before, after)]  # type: ignore[index]
+            return "chi2_per_dof", values[0], values[1], 1.0
+        figures = [
+            (f"held_out_{name}", *((result.held_out or {})[name] for result in (before, after)), floor)
+            for name, (floor, _) in _floors(before).items()
+        ]
+        known = [(name, a, b, floor) for name, a, b, floor in figures if a is not None and b is not None]
+        return max(known, key=lambda figure: figure[1] / max(figure[2], 1e-300))
+
+    def unseen_chi2(self, result: CalibrationResult) -> float:
+        """chi2 per degree of freedom of what no fit has seen."""
+        if result.control_set is not None:
+            return float(result.control_set["chi2_per_dof"])
+        held_out = result.held_out or {}
+        terms: list[tuple[int, float]] = [
+            (count, count * (held_out[name] / floor) ** 2)
+            for name, (floor, count) in _floors(self.fit(())).items()
+            if held_out[name] is not None and floor > 0
+        ]
+        return sum(chi2 for _, chi2 in terms) / max(sum(count for count, _ in terms), 1)
+
+    def accepted(
+        self, before: CalibrationResult, path: Sequence[str]
+    ) -> tuple[list[str], CalibrationResult, list[str]]:
+        """The effects that do not make what no fit has seen worse, their fit, and why others went."""
+        notes: list[str] = []
+        names: list[str] = []
+        best = before
+        for name in path:
+            try:
+                trial = self.fit([*names, name])
+            except (FitError, NotEnoughMotionError) as error:
+                notes.append(f"{name} was found and cannot be fitted: {error}")
+                continue
+            value, least = self.unseen_chi2(trial), self.unseen_chi2(best)
+            if self._is_worse(trial, best):
+                notes.append(
+                    f"{name} was found and left out: chi2 per degree of freedom of what no fit has seen goes "
+                    f"from {least:.4g} to {value:.4g}"
+                )
+                continue
+            names.append(name)
+            best = trial
+        if len(names) < len(path):
+            # What does not help alone may help together.
+            try:
+                whole = self.fit(path)
+            except (FitError, NotEnoughMotionError):
+                return names, best, notes
+            if self.unseen_chi2(whole) < self.unseen_chi2(best):
+                return list(path), whole, []
+        return names, best, notes
+
+    def _is_worse(self, trial: CalibrationResult, best: CalibrationResult) -> bool:
+        """Whether what no fit has seen is predicted worse, by more than chance."""
+        value, least = self.unseen_chi2(trial), self.unseen_chi2(best)
+        if value <= least * (1 + SAME):
+            return False
+        ours, theirs = _squares(trial), _squares(best)
+        change = np.array([ours[item] - theirs[item] for item in ours.keys() & theirs.keys()])
+        chance = SURE * np.sqrt(len(change)) * np.std(change)
+        return bool(value > least * (1 + ONLY_CHANCE) or np.sum(change) > chance)
+
+
+def _squares(result: CalibrationResult) -> dict[tuple[str, int], float]:
+    """chi2 of each rest and of each move that no fit has seen."""
+    if result.control is not None:
+        rests, moves = result.control.rests, result.control.moves
+        norms = [rest["norm_error_mps2"] for rest in rests]
+        turns = [move["direction_error_deg"] for move in moves]
+    else:
+        held_out = result.held_out or {"norm_error_mps2": (), "direction_error_deg": ()}
+        rests, moves = result.rests, result.moves
+        norms, turns = held_out["norm_error_mps2"], held_out["direction_error_deg"]
+    known = [
+        (("rest", k), error, rest["norm_sigma_mps2"])
+        for k, (error, rest) in enumerate(zip(norms, rests, strict=False))
+    ]
+    known += [
+        (("move", k), error, move["direction_sigma_deg"])
+        for k, (error, move) in enumerate(zip(turns, moves, strict=False))
+    ]
+    return {item: (error / sigma) ** 2 for item, error, sigma in known if error is not None and sigma}
+
+
+def _floors(result: CalibrationResult) -> dict[str, tuple[float, int]]:
+    """What noise alone leaves of each figure that is held out, and of how many numbers it is."""
+    moves = [m["direction_sigma_deg"] for m in result.moves if m["direction_sigma_deg"] is not None]
+    rests = [r["norm_sigma_mps2"] for r in result.rests if r["norm_sigma_mps2"] is not None]
+    # Both components of a direction have its standard deviation.
+    direction = float(np.sqrt(2.0 * np.mean(np.square(moves)))) if moves else 0.0
+    norm = float(np.sqrt(np.mean(np.square(rests)))) if rests else 0.0
+    return {
+        "gravity_direction_rms_deg": (direction, 2 * len(moves)),
+        "gravity_norm_rms_mps2": (norm, len(rests)),
+    }

@@ -1,0 +1,129 @@
+"""Motions that a stand can run to tell effects apart, those that take least effort first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucal.motion import Program, Step
+
+if TYPE_CHECKING:
+    from imucal.recording import Recording
+
+__all__ = ["Suggestion", "suggestions"]
+
+# Of the random turns; runs that are there were hardly made with the same.
+SEED: Final = 2
+MOVES: Final = 45
+MAX_RATE_DPS: Final = 120.0
+# Mean rates of one motor; the fastest is that of the other programs.
+RATES_DPS: Final = (15.0, 30.0, 60.0, 120.0)
+FASTER_DPS: Final = (30.0, 120.0, 240.0)
+MOVES_AT_A_RATE: Final = 14
+CIRCLE_DEG: Final = 15.0
+HALF_RANGE_K: Final = 15.0
+
+
+@dataclass(frozen=True)
+class Suggestion:
+    """A motion to record next.
+
+    words             what is new in it
+    program           for the stand
+    temperature       as `imucal simulate --temperature` has it, or None: as in the recordings that are there
+    answers           words of the catalogue, what tells effects apart, that this is
+    on_its_own        it has to be searched without the recordings that are there
+    encoders          the stand's angles are recorded
+    """
+
+    words: str
+    program: Program
+    temperature: str | None = None
+    answers: str = "other turns"
+    on_its_own: bool = False
+    encoders: bool = False
+
+
+def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Iterator[Suggestion]:
+    """All motions; `needs` is what the fields of the rivals depend on."""
+    again = Program.random(seed=SEED, moves=MOVES, max_rate_dps=MAX_RATE_DPS)
+    longer = Program.random(seed=SEED, moves=3 * MOVES, max_rate_dps=MAX_RATE_DPS)
+    found = [
+        Suggestion("random turns once more, others than before", again),
+        Suggestion(
+            "turns of both signs at several rates, 15 to 120 deg/s",
+            _at_rates(RATES_DPS),
+            answers="several rates",
+        ),
+        Suggestion("rests every 15 deg on three circles", _circles(), answers="rests every 15 deg"),
+        Suggestion("three times as many random turns", longer, answers="several time constants"),
+        Suggestion(
+            "turns at rates of up to 240 deg/s, if the gyroscope's range allows", _at_rates(FASTER_DPS)
+        ),
+    ]
+    # The heading is not known from one recording to the next.
+    alone = "attitude" in needs
+    if alone:
+        turned = Program((*_headings(), *again.steps))
+        words = "turns of the heading in six poses, then random turns"
+        found.insert(3, Suggestion(words, turned, answers="turns of the heading"))
+    given = [r.temperature_degc for r in recordings if r.temperature_degc is not None]
+    if "temperature" in needs and len(given) == len(recordings):
+        middle = round(float(np.mean(np.concatenate(given))))
+        low, high = middle - HALF_RANGE_K, middle + HALF_RANGE_K
+        words = f"random turns while the unit heats and cools again, {low:g} to {high:g} degC"
+        cycle = f"cycle:{low:g}:{high:g}:{_duration_s(again):.0f}"
+        found.insert(3, Suggestion(words, again, cycle, answers="heats and cools"))
+    yield from (replace(suggestion, on_its_own=alone) for suggestion in found)
+    if any(recording.stand_rad is None for recording in recordings):
+        words = "random turns on a stand whose angles are recorded"
+        yield Suggestion(words, again, answers="angles are known", on_its_own=True, encoders=True)
+
+
+def _at_rates(rates_dps: Sequence[float]) -> Program:
+    steps: list[Step] = []
+    for k, rate in enumerate(rates_dps):
+        steps += Program.random(seed=SEED + k, moves=MOVES_AT_A_RATE, max_rate_dps=rate).steps
+    return Program(tuple(steps))
+
+
+def _circles() -> Program:
+    """Gravity goes round in the planes across body x, y and z."""
+    count = round(360.0 / CIRCLE_DEG)
+
+    def circle(*turn_deg: float) -> list[Step]:
+        first, second, third = turn_deg
+        return [Step((first, second, third), 0.5, 3.0)] * count
+
+    tilt, back = Step((0.0, 90.0, 0.0), 1.0, 3.0), Step((0.0, -90.0, 0.0), 1.0, 3.0)
+    start = Step((0.0, 0.0, 0.0), 0.0, 3.0)
+    return Program(
+        (
+            start,
+            *circle(CIRCLE_DEG, 0.0, 0.0),
+            *circle(0.0, CIRCLE_DEG, 0.0),
+            tilt,
+            *circle(0.0, 0.0, CIRCLE_DEG),
+            back,
+        )
+    )
+
+
+def _headings() -> list[Step]:
+    """Four headings with each body axis up and down, by motor 3 or, upright, by motor 2."""
+
+    def go(*turn_deg: float) -> Step:
+        first, second, third = turn_deg
+        return Step((first, second, third), 1.5, 8.0)
+
+    steps = [Step((0.0, 0.0, 0.0), 0.0, 8.0), *[go(0.0, 0.0, 90.0)] * 4, go(90.0, 0.0, 0.0)]
+    for _ in range(4):
+        steps += [*[go(0.0, 90.0, 0.0)] * 4, go(0.0, 0.0, 90.0)]
+    return [*steps, go(90.0, 0.0, 0.0), *[go(0.0, 0.0, 90.0)] * 4]
+
+
+def _duration_s(program: Program) -> float:
+    return sum(step.move_s + step.hold_s for step in program.steps)
