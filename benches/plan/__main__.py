@@ -19,6 +19,8 @@ from plan.page import figure, gates, page
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 RUNS = 800
+# Longer programs have half as many.
+LONG_MINUTES = 10.0
 
 
 def main() -> int:
@@ -32,8 +34,9 @@ def main() -> int:
         points = pool.submit(curve)
         agreements = []
         for case in track(cases(), "calibrations", disable=not sys.stderr.isatty()):
-            found = list(pool.map(case.errors, range(1, given.runs + 1), chunksize=8))
             minutes = sum(planned(motion).minutes for motion in case.motions)
+            runs = given.runs // 2 if minutes > LONG_MINUTES else given.runs
+            found = list(pool.map(case.errors, range(1, runs + 1), chunksize=8))
             agreements.append(Agreement.of(case, minutes, found))
         found_durations, found_points = searched.result(), points.result()
     text = page(agreements, found_durations, found_points, visible(found_durations))
