@@ -6,6 +6,7 @@
 #   make bench     speed beside a SciPy program of the same model, of the simulation, and of Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
+#   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make docs      the pages under docs/ as a site, site/index.html; a link that leads nowhere is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
@@ -145,7 +146,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy gap-benchmark first-steps docs-figures docs-pictures
+.PHONY: demo bench accuracy gap-benchmark plan first-steps docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -169,6 +170,10 @@ gap-benchmark: $(VENV)/.installed
 first-steps: $(VENV)/.installed
 	$(call say,From a clone to a C header)
 	$(PY) benches/first_steps.py
+
+plan: $(VENV)/.installed
+	$(call say,Plans)
+	PYTHONPATH=benches $(PY) -m plan
 
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)

@@ -67,7 +67,10 @@ impl From<PlanLimits> for Limits {
 
 /// Names and units of the effects' parameters, which follow the 21.
 #[pyfunction]
-pub(crate) fn plan_effect_parameters(py: Python<'_>, sensors: PlanSensors<'_>) -> PyResult<Vec<(String, &'static str)>> {
+pub(crate) fn plan_effect_parameters(
+    py: Python<'_>,
+    sensors: PlanSensors<'_>,
+) -> PyResult<Vec<(String, &'static str)>> {
     Ok(sensors.sensors(py)?.effect_parameters())
 }
 

@@ -1,4 +1,4 @@
-//! Planning a motion: what a program will determine, and the program that determines most (model.md (29)).
+//! Planning a motion: what a program will determine, and the program that determines most (model.md (33)).
 //!
 //! * [`Sensors`]: what the unit makes of a motion, and its white noise.
 //! * [`predict()`]: standard deviation of every parameter after any [`Motion`](crate::simulate::Motion), from the model alone.

@@ -71,9 +71,8 @@ impl Chain {
             let row = (DIRECTION + p) * width + DIRECTION;
             if first != 0.0 || second != 0.0 || gone != [0.0; 2] {
                 for q in p..width - DIRECTION {
-                    self.matrix[row + q] += by[0] * carried[0][q] + by[1] * carried[1][q]
-                        - gone[0] * shared[0][q]
-                        - gone[1] * shared[1][q];
+                    self.matrix[row + q] +=
+                        by[0] * carried[0][q] + by[1] * carried[1][q] - gone[0] * shared[0][q] - gone[1] * shared[1][q];
                 }
             }
             for i in 0..2 {
@@ -157,7 +156,12 @@ mod tests {
         let expected = own - shared.transpose() * directions.llt(faer::Side::Lower).unwrap().solve(&shared);
         let found = chain.information();
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
-            assert!((found[(i, j)] - expected[(i, j)]).abs() < 1e-10, "{i} {j}: {} {}", found[(i, j)], expected[(i, j)]);
+            assert!(
+                (found[(i, j)] - expected[(i, j)]).abs() < 1e-10,
+                "{i} {j}: {} {}",
+                found[(i, j)],
+                expected[(i, j)]
+            );
         }
     }
 }

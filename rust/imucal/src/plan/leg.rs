@@ -45,7 +45,8 @@ impl Still {
         Self {
             force: scaled(sensors.force_rows(moment, time_s), sensors.force_variance),
             rate: scaled(sensors.rate_rows(moment, time_s), sensors.rate_variance),
-            half_stretch: in_hand.then(|| carry_along(sensors, [(*moment, time_s, HELD_S / 2.0)], sensors.rate_variance)),
+            half_stretch: in_hand
+                .then(|| carry_along(sensors, [(*moment, time_s, HELD_S / 2.0)], sensors.rate_variance)),
         }
     }
 
@@ -96,7 +97,9 @@ impl Leg {
             let force = inside.then(|| {
                 let middle_s = first_s + block_s / 2.0;
                 let sigma = (sensors.force_variance / block_s).sqrt();
-                sensors.force_rows(&at(middle_s), middle_s).map(|row| row.into_iter().map(|value| value / sigma).collect())
+                sensors
+                    .force_rows(&at(middle_s), middle_s)
+                    .map(|row| row.into_iter().map(|value| value / sigma).collect())
             });
             stretches.push(Stretch { carry, force });
         }

@@ -193,7 +193,8 @@ impl Zone {
                 })
                 .collect();
             let common = |a: &[f64; 2], b: &[f64; 2]| [a[0].max(b[0]), a[1].min(b[1])];
-            inside = inside.iter().flat_map(|a| visits.iter().map(move |b| common(a, b))).filter(|s| s[0] <= s[1]).collect();
+            inside =
+                inside.iter().flat_map(|a| visits.iter().map(move |b| common(a, b))).filter(|s| s[0] <= s[1]).collect();
         }
         !inside.is_empty()
     }
@@ -209,7 +210,13 @@ mod tests {
 
     #[test]
     fn a_way_through_a_zone_is_seen_however_thin_it_is_and_after_full_turns() {
-        let zone = Zone { angle_rad: [Some([89.99_f64, 90.01].map(f64::to_radians)), None, Some([-10_f64, 10.0].map(f64::to_radians))] };
+        let zone = Zone {
+            angle_rad: [
+                Some([89.99_f64, 90.01].map(f64::to_radians)),
+                None,
+                Some([-10_f64, 10.0].map(f64::to_radians)),
+            ],
+        };
         assert!(zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([180.0, 50.0, 0.0])));
         assert!(zone.is_crossed(&deg([0.0, 0.0, 360.0]), &deg([-360.0, 50.0, 365.0])));
         assert!(zone.is_crossed(&deg([90.0, 0.0, 5.0]), &deg([90.0, 0.0, 5.0])));

@@ -55,8 +55,9 @@ pub fn predict(
         information += chain.information();
         found += rests.len();
     }
-    let covariance = covariance(&information, &sensors.before_data())
-        .ok_or_else(|| Error::Fit("the information of the motion has no inverse: check the noise of the unit".into()))?;
+    let covariance = covariance(&information, &sensors.before_data()).ok_or_else(|| {
+        Error::Fit("the information of the motion has no inverse: check the noise of the unit".into())
+    })?;
     Ok(Prediction { sigma: (0..n).map(|p| covariance[(p, p)].sqrt()).collect(), rests: found })
 }
 

@@ -179,7 +179,8 @@ impl Walk<'_> {
             }
             47..55 => {
                 // The other way round: all poses from here on are a full turn of one motor away.
-                let (motor, turn) = (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
+                let (motor, turn) =
+                    (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
                 let mut poses = trial.poses.clone();
                 for pose in &mut poses[k..] {
                     pose[motor] += turn;

@@ -111,7 +111,8 @@ impl Sensors {
             3..9 => accelerometer,
             _ => gyroscope,
         });
-        let effects = self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
+        let effects =
+            self.effects.iter().flat_map(|e| e.parameters[..e.plain].iter().map(|p| p.typical / FARTHEST.powi(2)));
         base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2)).collect()
     }
 
@@ -173,7 +174,13 @@ impl Sensors {
 
     /// Adds what the gyroscope's reading of `duration_s` around a moment makes of the direction that is carried on: derivatives by
     /// the parameters, and the gain on white noise.
-    pub(super) fn add_turn(&self, moment: &Moment, time_s: f64, duration_s: f64, by: &mut [Vec<f64>; 2]) -> [Vector3<f64>; 2] {
+    pub(super) fn add_turn(
+        &self,
+        moment: &Moment,
+        time_s: f64,
+        duration_s: f64,
+        by: &mut [Vec<f64>; 2],
+    ) -> [Vector3<f64>; 2] {
         let to_world = moment.rotation_world_from_body.to_rotation_matrix();
         let across = [0, 1].map(|row| to_world.matrix().row(row).transpose());
         let seen = across.map(|axis| self.from_gyroscope.tr_mul(&axis));

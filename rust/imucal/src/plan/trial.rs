@@ -152,7 +152,8 @@ impl Trial {
         let mut chain = Chain::new(scene.sensors.parameters());
         let last = self.poses.len() - 1;
         for (k, (still, hold_s)) in self.stills.iter().zip(&self.holds_s).enumerate() {
-            let edges = if k == 0 { 0.0 } else { EDGE_S + scene.limits.settle_s } + if k == last { 0.0 } else { EDGE_S };
+            let edges =
+                if k == 0 { 0.0 } else { EDGE_S + scene.limits.settle_s } + if k == last { 0.0 } else { EDGE_S };
             still.see(&mut chain, hold_s - edges);
             if let Some(leg) = self.legs.get(k) {
                 leg.go(&mut chain);

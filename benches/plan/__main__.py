@@ -1,0 +1,50 @@
+"""Run it all; `python -m plan --help` with this folder's parent on the path."""
+
+import os
+
+# Two processes share the machine; threads within them would only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+    os.environ[variable] = "1"
+
+import argparse
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+from rich.progress import track
+
+from plan.agreement import Agreement, cases, planned
+from plan.duration import curve, durations, visible
+from plan.page import figure, gates, page
+
+RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
+RUNS = 800
+# Longer programs have half as many.
+LONG_MINUTES = 10.0
+
+
+def main() -> int:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--runs", type=int, default=RUNS, help="simulated runs of each program")
+    arguments.add_argument("--processes", type=int, default=2)
+    arguments.add_argument("--output", type=Path, default=RESULTS, help="folder of plan.md and plan.svg")
+    given = arguments.parse_args()
+    with ProcessPoolExecutor(given.processes) as pool:
+        searched = pool.submit(durations)
+        points = pool.submit(curve)
+        agreements = []
+        for case in track(cases(), "calibrations", disable=not sys.stderr.isatty()):
+            minutes = sum(planned(motion).minutes for motion in case.motions)
+            runs = given.runs // 2 if minutes > LONG_MINUTES else given.runs
+            found = list(pool.map(case.errors, range(1, runs + 1), chunksize=8))
+            agreements.append(Agreement.of(case, minutes, found))
+        found_durations, found_points = searched.result(), points.result()
+    text = page(agreements, found_durations, found_points, visible(found_durations))
+    (given.output / "plan.md").write_text(text, encoding="utf-8")
+    (given.output / "plan.svg").write_text(figure(found_points), encoding="utf-8")
+    print(text)
+    return 0 if all(met for *_, met in gates(agreements, found_durations)) else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
