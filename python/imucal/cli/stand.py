@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli import completion
+from imucal.cli import completion, stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
@@ -193,6 +193,9 @@ def _three(text: str) -> tuple[float, float, float]:
         )
     x, y, z = values * 3 if len(values) == 1 else values
     return (x, y, z)
+
+
+app.command()(stand_calibrate.calibrate)
 
 
 @app.command()

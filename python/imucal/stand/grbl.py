@@ -18,7 +18,7 @@ from typing import Final
 
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError
-from imucal.motion import Program
+from imucal.motion import Program, Step
 from imucal.stand.driver import Event, Position, Status
 from imucal.stand.gcode import Axes, Block, MotorLimits, blocks_of
 from imucal.stand.grbl_port import ALARMS, ERRORS, RESET, RX_BUFFER, GrblPort, Report
@@ -29,6 +29,8 @@ __all__ = ["GrblDriver"]
 
 NAP_S: Final = 0.01
 TRY_AGAIN_S: Final = 0.3
+# How fast the motors go back to zero.
+BACK_DPS: Final = 60.0
 # A pose is reached if every motor is so near.
 NEAR_DEG: Final = 0.5
 # Ways back without a step done in between.
@@ -48,7 +50,10 @@ class _Sent:
 
 
 class GrblDriver:
-    """Drives a program through a controller at a serial port, from where the motors stand when it starts.
+    """Drives a program through a controller at a serial port.
+
+    Zero is where the motors stand when it starts. After the last step they go back there, so that cables are
+    as they were and the next program starts where this one did.
 
     axes  letters of the three motors, outer motor first
     """
@@ -62,10 +67,11 @@ class GrblDriver:
         axes: Axes | None = None,
         patience: Patience | None = None,
     ) -> None:
-        self._program, self._axes = program, axes or Axes()
+        self._program, self._axes = _and_back(program), axes or Axes()
+        self._last_step = len(program.steps) - 1
         self._patience = patience or Patience()
         self._talk = GrblTalk(GrblPort(port, baud), self._patience)
-        self._blocks: list[Block] = blocks_of(program, MotorLimits())
+        self._blocks: list[Block] = blocks_of(self._program, MotorLimits())
         # Where the controller sees the stand's zero: angle = position - zero.
         self._zero: Triple = (0.0, 0.0, 0.0)
         self._to_send: deque[tuple[bytes, int | None]] = deque()
@@ -136,11 +142,13 @@ class GrblDriver:
         self._talk.port.close()
 
     def _status(self) -> Status:
-        step = min(self._done, len(self._blocks) - 1)
+        step = min(self._done, self._last_step)
         if self._failed is not None:
             return self._failed
         if self._done == len(self._blocks):
             return Status("finished", step)
+        if self._done > self._last_step:
+            return Status("moving", step, message="back to zero")
         if self._way_back is not None:
             return Status("moving", step, message="finding the way back")
         report = self._talk.report
@@ -259,7 +267,7 @@ class GrblDriver:
         self._way_back = self._return(self._trouble)
 
     def _fail(self, code: str, message: str) -> None:
-        self._failed = Status("failed", min(self._done, len(self._blocks) - 1), code, message)
+        self._failed = Status("failed", min(self._done, self._last_step), code, message)
 
     def _return(self, trouble: Event) -> Generator[None, None, None]:
         """Stop, reset, unlock, and go on."""
@@ -315,6 +323,13 @@ class GrblDriver:
             yield
         self._talk.port.open()
         yield from self._return(Event("controller_lost", reason))
+
+
+def _and_back(program: Program) -> Program:
+    """The program, and a move to where it began."""
+    x, y, z = (-sum(step.turn_deg[axis] for step in program.steps) for axis in range(3))
+    back = Step((x, y, z), max(abs(x), abs(y), abs(z)) / BACK_DPS, 0.0)
+    return Program((*program.steps, back), program.stand)
 
 
 def _code(line: str) -> int:
