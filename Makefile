@@ -6,6 +6,7 @@
 #   make bench     speed beside a SciPy program of the same model, of the simulation, and of Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
+#   make stand     what a line makes of good units and of hidden faults, to docs/results/stand.md
 #   make docs      the pages under docs/ as a site, site/index.html; a link that leads nowhere is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
@@ -145,7 +146,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy gap-benchmark docs-figures docs-pictures
+.PHONY: demo bench accuracy gap-benchmark stand docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -165,6 +166,10 @@ SHARE ?= 1
 gap-benchmark: $(VENV)/.installed
 	$(call say,Hidden effects)
 	PYTHONPATH=benches $(PY) -m gap --share $(SHARE)
+
+stand: $(VENV)/.installed
+	$(call say,Units on the line)
+	$(PY) benches/stand_line.py
 
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)
