@@ -86,8 +86,8 @@ the simulation knows the fault.
 {rows}
 
 A slip shows as a step between the unit's attitude at rest and the angles of the motors, play as a scatter of
-both from rest to rest; a stand without encoders and without a controller that reports its angles shows neither.
-A saturated sensor and an axis that stands at one value are refused by the checks of the recording; an axis that
+both from rest to rest; without encoders, and without a controller that reports its angles, neither shows. A
+saturated sensor and an axis that stands at one value are refused by the checks of the recording; an axis that
 shows nothing but noise is known by that.
 """
 

@@ -63,8 +63,7 @@ def run(
 
     Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv
 
-    Example: imucal stand run grid --driver grbl --port /dev/ttyACM0 --source /dev/ttyUSB0 --packet unit.json
-    -o run.csv
+    Example: imucal stand run grid --driver grbl --port /dev/ttyS0 --source /dev/ttyS1 --packet p -o run.csv
     """
     from imucal.stand.live import live_view
     from imucal.stand.programs import program_named
@@ -77,7 +76,7 @@ def run(
         driver, source = equipment.open(wanted, seed)
     about = {"program": program, "seed": seed, "driver": equipment.driver}
     try:
-        with live_view(program, says=equipment.driver == "manual") as watch:
+        with live_view(Path(program).name, says=equipment.driver == "manual") as watch:
             done = record(
                 driver,
                 source,

@@ -3,9 +3,9 @@
 Lines are sent ahead as far as the characters not yet answered fit into the controller's buffer, but no
 move before the motors were seen at rest where the step before leads: a byte that is lost on the way may make
 another angle of one. A step is done when its `G4` is answered, and that was seen. Whatever goes wrong (a
-reset, an error, a lost byte, a silent or a pulled cable) has one way back: bring the motors to a stop,
-reset, unlock, see where they are, and go on with the first step that is not done. Angles are absolute, so that a step
-that is begun twice is one more rest and no error.
+reset, an error, a lost byte, a silent or a pulled cable) has one way back: bring the motors to a stop, reset,
+unlock, see where they are, and go on with the first step that is not done. Angles are absolute, so that a
+step that is begun twice is one more rest and no error.
 """
 
 from __future__ import annotations

@@ -128,8 +128,9 @@ def calibrate_unit(
             runs[name] = record(
                 driver, source, own / f"{name}.csv", steps=len(program.steps), about=about, watch=watch
             )
-        if not runs[name].good:
-            reason = Reason(f"run_{runs[name].state}", f"{name}: {runs[name].message}")
+        if not runs[name].good or runs[name].output is None:
+            message = runs[name].message or "the unit has sent no sample"
+            reason = Reason(f"run_{runs[name].state}", f"{name}: {message}")
             return _kept(Outcome(order, "no_result", (reason,), own, runs))
         recordings = [read(own / f"{done}.csv") for done in runs]
         assessment = assess(
