@@ -7,6 +7,7 @@
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
+#   make stand     what a line makes of good units and of hidden faults, to docs/results/stand.md
 #   make docs      the pages under docs/ as a site, site/index.html; a link that leads nowhere is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
@@ -146,7 +147,7 @@ docs: $(VENV)/.installed
 
 # --- what it can do ----------------------------------------------------------------------------------------------
 
-.PHONY: demo bench accuracy gap-benchmark plan first-steps docs-figures docs-pictures
+.PHONY: demo bench accuracy gap-benchmark plan stand first-steps docs-figures docs-pictures
 demo: $(VENV)/.installed
 	$(call say,Demo)
 	$(BIN)/imucal demo
@@ -174,6 +175,10 @@ first-steps: $(VENV)/.installed
 plan: $(VENV)/.installed
 	$(call say,Plans)
 	PYTHONPATH=benches $(PY) -m plan
+
+stand: $(VENV)/.installed
+	$(call say,Units on the line)
+	$(PY) benches/stand_line.py
 
 docs-figures: $(VENV)/.installed
 	$(call say,Figures of the documentation)

@@ -29,6 +29,7 @@ class Controller:
         self.position = [0.0, 0.0, 0.0]
         self.out = bytearray()
         self.overflowed = 0
+        self.reached_deg = 0.0
         # Every pose at which it dwelt, and for how long.
         self.dwelt = []
         self.busy_s = 0.0
@@ -157,6 +158,7 @@ class Controller:
         arrives = speed == 0.0 and self.state != "Hold"
         share = 1.0 if arrives else min(done / length, 1.0)
         self.position = [a + share * (b - a) for a, b in zip(start, target, strict=True)]
+        self.reached_deg = max(self.reached_deg, *map(abs, self.position))
         self.block = (start, target, rate, acceleration, done, length)
         if share == 1.0:
             self.position, self.block, self.speed = list(target), None, 0.0

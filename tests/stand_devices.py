@@ -95,10 +95,10 @@ class ControllerPort(Port):
     """A controller whose time runs `scale` times as fast as ours.
 
     loss    share of the bytes that get lost, either way
-    script  [(its time, s, function of this port)], done once each
+    script  [(condition on the controller, function of this port)], done once each, in this order
     """
 
-    def __init__(self, path, controller, *, scale=8.0, latency_s=0.0, loss=0.0, seed=1, script=()):
+    def __init__(self, path, controller, *, scale=12.0, latency_s=0.0, loss=0.0, seed=1, script=()):
         super().__init__(path, latency_s)
         self.controller, self.scale, self.loss = controller, scale, loss
         self.draw, self.script = random.Random(seed), deque(script)
@@ -112,7 +112,7 @@ class ControllerPort(Port):
         now_s = time.monotonic()
         self.controller.advance((now_s - self._seen_s) * self.scale)
         self._seen_s = now_s
-        while self.script and self.script[0][0] <= self.controller.clock_s:
+        while self.script and self.script[0][0](self.controller):
             self.script.popleft()[1](self)
         said = self.controller.take()
         if self.master is not None:

@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from imucal.stand.packet import PacketFormat
+
 ROOT = Path(__file__).parent.parent
 BLOCK = re.compile(r"^```(console|python)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 LINK = re.compile(r"\]\((?!https?://)([^)#]+)[^)]*\)")
@@ -138,6 +140,22 @@ def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
     limits = re.search(r"^```json\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[1]
     (tmp_path / "limits.json").write_text(limits)
     assert run_page("docs/production-line.md", tmp_path) == 10
+
+
+def test_page_of_the_stand_prints_what_it_shows(tmp_path):
+    assert run_page("docs/stand.md", tmp_path) == 5
+    page = (ROOT / "docs/stand.md").read_text(encoding="utf-8")
+    (tmp_path / "packet.json").write_text(
+        re.findall(r"^```json\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)[0]
+    )
+    form = PacketFormat.read(tmp_path / "packet.json")
+    assert {field.name for field in form.fields} > {"sequence", "time_us", "accel_x_lsb", "temp_degc"}
+    # Every reason that the line gives is in the table.
+    from imucal.stand import verdict
+
+    codes = re.findall(r"^([a-z_]+)(?:NAME)?  ", verdict.__doc__, re.MULTILINE)
+    assert len(codes) == 10
+    assert all(f"`{code}" in page for code in codes)
 
 
 def test_page_of_noise_prints_what_it_shows(tmp_path):

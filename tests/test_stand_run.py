@@ -310,6 +310,42 @@ def test_run_of_a_program_file_by_the_command(tmp_path, command):
     assert document["prospect"]["rests"] == 3
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX")
+def test_a_terminal_shows_what_there_is(tmp_path):
+    import pty
+
+    Program.random(seed=1, moves=12).write(tmp_path / "program.json")
+    master, slave = pty.openpty()
+    command = [Path(sys.executable).with_name("imucal"), "stand", "run", tmp_path / "program.json"]
+    child = subprocess.Popen(
+        [*command, "--speed", "60", "-o", tmp_path / "run.csv"],
+        stderr=slave,
+        stdout=subprocess.DEVNULL,
+        env={**os.environ, "TERM": "xterm-256color", "COLUMNS": "160", "LINES": "40"},
+    )
+    os.close(slave)
+    shown = b""
+    while True:
+        try:
+            piece = os.read(master, 65536)
+        except OSError:
+            break
+        if not piece:
+            break
+        shown += piece
+    os.close(master)
+    assert child.wait() == 0
+    text = shown.decode()
+    for expected in (
+        "of 13",
+        "per second",
+        "on the disk",
+        "of all directions",
+        "gyroscope bias, expected sigma",
+    ):
+        assert expected in text
+
+
 @pytest.mark.parametrize("options", [("--speed", "0"), ("--fault", "fire"), ("--driver", "steam")])
 def test_options_that_mean_nothing(options, tmp_path, command):
     done = command("stand", "run", "random", *options, "-o", tmp_path / "run.csv")

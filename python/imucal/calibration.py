@@ -72,12 +72,13 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Where a calibration comes from: files, version of the package, date (ISO 8601, UTC)."""
+    """Where a calibration comes from: files, version of the package, date (ISO 8601, UTC), who made it."""
 
     files: tuple[Source, ...] = ()
     control_files: tuple[Source, ...] = ()
     imucal_version: str = ""
     date: str = ""
+    operator: str = ""
 
 
 @dataclass(frozen=True, eq=False)

@@ -223,6 +223,8 @@ def _provenance(node: Node) -> Provenance:
         sources("control_files"),
         node.get("imucal_version").text(),
         node.get("date").text(),
+        # Older files have none.
+        node.get("operator").text() if "operator" in node.mapping() else "",
     )
 
 

@@ -1,6 +1,7 @@
 """Faults of the data that no check of the columns sees, for where no effect explains a disagreement better.
 
     mount_slip              up_k - R(q_k)^T e_z = stand errors + s x up_k from some rest on
+    loose_mount             up_k - R(q_k)^T e_z scatters from rest to rest, more than any stand explains
     clock_irregular         rates in moves do not follow the stamps, or are noisier by (jitter dw/dt)^2
     noise_grows_in_motion   noise in moves is a multiple of that at rest
 
@@ -9,7 +10,7 @@ Noise is that of fourth differences: motion is too smooth to show in them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -23,11 +24,13 @@ if TYPE_CHECKING:
     from imucal.calibration_result import CalibrationResult
     from imucal.recording import Recording
 
-__all__ = ["faults_without_effect", "mount_slips"]
+__all__ = ["faults_without_effect", "loose_mounts", "mount_slips"]
 
 # Rests on both sides of a slip, and how much smaller chi2 is with it: of a drift a step leaves a quarter.
 FEWEST_RESTS: Final = 4
 SLIP_EXPLAINS: Final = 10.0
+# A firm unit misses a cheap stand's angles by less, from rest to rest.
+PLAY_DEG: Final = 0.25
 STEP_RAD: Final = 1e-4
 # By so much chance does not change chi2, nor twice the logarithm of a likelihood.
 CLEARLY: Final = 25.0
@@ -45,11 +48,7 @@ def mount_slips(result: CalibrationResult, recordings: Sequence[Recording]) -> I
         rests = [r for r in result.rests if r["recording"] == recording.name and r["excluded"] is None]
         if recording.stand_rad is None or len(rests) < 4 * FEWEST_RESTS:
             continue
-        raw = np.array([rest["mean_specific_force"] for rest in rests])
-        _, force = result.calibration.apply(np.zeros_like(raw), raw)
-        up = force / np.linalg.norm(force, axis=1, keepdims=True)
-        angles = np.array([recording.stand_rad[r["first"] : r["end"]].mean(axis=0) for r in rests])
-        first, turn_rad, times = _largest_step(up, angles)
+        first, turn_rad, times = _largest_step(*_against_stand(result, recording, rests))
         if times > SLIP_EXPLAINS:
             degrees = float(np.degrees(turn_rad))
             yield _finding(
@@ -62,8 +61,56 @@ def mount_slips(result: CalibrationResult, recordings: Sequence[Recording]) -> I
             )
 
 
+def loose_mounts(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """A unit that sits another way on its mount after every move."""
+    for recording in recordings:
+        rests = [r for r in result.rests if r["recording"] == recording.name]
+        if recording.stand_rad is None or len(rests) < 4 * FEWEST_RESTS:
+            continue
+        missed, basis, _ = _unexplained(*_against_stand(result, recording, rests))
+        # Two of the three components of a direction can miss.
+        freedom = max(2 * len(rests) - basis.shape[1], 1)
+        degrees = float(np.degrees(np.sqrt(missed @ missed / freedom)))
+        if degrees > PLAY_DEG:
+            yield _finding(
+                "loose_mount",
+                recording,
+                (degrees, "deg"),
+                f"the unit misses the stand's angles by {degrees:.2f} deg (1 sigma) from rest to rest, "
+                f"where a firm one misses them by less than {PLAY_DEG} deg: it has play on its mount",
+                "fasten the unit and record again",
+            )
+
+
+def _against_stand(
+    result: CalibrationResult, recording: Recording, rests: Sequence[Mapping[str, Any]]
+) -> tuple[FloatArray, FloatArray]:
+    """The direction up at each rest and the angles of the motors there, (K, 3) each."""
+    assert recording.stand_rad is not None
+    raw = np.array([rest["mean_specific_force"] for rest in rests])
+    _, force = result.calibration.apply(np.zeros_like(raw), raw)
+    up = force / np.linalg.norm(force, axis=1, keepdims=True)
+    return up, np.array([recording.stand_rad[r["first"] : r["end"]].mean(axis=0) for r in rests])
+
+
 def _largest_step(up: FloatArray, angles: FloatArray) -> tuple[int, float, float]:
     """The first rest with another mount, by which angle, and how much smaller chi2 is with it."""
+    missed, basis, stand = _unexplained(up, angles)
+    best = (0, 0.0, 1.0)
+    for first in range(FEWEST_RESTS, len(up) - FEWEST_RESTS + 1):
+        after = (np.arange(len(up)) >= first)[:, None]
+        step = np.array([(column * after).ravel() for column in stand[:3]]).T
+        step = step - basis @ (basis.T @ step)
+        turn, *_ = np.linalg.lstsq(step, missed, rcond=None)
+        left = missed - step @ turn
+        times = float(missed @ missed) / max(float(left @ left), 1e-30)
+        if times > best[2]:
+            best = (first, float(np.linalg.norm(turn)), times)
+    return best
+
+
+def _unexplained(up: FloatArray, angles: FloatArray) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
+    """What the stand's own errors do not explain of the directions, what they do, and their derivatives."""
     sums = np.linalg.svd(_vertical(np.zeros(7), angles).T @ up)
     mount: FloatArray = sums[0] @ np.diag([1.0, 1.0, np.linalg.det(sums[0] @ sums[2])]) @ sums[2]
 
@@ -88,18 +135,7 @@ def _largest_step(up: FloatArray, angles: FloatArray) -> tuple[int, float, float
     # Free of what the stand's own errors and an eccentricity of the encoders explain.
     u, s, _ = np.linalg.svd(nuisance, full_matrices=False)
     basis = u[:, s > 1e-6 * s[0]]
-    missed = missed - basis @ (basis.T @ missed)
-    best = (0, 0.0, 1.0)
-    for first in range(FEWEST_RESTS, len(up) - FEWEST_RESTS + 1):
-        after = (np.arange(len(up)) >= first)[:, None]
-        step = np.array([(column * after).ravel() for column in stand[:3]]).T
-        step = step - basis @ (basis.T @ step)
-        turn, *_ = np.linalg.lstsq(step, missed, rcond=None)
-        left = missed - step @ turn
-        times = float(missed @ missed) / max(float(left @ left), 1e-30)
-        if times > best[2]:
-            best = (first, float(np.linalg.norm(turn)), times)
-    return best
+    return missed - basis @ (basis.T @ missed), basis, stand
 
 
 def _vertical(parameters: FloatArray, angles: FloatArray) -> FloatArray:
@@ -227,5 +263,6 @@ def _finding(
     code: str, recording: Recording, value: tuple[float, str], message: str, way_out: str
 ) -> Finding:
     number, unit = value
-    columns = {"clock_irregular": ("time_s",), "mount_slip": ("stand_1", "stand_2", "stand_3")}.get(code, ())
+    stand = ("stand_1", "stand_2", "stand_3")
+    columns = {"clock_irregular": ("time_s",), "mount_slip": stand, "loose_mount": stand}.get(code, ())
     return Finding(code, "warning", recording.name, columns, None, 1, float(number), unit, message, way_out)

@@ -67,6 +67,9 @@ class Equipment:
         ),
     ] = None
 
+    fault_seed: Annotated[
+        int, _option("--fault-seed", "Of the size and place of the hidden fault.", SIMULATED)
+    ] = 1
     port: Annotated[
         str | None, _option("--port", "grbl: serial port of the controller.", GRBL, metavar="PORT")
     ] = None
@@ -106,7 +109,7 @@ class Equipment:
             from imucal.stand.faults import SimulatedUnit
             from imucal.stand.simulated import SimulatedStand
 
-            mounted = SimulatedUnit(self.unit, self.stand, self.rate_hz, self.fault, seed)
+            mounted = SimulatedUnit(self.unit, self.stand, self.rate_hz, self.fault, self.fault_seed)
             simulated = SimulatedStand(program, mounted, seed=seed, speed=self.speed)
             return simulated, simulated
         if self.driver == "grbl":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli import completion
+from imucal.cli import completion, stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
@@ -63,8 +63,7 @@ def run(
 
     Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv
 
-    Example: imucal stand run grid --driver grbl --port /dev/ttyACM0 --source /dev/ttyUSB0 --packet unit.json
-    -o run.csv
+    Example: imucal stand run grid --driver grbl --port /dev/ttyS0 --source /dev/ttyS1 --packet p -o run.csv
     """
     from imucal.stand.live import live_view
     from imucal.stand.programs import program_named
@@ -77,7 +76,7 @@ def run(
         driver, source = equipment.open(wanted, seed)
     about = {"program": program, "seed": seed, "driver": equipment.driver}
     try:
-        with live_view(program, says=equipment.driver == "manual") as watch:
+        with live_view(Path(program).name, says=equipment.driver == "manual") as watch:
             done = record(
                 driver,
                 source,
@@ -193,6 +192,9 @@ def _three(text: str) -> tuple[float, float, float]:
         )
     x, y, z = values * 3 if len(values) == 1 else values
     return (x, y, z)
+
+
+app.command()(stand_calibrate.calibrate)
 
 
 @app.command()

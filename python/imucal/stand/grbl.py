@@ -1,10 +1,11 @@
 """A stand whose motors a GRBL 1.1 controller turns (docs/stand.md).
 
-Lines are sent ahead for as long as the characters that are not yet answered fit into the controller's buffer.
-A step is done when its `G4` is answered and no report has shown the motors at rest anywhere but where they
-should be. Whatever goes wrong (a reset, an error, a lost byte, a silent or a pulled cable) has one way back:
-bring the motors to a stop, reset, unlock, see where they are, and go on with the first step that is not done.
-Angles are absolute, so that a step that is begun twice is one more rest and no error.
+Lines are sent ahead as far as the characters not yet answered fit into the controller's buffer, but no
+move before the motors were seen at rest where the step before leads: a byte that is lost on the way may make
+another angle of one. A step is done when its `G4` is answered, and that was seen. Whatever goes wrong (a
+reset, an error, a lost byte, a silent or a pulled cable) has one way back: bring the motors to a stop, reset,
+unlock, see where they are, and go on with the first step that is not done. Angles are absolute, so that a
+step that is begun twice is one more rest and no error.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from typing import Final
 
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError
-from imucal.motion import Program
+from imucal.motion import Program, Step
 from imucal.stand.driver import Event, Position, Status
 from imucal.stand.gcode import Axes, Block, MotorLimits, blocks_of
 from imucal.stand.grbl_port import ALARMS, ERRORS, RESET, RX_BUFFER, GrblPort, Report
@@ -29,6 +30,8 @@ __all__ = ["GrblDriver"]
 
 NAP_S: Final = 0.01
 TRY_AGAIN_S: Final = 0.3
+# How fast the motors go back to zero.
+BACK_DPS: Final = 60.0
 # A pose is reached if every motor is so near.
 NEAR_DEG: Final = 0.5
 # Ways back without a step done in between.
@@ -40,15 +43,19 @@ SETUP: Final = b"G21G90G94\n"
 
 
 @dataclass(frozen=True)
-class _Sent:
-    """A line that is not answered yet; `done` is the number of steps that are done once it is."""
+class _Line:
+    """A line of a step; `done` is the number of steps that are held once it is answered."""
 
-    length: int
+    text: bytes
+    step: int
     done: int | None
 
 
 class GrblDriver:
-    """Drives a program through a controller at a serial port, from where the motors stand when it starts.
+    """Drives a program through a controller at a serial port.
+
+    Zero is where the motors stand when it starts. After the last step they go back there, so that cables are
+    as they were and the next program starts where this one did.
 
     axes  letters of the three motors, outer motor first
     """
@@ -62,15 +69,18 @@ class GrblDriver:
         axes: Axes | None = None,
         patience: Patience | None = None,
     ) -> None:
-        self._program, self._axes = program, axes or Axes()
+        self._program, self._axes = _and_back(program), axes or Axes()
+        self._last_step = len(program.steps) - 1
         self._patience = patience or Patience()
         self._talk = GrblTalk(GrblPort(port, baud), self._patience)
-        self._blocks: list[Block] = blocks_of(program, MotorLimits())
+        self._blocks: list[Block] = blocks_of(self._program, MotorLimits())
         # Where the controller sees the stand's zero: angle = position - zero.
         self._zero: Triple = (0.0, 0.0, 0.0)
-        self._to_send: deque[tuple[bytes, int | None]] = deque()
-        self._sent: deque[_Sent] = deque()
-        self._done = self._returns = 0
+        self._to_send: deque[_Line] = deque()
+        self._sent: deque[_Line] = deque()
+        # How many steps are sent, were seen at rest in their pose, have held it, and are done.
+        self._begun = self._seen = self._held = self._done = 0
+        self._returns = 0
         self._answered_s = 0.0
         # Where they stood when it went on, and where they have stood since though nobody told them to.
         self._from: Triple = (0.0, 0.0, 0.0)
@@ -136,11 +146,13 @@ class GrblDriver:
         self._talk.port.close()
 
     def _status(self) -> Status:
-        step = min(self._done, len(self._blocks) - 1)
+        step = min(self._done, self._last_step)
         if self._failed is not None:
             return self._failed
         if self._done == len(self._blocks):
             return Status("finished", step)
+        if self._done > self._last_step:
+            return Status("moving", step, message="back to zero")
         if self._way_back is not None:
             return Status("moving", step, message="finding the way back")
         report = self._talk.report
@@ -170,26 +182,38 @@ class GrblDriver:
         if angles is None:
             return
         self._readings.append((self._talk.reported_s, *angles))
-        steps = self._blocks[max(self._done - 1, 0) : self._done + 1]
+        if self._way_back is not None:
+            return
+        steps = self._blocks[max(self._done - 1, 0) : self._done + 2]
+        # The last of them, as an answer that was lost makes it seem one step behind.
         known = [self._from, *(step.angles_deg for step in steps)]
-        if self._way_back is None and report.state == "Idle" and not any(map(self._near, known)):
-            self._strayed = angles
+        ranges = [(min(motor) - NEAR_DEG, max(motor) + NEAR_DEG) for motor in zip(*known, strict=True)]
+        if report.state == "Idle":
+            self._strayed = None if any(map(self._near, known)) else angles
+            if self._seen < len(self._blocks) and self._near(self._blocks[self._seen].angles_deg):
+                self._seen += self._seen < self._begun
+            self._settle()
+        elif not all(low <= angle <= high for angle, (low, high) in zip(angles, ranges, strict=True)):
+            # A digit too many may lead many turns away: not a moment to wait for the pose.
+            self._in_trouble(
+                "wrong_pose", f"the motors are on a way nobody sent them, at {_text(angles)} deg"
+            )
 
     def _answered(self) -> None:
         """One line is read, or done: answers come in the order of the lines."""
         self._answered_s = time.monotonic()
         if self._way_back is not None or self._trouble is not None or not self._sent:
             return
-        done = self._sent.popleft().done
-        if done is None:
-            return
-        if self._strayed is not None:
-            at = ", ".join(f"{angle:.2f}" for angle in self._strayed)
-            self._in_trouble(
-                "wrong_pose", f"the motors stood at {at} deg in step {done}: a line came damaged"
-            )
-            return
-        self._done, self._returns = done, 0
+        self._held = self._sent.popleft().done or self._held
+        self._settle()
+
+    def _settle(self) -> None:
+        """A step that is held, and was seen where it should be, is done."""
+        if self._held > self._done and self._strayed is not None:
+            at = _text(self._strayed)
+            self._in_trouble("wrong_pose", f"the motors stand at {at} deg in step {self._held}")
+        elif min(self._held, self._seen) > self._done:
+            self._done, self._returns = min(self._held, self._seen), 0
 
     def _angles(self) -> Triple | None:
         position = self._talk.position_deg
@@ -209,24 +233,27 @@ class GrblDriver:
     def _go_on(self) -> None:
         """Line up all from the first step that is not done."""
         self._sent.clear()
-        self._to_send = deque([(SETUP, None)])
-        for number, block in enumerate(self._blocks[self._done :], start=self._done + 1):
+        self._to_send = deque([_Line(SETUP, self._done, None)])
+        for number, block in enumerate(self._blocks[self._done :], start=self._done):
             if block.feed_dpm is not None:
-                line = block.move_line(self._axes, "G53G1", self._zero)
-                self._to_send.append((line.encode() + b"\n", None))
-            self._to_send.append((block.dwell_line().encode() + b"\n", number))
+                move = block.move_line(self._axes, "G53G1", self._zero).encode() + b"\n"
+                self._to_send.append(_Line(move, number, None))
+            self._to_send.append(_Line(block.dwell_line().encode() + b"\n", number, number + 1))
+        self._begun = self._seen = self._held = self._done
         self._answered_s = time.monotonic()
         self._from = self._angles() or self._from
         self._trouble = self._alarm = self._strayed = self._lost_until_s = None
 
     def _send(self) -> None:
-        while self._to_send:
-            line, done = self._to_send[0]
-            if sum(sent.length for sent in self._sent) + len(line) > RX_BUFFER - 1:
+        """What fits into the controller's buffer, but no move before the pose ahead of it was seen."""
+        while self._to_send and self._to_send[0].step <= self._seen:
+            line = self._to_send[0]
+            if sum(len(sent.text) for sent in self._sent) + len(line.text) > RX_BUFFER - 1:
                 return
-            self._talk.port.send(line)
-            self._sent.append(_Sent(len(line), done))
+            self._talk.port.send(line.text)
+            self._sent.append(line)
             self._to_send.popleft()
+            self._begun = max(self._begun, line.done or 0)
 
     # --- trouble, and the way back ---
 
@@ -259,7 +286,7 @@ class GrblDriver:
         self._way_back = self._return(self._trouble)
 
     def _fail(self, code: str, message: str) -> None:
-        self._failed = Status("failed", min(self._done, len(self._blocks) - 1), code, message)
+        self._failed = Status("failed", min(self._done, self._last_step), code, message)
 
     def _return(self, trouble: Event) -> Generator[None, None, None]:
         """Stop, reset, unlock, and go on."""
@@ -315,6 +342,17 @@ class GrblDriver:
             yield
         self._talk.port.open()
         yield from self._return(Event("controller_lost", reason))
+
+
+def _and_back(program: Program) -> Program:
+    """The program, and a move to where it began."""
+    x, y, z = (-sum(step.turn_deg[axis] for step in program.steps) for axis in range(3))
+    back = Step((x, y, z), max(abs(x), abs(y), abs(z)) / BACK_DPS, 0.0)
+    return Program((*program.steps, back), program.stand)
+
+
+def _text(angles: Sequence[float]) -> str:
+    return ", ".join(f"{angle:.2f}" for angle in angles)
 
 
 def _code(line: str) -> int:

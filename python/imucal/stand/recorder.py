@@ -29,6 +29,7 @@ __all__ = ["Done", "Moment", "journal_of", "record"]
 SYNC_S: Final = 0.5
 WAIT_S: Final = 0.02
 SILENT_S: Final = 10.0
+TAIL_S: Final = 0.2
 GOOD: Final = ("completed", "target_reached")
 
 
@@ -166,12 +167,16 @@ class _Run:
             self.take()
             self.status = self.driver.poll()
             self.keep_what_happened()
-            self.progress.look()
+            # It costs a fifth of a processor: for somebody who watches, or waits for a target.
+            if self.watch is not None or self.targets:
+                self.progress.look()
             self.judge()
             if self.watch is not None:
                 self.watch(self.moment())
         # What was on its way when the motors stopped.
-        self.take()
+        tail_s = time.monotonic() + TAIL_S
+        while time.monotonic() < tail_s:
+            self.take()
         self.keep_what_happened()
         self.progress.look(finally_too=True)
 

@@ -1,0 +1,113 @@
+"""`imucal stand calibrate`: one unit on the line, one command, one exit code."""
+
+from __future__ import annotations
+
+import secrets
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imucal.cli import completion
+from imucal.cli.equipment import Equipment, equipment_options
+from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output
+
+if TYPE_CHECKING:
+    from imucal.stand.line import Outcome
+
+__all__ = ["calibrate"]
+
+NO_RESULT = 1
+EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
+# Seeds of control programs that nobody chose.
+SEEDS = 2**31
+
+
+@equipment_options
+def calibrate(
+    equipment: Equipment,
+    folder: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Where each unit gets a folder."),
+    ],
+    program: Annotated[
+        str,
+        typer.Option(
+            "--program",
+            metavar="PROGRAM",
+            help="random or grid, or a program file.",
+            autocompletion=completion.programs,
+        ),
+    ] = "random",
+    seed: Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")] = 1,
+    control_seed: Annotated[
+        int | None,
+        typer.Option("--control-seed", help="Of the control program; drawn if not given, and in the result."),
+    ] = None,
+    serial_number: Annotated[
+        str | None, typer.Option("--serial-number", help="Of the unit; it names the folder.")
+    ] = None,
+    operator: Annotated[str, typer.Option("--operator", help="Who does it; kept in the calibration.")] = "",
+    limits: LimitsPath = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option("--export", metavar="FORMAT", help="Export for a unit that passes; may be given again."),
+    ] = None,
+    gravity: Gravity = 9.80665,
+    json: JsonPath = None,
+) -> None:
+    """Run, calibrate, run a control program, judge, and export: one unit.
+
+    Ends with 0 if the unit passes, with 2 if it fails, for the reasons that are named, and with 1 if there is
+    no result.
+
+    Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
+    """
+    from imucal.limits import Limits
+    from imucal.stand.line import Order, calibrate_unit
+    from imucal.stand.live import live_view
+    from imucal.stand.programs import program_named
+
+    order = Order(
+        program_named(program, seed),
+        program,
+        seed,
+        secrets.randbelow(SEEDS) if control_seed is None else control_seed,
+        serial_number,
+        operator,
+        Limits.load(limits) if limits else None,
+        tuple(export or ()),
+        gravity,
+    )
+    outcome = calibrate_unit(
+        order,
+        equipment.open,
+        folder,
+        view=lambda name: live_view(name, says=equipment.driver == "manual"),
+    )
+    out = Output(json)
+    out.document(outcome.to_dict())
+    _show(out, outcome)
+    if EXIT[outcome.verdict]:
+        raise typer.Exit(EXIT[outcome.verdict])
+
+
+def _show(out: Output, outcome: Outcome) -> None:
+    """What a person at the line wants to know."""
+    result = outcome.assessment.result if outcome.assessment else None
+    if result is not None:
+        out.figures({"calibration set": result.calibration_set, "control set": result.control_set})
+        out.judgement(result.judgement, verbose=False)
+    for name, (path, written) in outcome.exports.items():
+        out.line(f"{path}: {written.form.title}")
+        for loss in written.lost:
+            out.line(f"not carried by {name}: {loss}")
+    for reason in outcome.reasons:
+        out.line(f"{reason.code}: {reason.message}")
+    order, names = outcome.order, dict.fromkeys(reason.code for reason in outcome.reasons)
+    out.line(
+        f"{outcome.folder}: program {order.program_name}, seed {order.seed}; control program, seed "
+        f"{order.control_seed}"
+    )
+    why = f" ({', '.join(names)})" if names else ""
+    out.line(f"unit {order.serial_number or '-'}: {outcome.verdict}{why}")

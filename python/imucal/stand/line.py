@@ -1,0 +1,192 @@
+"""One unit on the line: run, control run, calibration, verdict, export, in a folder of its own."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import re
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from imucal.document import write_json
+from imucal.errors import ImucalError, InputError
+from imucal.export import Export, export, find_format
+from imucal.io import read
+from imucal.limits import Limits
+from imucal.motion import Program
+from imucal.recording import STANDARD_GRAVITY_MPS2
+from imucal.stand.driver import Driver, Source
+from imucal.stand.recorder import Done, Moment, record
+from imucal.stand.verdict import Assessment, Reason, assess
+
+__all__ = ["Order", "Outcome", "calibrate_unit"]
+
+SCHEMA: Final = "imucal.stand-result/1"
+CONTROL_MOVES: Final = 20
+MOST_FOLDERS: Final = 10_000
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is to be done with a unit.
+
+    program       what the run is made of, and its name for the result
+    seed          of the program, if it was drawn
+    control_seed  of the control program, which is drawn with it
+    exports       names of formats
+    """
+
+    program: Program
+    program_name: str = "random"
+    seed: int = 1
+    control_seed: int = 2
+    serial_number: str | None = None
+    operator: str = ""
+    limits: Limits | None = None
+    exports: tuple[str, ...] = ()
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2
+
+    def __post_init__(self) -> None:
+        for name in self.exports:
+            if find_format(name).needs_noise:
+                raise InputError(
+                    f"{name} is about noise, which a stand does not measure: record the unit at rest for "
+                    "an hour, and use `imucal export --noise`"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class Outcome:
+    """What came of it.
+
+    verdict  passed, failed or no_result
+    reasons  why it is not passed, by name
+    folder   where everything is
+    """
+
+    order: Order
+    verdict: str
+    reasons: tuple[Reason, ...]
+    folder: Path
+    runs: Mapping[str, Done]
+    assessment: Assessment | None = None
+    calibration: Path | None = None
+    exports: Mapping[str, tuple[Path, Export]] = dataclasses.field(default_factory=dict)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal stand calibrate --json`, and result.json in the folder."""
+        result = self.assessment.result if self.assessment else None
+        return {
+            "schema": SCHEMA,
+            "verdict": self.verdict,
+            "reasons": [dataclasses.asdict(reason) for reason in self.reasons],
+            "serial_number": self.order.serial_number,
+            "operator": self.order.operator,
+            "program": self.order.program_name,
+            "seed": self.order.seed,
+            "control_seed": self.order.control_seed,
+            "folder": str(self.folder),
+            "runs": {name: done.to_dict() for name, done in self.runs.items()},
+            "calibration": None if self.calibration is None else str(self.calibration),
+            "exports": [
+                {"format": name, "output": str(path), "lost": list(written.lost)}
+                for name, (path, written) in self.exports.items()
+            ],
+            "result": None if result is None else result.to_dict(),
+        }
+
+
+def calibrate_unit(
+    order: Order,
+    equipment: Callable[[Program, int], tuple[Driver, Source]],
+    folder: str | os.PathLike[str],
+    *,
+    view: Callable[[str], AbstractContextManager[Callable[[Moment], None] | None]],
+) -> Outcome:
+    """Take a unit through its programs and judge it.
+
+    equipment  the driver and the source for a program and the seed of simulated noise
+    folder     a folder for each unit is made in it; one that is there is left alone, and another one made
+    view       a live view by the name of a run
+
+    Raises ImucalError if the equipment cannot start or the disk fails.
+    """
+    own = _folder_for(order, Path(folder))
+    runs: dict[str, Done] = {}
+    programs = {
+        "run": (order.program, order.seed),
+        "control": (Program.random(seed=order.control_seed, moves=CONTROL_MOVES), order.control_seed),
+    }
+    assessment: Assessment | None = None
+    for name, (program, seed) in programs.items():
+        driver, source = equipment(program, seed)
+        about = {"serial_number": order.serial_number, "operator": order.operator, "run": name, "seed": seed}
+        with view(name) as watch:
+            runs[name] = record(
+                driver, source, own / f"{name}.csv", steps=len(program.steps), about=about, watch=watch
+            )
+        if not runs[name].good or runs[name].output is None:
+            message = runs[name].message or "the unit has sent no sample"
+            reason = Reason(f"run_{runs[name].state}", f"{name}: {message}")
+            return _kept(Outcome(order, "no_result", (reason,), own, runs))
+        recordings = [read(own / f"{done}.csv") for done in runs]
+        assessment = assess(
+            recordings[0],
+            recordings[1] if len(recordings) > 1 else None,
+            [program for program, _ in programs.values()],
+            gravity_mps2=order.gravity_mps2,
+            serial_number=order.serial_number,
+            limits=order.limits if len(recordings) > 1 else None,
+        )
+        # A unit that gives no calibration needs no control run.
+        if assessment.result is None:
+            break
+    assert assessment is not None
+    return _kept(_with_files(order, assessment, own, runs))
+
+
+def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[str, Done]) -> Outcome:
+    """The verdict, and the files that it allows."""
+    passed = assessment.judged and not assessment.reasons
+    verdict = "passed" if passed else "failed" if assessment.judged else "no_result"
+    if assessment.result is None:
+        return Outcome(order, verdict, assessment.reasons, own, runs, assessment)
+    calibration = dataclasses.replace(
+        assessment.result.calibration,
+        provenance=dataclasses.replace(assessment.result.calibration.provenance, operator=order.operator),
+    )
+    # Nobody must take the calibration of a unit that failed for that of one to be shipped.
+    path = own / ("calibration.json" if passed else "rejected.json")
+    calibration.save(path)
+    exports: dict[str, tuple[Path, Export]] = {}
+    for name in order.exports if passed else ():
+        written = export(calibration, name)
+        target = own / f"{name}{find_format(name).suffix}"
+        written.save(target)
+        exports[name] = (target, written)
+    return Outcome(order, verdict, assessment.reasons, own, runs, assessment, path, exports)
+
+
+def _kept(outcome: Outcome) -> Outcome:
+    write_json(outcome.to_dict(), outcome.folder / "result.json")
+    return outcome
+
+
+def _folder_for(order: Order, folder: Path) -> Path:
+    """A new folder, by the serial number; a second try of a unit gets one of its own."""
+    name = re.sub(r"[^\w.+-]", "_", order.serial_number or "unit").lstrip(".") or "unit"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for number in range(1, MOST_FOLDERS):
+            own = folder / (name if number == 1 else f"{name}-{number}")
+            try:
+                own.mkdir()
+                return own
+            except FileExistsError:
+                continue
+    except OSError as error:
+        raise InputError(f"{folder} cannot be written: {error.strerror}: give another folder (-o)") from error
+    raise ImucalError(f"{folder} has {MOST_FOLDERS} folders of unit {name}: remove some")

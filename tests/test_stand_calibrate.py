@@ -1,0 +1,155 @@
+"""One unit on the line: a good one passes and is exported, a hidden fault is named."""
+
+import json
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal import Program, Step
+from imucal.cli import main
+
+NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
+
+
+@pytest.fixture
+def line(tmp_path, monkeypatch, capsys):
+    """Run `imucal stand calibrate` on a simulated stand; its exit code, its document, and what it said."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(*options, seed=1):
+        given = ["--driver", "simulated", "--speed", "2000", "--seed", str(seed), "--fault-seed", str(seed)]
+        given += [
+            "--control-seed",
+            str(100 + seed),
+            "--rate-hz",
+            "100",
+            "--json",
+            "result.json",
+            "-o",
+            "units",
+        ]
+        code = main(["stand", "calibrate", *given, *options])
+        said = capsys.readouterr()
+        return code, json.loads((tmp_path / "result.json").read_text()), said.out + said.err
+
+    return run
+
+
+def test_a_good_unit_passes_and_is_exported(line, tmp_path):
+    code, document, said = line(
+        *("--serial-number", "0042", "--operator", "Ada", "--unit", "random:bmi088:3", "--stand", "cheap:2"),
+        *("--export", "c-header", "--export", "ros"),
+    )
+    assert (code, document["verdict"], document["reasons"]) == (0, "passed", []), said
+    folder = tmp_path / "units/0042"
+    files = {"run.csv", "control.csv", "calibration.json", "result.json", "c-header.h", "ros.yaml"}
+    assert {path.name for path in folder.iterdir()} == files
+    calibration = imucal.Calibration.load(folder / "calibration.json")
+    assert calibration.serial_number == "0042"
+    assert calibration.provenance.operator == "Ada"
+    assert [source.path for source in calibration.provenance.files] == ["units/0042/run.csv"]
+    assert [source.path for source in calibration.provenance.control_files] == ["units/0042/control.csv"]
+    # The export is that of this calibration.
+    assert (folder / "ros.yaml").read_text() == imucal.export(calibration, "ros").text
+    # What the line says is in the folder, too.
+    assert json.loads((folder / "result.json").read_text()) == document
+    assert document["operator"] == "Ada"
+    assert document["control_seed"] == 101
+    assert "passed" in said.splitlines()[-1]
+    # The unit is what it is: errors of the 21 parameters as large as they should be.
+    unit = imucal.simulate(imucal.Static(1.0), seed=1, unit="random:bmi088:3").truth.calibration
+    truth = {parameter.name: parameter.value for parameter in unit.parameters}
+    pulls = [(p.value - truth[p.name]) / p.std for p in calibration.parameters if p.name in truth]
+    assert len(pulls) == 21
+    assert np.sqrt(np.mean(np.square(pulls))) < 2.0
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("fault", NAMES)
+def test_a_hidden_fault_is_named(line, fault, seed, tmp_path):
+    stand = ("--stand", f"cheap:{seed}", "--unit", f"random:bmi088:{seed}")
+    code, document, said = line("--fault", fault, "--export", "px4", *stand, seed=seed)
+    assert (code, document["verdict"]) == (2, "failed")
+    named = [reason["code"] for reason in document["reasons"]]
+    # The first reason is the fault's; no other fault is named besides.
+    assert named[0] == NAMES[fault], said
+    assert not set(named) & (set(NAMES.values()) - {NAMES[fault]})
+    assert NAMES[fault] in said.splitlines()[-1]
+    # Nothing that could be taken for a calibration to be shipped.
+    files = {path.name for path in (tmp_path / "units/unit").iterdir()}
+    assert not files & {"calibration.json", "px4.params"}
+    assert document["exports"] == []
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_unit_without_fault_is_not_accused(line, seed):
+    code, document, said = line("--stand", f"cheap:{seed}", "--unit", f"random:bmi088:{seed}", seed=seed)
+    assert (code, document["reasons"]) == (0, []), said
+
+
+def test_limits_decide(line, tmp_path):
+    limits = {
+        "schema": "imucal.limits/1",
+        "parameters": {"gyro_bias_*": {"unit": "rad/s", "min": -1e-6, "max": 1e-6}},
+    }
+    (tmp_path / "limits.json").write_text(json.dumps(limits))
+    code, document, said = line("--limits", "limits.json", "--serial-number", "7")
+    assert (code, document["verdict"]) == (2, "failed")
+    assert {reason["code"] for reason in document["reasons"]} == {"limit"}
+    assert "gyro_bias_" in document["reasons"][0]["message"]
+    assert imucal.Calibration.load(tmp_path / "units/7/rejected.json").serial_number == "7"
+    assert document["result"]["judgement"]["passed"] is False
+    assert "limit" in said
+
+
+def test_a_run_that_determines_nothing_gives_no_result(line, tmp_path):
+    Program((Step((0, 0, 0), 0, 3), Step((20, 0, 0), 1, 3))).write(tmp_path / "short.json")
+    code, document, _ = line("--program", "short.json")
+    assert (code, document["verdict"]) == (1, "no_result")
+    assert document["reasons"][0]["code"] == "not_determined"
+    assert document["calibration"] is None
+    # There is nothing to judge, so that the control run is spared.
+    assert list(document["runs"]) == ["run"]
+
+
+def test_a_second_try_leaves_the_first_one_alone(line, tmp_path):
+    serial = ("--serial-number", "A/7 b", "--fault", "dead-axis")
+    first = line(*serial)[1]["folder"]
+    before = {path.name: path.read_bytes() for path in (tmp_path / first).iterdir()}
+    second = line(*serial)[1]["folder"]
+    assert (first, second) == ("units/A_7_b", "units/A_7_b-2")
+    assert {path.name: path.read_bytes() for path in (tmp_path / first).iterdir()} == before
+
+
+def test_the_control_program_is_drawn_and_said(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    seeds = []
+    for folder in ("one", "two"):
+        given = ["--speed", "2000", "--rate-hz", "50", "-o", folder, "--json", "result.json"]
+        assert main(["stand", "calibrate", "--driver", "simulated", *given]) == 0
+        seeds.append(json.loads((tmp_path / "result.json").read_text())["control_seed"])
+        # The seed gives the program again: the motors turned by the same angles.
+        drawn = imucal.simulate(Program.random(seed=seeds[-1], moves=20), seed=1, rate_hz=50.0).recording
+        control = imucal.read(tmp_path / folder / "unit/control.csv")
+        assert np.allclose(control.stand_rad, drawn.stand_rad, rtol=1e-12, atol=1e-12)
+    assert seeds[0] != seeds[1]
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--export", "kalibr-imu"), "noise"),
+        (("--export", "nothing"), "format"),
+        (("--limits", "none.json"), "none.json"),
+        (("--program", "none.json"), "none.json"),
+        (("--fault", "fire"), "fault"),
+    ],
+)
+def test_orders_that_cannot_be_done_are_refused_before_anything_moves(
+    options, said, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    assert main(["stand", "calibrate", "--driver", "simulated", "-o", "units", *options]) == 1
+    assert said in capsys.readouterr().err
+    assert not list(tmp_path.rglob("*.csv*"))
