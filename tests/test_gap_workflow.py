@@ -51,9 +51,9 @@ def test_where_it_disagrees_in_units_of_noise_and_in_si_units():
     assert [r["axis"] for r in gap.where["channels"] if r["channel"] == "rest_rate" and r["stands_out"]] == [
         "x"
     ]
-    # The bias takes up the mean over the rests, and little else.
+    # The bias takes up the mean over the rests, as far as moves let it; noise adds 2 % of the squares.
     up = np.array([rest["mean_specific_force"] for rest in gap.fits["before"].rests])[:, 0]
-    assert row["rms"] == pytest.approx(true * np.std(up), rel=0.1)
+    assert row["rms"] == pytest.approx(true * np.std(up), rel=0.15)
     assert row["times_noise"] == pytest.approx(row["rms"] / row["noise_rms"], rel=0.02)
     assert row["times_noise_after"] == pytest.approx(1.0, abs=0.35)
     goes_with = [d for d in gap.where["depends"] if (d["channel"], d["axis"]) == ("rest_rate", "x")]
@@ -73,11 +73,11 @@ def test_what_acts_in_moves_alone_disagrees_there_alone():
 def test_the_axis_that_bad_moves_share_is_named():
     steps = [*imucal.Program.random(seed=5, moves=30, max_rate_dps=30.0).steps]
     for sign in (1.0, -1.0) * 8:
-        steps += [Step((0.0, 0.0, 170.0 * sign), 2.0, 3.0), Step((40.0, 55.0, 0.0), 4.0, 3.0)]
+        steps += [Step((0.0, 0.0, 170.0 * sign), 2.0, 3.0), Step((40.0, 55.0, 0.0), 8.0, 3.0)]
     run = simulated(
-        RUN_SEED, imucal.Program(tuple(steps)), effects={"gyro_scale_cubic": [0.0, 0.0, 5e-4]}
+        RUN_SEED, imucal.Program(tuple(steps)), effects={"gyro_scale_quadratic": [0.0, 0.0, 1e-3]}
     ).recording
-    where = imucal.find_gap(run, candidates=["gyro_scale_cubic"]).where
+    where = imucal.find_gap(run, candidates=["gyro_scale_quadratic"]).where
     assert where["moves"]
     assert where["turns_about"] == "z"
 
@@ -176,20 +176,18 @@ def test_a_short_run_with_a_plain_effect_is_not_called_complete():
 
 
 def test_an_effect_is_explained_for_these_recordings(command, tmp_path):
-    run, _ = pair(effects={"gyro_g_sensitivity": "typical"})
-    imucal.write(run, tmp_path / "run.csv")
-
-    def said(name):
-        done = command("gap", tmp_path / "run.csv", "--explain", name)
-        assert done.returncode == 0, done.stderr
-        return done.stdout
-
-    joined = said("gyro_g_sensitivity")
-    assert "gyro_g_sensitivity (gyroscope): " in joined
-    assert "times noise in the rate at rest about" in joined
-    assert "here: it joined the model" in joined
-    assert "it would have been seen from" in said("accel_scale_quadratic")
-    assert "cannot show it: it needs a temp_degc column" in said("gyro_bias_temperature")
+    run, control = pair(effects={"gyro_g_sensitivity": "typical"})
+    for recording, file in ((run, "run"), (control, "control")):
+        imucal.write(recording, tmp_path / f"{file}.csv")
+    files = (tmp_path / "run.csv", "--control", tmp_path / "control.csv")
+    done = command("gap", *files, "--explain", "gyro_g_sensitivity")
+    assert "gyro_g_sensitivity (gyroscope): " in done.stdout
+    assert "times noise in the rate at rest about" in done.stdout
+    assert "here: it joined the model" in done.stdout
+    gap = imucal.find_gap(run, control=control)
+    assert "it would have been seen from" in "\n".join(gap.explain("accel_scale_quadratic"))
+    needs = "cannot show it: it needs a temp_degc column"
+    assert needs in "\n".join(gap.explain("gyro_bias_temperature"))
 
 
 AMBIGUOUS = [
