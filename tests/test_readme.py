@@ -140,6 +140,10 @@ def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
     assert run_page("docs/production-line.md", tmp_path) == 10
 
 
+def test_page_of_the_gap_prints_what_it_shows(tmp_path):
+    assert run_page("docs/gap.md", tmp_path) == 8
+
+
 def test_page_of_noise_prints_what_it_shows(tmp_path):
     assert run_page("docs/noise.md", tmp_path) == 4
 
