@@ -1,4 +1,4 @@
-"""A gyroscope that feels force: find it, take it away, and see on a run that no fit has seen what that is worth."""
+"""A gyroscope that feels force: find it, take it away, and see on another run what that is worth."""
 
 from __future__ import annotations
 
@@ -16,9 +16,8 @@ print(gap.summary())
 # Where it was: the channels that noise does not explain, and what they go with.
 for row in gap.where["channels"]:
     if row["stands_out"]:
-        print(
-            f"{row['channel']} {row['axis']}: {row['times_noise']:.1f} -> {row['times_noise_after']:.1f} times noise"
-        )
+        change = f"{row['times_noise']:.1f} -> {row['times_noise_after']:.1f} times noise"
+        print(f"{row['channel']} {row['axis']}: {change}")
 
 # What it is worth, and what an effect that was not found would have looked like.
 claimed = gap.corrected_error["angular_rate_rms_radps"]

@@ -141,7 +141,7 @@ def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
 
 
 def test_page_of_the_gap_prints_what_it_shows(tmp_path):
-    assert run_page("docs/gap.md", tmp_path) == 8
+    assert run_page("docs/gap.md", tmp_path) == 9
 
 
 def test_page_of_noise_prints_what_it_shows(tmp_path):
