@@ -158,6 +158,10 @@ def test_page_of_the_stand_prints_what_it_shows(tmp_path):
     assert all(f"`{code}" in page for code in codes)
 
 
+def test_page_of_the_gap_prints_what_it_shows(tmp_path):
+    assert run_page("docs/gap.md", tmp_path) == 9
+
+
 def test_page_of_noise_prints_what_it_shows(tmp_path):
     assert run_page("docs/noise.md", tmp_path) == 4
 

@@ -153,7 +153,7 @@ class CalibrationResult:
         lines.append(f"{used[0]} of {len(self.rests)} rests and {used[1]} of {len(self.moves)} moves used")
         for name, figures in (
             ("calibration set", self.calibration_set),
-            ("held-out moves", self.held_out),
+            ("held-out rests and moves", self.held_out),
             ("control set", self.control_set),
         ):
             if figures is not None:

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 __all__ = ["predicted_error"]
 
 AVERAGED_S: Final = 1.0
-# Draws of all parameters: their squares are known to a fifth or so, and they are a small part of the error.
-DRAWS: Final = 4
+# Draws of all parameters: their squares are a small part of the error.
+DRAWS: Final = 8
 SEED: Final = 1
 
 

@@ -68,13 +68,16 @@ class Residuals:
     """
 
     def __init__(
-        self, result: CalibrationResult, recordings: Sequence[Recording], inside_moves: bool
+        self,
+        result: CalibrationResult,
+        recordings: Sequence[Recording],
+        inside_moves: bool,
+        instability_radps: Sequence[float] | None,
     ) -> None:
         self._result, calibration = result, result.calibration
         self._gravity = calibration.gravity_mps2
         self._accel, self._gyro = noise_densities(calibration)
-        instability = result.fit.get("bias_instability_radps")
-        self._instability = np.zeros(3) if instability is None else np.array(instability)
+        self._instability = np.zeros(3) if instability_radps is None else np.array(instability_radps)
         tremors = [tremor for tremor in result.fit.get("tremor_deg", ()) if tremor is not None]
         self._tremor_rad = float(np.radians(max(tremors))) if tremors else 0.0
         self._corrected = {recording.name: calibration.apply_recording(recording) for recording in recordings}

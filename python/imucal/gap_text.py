@@ -11,7 +11,7 @@ from imucal.recording import STANDARD_GRAVITY_MPS2 as G
 if TYPE_CHECKING:
     from imucal.gap_result import Gap
 
-__all__ = ["explanation", "for_people", "sentences", "where_in_words"]
+__all__ = ["explanation", "for_people", "sentences"]
 
 DEG: Final = 180.0 / math.pi
 # SI units of parameters and residuals, the factor to what people read, and its name.
@@ -74,6 +74,7 @@ def sentences(gap: Gap) -> Iterator[str]:
         yield f"none of {len(gap.smallest_visible)} effects is there at a size that these recordings show"
     if gap.generic is not None:
         yield gap.generic["description"]
+    yield from where_in_words(gap)
     if gap.resembles:
         yield f"it looks a little like {', '.join(gap.resembles)}"
     if gap.ambiguous_with:
@@ -93,7 +94,7 @@ def sentences(gap: Gap) -> Iterator[str]:
         where = "control recordings" if gap.control_set is not None else "rests and moves held out"
         yield (
             f"{where}: {figure['metric']} {figure['before']:.4g} before, {figure['after']:.4g} after, "
-            f"floor {figure['floor']:.3g}: {100 * figure['closed']:.0f} % of the gap closed"
+            f"floor {figure['floor']:.3g}: {min(100.0, 100 * figure['closed']):.0f} % of the gap closed"
         )
     unseen = gap.control_set or gap.held_out
     if unseen is not None:
@@ -183,7 +184,7 @@ def where_in_words(gap: Gap) -> Iterator[str]:
         return
     rows = [row for row in gap.where["channels"] if row["stands_out"]]
     if not rows:
-        yield "where: no channel exceeds what noise explains"
+        yield "where: no kind of residual exceeds what noise explains"
     for row in sorted(rows, key=lambda row: -row["times_noise"])[:MOST_CHANNELS]:
         rms, unit = for_people(row["rms"], row["unit"])
         goes = next(
@@ -202,15 +203,16 @@ def where_in_words(gap: Gap) -> Iterator[str]:
         times = f"{row['times_noise']:.3g} times noise{after}"
         yield f"where: {_channel(row)}: {rms:.3g} {unit} rms, {times}{goes}"
     if len(rows) > MOST_CHANNELS:
-        yield f"where: and {len(rows) - MOST_CHANNELS} more channels, the report and --json have them all"
-    for kind in ("rests", "moves"):
-        if gap.where[kind]:
-            about = gap.where["turns_about"] if kind == "moves" else None
-            worst = max(gap.where[kind], key=lambda item: item["times_noise"])
-            turns = f", all turns about {about}" if about else ""
+        yield f"where: and {len(rows) - MOST_CHANNELS} more kinds of residuals: the report has them all"
+    for kind in ("rest", "move"):
+        items = gap.where[f"{kind}s"]
+        if items:
+            worst = max(items, key=lambda item: item["times_noise"])
+            about = gap.where["turns_about"] if kind == "move" else None
+            count = f"1 {kind} stands" if len(items) == 1 else f"{len(items)} {kind}s stand"
             yield (
-                f"where: {len(gap.where[kind])} {kind} stand out{turns}, most {kind[:-1]} {worst['index']} "
-                f"of {worst['recording']} with {worst['times_noise']:.3g} times noise"
+                f"where: {count} out{f', all turns about {about}' if about else ''}, most {kind} "
+                f"{worst['index']} of {worst['recording']} with {worst['times_noise']:.3g} times noise"
             )
 
 

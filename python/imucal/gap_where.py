@@ -44,8 +44,10 @@ def disagreement(
 
     inside_moves  whether the unit turns in one place, so that the force inside the moves is gravity
     """
-    left = Residuals(before, recordings, inside_moves)
-    explained = {(c.name, c.axis): c for c in Residuals(after, recordings, inside_moves).channels()}
+    # What wanders by chance is what still does when the effects have joined: before, they are taken for it.
+    wander = after.fit.get("bias_instability_radps")
+    left = Residuals(before, recordings, inside_moves, wander)
+    explained = {(c.name, c.axis): c for c in Residuals(after, recordings, inside_moves, wander).channels()}
     # What depends on the heading, or acts on the stand, no correction of the signals takes away.
     unseen = bool(left_in_data(after.calibration))
     channels = left.channels()

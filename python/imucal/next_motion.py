@@ -161,10 +161,14 @@ def _design(trial: Trial, recordings: Sequence[Recording], names: Sequence[str])
 
     options = Options(trial.gravity_mps2, "symmetric", trial.min_rest_s, trial.exclude_saturated, None, None)
     _, base, candidates = _core.gap_design(recordings, options, [(name, False) for name in names])
+    # Only products of columns count: R of their QR factors has the same ones in a few rows.
+    whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}
+    at = base.shape[1]
     for name, of in candidates:
-        columns.setdefault(name, []).append(of)
-    return base, columns
+        columns.setdefault(name, []).append(whole[:, at : at + of.shape[1]])
+        at += of.shape[1]
+    return whole[:, : base.shape[1]], columns
 
 
 def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:

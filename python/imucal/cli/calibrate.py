@@ -72,7 +72,8 @@ def calibrate(
         ),
     ] = None,
     folds: Annotated[
-        int | None, typer.Option("--folds", help="Also judge on held-out moves, in this many folds.")
+        int | None,
+        typer.Option("--folds", help="Also judge on held-out rests and moves, in this many folds."),
     ] = None,
     serial_number: Annotated[
         str | None, typer.Option("--serial-number", help="Serial number of the unit, kept in the file.")
@@ -129,7 +130,7 @@ def calibrate(
     out.figures(
         {
             "calibration set": result.calibration_set,
-            "held-out moves": result.held_out,
+            "held-out rests and moves": result.held_out,
             "control set": result.control_set,
         }
     )

@@ -46,7 +46,6 @@ def gap(
     import imucal
     from imucal.document import write_json
     from imucal.errors import InputError
-    from imucal.gap_text import where_in_words
 
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -72,7 +71,7 @@ def gap(
     out = Output(json)
     out.document({**found.to_dict(), "truth": runs[0].truth.to_dict()})
     out.line(f"{folder / 'run.csv'} and {folder / 'control.csv'} hide an effect that the 21 parameters miss:")
-    for line in (*where_in_words(found), *found.summary().splitlines()):
+    for line in found.summary().splitlines():
         out.line(line)
     out.line(_revealed(hidden, found))
     files = f"{folder / 'run.csv'} --control {folder / 'control.csv'}"

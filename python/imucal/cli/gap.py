@@ -82,7 +82,6 @@ def gap(
     Example: imucal gap run.csv --explain gyro_g_sensitivity
     """
     import imucal
-    from imucal.gap_text import where_in_words
 
     prepare_report(report)
     with working("reading"):
@@ -110,7 +109,7 @@ def gap(
     out.document(found.to_dict())
     if verbose:
         show_ranking(out, found.ranking)
-    for line in (*where_in_words(found), *found.summary().splitlines()):
+    for line in found.summary().splitlines():
         out.line(line)
     if explain is not None:
         for line in found.explain(explain):

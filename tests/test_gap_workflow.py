@@ -1,0 +1,271 @@
+"""From a gap to the effect, what it is worth, and the motion that decides: the workflow of `imucal gap`."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+import imucal
+from imucal.motion import Step
+
+RUN_SEED, CONTROL_SEED, NEXT_SEED = 11, 12, 21
+RATE_HZ = 100.0
+
+
+def simulated(seed, program="random", **arguments):
+    run = imucal.simulate(program, seed=seed, rate_hz=RATE_HZ, **arguments)
+    # Few people have a stand whose angles are recorded.
+    return dataclasses.replace(run, recording=dataclasses.replace(run.recording, stand_rad=None))
+
+
+def pair(**arguments):
+    return simulated(RUN_SEED, **arguments).recording, simulated(CONTROL_SEED, **arguments).recording
+
+
+def channel(gap, name, axis=None):
+    return next(row for row in gap.where["channels"] if (row["channel"], row["axis"]) == (name, axis))
+
+
+def slow_errors(recording, truth):
+    """Rms error of rate and force, averaged over 1 s."""
+    errors = np.hstack(
+        (recording.angular_rate - truth.angular_rate, recording.specific_force - truth.specific_force)
+    )
+    width = round(RATE_HZ)
+    means = errors[: len(errors) // width * width].reshape(-1, width, 6).mean(axis=1)
+    return {
+        "angular_rate_rms_radps": np.sqrt(np.mean(means[:, :3] ** 2)),
+        "specific_force_rms_mps2": np.sqrt(np.mean(means[:, 3:] ** 2)),
+    }
+
+
+def test_where_it_disagrees_in_units_of_noise_and_in_si_units():
+    true = 1.5e-4
+    run, control = pair(effects={"gyro_g_sensitivity": np.diag([true, 0.0, 0.0]).ravel().tolist()})
+    gap = imucal.find_gap(run, control=control)
+    row = channel(gap, "rest_rate", "x")
+    assert row["stands_out"]
+    assert [r["axis"] for r in gap.where["channels"] if r["channel"] == "rest_rate" and r["stands_out"]] == [
+        "x"
+    ]
+    # The bias takes up the mean over the rests, as far as moves let it; noise adds 2 % of the squares.
+    up = np.array([rest["mean_specific_force"] for rest in gap.fits["before"].rests])[:, 0]
+    assert row["rms"] == pytest.approx(true * np.std(up), rel=0.15)
+    assert row["times_noise"] == pytest.approx(row["rms"] / row["noise_rms"], rel=0.02)
+    assert row["times_noise_after"] == pytest.approx(1.0, abs=0.35)
+    goes_with = [d for d in gap.where["depends"] if (d["channel"], d["axis"]) == ("rest_rate", "x")]
+    assert goes_with[0]["on"] == "gravity"
+    assert goes_with[0]["share"] > 0.9
+    assert gap.to_dict()["where"] == json.loads(json.dumps(gap.where))
+
+
+def test_what_acts_in_moves_alone_disagrees_there_alone():
+    run, control = pair(effects={"accel_lever_arm": "typical"})
+    gap = imucal.find_gap(run, control=control)
+    assert {row["channel"] for row in gap.where["channels"] if row["stands_out"]} == {"move_force"}
+    assert channel(gap, "move_force", "x")["times_noise_after"] == pytest.approx(1.0, abs=0.2)
+    assert gap.where["rests"] == []
+
+
+def test_the_axis_that_bad_moves_share_is_named():
+    steps = [*imucal.Program.random(seed=5, moves=30, max_rate_dps=30.0).steps]
+    for sign in (1.0, -1.0) * 8:
+        steps += [Step((0.0, 0.0, 170.0 * sign), 2.0, 3.0), Step((40.0, 55.0, 0.0), 8.0, 3.0)]
+    run = simulated(
+        RUN_SEED, imucal.Program(tuple(steps)), effects={"gyro_scale_quadratic": [0.0, 0.0, 1e-3]}
+    ).recording
+    where = imucal.find_gap(run, candidates=["gyro_scale_quadratic"]).where
+    assert where["moves"]
+    assert where["turns_about"] == "z"
+
+
+def test_nothing_stands_out_where_nothing_is_hidden():
+    run, control = pair()
+    gap = imucal.find_gap(run, control=control)
+    assert not any(row["stands_out"] for row in gap.where["channels"])
+    assert (gap.where["rests"], gap.where["moves"], gap.where["depends"]) == ([], [], [])
+    assert gap.corrected_error is None
+
+
+@pytest.mark.parametrize(
+    ("name", "figure"),
+    [
+        ("gyro_g_sensitivity", "angular_rate_rms_radps"),
+        ("gyro_scale_quadratic", "angular_rate_rms_radps"),
+        ("accel_lever_arm", "specific_force_rms_mps2"),
+    ],
+)
+def test_the_error_of_corrected_signals_shrinks_as_claimed(name, figure):
+    for seed in (1, 2, 3):
+        run = simulated(2 * seed, effects={name: "typical"}).recording
+        control = simulated(2 * seed + 1, effects={name: "typical"})
+        gap = imucal.find_gap(run, control=control.recording)
+        claimed = gap.corrected_error[figure]
+        before, after = (
+            slow_errors(calibration.apply_recording(control.recording), control.truth)[figure]
+            for calibration in (gap.fits["before"].calibration, gap.calibration)
+        )
+        assert before / after > 1.5
+        assert claimed["before"] / claimed["after"] == pytest.approx(before / after, rel=0.1)
+
+
+def test_the_improved_calibration_is_what_apply_uses(command, tmp_path):
+    effects = {"gyro_g_sensitivity": "typical"}
+    run, control = simulated(RUN_SEED, effects=effects), simulated(CONTROL_SEED, effects=effects)
+    for name, made in (("run", run), ("control", control)):
+        imucal.write(made.recording, tmp_path / f"{name}.csv")
+    files = (tmp_path / "run.csv", "--control", tmp_path / "control.csv")
+    command("calibrate", *files, "-o", tmp_path / "plain.json")
+    done = command("gap", *files, "-o", tmp_path / "improved.json", "--json", "-")
+    assert done.returncode == 0, done.stderr
+    assert "where: rate at rest about" in done.stderr
+    assert "gyro_g_sensitivity" in done.stderr
+    errors = {}
+    for name in ("plain", "improved"):
+        applied = tmp_path / f"{name}.csv"
+        command("apply", tmp_path / f"{name}.json", tmp_path / "control.csv", "-o", applied)
+        errors[name] = slow_errors(imucal.read(applied), control.truth)
+    for figure, claimed in json.loads(done.stdout)["corrected_error"].items():
+        true = errors["plain"][figure] / errors["improved"][figure]
+        assert claimed["before"] / claimed["after"] == pytest.approx(true, rel=0.1)
+
+
+def test_without_a_control_record_rests_and_moves_are_held_out():
+    run, _ = pair(effects={"accel_scale_quadratic": "typical"})
+    gap = imucal.find_gap(run)
+    assert [effect["name"] for effect in gap.effects] == ["accel_scale_quadratic"]
+    # It shows in the rests alone.
+    assert gap.gap["metric"] == "held_out_gravity_norm_rms_mps2"
+    assert gap.gap["closed"] > 0.9
+    held_out = gap.held_out
+    assert held_out["after"]["gravity_norm_rms_mps2"] < 0.2 * held_out["before"]["gravity_norm_rms_mps2"]
+    assert "rests and moves held out" in gap.summary()
+    assert "no control recording was given" in gap.summary()
+
+
+def test_the_finding_is_one_sentence():
+    run, control = pair(effects={"gyro_g_sensitivity": "typical"})
+    gap = imucal.find_gap(run, control=control)
+    headline = gap.summary().splitlines()[1]
+    assert headline.startswith("gyro_g_sensitivity, 0.10")
+    assert "deg/s per g at most, explains 100 % of the gap; control gravity direction 0.14 -> 0.0" in headline
+    assert "corrected rate 0.097 -> 0.025 deg/s" in gap.summary()
+
+
+def test_a_large_effect_does_not_hide_how_small_others_would_be_seen():
+    run, control = pair(effects={"accel_scale_quadratic": "typical"})
+    clean, clean_control = pair()
+    hidden = imucal.find_gap(run, control=control).smallest_visible
+    nothing = imucal.find_gap(clean, control=clean_control).smallest_visible
+    for name in ("accel_scale_cubic", "accel_bias_drift", "gyro_g_sensitivity"):
+        assert hidden[name]["value"] < 1.7 * nothing[name]["value"]
+
+
+def test_a_short_run_with_a_plain_effect_is_not_called_complete():
+    run, control = (
+        simulated(
+            seed, imucal.Program.random(seed=seed, moves=16), effects={"gyro_time_offset": 6e-4}
+        ).recording
+        for seed in (RUN_SEED, CONTROL_SEED)
+    )
+    gap = imucal.find_gap(run, control=control)
+    assert [effect["name"] for effect in gap.effects] == ["gyro_time_offset"]
+
+
+def test_an_effect_is_explained_for_these_recordings(command, tmp_path):
+    run, control = pair(effects={"gyro_g_sensitivity": "typical"})
+    for recording, file in ((run, "run"), (control, "control")):
+        imucal.write(recording, tmp_path / f"{file}.csv")
+    files = (tmp_path / "run.csv", "--control", tmp_path / "control.csv")
+    done = command("gap", *files, "--explain", "gyro_g_sensitivity")
+    assert "gyro_g_sensitivity (gyroscope): " in done.stdout
+    assert "times noise in the rate at rest about" in done.stdout
+    assert "here: it joined the model" in done.stdout
+    gap = imucal.find_gap(run, control=control)
+    assert "it would have been seen from" in "\n".join(gap.explain("accel_scale_quadratic"))
+    needs = "cannot show it: it needs a temp_degc column"
+    assert needs in "\n".join(gap.explain("gyro_bias_temperature"))
+
+
+AMBIGUOUS = [
+    # What a temperature that only rises cannot tell from time.
+    ("gyro_bias_temperature", "typical", {"temperature": "warmup:25:40:100"}),
+    ("accel_bias_temperature", "typical", {"temperature": "warmup:25:40:100"}),
+    # A small one among few rests.
+    ("accel_scale_asymmetry", [4e-4, -4e-4, 2e-4], {}),
+]
+
+
+@pytest.mark.parametrize(("name", "values", "arguments"), AMBIGUOUS)
+def test_the_advised_motion_decides(name, values, arguments, command, tmp_path):
+    run, control = pair(effects={name: values}, **arguments)
+    for recording, file in ((run, "run"), (control, "control")):
+        imucal.write(recording, tmp_path / f"{file}.csv")
+    program = tmp_path / "next.json"
+    done = command(
+        "gap",
+        tmp_path / "run.csv",
+        "--control",
+        tmp_path / "control.csv",
+        "--next",
+        program,
+        "--json",
+        tmp_path / "gap.json",
+    )
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "gap.json").read_text())
+    assert found["verdict"] == "ambiguous"
+    assert name in [found["effects"][0]["name"], *found["ambiguous_with"]]
+    advice = found["next_motion"]
+    assert advice["chi2_predicted"] > 30 > advice["chi2_now"]
+    numbers = "typical" if values == "typical" else ",".join(map(str, values))
+    further = tmp_path / "next.csv"
+    options = (
+        "--effect",
+        f"{name}={numbers}",
+        "--rate-hz",
+        RATE_HZ,
+        "--seed",
+        NEXT_SEED,
+        *advice["simulate"],
+    )
+    made = command("simulate", program, *options, "-o", further)
+    assert made.returncode == 0, made.stderr
+    both = [run, dataclasses.replace(imucal.read(further), stand_rad=None)]
+    gap = imucal.find_gap(both, control=control)
+    assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("named", [name])
+
+
+def test_no_program_is_written_where_nothing_has_to_be_decided(command, tmp_path):
+    run, _ = pair()
+    imucal.write(run, tmp_path / "run.csv")
+    done = command("gap", tmp_path / "run.csv", "--next", tmp_path / "next.json")
+    assert "is not written" in done.stdout
+    assert not (tmp_path / "next.json").exists()
+
+
+def test_the_demo_hides_an_effect_finds_and_reveals_it(command, tmp_path):
+    done = command("demo", "gap", "--seed", 7, "-o", tmp_path / "d")
+    assert done.returncode == 0, done.stderr
+    truth = json.loads((tmp_path / "d/truth.json").read_text())
+    name = truth["effects"][0]["name"]
+    *_, revealed, by_hand = done.stdout.splitlines()
+    assert revealed.startswith(f"the truth: {name}, ")
+    assert ": found, every number within" in revealed
+    assert f"{name}, " in done.stdout.split("the truth")[0]
+    again = command(
+        *by_hand.partition("imucal ")[2].replace("improved.json", str(tmp_path / "i.json")).split()
+    )
+    assert f"{name}, " in again.stdout
+
+
+def test_stages_are_told():
+    run, _ = pair(effects={"gyro_g_sensitivity": "typical"})
+    stages = []
+    imucal.find_gap(run, stage=stages.append)
+    assert stages[0] == "fitting without effects"
+    assert any(stage.startswith("scoring ") for stage in stages)
+    assert "fitting with gyro_g_sensitivity" in stages
