@@ -33,8 +33,6 @@ COMMANDS_HEAD = """# Commands
 
 The help of every command as `imucal COMMAND --help` prints it, written when the site is built.
 """
-# Pages that the navigation has a place for: links to them are text until they are there.
-UNWRITTEN: set[str] = set()
 LANGUAGES = {".py": "python", ".rs": "rust", ".sh": "sh", ".c": "c", ".toml": "toml", ".json": "json"}
 
 
@@ -53,10 +51,8 @@ def _navigation(entries: list[Any]) -> list[Any]:
         elif target.endswith("*"):
             found = sorted(DOCS.glob(f"{target}.md"))
             kept.append({title: [str(path.relative_to(DOCS)) for path in found]})
-        elif (DOCS / target).exists() or target == "commands.md":
-            kept.append(entry)
         else:
-            UNWRITTEN.add(target)
+            kept.append(entry)
     return kept
 
 
@@ -95,8 +91,6 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     def lead(link: re.Match[str]) -> str:
         text, target, anchor = link[1], link[2], link[3] or ""
         path = (folder / target).resolve()
-        if not path.exists() and path.parent == DOCS and path.name in UNWRITTEN:
-            return text.strip("[]")
         if path.is_file() and DOCS not in path.parents and ROOT in path.parents:
             up = "../" * page.file.src_uri.count("/")
             return f"{text}({up}{source_page(path)}{anchor})"

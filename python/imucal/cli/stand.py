@@ -31,7 +31,7 @@ ProgramName = Annotated[
     str,
     typer.Argument(
         metavar="PROGRAM",
-        help="random or grid, or a program file.",
+        help="random, grid or optimal, or a program file.",
         autocompletion=completion.programs,
     ),
 ]

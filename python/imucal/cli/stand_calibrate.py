@@ -35,7 +35,7 @@ def calibrate(
         typer.Option(
             "--program",
             metavar="PROGRAM",
-            help="random or grid, or a program file.",
+            help="random, grid or optimal, or a program file.",
             autocompletion=completion.programs,
         ),
     ] = "random",

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Final
 
 from imucal.motion import Program
+from imucal.plan import plan
 
 __all__ = ["PROGRAMS", "program_named"]
 
@@ -14,6 +15,7 @@ __all__ = ["PROGRAMS", "program_named"]
 PROGRAMS: Final[dict[str, Callable[[int], Program]]] = {
     "random": lambda seed: Program.random(seed=seed),
     "grid": lambda _: Program.grid(),
+    "optimal": lambda seed: plan("optimal", seed=seed, detection_limits=False).program,
 }
 
 
