@@ -65,7 +65,7 @@ def test_a_good_unit_passes_and_is_exported(line, tmp_path):
     assert np.sqrt(np.mean(np.square(pulls))) < 2.0
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("fault", NAMES)
 def test_a_hidden_fault_is_named(line, fault, seed, tmp_path):
     stand = ("--stand", f"cheap:{seed}", "--unit", f"random:bmi088:{seed}")
@@ -82,7 +82,7 @@ def test_a_hidden_fault_is_named(line, fault, seed, tmp_path):
     assert document["exports"] == []
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_a_unit_without_fault_is_not_accused(line, seed):
     code, document, said = line("--stand", f"cheap:{seed}", "--unit", f"random:bmi088:{seed}", seed=seed)
     assert (code, document["reasons"]) == (0, []), said

@@ -44,11 +44,12 @@ def damaged(number, whole, draw):
     """One in twenty packets comes otherwise: bits flipped, bytes lost, noise before it, cut, or none."""
     if number < 20 or draw.random() > 0.05:
         return whole
-    kind, at = draw.randrange(5), draw.randrange(1, len(whole))
+    # A packet without its last byte may be made whole by the first of the next, so that more is cut off.
+    kind, at = draw.randrange(5), draw.randrange(1, len(whole) - 4)
     return (
         whole[:at] + bytes([whole[at] ^ draw.randrange(1, 256)]) + whole[at + 1 :],
         whole[:at] + whole[at + draw.randrange(1, 4) :],
-        bytes(draw.randrange(256) for _ in range(at)) + whole[:-1],
+        bytes(draw.randrange(256) for _ in range(at)) + whole[:-3],
         whole[:at],
         b"",
     )[kind]

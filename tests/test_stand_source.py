@@ -83,6 +83,23 @@ def test_a_description_that_is_wrong_names_its_field(changes, named, tmp_path):
         PacketFormat.read(tmp_path / "packet.json")
 
 
+def test_the_rest_of_a_packet_that_passes_for_one_by_chance():
+    """Cut after ten bytes, with the beginning of the next one it has the right CRC: one in 65536 has."""
+    names = [f"{sensor}_{axis}_lsb" for sensor in ("accel", "gyro") for axis in "xyz"]
+    fields = (Field("sequence", "uint16"), Field("time_us", "uint32"), *(Field(n, "int16") for n in names))
+    form = PacketFormat(b"\xaa\x55", "little", fields, "crc16-ccitt")
+    rest = bytes.fromhex("aa55730e9c381c004a99")
+    following = bytes.fromhex("aa55740e903a1c004b9933b603f0d329bb462b968d6c")
+    false = (rest + following)[: len(following)]
+    assert form.sum_of(false[:-2]) == false[-2:]
+    for size in (1, 7, 100):
+        decoder, stream = PacketDecoder(form), form.pack(*range(8)) + rest + following + form.pack(*range(8))
+        pieces = [stream[start : start + size] for start in range(0, len(stream), size)]
+        rows = [row for piece in pieces for row in decoder.feed(piece)]
+        assert [row[0] for row in rows] == [0.0, 3700.0, 0.0]
+        assert decoder.damaged >= 1
+
+
 def test_lines_by_template_and_checksum():
     decoder = LineDecoder("time_ms,-,accel_x_g*")
     good = b"$12,7,0.5*"

@@ -13,7 +13,9 @@ __all__ = ["ALARMS", "ERRORS", "RX_BUFFER", "GrblPort", "Report", "report_of"]
 
 # Characters that the controller keeps before it has read them.
 RX_BUFFER: Final = 128
-RESET, HOLD, STATUS = b"\x18", b"!", b"?"
+# A reset that is lost leaves old lines in the controller, whose answers pass for those of new ones: three of
+# them are as good as one, and do not get lost all together.
+RESET, HOLD, STATUS = b"\x18" * 3, b"!", b"?"
 NUMBERS: Final = r"(-?\d+\.\d+),(-?\d+\.\d+),(-?\d+\.\d+)"
 STATES: Final = "Idle|Run|Hold|Jog|Alarm|Door|Check|Home|Sleep"
 REPORT: Final = re.compile(rf"<({STATES})(?::(\d))?\|([MW])Pos:{NUMBERS}(?:,[-\d.,]*)?(\|.*)?>")
