@@ -10,6 +10,7 @@ import pytest
 
 import imucal
 from imucal.motion import Step
+from imucal.report import write_gap_page
 
 RUN_SEED, CONTROL_SEED, NEXT_SEED = 11, 12, 21
 RATE_HZ = 100.0
@@ -80,6 +81,18 @@ def test_the_axis_that_bad_moves_share_is_named():
     where = imucal.find_gap(run, candidates=["gyro_scale_quadratic"]).where
     assert where["moves"]
     assert where["turns_about"] == "z"
+
+
+def test_an_effect_of_the_stand_has_a_page_too(tmp_path):
+    run = imucal.simulate(
+        "random", seed=RUN_SEED, rate_hz=RATE_HZ, effects={"encoder_eccentricity": "typical"}
+    ).recording
+    gap = imucal.find_gap(run)
+    assert [effect["name"] for effect in gap.effects] == ["encoder_eccentricity"]
+    # No correction of the signals takes it away, nor has to.
+    assert all(row["times_noise_after"] is None for row in gap.where["channels"])
+    write_gap_page(tmp_path / "gap.html", gap)
+    assert "encoder_eccentricity" in (tmp_path / "gap.html").read_text()
 
 
 def test_nothing_stands_out_where_nothing_is_hidden():

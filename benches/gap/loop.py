@@ -19,10 +19,10 @@ def ask_again(
     if advice is None:
         return None
     program = program_of(part(advice, "program"))
-    # The program tells the stand how to turn; a temperature is asked for in words.
-    cycle = "heats and cools" in str(part(advice, "description"))
+    # The program tells the stand how to turn; the temperature is that of the advice.
+    cycle = any(str(option).startswith("cycle:") for option in part(advice, "simulate"))
     further = sealed.run_again(said, case.seed + (1 << 32), program, cycle)
-    return find_gap([measured, further], control, case)[0]
+    return find_gap([further] if part(advice, "on_its_own") else [measured, further], control, case)[0]
 
 
 def program_of(given: Mapping[str, Any]) -> imucal.Program:

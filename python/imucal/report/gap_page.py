@@ -105,7 +105,8 @@ def _where(gap: Gap, where: Mapping[str, Any]) -> Iterator[Shown | str]:
             f"{row['noise_rms']:.3g}",
             shown_unit(row["unit"]),
             f"{row['times_noise']:.3g}",
-            f"{row['times_noise_after']:.3g}",
+            # What acts on the stand's angles leaves no trace in the corrected signals.
+            "-" if row["times_noise_after"] is None else f"{row['times_noise_after']:.3g}",
             "stands out" if row["stands_out"] else "",
         ]
         for row in where["channels"]

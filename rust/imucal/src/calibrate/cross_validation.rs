@@ -101,4 +101,3 @@ impl UnitData<'_> {
         Ok(errors)
     }
 }
-
