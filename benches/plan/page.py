@@ -54,8 +54,8 @@ def page(
     missed = sum(not met for *_, met in checked)
     return f"""# Planned and reached
 
-Written by `make plan`. The unit is the paper's, its white noise that of the data sheets. What is predicted comes
-from the model and the noise alone ([how](../plan.md)); nothing of it is fitted to the runs below.
+Written by `make plan`. The unit is the paper's, its white noise that of the data sheets. What is predicted
+comes from the model and the noise alone ([how](../plan.md)); nothing of it is fitted to the runs below.
 
 ## Gates
 
@@ -65,17 +65,18 @@ from the model and the noise alone ([how](../plan.md)); nothing of it is fitted 
 | --- | ---: | ---: | ---: |
 {_rows(checked, lambda row: (*row[:3], "met" if row[3] else "**missed**"))}
 
-The aims are a seventh and three quarters of {PAPER_MINUTES} min; the paper's two programs take {_both(visible)}
-here, and predicted of them together is what the fine targets ask for, or a little better.
+The aims are a seventh and three quarters of {PAPER_MINUTES} min; the paper's two programs take
+{_both(visible)} here, and predicted of them together is what the fine targets ask for, or a little better.
 
 ## Predicted and reached standard deviations
 
-Each program is run with as many seeds of the noise at {RATE_HZ:.0f} Hz and calibrated. Ratio: root mean square
-error over the runs / predicted standard deviation, lowest and highest of the 21 parameters; ± is one standard
-deviation of each by chance. Stated: root mean square of the standard deviations that the calibrations state /
-predicted. Rests: share of the runs in which every rest of the program was found. The grid alone does not
-determine the gyroscope, so it is calibrated together with the random program. The hand trembles by
-{HAND_TREMOR_DEG} deg about each axis; what its tremor tells of the bias, for it goes nowhere, is not predicted.
+Each program is run with as many seeds of the noise at {RATE_HZ:.0f} Hz and calibrated. Ratio: root mean
+square error over the runs / predicted standard deviation, lowest and highest of the 21 parameters; ± is one
+standard deviation of each by chance. Stated: root mean square of the standard deviations that the
+calibrations state / predicted. Rests: share of the runs in which every rest of the program was found. The
+grid alone does not determine the gyroscope, so it is calibrated together with the random program. The hand
+trembles by {HAND_TREMOR_DEG} deg about each axis; what its tremor tells of the gyroscope's bias, for the hand
+goes nowhere, is not predicted.
 
 | program | minutes | runs | ratio | ± | mean ratio | stated | rests |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
@@ -83,9 +84,10 @@ determine the gyroscope, so it is calibrated together with the random program. T
 
 ## How long it takes
 
-Shortest programs that were found for the paper's three motors at 120 deg/s, mean over a turn, 480 deg/s^2, with
-{PROPOSALS} proposals and {len(durations[0].plans)} seeds. Coarse: 50 ppm and 50 ug of the accelerometer, 200 ppm
-and 50 urad/s of the gyroscope, 1 sigma of the worst parameter. Fine: 11 ppm, 10 ug, 130 ppm, 28 urad/s.
+Shortest programs that were found for the paper's three motors at 120 deg/s, mean over a turn, 480 deg/s^2,
+with {PROPOSALS} proposals and {len(durations[0].plans)} seeds. Coarse: 50 ppm and 50 ug of the accelerometer,
+200 ppm and 50 urad/s of the gyroscope, 1 sigma of the worst parameter. Fine: 11 ppm, 10 ug, 130 ppm and
+28 urad/s.
 
 | targets | minutes: best | middle | worst | best / {PAPER_MINUTES} min | moves | rests |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
@@ -172,9 +174,10 @@ def figure(points: Sequence[Point]) -> str:
         f'<g transform="translate({WIDTH * (k % 2)},{HEIGHT * (k // 2)})">{_panel(group, points)}</g>'
         for k, group in enumerate(GROUPS)
     )
+    box = f'width="{2 * WIDTH}" height="{2 * HEIGHT}" fill="white"'
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * WIDTH} {2 * HEIGHT}" '
-        f'font-family="sans-serif" font-size="12">\n<rect width="{2 * WIDTH}" height="{2 * HEIGHT}" fill="white"/>\n{panels}\n</svg>\n'
+        f'font-family="sans-serif" font-size="12">\n<rect {box}/>\n{panels}\n</svg>\n'
     )
 
 
