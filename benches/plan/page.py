@@ -70,13 +70,13 @@ The aims are a seventh and three quarters of {PAPER_MINUTES} min; the paper's tw
 
 ## Predicted and reached standard deviations
 
-Each program is run with as many seeds of the noise at {RATE_HZ:.0f} Hz and calibrated. Ratio: root mean
-square error over the runs / predicted standard deviation, lowest and highest of the 21 parameters; ± is one
-standard deviation of each by chance. Stated: root mean square of the standard deviations that the
-calibrations state / predicted. Rests: share of the runs in which every rest of the program was found. The
-grid alone does not determine the gyroscope, so it is calibrated together with the random program. The hand
-trembles by {HAND_TREMOR_DEG} deg about each axis; what its tremor tells of the gyroscope's bias, for the hand
-goes nowhere, is not predicted.
+Each program is run with as many seeds of the noise, and by hand of tremor and random poses, at
+{RATE_HZ:.0f} Hz, and calibrated. Ratio: root mean square error over the runs / predicted standard deviation,
+lowest and highest of the 21 parameters; ± is one standard deviation of each by chance. Stated: root mean
+square of the standard deviations that the calibrations state / predicted. Rests: share of the runs in which
+every rest of the program was found. The grid alone does not determine the gyroscope, so it is calibrated
+together with the random program. The hand trembles by {HAND_TREMOR_DEG} deg about each axis; what its tremor
+tells of the gyroscope's bias, for the hand goes nowhere, is not predicted.
 
 | program | minutes | runs | ratio | ± | mean ratio | stated | rests |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
