@@ -50,7 +50,7 @@ class Case:
     tremor_deg: float = 0.0
 
     def errors(self, seed: int) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Error and stated standard deviation of each parameter over the predicted, and if all rests were found."""
+        """Error and stated standard deviation over the predicted one, and whether all rests were found."""
         motions = [self._by_hand(motion, seed) for motion in self.motions]
         runs = [imucal.simulate(m, seed=10 * seed + k, rate_hz=RATE_HZ) for k, m in enumerate(motions)]
         # In a hand there are no encoders.
