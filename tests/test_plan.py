@@ -183,6 +183,8 @@ def test_targets_that_time_cannot_reach_are_not_reached():
         ({"effects": ["encoder_backlash"]}, "on the encoders of the stand"),
         ({"effects": ["nothing"]}, "nothing"),
         ({"proposals": 0}, "proposals is 0"),
+        ({"rate_hz": 0.0}, "rate_hz is 0.0"),
+        ({"unit": "ideal"}, "has no noise"),
         ({"options": {"moves": 3}}, "moves is no option of the optimal program"),
         ({"stand": imucal.StandLimits((None, None, None))}, "no axis can turn"),
         ({"stand": imucal.StandLimits(forbidden_deg=(((-5.0, 5.0), None, None),))}, "all motors at zero"),
@@ -192,6 +194,15 @@ def test_targets_that_time_cannot_reach_are_not_reached():
 def test_what_cannot_be_planned_is_refused(arguments, message):
     with pytest.raises(InputError, match=message):
         quick("optimal", **arguments)
+
+
+def test_a_motion_without_turns_determines_the_bias_of_the_gyroscope_alone():
+    plan = quick(imucal.Static(30.0))
+    assert {p.name for p in plan.parameters if p.std is not None} == {f"gyro_bias_{axis}" for axis in "xyz"}
+    # White noise over the square root of the time.
+    assert plan.worst["gyro_bias"]["value"] == pytest.approx(np.deg2rad(0.025) / np.sqrt(30.0), rel=0.01)
+    with pytest.raises(InputError, match="no program of a stand"):
+        _ = plan.program
 
 
 def test_too_little_time_is_said():

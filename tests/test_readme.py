@@ -99,6 +99,7 @@ def test_readme_runs(tmp_path):
         ("hand-held.md", 9),
         ("raw-counts.md", 7),
         ("thermal.md", 9),
+        ("plan.md", 8),
     ],
 )
 def test_page_prints_what_it_shows(page, number_of_steps, tmp_path):

@@ -9,7 +9,10 @@ import numpy as np
 
 import imucal
 from imucal.motion import Motion
+from imucal.plan import CoreSensors
+from imucal.recording import STANDARD_GRAVITY_MPS2
 from imucal.stand_limits import NAMED
+from imucal.unit import unit_of
 
 RATE_HZ = 100.0
 HAND_TREMOR_DEG = 0.05
@@ -37,80 +40,81 @@ SLOW = imucal.StandLimits(
 
 @dataclass(frozen=True)
 class Case:
-    """Motions of one calibration, and what is predicted of them."""
+    """Motions of one calibration.
+
+    tremor_deg  of the hand that holds the unit; each run has its own tremor, and a tumble its own poses
+    """
 
     name: str
     motions: tuple[Motion, ...]
-    sigma: np.ndarray
-    in_hand: bool = False
+    tremor_deg: float = 0.0
 
     def errors(self, seed: int) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Error and stated standard deviation of each parameter, and whether all rests were found."""
-        runs = [
-            imucal.simulate(self._held(motion), seed=10 * seed + k, rate_hz=RATE_HZ)
-            for k, motion in enumerate(self.motions)
-        ]
+        """Error and stated standard deviation over the predicted one, and whether all rests were found."""
+        motions = [self._by_hand(motion, seed) for motion in self.motions]
+        runs = [imucal.simulate(m, seed=10 * seed + k, rate_hz=RATE_HZ) for k, m in enumerate(motions)]
         # In a hand there are no encoders.
         records = [
-            dataclasses.replace(run.recording, stand_rad=None) if self.in_hand else run.recording
+            dataclasses.replace(run.recording, stand_rad=None) if self.tremor_deg else run.recording
             for run in runs
         ]
         result = imucal.calibrate(records)
         truth = {p.name: p.value for p in runs[0].truth.calibration.parameters}
-        planned = sum(len(run.truth.rests) for run in runs)
+        rests = sum(len(run.truth.rests) for run in runs)
         error = np.array([p.value - truth[p.name] for p in result.parameters])
-        return error, np.array([p.std for p in result.parameters]), len(result.rests) == planned
+        sigma = predicted(motions, in_hand=self.tremor_deg > 0)
+        return error / sigma, np.array([p.std for p in result.parameters]) / sigma, len(result.rests) == rests
 
-    def _held(self, motion: Motion) -> Motion:
-        if self.in_hand and isinstance(motion, imucal.Program):
-            return imucal.Program(motion.steps, imucal.Stand(tremor_deg=HAND_TREMOR_DEG, tremor_seed=1))
+    def _by_hand(self, motion: Motion, seed: int) -> Motion:
+        if isinstance(motion, imucal.Tumble):
+            return dataclasses.replace(motion, seed=seed, tremor_deg=self.tremor_deg)
+        if isinstance(motion, imucal.Program) and self.tremor_deg:
+            return imucal.Program(motion.steps, imucal.Stand(tremor_deg=self.tremor_deg, tremor_seed=seed))
         return motion
+
+
+def predicted(motions: list[Motion], *, in_hand: bool) -> np.ndarray:
+    """Standard deviations of one calibration of all these motions."""
+    from imucal import _core
+
+    # The tremor is no part of the plan.
+    still = [
+        imucal.Program(m.steps)
+        if isinstance(m, imucal.Program)
+        else dataclasses.replace(m, tremor_deg=0.0)
+        if isinstance(m, imucal.Tumble)
+        else m
+        for m in motions
+    ]
+    sensors = CoreSensors(unit_of("paper"), RATE_HZ, STANDARD_GRAVITY_MPS2, (), 0.0)
+    return np.array(_core.predict_sigma(sensors, [m.in_si() for m in still], 1.0, 0.0, in_hand)[0])
 
 
 def cases() -> list[Case]:
     """The paper's programs, optimal ones on several stands, and runs by hand."""
-    grid, random = (planned(name) for name in ("grid", "random"))
-    by_hand = {
-        "by hand": imucal.Tumble(1),
-        "by hand that trembles": imucal.Tumble(1, tremor_deg=HAND_TREMOR_DEG),
-    }
+    grid, random = imucal.Program.grid(), imucal.Program.random(seed=1)
     # The simulated hand needs no time to settle: all of each rest counts.
-    card = planned("optimal", stand=dataclasses.replace(NAMED["hand"], settle_s=0.0), minutes=4.0)
+    hand = dataclasses.replace(NAMED["hand"], settle_s=0.0)
+    optimal = {
+        "coarse targets": planned("optimal", targets=COARSE),
+        "fine targets": planned("optimal", targets=FINE),
+        "2 min": planned("optimal", minutes=2.0),
+        "two-axis stand, 3 min": planned("optimal", stand="two-axis", minutes=3.0),
+        "slow stand with end stops, 4 min": planned("optimal", stand=SLOW, minutes=4.0),
+    }
+    card = planned("optimal", stand=hand, minutes=4.0)
     return [
-        Case("random", (random.motion,), _sigma(random)),
-        Case("grid and random", (grid.motion, random.motion), _together(grid.motion, random.motion)),
-        *(
-            Case(f"optimal: {name}", (plan.motion,), _sigma(plan))
-            for name, plan in {
-                "coarse targets": planned("optimal", targets=COARSE),
-                "fine targets": planned("optimal", targets=FINE),
-                "2 min": planned("optimal", minutes=2.0),
-                "two-axis stand, 3 min": planned("optimal", stand="two-axis", minutes=3.0),
-                "slow stand with end stops, 4 min": planned("optimal", stand=SLOW, minutes=4.0),
-            }.items()
-        ),
-        *(Case(name, (motion,), _sigma(planned(motion))) for name, motion in by_hand.items()),
-        Case("card of poses, 4 min, by a hand that trembles", (card.motion,), _sigma(card), in_hand=True),
+        Case("random", (random,)),
+        Case("grid and random", (grid, random)),
+        *(Case(f"optimal: {name}", (plan.motion,)) for name, plan in optimal.items()),
+        Case("by hand", (imucal.Tumble(1),)),
+        Case("by hand that trembles", (imucal.Tumble(1),), HAND_TREMOR_DEG),
+        Case("card of poses, 4 min, by a hand that trembles", (card.motion,), HAND_TREMOR_DEG),
     ]
 
 
 def planned(kind: str | Motion, **options: object) -> imucal.Plan:
     return imucal.plan(kind, rate_hz=RATE_HZ, detection_limits=False, **options)  # type: ignore[arg-type]
-
-
-def _sigma(plan: imucal.Plan) -> np.ndarray:
-    return np.array([parameter.std for parameter in plan.parameters])
-
-
-def _together(*motions: Motion) -> np.ndarray:
-    """Of one calibration of several recordings, which `imucal.plan` has for the paper's programs alone."""
-    from imucal import _core
-    from imucal.plan import CoreSensors
-    from imucal.recording import STANDARD_GRAVITY_MPS2
-    from imucal.unit import unit_of
-
-    sensors = CoreSensors(unit_of("paper"), RATE_HZ, STANDARD_GRAVITY_MPS2, (), 0.0)
-    return np.array(_core.predict_sigma(sensors, [motion.in_si() for motion in motions], 1.0, 0.0, False)[0])
 
 
 @dataclass(frozen=True)
@@ -126,15 +130,8 @@ class Agreement:
 
     @staticmethod
     def of(case: Case, minutes: float, found: list[tuple[np.ndarray, np.ndarray, bool]]) -> Agreement:
-        error, stated = (np.array([run[k] for run in found]) for k in (0, 1))
-        return Agreement(
-            case.name,
-            minutes,
-            len(found),
-            np.sqrt((error**2).mean(axis=0)) / case.sigma,
-            np.sqrt((stated**2).mean(axis=0)) / case.sigma,
-            sum(run[2] for run in found),
-        )
+        error, stated = (np.sqrt(np.mean([run[k] ** 2 for run in found], axis=0)) for k in (0, 1))
+        return Agreement(case.name, minutes, len(found), error, stated, sum(run[2] for run in found))
 
     @property
     def chance(self) -> float:

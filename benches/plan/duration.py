@@ -9,7 +9,7 @@ import imucal
 from imucal.plan_targets import GROUPS
 from plan.agreement import COARSE, FINE, planned
 
-PROPOSALS = 20_000
+PROPOSALS = 12_000
 SEEDS = (1, 2, 3)
 # Of grid programs: steps of the motors, deg; of random ones: moves; of optimal ones: minutes.
 STEPS_DEG = (60.0, 45.0, 36.0, 30.0, 22.5, 20.0)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from statistics import NormalDist
+
+import numpy as np
 
 from imucal.effects import catalogue
 from imucal.plan_targets import GROUPS
@@ -13,6 +16,7 @@ from plan.duration import PROPOSALS, Duration, Point
 # A little less than the paper's two programs take: the gates are shares of it.
 PAPER_MINUTES = 22.5
 WITHIN = 0.10
+CHANCE = 1e-3
 COARSE_SHARE, FINE_SHARE = 1 / 7, 0.75
 # Factor and unit in which people say these.
 SHOWN = {
@@ -26,15 +30,18 @@ COLOURS = {"grid": "#6f7780", "random": "#d55e00", "optimal": "#0072b2"}
 
 def gates(agreements: Sequence[Agreement], durations: Sequence[Duration]) -> list[tuple[str, str, str, bool]]:
     """What is aimed at, the aim, what was found, and whether it is met."""
-    rows = [
-        (
-            f"{a.name}: rms error / predicted, each parameter",
-            f"1 ± {WITHIN}",
-            f"worst {a.worst:.3f} ± {a.chance:.3f}",
-            abs(a.worst - 1.0) <= WITHIN,
-        )
-        for a in agreements
-    ]
+    # What 999 of 1000 perfect predictions keep in all figures together.
+    tail = CHANCE / (2 * sum(len(a.ratio) for a in agreements))
+    chances = -NormalDist().inv_cdf(tail)
+    rows = []
+    for a in agreements:
+        aim, worst = f"1 ± {WITHIN}", abs(a.worst - 1.0)
+        found = f"worst {a.worst:.3f} ± {a.chance:.3f}"
+        met = worst <= WITHIN + chances * a.chance
+        rows.append((f"{a.name}: rms error / predicted, each parameter", aim, found, met))
+        stated = float(a.stated[np.argmax(np.abs(a.stated - 1.0))])
+        name = f"{a.name}: stated / predicted, each parameter"
+        rows.append((name, aim, f"worst {stated:.3f}", abs(stated - 1.0) <= WITHIN))
     for name, share in (("coarse", COARSE_SHARE), ("fine", FINE_SHARE)):
         slowest = max(next(d for d in durations if d.name == name).minutes)
         aim = f"at most {share * PAPER_MINUTES:.1f} min"
@@ -54,28 +61,33 @@ def page(
     missed = sum(not met for *_, met in checked)
     return f"""# Planned and reached
 
-Written by `make plan`. The unit is the paper's, its white noise that of the data sheets. What is predicted comes
-from the model and the noise alone ([how](../plan.md)); nothing of it is fitted to the runs below.
+Written by `make plan`. The unit is the paper's, its white noise that of the data sheets. What is predicted
+comes from the model and the noise alone ([how](../plan.md)); nothing of it is fitted to the runs below.
 
 ## Gates
 
-{missed} of {len(checked)} are missed.
+{"None" if missed == 0 else missed} of {len(checked)} are missed.
 
 | | aim | found | |
 | --- | ---: | ---: | ---: |
 {_rows(checked, lambda row: (*row[:3], "met" if row[3] else "**missed**"))}
 
-The aims are a seventh and three quarters of {PAPER_MINUTES} min; the paper's two programs take {_both(visible)}
-here, and predicted of them together is what the fine targets ask for, or a little better.
+An error of a ratio that chance explains is no miss: what 999 of 1000 perfect predictions keep in all ratios
+of the table together is allowed beyond the aim. The standard deviations that calibrations state hardly scatter,
+and have no such allowance.
+
+The aims of the minutes are a seventh and three quarters of {PAPER_MINUTES} min; the paper's two programs take
+{_both(visible)} here, and predicted of them together is what the fine targets ask for, or a little better.
 
 ## Predicted and reached standard deviations
 
-Each program is run with as many seeds of the noise at {RATE_HZ:.0f} Hz and calibrated. Ratio: root mean square
-error over the runs / predicted standard deviation, lowest and highest of the 21 parameters; ± is one standard
-deviation of each by chance. Stated: root mean square of the standard deviations that the calibrations state /
-predicted. Rests: share of the runs in which every rest of the program was found. The grid alone does not
-determine the gyroscope, so it is calibrated together with the random program. The hand trembles by
-{HAND_TREMOR_DEG} deg about each axis; what its tremor tells of the bias, for it goes nowhere, is not predicted.
+Each program is run with as many seeds of the noise, and by hand of tremor and random poses, at
+{RATE_HZ:.0f} Hz, and calibrated. Ratio: root mean square error over the runs / predicted standard deviation,
+lowest and highest of the 21 parameters; ± is one standard deviation of each by chance. Stated: root mean
+square of the standard deviations that the calibrations state / predicted. Rests: share of the runs in which
+every rest of the program was found. The grid alone does not determine the gyroscope, so it is calibrated
+together with the random program. The hand trembles by {HAND_TREMOR_DEG} deg about each axis; what its tremor
+tells of the gyroscope's bias, for the hand goes nowhere, is not predicted.
 
 | program | minutes | runs | ratio | ± | mean ratio | stated | rests |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
@@ -83,9 +95,10 @@ determine the gyroscope, so it is calibrated together with the random program. T
 
 ## How long it takes
 
-Shortest programs that were found for the paper's three motors at 120 deg/s, mean over a turn, 480 deg/s^2, with
-{PROPOSALS} proposals and {len(durations[0].plans)} seeds. Coarse: 50 ppm and 50 ug of the accelerometer, 200 ppm
-and 50 urad/s of the gyroscope, 1 sigma of the worst parameter. Fine: 11 ppm, 10 ug, 130 ppm, 28 urad/s.
+Shortest programs that were found for the paper's three motors at 120 deg/s, mean over a turn, 480 deg/s^2,
+with {PROPOSALS} proposals and {len(durations[0].plans)} seeds. Coarse: 50 ppm and 50 ug of the accelerometer,
+200 ppm and 50 urad/s of the gyroscope, 1 sigma of the worst parameter. Fine: 11 ppm, 10 ug, 130 ppm and
+28 urad/s.
 
 | targets | minutes: best | middle | worst | best / {PAPER_MINUTES} min | moves | rests |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
@@ -172,9 +185,10 @@ def figure(points: Sequence[Point]) -> str:
         f'<g transform="translate({WIDTH * (k % 2)},{HEIGHT * (k // 2)})">{_panel(group, points)}</g>'
         for k, group in enumerate(GROUPS)
     )
+    box = f'width="{2 * WIDTH}" height="{2 * HEIGHT}" fill="white"'
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {2 * WIDTH} {2 * HEIGHT}" '
-        f'font-family="sans-serif" font-size="12">\n<rect width="{2 * WIDTH}" height="{2 * HEIGHT}" fill="white"/>\n{panels}\n</svg>\n'
+        f'font-family="sans-serif" font-size="12">\n<rect {box}/>\n{panels}\n</svg>\n'
     )
 
 

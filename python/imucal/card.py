@@ -52,7 +52,7 @@ def write_card(program: Program, path: str | os.PathLike[str]) -> None:
 <style>{STYLE}</style></head><body>
 <h1>Poses to hold</h1>
 <p>{len(program.steps)} poses, {minutes:.1f} min. The arrows are the axes of the sensor as its data sheet
-has them; the picture is seen from the front, a little from the left and from above. Start recording, hold
+has them; the picture is seen from the front, a little from the right and from above. Start recording, hold
 each pose as still as you can, and turn to the next one in about {move_s:.0f} s. A few degrees off do no harm;
 rests that are too short do.</p>
 <ol>

@@ -141,7 +141,8 @@ def plan(
     effects    names of effects that the program is to show, too
     seed       of the search and of the random program
     proposals  how many changes of the program the search tries
-    detection_limits  False leaves them, `not_observable` and `undetermined` out, which take most of the time
+    detection_limits  False leaves them and `not_observable` out, which take most of the time
+    rate_hz    sample rate of the unit
     options    of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`, `poses`, ...
 
     Raises InputError for what cannot be used, FormatError for a bad file, NotEnoughMotionError if the stand
@@ -156,6 +157,14 @@ def plan(
         raise InputError(f"minutes is {minutes}: a positive number is needed")
     for name in effects:
         find(name)
+    if not 0 < rate_hz < math.inf:
+        raise InputError(f"rate_hz is {rate_hz}: a positive number is needed")
+    for name, sensor in (("accelerometer", unit.accelerometer), ("gyroscope", unit.gyroscope)):
+        if not sensor.noise_density > 0 and sensor.lsb is None:
+            raise InputError(
+                f"the {name} of {unit.name or 'the unit'} has no noise: any program would determine "
+                "everything; give a unit with the noise of its datasheet"
+            )
     planner = _Planner(unit, limits, tuple(effects), seed, proposals, rate_hz, gravity_mps2)
     wishes = targets_of(targets or {}, effects)
     if kind != "optimal":
@@ -219,13 +228,12 @@ class _Planner:
         """What a motion will tell."""
         minutes = _duration_s(motion) / 60.0
         sigma, rests = self._sigma([motion], minutes)
-        known = [True] * 21
-        undetermined, notes = None, self._notes()
+        run = self._run(motion)
+        known, undetermined = self._determined(run)
+        notes = self._notes()
         visible: dict[str, dict[str, Any]] = {}
         blind: tuple[dict[str, str], ...] = ()
         if thorough:
-            run = self._run(motion)
-            known, undetermined = self._determined(run)
             if undetermined is None:
                 visible, blind, note = self._visible(run)
                 notes += note

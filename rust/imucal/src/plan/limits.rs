@@ -73,21 +73,6 @@ impl Limits {
         }
     }
 
-    /// A hand that follows pictures: poses in steps of 45 deg, moves of 2 s and more.
-    pub fn hand() -> Self {
-        let axis = Axis { max_rate_radps: 90_f64.to_radians(), max_acceleration_radps2: 1e3, range_rad: None };
-        Self {
-            axes: [Some(axis); 3],
-            settle_s: 0.5,
-            min_rest_s: 2.5,
-            min_move_s: 2.0,
-            pose_step_rad: 45_f64.to_radians(),
-            most_moves: 40,
-            in_hand: true,
-            ..Self::paper()
-        }
-    }
-
     /// Refuses what no stand has.
     pub(super) fn check(&self) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("limits of the stand: {message}")));

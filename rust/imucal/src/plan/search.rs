@@ -230,13 +230,13 @@ impl Walk<'_> {
             Some((scaled, worst))
         };
         // Ten times the rest does what can be done by resting.
-        let (mut low, mut high) = (0.1, 10.0);
+        let (mut low, mut high) = (0.1_f64, 10.0_f64);
         match with(high) {
             Some((_, worst)) if worst <= 1.0 => {}
             _ => return (trial, false),
         }
         for _ in 0..HALVINGS {
-            let middle = (low * high as f64).sqrt();
+            let middle = (low * high).sqrt();
             if with(middle).is_some_and(|(_, worst)| worst <= 1.0) { high = middle } else { low = middle }
         }
         with(high).map_or((trial.clone(), false), |(found, _)| (found, true))
