@@ -73,11 +73,11 @@ comes from the model and the noise alone ([how](../plan.md)); nothing of it is f
 {_rows(checked, lambda row: (*row[:3], "met" if row[3] else "**missed**"))}
 
 An error of a ratio that chance explains is no miss: what 999 of 1000 perfect predictions keep in all ratios
-of the table together is allowed beyond the aim. The standard deviations that calibrations state hardly scatter,
-and have no such allowance.
+of the table together is allowed beyond the aim. The standard deviations that calibrations state hardly
+scatter, and have no such allowance.
 
 The aims of the minutes are a seventh and three quarters of {PAPER_MINUTES} min; the paper's two programs take
-{_both(visible)} here, and predicted of them together is what the fine targets ask for, or a little better.
+{_both(visible)} here, and predicted of them together is more than the fine targets ask for.
 
 ## Predicted and reached standard deviations
 

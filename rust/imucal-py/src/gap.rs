@@ -34,6 +34,9 @@ pub(crate) struct GenericFinding {
     rms: f64,
 }
 
+/// An effect, what it leaves in each kind of residual, and the share that is taken up.
+type Trace = (String, Vec<(&'static str, f64)>, f64);
+
 /// What a search has found.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Search {
@@ -45,7 +48,7 @@ pub(crate) struct Search {
     not_observable: Vec<(String, String)>,
     smallest_visible: Vec<(String, f64, String)>,
     /// Name, kind of residual with how many times the noise it leaves there, and the share that the base takes up.
-    traces: Vec<(String, Vec<(&'static str, f64)>, f64)>,
+    traces: Vec<Trace>,
     scattering_rests: Option<(&'static str, f64, f64)>,
     in_motion_left_out: Option<String>,
 }
