@@ -100,7 +100,7 @@ impl Limits {
         for (name, value) in
             [("settle_s", self.settle_s), ("min_rest_s", self.min_rest_s), ("min_move_s", self.min_move_s)]
         {
-            if !(value >= 0.0 && value <= 3600.0) {
+            if !(0.0..=3600.0).contains(&value) {
                 return input(format!("{name} is {value}: a time from 0 s to 3600 s is needed"));
             }
         }
