@@ -120,6 +120,7 @@ impl<'a> Hunt<'a> {
     ) -> Result<Search, Error> {
         let (mut stage, open) = self.start(prepared, triads, open)?;
         let first = judge(&stage);
+        let plain_scales = stage.evidence.scales.clone();
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         let mut not_predictive: Vec<NotPredictive> = Vec::new();
@@ -173,19 +174,22 @@ impl<'a> Hunt<'a> {
             }
         }
         self.eliminate(prepared, &open, &mut stage, &mut path)?;
-        let pattern = self.pattern(prepared, triads, &open, &stage.members)?;
-        let generic = pattern.winner();
+        let patterns = self.patterns(prepared, triads, &open, &stage.members)?;
+        let generic = patterns
+            .into_iter()
+            .filter_map(Pattern::winner)
+            .max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
         self.left_out.extend(first.blind);
         Ok(Search {
             path,
             ranking,
-            generic: generic.map(|g| g.finding(prepared)),
+            generic: generic.map(|g| g.finding()),
             not_predictive,
             not_observable: self.left_out.clone(),
             smallest_visible: first.visible,
-            scattering_rests: scattering_rests(&stage),
+            scattering_rests: scattering_rests(&stage, &plain_scales),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
     }
@@ -215,29 +219,49 @@ impl<'a> Hunt<'a> {
         Ok((stage, open))
     }
 
-    /// Generic hypotheses alone and on top of the path, on rests and moves from rest to rest.
-    fn pattern(
+    /// Generic hypotheses alone and on top of the path: on rests and moves from rest to rest, and inside the moves where these
+    /// take part.
+    fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         members: &[Member],
-    ) -> Result<Pattern, Error> {
+    ) -> Result<Vec<Pattern>, Error> {
         let kinds = self.kinds;
-        self.kinds = Kinds { in_motion: false, encoders: false };
-        let seen: Vec<EffectChoice> = open.iter().filter(|c| Kinds::needed_by(&[**c]) == self.kinds).copied().collect();
+        let mut patterns = Vec::new();
+        for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
+            self.kinds = Kinds { in_motion, encoders: false };
+            let found = self.pattern(prepared, triads, open, members);
+            self.kinds = kinds;
+            patterns.push(found?);
+        }
+        Ok(patterns)
+    }
+
+    /// The same on the residuals of `self.kinds`; what these do not determine says nothing here.
+    fn pattern(
+        &self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+    ) -> Result<Pattern, Error> {
+        let seen = |c: &&EffectChoice| {
+            let needed = Kinds::needed_by(&[**c]);
+            (self.kinds.in_motion || !needed.in_motion) && !needed.encoders
+        };
+        let seen: Vec<EffectChoice> = open.iter().filter(seen).copied().collect();
         let own = |m: &&Member| {
             seen.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
         };
         let members: Vec<Member> = members.iter().filter(own).cloned().collect();
-        let without = self.stage(prepared, triads, &[], &[], Beside::Generics);
-        let with = (!members.is_empty()).then(|| self.stage(prepared, triads, &seen, &members, Beside::Generics));
-        self.kinds = kinds;
-        // What only the inside of the moves determines says nothing here.
-        let (without, with) = (without?, with.and_then(Result::ok));
+        let without = self.stage(prepared, triads, &[], &[], Beside::Generics)?;
+        let with = (!members.is_empty())
+            .then(|| self.stage(prepared, triads, &seen, &members, Beside::Generics))
+            .and_then(Result::ok);
         let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
-        let on_top = with.as_ref().and_then(best_generic).map_or(0.0, |g| g.log_bayes_factor);
-        Ok(Pattern { alone: best_generic(&without), path, on_top })
+        Ok(Pattern { alone: best_generic(&without), path, on_top: with.as_ref().and_then(best_generic) })
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.

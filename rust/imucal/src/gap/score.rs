@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use imucal_core::effects::Effect;
+use imucal_core::effects::{Effect, Sensor};
 
 use super::Score;
 use super::design::{Candidate, Design};
@@ -10,6 +10,7 @@ use super::detect::visible_noncentrality;
 use super::evidence::{Column, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
+use crate::joint::{STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;
 
 /// Prior widths in units of the typical size.
@@ -22,6 +23,10 @@ const LEAST_CHANGE: f64 = 0.01;
 const NOISE_CHANCE: f64 = 0.01;
 /// Scatter of rests that chance makes less often than this is that of something unknown.
 const SCATTER_CHANCE: f64 = 1e-6;
+/// Beside effects it is something unknown only if it scatters by so many times its noise.
+const WIDE: f64 = 2.0;
+/// Share of the variance that a large effect may leave, being more than a line.
+const REMAINDER: f64 = 0.05;
 
 /// A candidate with the prior's width and the time constant that are best.
 pub(super) struct Judged {
@@ -157,17 +162,30 @@ fn projected(gram: &Gram, model: &[Column], candidate: &Candidate, scales: &[f64
     (0..p).map(|k| eigen.S()[k]).map(|value| if value > rounding { value } else { 0.0 }).collect()
 }
 
-/// The residual of the rests that scatters most beyond noise, if chance does not explain it. Moves are not asked: a gyroscope
-/// that is louder in motion is no missing effect.
-pub(super) fn scattering_rests(stage: &Stage) -> Option<(&'static str, f64, f64)> {
-    const NAMES: [(usize, &str); 4] = [(0, "accel_norm"), (2, "gyro_rate_x"), (3, "gyro_rate_y"), (4, "gyro_rate_z")];
+/// The residual of the rests, or against the stand, that scatters most beyond noise, if chance does not explain it. Moves are not
+/// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts, and
+/// only if it scatters widely: a real unit has more than one thing that is not quite as in the model, and of a large effect a
+/// small remainder is left. `before` are the scales without effects.
+pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'static str, f64, f64)> {
+    const NAMES: [(usize, Sensor, &str); 6] = [
+        (0, Sensor::Accelerometer, "accel_norm"),
+        (2, Sensor::Gyroscope, "gyro_rate_x"),
+        (3, Sensor::Gyroscope, "gyro_rate_y"),
+        (4, Sensor::Gyroscope, "gyro_rate_z"),
+        (STAND_RESTS, Sensor::Encoder, "stand_direction"),
+        (STAND_MOVES, Sensor::Encoder, "stand_attitude"),
+    ];
     let gram = &stage.design.gram;
-    let of = |(group, name)| {
+    let is_meant = |sensor: Sensor, scale: f64, before: f64| {
+        let is_about = sensor == Sensor::Encoder || stage.sensors.contains(&sensor);
+        stage.sensors.is_empty() || (is_about && scale > WIDE * WIDE && scale > REMAINDER * before)
+    };
+    let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
         let (scale, rows) = (stage.evidence.scales[place], gram.rows[place]);
         // The scale is chi2 over what is free; the rows are a little more than that.
         let chance = p_value(scale * rows, rows as usize);
-        (chance < SCATTER_CHANCE).then(|| (name, scale.sqrt(), chance))
+        (chance < SCATTER_CHANCE && is_meant(sensor, scale, before[place])).then(|| (name, scale.sqrt(), chance))
     };
     NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
 }
