@@ -11,9 +11,9 @@ use crate::joint::{self, Encoders, Item, JointFit, Kinds, Misfits, Prepared, Ter
 use crate::moves::{Ends, Move, Unusable, between};
 use crate::recording::Recording;
 
-/// Fits in which rests and moves are left out or taken in again.
 /// A larger share of rests or moves that contradict the others is no accident.
 const OUTLIERS: f64 = 0.1;
+/// Fits in which rests and moves are left out or taken in again.
 const MOST_ROUNDS: usize = 4;
 
 /// The rests and moves that a fit is made of.

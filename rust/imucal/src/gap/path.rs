@@ -9,7 +9,7 @@ use super::evidence::Evidence;
 use super::pattern::{Pattern, best_generic};
 use super::score::{Judged, Judgement, gain, judge, scattering_rests};
 use super::stage::{Beside, Member, Stage};
-use super::{Linearised, NotPredictive, Score, Search};
+use super::{Block, Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{INSIDE, Kinds, Prepared};
@@ -181,6 +181,15 @@ impl<'a> Hunt<'a> {
             .max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
+        // Beside the final model; of what is in it, beside the model without effects.
+        let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
+        smallest_visible.extend(
+            first
+                .visible
+                .into_iter()
+                .filter(|(name, ..)| !smallest_visible.iter().any(|(n, ..)| n == name))
+                .collect::<Vec<_>>(),
+        );
         self.left_out.extend(first.blind);
         Ok(Search {
             path,
@@ -188,7 +197,7 @@ impl<'a> Hunt<'a> {
             generic: generic.map(|g| g.finding()),
             not_predictive,
             not_observable: self.left_out.clone(),
-            smallest_visible: first.visible,
+            smallest_visible,
             scattering_rests: scattering_rests(&stage, &plain_scales),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
@@ -232,7 +241,9 @@ impl<'a> Hunt<'a> {
         let mut patterns = Vec::new();
         for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
             self.kinds = Kinds { in_motion, encoders: false };
-            let found = self.pattern(prepared, triads, open, members);
+            // Inside the moves a scale shows better, and so do the effects that resemble it.
+            let asked = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
+            let found = self.pattern(prepared, triads, open, members, asked);
             self.kinds = kinds;
             patterns.push(found?);
         }
@@ -246,22 +257,27 @@ impl<'a> Hunt<'a> {
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         members: &[Member],
+        asked: impl Fn(Block) -> bool,
     ) -> Result<Pattern, Error> {
-        let seen = |c: &&EffectChoice| {
-            let needed = Kinds::needed_by(&[**c]);
-            (self.kinds.in_motion || !needed.in_motion) && !needed.encoders
-        };
-        let seen: Vec<EffectChoice> = open.iter().filter(seen).copied().collect();
-        let own = |m: &&Member| {
-            seen.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
-        };
-        let members: Vec<Member> = members.iter().filter(own).cloned().collect();
+        let is_inertial = |c: &&EffectChoice| c.effect.sensor != Sensor::Encoder;
+        let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
+        let seen: Vec<EffectChoice> =
+            inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
         let without = self.stage(prepared, triads, &[], &[], Beside::Generics)?;
-        let with = (!members.is_empty())
-            .then(|| self.stage(prepared, triads, &seen, &members, Beside::Generics))
-            .and_then(Result::ok);
+        // What the motion shows, rests and moves may show a little, or not at all.
+        let with = [inertial, seen].into_iter().find_map(|choices| {
+            let own = |m: &&Member| {
+                choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
+            };
+            let members: Vec<Member> = members.iter().filter(own).cloned().collect();
+            if members.is_empty() {
+                return None;
+            }
+            self.stage(prepared, triads, &choices, &members, Beside::Generics).ok()
+        });
         let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
-        Ok(Pattern { alone: best_generic(&without), path, on_top: with.as_ref().and_then(best_generic) })
+        let best = |stage| best_generic(stage, &asked);
+        Ok(Pattern { alone: best(&without), path, on_top: with.as_ref().and_then(best) })
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.

@@ -26,11 +26,11 @@ pub(super) struct BestGeneric {
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// The generic hypothesis with the largest evidence beside a model.
-pub(super) fn best_generic(stage: &Stage) -> Option<BestGeneric> {
+/// The generic hypothesis with the largest evidence beside a model, of the blocks that are asked about.
+pub(super) fn best_generic(stage: &Stage, asked: impl Fn(Block) -> bool) -> Option<BestGeneric> {
     let Design { model, generics, .. } = &stage.design;
     let mut best: Option<(f64, &Generic, Vec<f64>)> = None;
-    for generic in generics {
+    for generic in generics.iter().filter(|generic| asked(generic.block)) {
         for width in WIDTHS {
             let precision = 1.0 / (width * generic.typical).powi(2);
             let own = generic.columns.clone().map(|place| Column { place, precision, value: 0.0 });

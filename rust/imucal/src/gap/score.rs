@@ -14,7 +14,7 @@ use crate::joint::{STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;
 
 /// Prior widths in units of the typical size.
-const WIDTHS: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
+const WIDTHS: [f64; 6] = [0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// So wide that the prior does not count.
 const NO_PRIOR: f64 = 1e4;
 /// Ten typical effects must move chi2 by one.
@@ -23,8 +23,8 @@ const LEAST_CHANGE: f64 = 0.01;
 const NOISE_CHANCE: f64 = 0.01;
 /// Scatter of rests that chance makes less often than this is that of something unknown.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// Beside effects it is something unknown only if it scatters by so many times its noise.
-const WIDE: f64 = 2.0;
+/// Noise that a filter has coloured, or that wanders, makes rests scatter by less than so many times what is taken for it.
+const WIDE: f64 = 2.5;
 /// Share of the variance that a large effect may leave, being more than a line.
 const REMAINDER: f64 = 0.05;
 
@@ -50,7 +50,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     let mut spectra = Vec::new();
     for candidate in candidates {
-        let spectrum = projected(gram, model, candidate, &stage.evidence.scales);
+        // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
+        let spectrum = projected(gram, model, candidate, &vec![1.0; stage.evidence.scales.len()]);
         spectra.push(spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>());
     }
     let tests = {
@@ -69,7 +70,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         }
         let dof = spectrum.len();
         let noncentrality = visible_noncentrality(dof, tests);
-        let size = (noncentrality / spectrum.iter().sum::<f64>()).sqrt() * candidate.typical[0];
+        let widened: f64 = projected(gram, model, candidate, &stage.evidence.scales).iter().sum();
+        let size = (noncentrality / widened).sqrt() * candidate.typical[0];
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
             Some(entry) => entry.1 = entry.1.min(size),
             None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
@@ -163,8 +165,7 @@ fn projected(gram: &Gram, model: &[Column], candidate: &Candidate, scales: &[f64
 }
 
 /// The residual of the rests, or against the stand, that scatters most beyond noise, if chance does not explain it. Moves are not
-/// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts, and
-/// only if it scatters widely: a real unit has more than one thing that is not quite as in the model, and of a large effect a
+/// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts: a real unit has more than one thing that is not quite as in the model, and of a large effect a
 /// small remainder is left. `before` are the scales without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'static str, f64, f64)> {
     const NAMES: [(usize, Sensor, &str); 6] = [
@@ -177,8 +178,11 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'stati
     ];
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
-        let is_about = sensor == Sensor::Encoder || stage.sensors.contains(&sensor);
-        stage.sensors.is_empty() || (is_about && scale > WIDE * WIDE && scale > REMAINDER * before)
+        let of_stand = sensor == Sensor::Encoder;
+        let beside =
+            stage.sensors.is_empty() || ((of_stand || stage.sensors.contains(&sensor)) && scale > REMAINDER * before);
+        let widely = scale > WIDE * WIDE || (of_stand && stage.sensors.is_empty());
+        beside && widely
     };
     let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
