@@ -69,11 +69,11 @@ def outcome(
         verdict, effects = "data_fault", data_fault([*slips, *faults]).effects
     elif found.generic is not None:
         verdict = "stochastic" if found.generic.kernel == "random_walk" else "unknown"
-    elif path:
+    elif path and found.scattering_rests is None:
         verdict = "ambiguous" if rivals else "named"
-    elif faults:
+    elif faults and not path:
         verdict, effects = "data_fault", data_fault(faults).effects
-    elif (found.scattering_rests is not None and not found.path) or not_confirmed:
+    elif found.scattering_rests is not None or not_confirmed:
         verdict = "unknown"
     else:
         verdict = "nothing_missing"
@@ -176,21 +176,24 @@ def _generic(found: _core.GenericFinding | None) -> dict[str, Any] | None:
     if found is None:
         return None
     pattern = {
-        "white": "from rest to rest, without a pattern in time, direction or motion",
         "random_walk": "as a random walk in time",
         "gravity_direction": "with the direction of gravity",
         "attitude": "with the attitude, heading included",
         "temperature": "with temperature",
         "last_motion": "with the sign of the last motion",
+        "rate": "with the rate of turn",
+        "force": "with the specific force",
     }[found.kernel]
-    unit = "rad/s" if found.block == "gyro_bias" else "m/s^2"
-    rests = ", ".join(map(str, found.rests))
+    # A scale, and what the motion adds to the force, show in the moves that these rests begin.
+    inside = found.block == "gyro_scale" or (found.block, found.kernel) == ("accel_bias", "rate")
+    unit = {"gyro_bias": " rad/s", "accel_bias": " m/s^2"}.get(found.block, "")
+    places = ("moves after the rests " if inside else "rests ") + ", ".join(map(str, found.rests))
     return {
         "block": found.block,
         "kernel": found.kernel,
         "log_bayes_factor": found.log_bayes_factor,
         "description": f"{found.block} on axis {'xyz'[found.axis]} varies {pattern}, "
-        f"{found.rms:.2g} {unit} rms, most in the rests {rests}",
+        f"{found.rms:.2g}{unit} rms, most in the {places}",
     }
 
 
@@ -198,8 +201,9 @@ def _scatter(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
     if found is None:
         return None
     residual, factor, chance = found
+    block = {"accel": "accel_bias", "gyro": "gyro_bias", "stand": "encoder"}[residual.split("_")[0]]
     return {
-        "block": "accel_bias" if residual.startswith("accel") else "gyro_bias",
+        "block": block,
         "kernel": "white",
         "description": f"{residual} scatters from rest to rest by {factor:.2g} times its noise "
         f"(p {chance:.1g}), without a pattern in time, direction or motion",

@@ -38,6 +38,9 @@ CLEARLY: Final = 25.0
 WORTH_SAYING: Final = 0.1
 # The root of the sum of the squares of 1, 4, 6, 4, 1.
 FOURTH: Final = 70.0**0.5
+# The median of a normal number without its sign, and what is too large for one.
+MEDIAN: Final = 0.6745
+JUMP: Final = 5.0
 # Fourth differences that share no sample.
 APART: Final = 5
 
@@ -249,6 +252,9 @@ class _Moves:
             return [k for item in own for k in range(item["first"], item[last] - 4, APART)]
 
         at_rest, inside = stretches(result.rests, "end"), stretches(result.moves, "last")
+        # A sample that jumps is no noise: it counts for no more than is clearly beyond it.
+        typical = np.median(np.abs(noise[at_rest]), axis=0) / MEDIAN if at_rest else np.ones(3)
+        noise = np.clip(noise, -JUMP * typical, JUMP * typical)
         sigma = np.sqrt(np.mean(noise[at_rest] ** 2, axis=0)) if at_rest else np.ones(3)
         self.noise = (noise[inside] / sigma).ravel()
         self.slopes = (smooth[inside] / sigma).ravel()

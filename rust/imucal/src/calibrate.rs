@@ -122,6 +122,7 @@ pub(crate) fn prepare<T>(
     let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
     let (joint, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options)?;
     let triads = [&joint.model.accelerometer, &joint.model.gyroscope];
+    let selection = data.for_search(selection);
     data.prepared_for(&selection, triads, options, (kinds, true, jointly::known(options)), |prepared| {
         work(prepared, triads[0], triads[1])
     })

@@ -17,6 +17,7 @@ mod path;
 mod pattern;
 mod predict;
 mod score;
+mod smooth;
 mod stage;
 
 pub use generic::{Block, Kernel};
@@ -40,8 +41,8 @@ pub struct Search {
     pub smallest_visible: Vec<(String, f64, String)>,
     /// What each effect leaves in the residuals at its typical size.
     pub traces: Vec<Trace>,
-    /// Rests that scatter by more than noise and chance under the final model: the name of the residual, the factor, and the
-    /// probability of it.
+    /// Rests that scatter by more than noise and chance under the final model, about what its effects are about if it has any: the
+    /// name of the residual, the factor, and the probability of it.
     pub scattering_rests: Option<(&'static str, f64, f64)>,
     /// Why the accelerometer inside the moves took no part; `None` if it did.
     pub in_motion_left_out: Option<String>,
@@ -88,7 +89,7 @@ pub struct NotPredictive {
     pub gain_std: f64,
 }
 
-/// A bias that varies in a pattern that no named effect explains.
+/// A bias or a scale that varies in a pattern that no named effect explains.
 #[derive(Clone, Debug)]
 pub struct GenericFinding {
     /// What varies.

@@ -13,6 +13,7 @@
 
 mod attitude;
 mod encoders;
+mod fields;
 mod inside;
 mod linear;
 mod misfit;
@@ -35,7 +36,8 @@ mod tests;
 pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
-pub(crate) use linear::{INSIDE, Line, Linear, Prepared, Source};
+pub(crate) use fields::{Field, Way, ways};
+pub(crate) use linear::{INSIDE, Line, Linear, Prepared, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
 pub(crate) use model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};

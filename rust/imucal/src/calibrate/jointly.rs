@@ -11,6 +11,8 @@ use crate::joint::{self, Encoders, Item, JointFit, Kinds, Misfits, Prepared, Ter
 use crate::moves::{Ends, Move, Unusable, between};
 use crate::recording::Recording;
 
+/// A larger share of rests or moves that contradict the others is no accident.
+const OUTLIERS: f64 = 0.1;
 /// Fits in which rests and moves are left out or taken in again.
 const MOST_ROUNDS: usize = 4;
 
@@ -64,11 +66,7 @@ impl UnitData<'_> {
     ) -> Result<(JointFit, Selection), Error> {
         let model = [&accelerometer.triad, &gyroscope.fit.triad];
         self.free_of_tremor(model[0], model[1]);
-        let all = {
-            let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
-            let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-            Selection { used, moves, left_out }
-        };
+        let all = self.everything();
         let mut selection = Selection::of_two_stages(accelerometer, gyroscope, unusable);
         for _ in 1..MOST_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options)?;
@@ -86,6 +84,23 @@ impl UnitData<'_> {
             selection = next;
         }
         Ok((self.fit_jointly(&selection, model, options)?, selection))
+    }
+
+    /// All rests and moves that are no faults of the data.
+    fn everything(&self) -> Selection {
+        let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
+        let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
+        Selection { used, moves, left_out }
+    }
+
+    /// What a search for effects looks at: all, where so much contradicts the rest that it is the model that is wrong.
+    pub(super) fn for_search(&self, selection: Selection) -> Selection {
+        let all = self.everything();
+        let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
+        let (kept, most) = (rests(&selection), rests(&all));
+        let few = kept < (1.0 - OUTLIERS) * most
+            || (selection.moves.len() as f64) < (1.0 - OUTLIERS) * all.moves.len() as f64;
+        if few { all } else { selection }
     }
 
     /// A selection without these rests and moves of it; moves lead over a rest that is gone.

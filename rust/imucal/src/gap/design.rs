@@ -7,10 +7,10 @@ use faer::Mat;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::evidence::{Column, Gram};
-use super::generic::{Block, Epoch, Kernel, factor};
+use super::generic::{Block, Hypothesis, Kernel, Moment, Moments, hypotheses};
 use super::predict::Held;
 use crate::error::Error;
-use crate::joint::{BASE, Joint, Kinds, Linear, Model, Prepared, Source, Terms};
+use crate::joint::{BASE, Field, Joint, Kinds, Linear, Model, Prepared, Source, Terms, Way, ways};
 
 /// One effect in the design.
 pub(crate) struct Candidate {
@@ -23,14 +23,17 @@ pub(crate) struct Candidate {
     pub(crate) shape: Option<f64>,
 }
 
-/// A generic hypothesis in the design.
+/// A generic hypothesis beside the model.
 pub(crate) struct Generic {
     pub(crate) block: Block,
     pub(crate) kernel: Kernel,
-    pub(crate) columns: Range<usize>,
     pub(crate) typical: f64,
-    /// Epochs x kernel columns, to read back what each epoch has.
-    pub(crate) factor: Mat<f64>,
+    /// The sums of the model's columns, then its own, then the residual.
+    pub(crate) gram: Gram,
+    /// Its own columns in them.
+    pub(crate) columns: Range<usize>,
+    /// Each rest, or the rest before each move, and what the columns are there.
+    pub(crate) shares: Vec<(usize, Vec<Vector3<f64>>)>,
 }
 
 /// Columns of one linearisation.
@@ -81,25 +84,12 @@ pub(crate) fn design(
         });
         width += term.linear;
     }
-    let mut generics = Vec::new();
-    if with_generics {
-        let epochs = epochs(prepared, &linear);
-        let [gyroscope, accelerometer] = problem.by_biases_of_rests(&linear);
-        for (block, by_bias) in [(Block::GyroscopeBias, gyroscope), (Block::AccelerometerBias, accelerometer)] {
-            for kernel in Kernel::ALL {
-                let used: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
-                let Some(factor) = factor(kernel, &epochs) else { continue };
-                let r = factor.ncols();
-                let columns = Mat::from_fn(by_bias.nrows(), 3 * r, |row, c| {
-                    used.iter().enumerate().map(|(e, k)| by_bias[(row, 3 * k + c % 3)] * factor[(e, c / 3)]).sum()
-                });
-                let typical = block.typical_si() * problem.raw_scale(block.sensor(), &full);
-                generics.push(Generic { block, kernel, columns: width..width + 3 * r, typical, factor });
-                parts.push(columns);
-                width += 3 * r;
-            }
-        }
-    }
+    let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, &linear, own.kinds));
+    let generics = if with_generics {
+        generics(prepared, &problem, &linear, (parameters.len(), &parts, &residual), &groups)?
+    } else {
+        Vec::new()
+    };
     let mut all = Mat::zeros(residual.nrows(), width + 1);
     let mut at = 0;
     for part in parts.iter().chain([&residual]) {
@@ -113,7 +103,6 @@ pub(crate) fn design(
             Column { place: p, precision, value: if effect.is_some() { parameters[p] } else { 0.0 } }
         })
         .collect();
-    let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, &linear, own.kinds));
     Ok(Design { gram: Gram::new(&all, &groups), model, candidates, generics, columns: all, groups, items })
 }
 
@@ -142,30 +131,106 @@ fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<
     lines.chain(rates).chain(inside).chain(stand_rests).chain(stand_moves).collect()
 }
 
-/// What the kernels need to know of the rests that take part.
-fn epochs(prepared: &Prepared<'_>, linear: &Linear) -> Vec<Epoch> {
+/// Of the blocks inside a move one in so many is enough for what changes slowly.
+const EVERY: usize = 5;
+
+/// Generic hypotheses beside the first `count` columns of `parts`.
+fn generics(
+    prepared: &Prepared<'_>,
+    problem: &Joint<'_>,
+    linear: &Linear,
+    (count, parts, residual): (usize, &[Mat<f64>], &Mat<f64>),
+    groups: &[usize],
+) -> Result<Vec<Generic>, Error> {
+    let inside = linear.sees_inside();
+    let ways = ways(prepared, &linear.model, if inside { 1 } else { EVERY })?;
+    let moments = moments(prepared, linear, &ways);
+    let of_hypothesis = |hypothesis: Hypothesis| {
+        let at = |moment: &Moment| hypothesis.columns(moment);
+        let mut rests = vec![Vec::new(); prepared.rests.len()];
+        for (k, moment) in &moments.rests {
+            rests[*k] = at(moment);
+        }
+        let width = moments.rests.first().map_or(0, |(_, moment)| at(moment).len());
+        let moves = moments.moves.iter().map(|way| way.iter().map(at).collect()).collect();
+        let field = Field { sensor: hypothesis.block.sensor(), width, rests, moves };
+        let own = problem.by_field(linear, &ways, &field);
+        let mut all = Mat::zeros(residual.nrows(), count + width + 1);
+        let mut place = 0;
+        for part in parts {
+            let kept = part.ncols().min(count - place);
+            all.as_mut().subcols_mut(place, kept).copy_from(part.subcols(0, kept));
+            place += kept;
+        }
+        all.as_mut().subcols_mut(count, width).copy_from(&own);
+        all.as_mut().subcols_mut(count + width, 1).copy_from(residual);
+        let shares = if hypothesis.is_of_moves() {
+            let middle = |(m, way): (usize, &Vec<Moment>)| {
+                Some((prepared.moves[m].from, hypothesis.shares(way.get(way.len() / 2)?)))
+            };
+            moments.moves.iter().enumerate().filter_map(middle).collect()
+        } else {
+            moments.rests.iter().map(|(k, moment)| (*k, hypothesis.shares(moment))).collect()
+        };
+        Generic {
+            block: hypothesis.block,
+            kernel: hypothesis.kernel,
+            typical: hypothesis.typical(),
+            gram: Gram::new(&all, groups),
+            columns: count..count + width,
+            shares,
+        }
+    };
+    Ok(hypotheses(&moments, inside, prepared.gravity_mps2).into_iter().map(of_hypothesis).collect())
+}
+
+/// What the kernels need to know of the rests that take part and of the moves between them.
+fn moments(prepared: &Prepared<'_>, linear: &Linear, ways: &[Way]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];
-    for (m, at_move) in prepared.moves.iter().zip(linear.moves.iter()) {
-        let turn = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(at_move.pass.rotation));
-        let start = arrived[m.from].map_or(attitude, |(attitude, _)| attitude);
-        attitude = start * turn;
-        arrived[m.to] = Some((attitude, turn.scaled_axis()));
+    let mut moves = Vec::with_capacity(ways.len());
+    for ((m, at_move), way) in prepared.moves.iter().zip(linear.moves.iter()).zip(ways) {
+        let quaternion = |m: &_| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m));
+        let whole = quaternion(&at_move.pass.rotation);
+        let (start, turn) = (arrived[m.from].map_or(attitude, |(attitude, _)| attitude), whole.scaled_axis());
+        let recording = &prepared.recordings[m.recording];
+        let rate_and_time = |k: usize| (way.stretches[k].rate, way.stretches[k].time_s);
+        let moment = |k: usize| {
+            let stretch = &way.stretches[k];
+            let here = quaternion(&stretch.attitude);
+            let ((w0, t0), (w1, t1)) =
+                (rate_and_time(k.saturating_sub(1)), rate_and_time((k + 1).min(way.stretches.len() - 1)));
+            Moment {
+                recording: m.recording,
+                time_s: stretch.time_s,
+                up: here.inverse() * at_move.before.up,
+                ahead: (start * here).inverse() * Vector3::x(),
+                temperature_degc: recording.temperature_degc.map(|t| t[stretch.sample]),
+                turn,
+                rate: stretch.rate,
+                acceleration: if t1 > t0 { (w1 - w0) / (t1 - t0) } else { Vector3::zeros() },
+            }
+        };
+        moves.push((0..way.stretches.len()).map(moment).collect());
+        attitude = start * whole;
+        arrived[m.to] = Some((attitude, turn));
     }
-    let epoch = |k: usize, up: &Vector3<f64>| {
+    let at_rest = |k: usize, up: &Vector3<f64>| {
         let rest = &prepared.rests[k];
         let recording = &prepared.recordings[rest.recording];
         let (attitude, turn) = arrived[k].unwrap_or((UnitQuaternion::identity(), Vector3::zeros()));
         let range = rest.rest.first..rest.rest.end;
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-        Epoch {
+        Moment {
             recording: rest.recording,
-            time_s: (rest.rest.start_s + rest.rest.end_s) / 2.0,
+            time_s: f64::midpoint(rest.rest.start_s, rest.rest.end_s) - recording.time_s[0],
             up: *up,
             ahead: attitude.inverse() * Vector3::x(),
             temperature_degc: recording.temperature_degc.map(|t| mean(&t[range])),
             turn,
+            rate: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
         }
     };
-    linear.directions().map(|(k, up)| epoch(k, up)).collect()
+    Moments { rests: linear.directions().map(|(k, up)| (k, at_rest(k, up))).collect(), moves }
 }

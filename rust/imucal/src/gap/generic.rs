@@ -1,34 +1,41 @@
-//! What is not in the catalogue: a bias that varies from rest to rest in some pattern (model.md (24)).
+//! What is not in the catalogue: a bias or a scale that varies in some pattern (model.md (24)).
 //!
-//! A hypothesis is a block, the bias of one sensor at each rest, and a kernel, the covariance of two rests. In its
-//! eigenvectors it is a set of independent columns with a normal prior, and is judged like an effect.
+//! A hypothesis is a block, what is wrong with which sensor, and a kernel, the covariance of what is wrong at two moments. In
+//! its eigenvectors it is a set of independent columns with a normal prior, and is judged like an effect.
 
-use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
-/// Which bias varies.
+use super::smooth::Smooth;
+
+/// What varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
-    /// The gyroscope's.
+    /// The gyroscope's bias.
     GyroscopeBias,
-    /// The accelerometer's.
+    /// The accelerometer's bias.
     AccelerometerBias,
+    /// The gyroscope's scale.
+    GyroscopeScale,
+    /// The accelerometer's scale.
+    AccelerometerScale,
 }
 
 impl Block {
     pub(crate) fn sensor(self) -> Sensor {
         match self {
-            Self::GyroscopeBias => Sensor::Gyroscope,
-            Self::AccelerometerBias => Sensor::Accelerometer,
+            Self::GyroscopeBias | Self::GyroscopeScale => Sensor::Gyroscope,
+            Self::AccelerometerBias | Self::AccelerometerScale => Sensor::Accelerometer,
         }
     }
 
-    /// Typical bias from rest to rest: 0.02 deg/s and half a mg.
-    pub(crate) fn typical_si(self) -> f64 {
+    /// What is typical: 0.02 deg/s, half a mg, 0.2 % and 0.1 %.
+    fn typical(self) -> f64 {
         match self {
             Self::GyroscopeBias => 3.5e-4,
             Self::AccelerometerBias => 5e-3,
+            Self::GyroscopeScale => 2e-3,
+            Self::AccelerometerScale => 1e-3,
         }
     }
 
@@ -37,15 +44,15 @@ impl Block {
         match self {
             Self::GyroscopeBias => "gyro_bias",
             Self::AccelerometerBias => "accel_bias",
+            Self::GyroscopeScale => "gyro_scale",
+            Self::AccelerometerScale => "accel_scale",
         }
     }
 }
 
-/// How the biases of two rests belong together.
+/// How what is wrong at two moments belongs together.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
-    /// They do not.
-    White,
     /// A random walk in time.
     RandomWalk,
     /// The same for the same direction of gravity in the body.
@@ -56,29 +63,65 @@ pub enum Kernel {
     Temperature,
     /// The same after the same turn.
     LastMotion,
+    /// The same at the same rate, whose change counts, too.
+    Rate,
+    /// The same at the same specific force.
+    Force,
 }
 
 impl Kernel {
     /// The name in results.
     pub fn name(self) -> &'static str {
         match self {
-            Self::White => "white",
             Self::RandomWalk => "random_walk",
             Self::GravityDirection => "gravity_direction",
             Self::Attitude => "attitude",
             Self::Temperature => "temperature",
             Self::LastMotion => "last_motion",
+            Self::Rate => "rate",
+            Self::Force => "force",
         }
     }
-
-    pub(crate) const ALL: [Self; 6] =
-        [Self::White, Self::RandomWalk, Self::GravityDirection, Self::Attitude, Self::Temperature, Self::LastMotion];
 }
 
-/// What the kernels know of a rest.
+/// Everything that may vary with something, by rests and moves.
+const ALL: [(Block, Kernel); 17] = {
+    use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
+    use Kernel::{Attitude, Force, GravityDirection, LastMotion, RandomWalk, Rate, Temperature};
+    [
+        (GyroscopeBias, RandomWalk),
+        (GyroscopeBias, GravityDirection),
+        (GyroscopeBias, Attitude),
+        (GyroscopeBias, Temperature),
+        (GyroscopeBias, LastMotion),
+        (AccelerometerBias, RandomWalk),
+        (AccelerometerBias, GravityDirection),
+        (AccelerometerBias, Attitude),
+        (AccelerometerBias, Temperature),
+        (AccelerometerBias, LastMotion),
+        (GyroscopeScale, RandomWalk),
+        (GyroscopeScale, GravityDirection),
+        (GyroscopeScale, Temperature),
+        (GyroscopeScale, Rate),
+        (AccelerometerScale, RandomWalk),
+        (AccelerometerScale, Temperature),
+        (AccelerometerScale, Force),
+    ]
+};
+/// What shows inside the moves rather than from rest to rest.
+const INSIDE: [(Block, Kernel); 5] = [
+    (Block::GyroscopeScale, Kernel::RandomWalk),
+    (Block::GyroscopeScale, Kernel::GravityDirection),
+    (Block::GyroscopeScale, Kernel::Temperature),
+    (Block::GyroscopeScale, Kernel::Rate),
+    (Block::AccelerometerBias, Kernel::Rate),
+];
+
+/// What the kernels know of a moment.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Epoch {
+pub(crate) struct Moment {
     pub(crate) recording: usize,
+    /// Since the first sample of the recording.
     pub(crate) time_s: f64,
     /// Direction of gravity in the body.
     pub(crate) up: Vector3<f64>,
@@ -87,52 +130,165 @@ pub(crate) struct Epoch {
     pub(crate) temperature_degc: Option<f64>,
     /// Rotation vector of the move that led here, rad.
     pub(crate) turn: Vector3<f64>,
+    pub(crate) rate: Vector3<f64>,
+    pub(crate) acceleration: Vector3<f64>,
+}
+
+/// The moments at rests that take part, and on the way of each move.
+pub(crate) struct Moments {
+    pub(crate) rests: Vec<(usize, Moment)>,
+    pub(crate) moves: Vec<Vec<Moment>>,
+}
+
+/// A block that varies in a pattern.
+pub(crate) struct Hypothesis {
+    pub(crate) block: Block,
+    pub(crate) kernel: Kernel,
+    shape: Shape,
+    gravity_mps2: f64,
+}
+
+enum Shape {
+    /// With what the kernel knows of a moment; the spread of the temperatures sets its length.
+    Varies(Smooth<Moment>, f64),
+    /// With the sensor's own input, up to so much: along each axis a curve, products of axes, the change of the rate.
+    Follows(Smooth<f64>, f64),
+    /// With products of rates and their change.
+    Turns,
 }
 
 /// Two attitudes this far apart hardly belong together: length of the kernels, as a distance of unit vectors.
 const LENGTH: f64 = 0.6;
-/// Eigenvalues below this share of the largest one are left out.
-const SMALLEST: f64 = 1e-3;
+/// Length of the curve along an axis, as a share of its largest input, and points that it goes through.
+const CURVE_LENGTH: f64 = 0.5;
+const CURVE_POINTS: usize = 9;
+/// A scale that lags by this time is as wrong as a typical one, s.
+const LAG_S: f64 = 0.1;
+/// The most columns on an axis: those of a walk are waves, the shortest of a tenth of the recording.
+const MOST_WAVES: usize = 20;
+const MOST: usize = 12;
 
-/// The kernel's factor, epochs x r: its columns are eigenvectors times the roots of the eigenvalues, with a mean square of one over
-/// the epochs. `None` where the recordings lack what it depends on.
-pub(crate) fn factor(kernel: Kernel, epochs: &[Epoch]) -> Option<Mat<f64>> {
-    let n = epochs.len();
-    if n < 3 || (kernel == Kernel::Temperature && epochs.iter().any(|e| e.temperature_degc.is_none())) {
-        return None;
-    }
-    let temperatures: Vec<f64> = epochs.iter().filter_map(|e| e.temperature_degc).collect();
-    let spread = |values: &[f64]| {
-        values.iter().copied().fold(f64::NEG_INFINITY, f64::max) - values.iter().copied().fold(f64::INFINITY, f64::min)
-    };
-    let near = |square: f64| (-0.5 * square / (LENGTH * LENGTH)).exp();
-    let covariance = |a: &Epoch, b: &Epoch| match kernel {
-        Kernel::White => f64::from(u8::from(std::ptr::eq(a, b))),
-        Kernel::RandomWalk if a.recording != b.recording => 0.0,
-        Kernel::RandomWalk => {
-            let start = epochs.iter().find(|e| e.recording == a.recording).map_or(0.0, |e| e.time_s);
-            (a.time_s - start).min(b.time_s - start)
+/// All hypotheses that the recordings can tell of.
+pub(crate) fn hypotheses(moments: &Moments, inside: bool, gravity_mps2: f64) -> Vec<Hypothesis> {
+    let pairs: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
+    let made = pairs.iter().filter_map(|&(block, kernel)| {
+        let shape = shape(block, kernel, moments, gravity_mps2)?;
+        Some(Hypothesis { block, kernel, shape, gravity_mps2 })
+    });
+    made.collect()
+}
+
+fn shape(block: Block, kernel: Kernel, moments: &Moments, gravity_mps2: f64) -> Option<Shape> {
+    match (block, kernel) {
+        (Block::AccelerometerBias, Kernel::Rate) => Some(Shape::Turns),
+        (_, Kernel::Rate | Kernel::Force) => {
+            let rates = moments.moves.iter().flatten().map(|moment| moment.rate.amax());
+            let largest = if kernel == Kernel::Rate { rates.fold(0.0, f64::max) } else { gravity_mps2 };
+            let grid = (0..CURVE_POINTS).map(|k| 2.0 * k as f64 / (CURVE_POINTS - 1) as f64 - 1.0).collect();
+            Smooth::new(grid, near_on_curve, MOST).filter(|_| largest > 0.0).map(|s| Shape::Follows(s, largest))
         }
-        Kernel::GravityDirection => near((a.up - b.up).norm_squared()),
+        _ => {
+            let points: Vec<Moment> = if block == Block::GyroscopeScale {
+                moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
+            } else {
+                moments.rests.iter().map(|(_, moment)| *moment).collect()
+            };
+            let temperatures: Vec<f64> = points.iter().filter_map(|m| m.temperature_degc).collect();
+            if points.len() < 3 || (kernel == Kernel::Temperature && temperatures.len() < points.len()) {
+                return None;
+            }
+            let end = |fold: fn(f64, f64) -> f64, start: f64| temperatures.iter().copied().fold(start, fold);
+            let spread = end(f64::max, f64::NEG_INFINITY) - end(f64::min, f64::INFINITY);
+            let most = if kernel == Kernel::RandomWalk { MOST_WAVES } else { MOST };
+            let smooth = Smooth::new(points, |a, b| covariance(kernel, spread, a, b), most)?;
+            Some(Shape::Varies(smooth, spread))
+        }
+    }
+}
+
+fn near(square: f64) -> f64 {
+    (-0.5 * square / (LENGTH * LENGTH)).exp()
+}
+
+fn near_on_curve(a: &f64, b: &f64) -> f64 {
+    (-0.5 * ((a - b) / CURVE_LENGTH).powi(2)).exp()
+}
+
+fn covariance(kernel: Kernel, temperatures_k: f64, a: &Moment, b: &Moment) -> f64 {
+    match kernel {
+        Kernel::RandomWalk if a.recording != b.recording => 0.0,
+        Kernel::RandomWalk => a.time_s.min(b.time_s),
         Kernel::Attitude => near((a.up - b.up).norm_squared() + (a.ahead - b.ahead).norm_squared()),
         Kernel::Temperature => {
-            let scale = spread(&temperatures) / 4.0;
+            let scale = temperatures_k / 4.0;
             let difference = a.temperature_degc.zip(b.temperature_degc).map_or(0.0, |(a, b)| a - b);
             if scale > 0.0 { (-0.5 * (difference / scale).powi(2)).exp() } else { 1.0 }
         }
         Kernel::LastMotion => (0..3).map(|axis| a.turn[axis].signum() * b.turn[axis].signum()).sum(),
-    };
-    let mut matrix = Mat::from_fn(n, n, |i, j| covariance(&epochs[i], &epochs[j]));
-    // What all epochs share is a constant bias, which the base has: only what differs counts.
-    let means: Vec<f64> = (0..n).map(|i| (0..n).map(|j| matrix[(i, j)]).sum::<f64>() / n as f64).collect();
-    let mean = means.iter().sum::<f64>() / n as f64;
-    matrix = Mat::from_fn(n, n, |i, j| matrix[(i, j)] - means[i] - means[j] + mean);
-    let trace: f64 = (0..n).map(|i| matrix[(i, i)]).sum();
-    if trace <= 1e-12 {
-        return None;
+        Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near((a.up - b.up).norm_squared()),
     }
-    let eigen = matrix.self_adjoint_eigen(faer::Side::Lower).ok()?;
-    let largest = eigen.S()[n - 1];
-    let kept: Vec<usize> = (0..n).rev().filter(|&k| eigen.S()[k] > SMALLEST * largest).collect();
-    Some(Mat::from_fn(n, kept.len(), |i, c| eigen.U()[(i, kept[c])] * (eigen.S()[kept[c]] * n as f64 / trace).sqrt()))
+}
+
+impl Hypothesis {
+    /// Typical size of its columns' parameters.
+    pub(crate) fn typical(&self) -> f64 {
+        self.block.typical()
+    }
+
+    /// What the columns add to the sensor, SI units.
+    pub(crate) fn columns(&self, at: &Moment) -> Vec<Vector3<f64>> {
+        let force = at.up * self.gravity_mps2;
+        match &self.shape {
+            Shape::Varies(..) => {
+                let input = match self.block {
+                    Block::GyroscopeScale => at.rate,
+                    Block::AccelerometerScale => force,
+                    Block::GyroscopeBias | Block::AccelerometerBias => Vector3::repeat(1.0),
+                };
+                self.shares(at).into_iter().map(|share| share.component_mul(&input)).collect()
+            }
+            Shape::Follows(smooth, largest) => {
+                let (input, change) = if self.kernel == Kernel::Rate {
+                    (at.rate, at.acceleration * LAG_S)
+                } else {
+                    (force, Vector3::zeros())
+                };
+                let curves = [0, 1, 2].map(|axis| smooth.at(&(input[axis] / largest), near_on_curve));
+                let along = (0..smooth.width()).flat_map(|c| {
+                    let curves = &curves;
+                    (0..3).map(move |axis| Vector3::ith(axis, input[axis] * curves[axis][c]))
+                });
+                let products = (0..3).flat_map(|k| {
+                    let product = input[k] * input[(k + 1) % 3] / largest;
+                    (0..3).map(move |axis| Vector3::ith(axis, product))
+                });
+                let changes = (0..3).flat_map(|k| (0..3).map(move |axis| Vector3::ith(axis, change[k])));
+                let last = if self.kernel == Kernel::Rate { 3 } else { 0 };
+                along.chain(products).chain(changes.take(3 * last)).collect()
+            }
+            Shape::Turns => {
+                let w = at.rate;
+                let products = (0..3).flat_map(|a| (a..3).map(move |b| w[a] * w[b]));
+                let parts: Vec<f64> = products.chain(at.acceleration.iter().copied()).collect();
+                parts.iter().flat_map(|part| (0..3).map(move |axis| Vector3::ith(axis, *part))).collect()
+            }
+        }
+    }
+
+    /// What is wrong with the block at a moment, for each column.
+    pub(crate) fn shares(&self, at: &Moment) -> Vec<Vector3<f64>> {
+        match &self.shape {
+            Shape::Varies(smooth, spread) => {
+                let parts = smooth.at(at, |a, b| covariance(self.kernel, *spread, a, b));
+                parts.iter().flat_map(|part| (0..3).map(move |axis| Vector3::ith(axis, *part))).collect()
+            }
+            Shape::Follows(_, largest) => self.columns(at).into_iter().map(|column| column / *largest).collect(),
+            Shape::Turns => self.columns(at),
+        }
+    }
+
+    /// Whether it is the moves that show it.
+    pub(crate) fn is_of_moves(&self) -> bool {
+        self.block == Block::GyroscopeScale || matches!(self.shape, Shape::Turns)
+    }
 }

@@ -9,7 +9,7 @@ use super::evidence::Evidence;
 use super::pattern::{Pattern, best_generic};
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, Member, Stage};
-use super::{Linearised, NotPredictive, Score, Search};
+use super::{Block, Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{self, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{INSIDE, Kinds, Prepared};
@@ -144,6 +144,7 @@ impl<'a> Hunt<'a> {
         let (mut stage, open) = self.start(prepared, triads, open)?;
         let first = judge(&stage);
         let traces = traces(&stage);
+        let plain_scales = stage.evidence.scales.clone();
         let mut path: Vec<Score> = Vec::new();
         let mut skipped: Vec<String> = Vec::new();
         let mut not_predictive: Vec<NotPredictive> = Vec::new();
@@ -200,25 +201,32 @@ impl<'a> Hunt<'a> {
             let near = [&stage.model.accelerometer, &stage.model.gyroscope];
             last = Some(judge(&self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?));
         }
-        let pattern = self.pattern(prepared, triads, &open, &stage.members)?;
-        let generic = pattern.winner();
+        let patterns = self.patterns(prepared, triads, &open, &stage.members)?;
+        let generic = patterns
+            .into_iter()
+            .filter_map(Pattern::winner)
+            .max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
         let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
+        // Beside the final model; of what is in it, beside the model without effects.
+        let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
+        smallest_visible.extend(
+            first
+                .visible
+                .into_iter()
+                .filter(|(name, ..)| !smallest_visible.iter().any(|(n, ..)| n == name))
+                .collect::<Vec<_>>(),
+        );
         self.left_out.extend(first.blind);
-        // What a large effect leaves before it joins would hide small ones that can be seen.
-        let mut smallest_visible = last.map_or_else(Vec::new, |last| last.visible);
-        let left = first.visible.into_iter().filter(|(name, _, _)| !smallest_visible.iter().any(|(n, _, _)| n == name));
-        let left: Vec<_> = left.collect();
-        smallest_visible.extend(left);
         Ok(Search {
             path,
             ranking,
-            generic: generic.map(|g| g.finding(prepared)),
+            generic: generic.map(|g| g.finding()),
             not_predictive,
             not_observable: self.left_out.clone(),
             smallest_visible,
             traces,
-            scattering_rests: scattering_rests(&stage),
+            scattering_rests: scattering_rests(&stage, &plain_scales),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
     }
@@ -248,29 +256,56 @@ impl<'a> Hunt<'a> {
         Ok((stage, open))
     }
 
-    /// Generic hypotheses alone and on top of the path, on rests and moves from rest to rest.
-    fn pattern(
+    /// Generic hypotheses alone and on top of the path: on rests and moves from rest to rest, and inside the moves where these
+    /// take part.
+    fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         members: &[Member],
-    ) -> Result<Pattern, Error> {
+    ) -> Result<Vec<Pattern>, Error> {
         let kinds = self.kinds;
-        self.kinds = Kinds { in_motion: false, encoders: false };
-        let seen: Vec<EffectChoice> = open.iter().filter(|c| Kinds::needed_by(&[**c]) == self.kinds).copied().collect();
-        let own = |m: &&Member| {
-            seen.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
-        };
-        let members: Vec<Member> = members.iter().filter(own).cloned().collect();
-        let without = self.stage(prepared, triads, &[], &[], Beside::Generics);
-        let with = (!members.is_empty()).then(|| self.stage(prepared, triads, &seen, &members, Beside::Generics));
-        self.kinds = kinds;
-        // What only the inside of the moves determines says nothing here.
-        let (without, with) = (without?, with.and_then(Result::ok));
+        let mut patterns = Vec::new();
+        for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
+            self.kinds = Kinds { in_motion, encoders: false };
+            // Inside the moves a scale shows better, and so do the effects that resemble it.
+            let asked = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
+            let found = self.pattern(prepared, triads, open, members, asked);
+            self.kinds = kinds;
+            patterns.push(found?);
+        }
+        Ok(patterns)
+    }
+
+    /// The same on the residuals of `self.kinds`; what these do not determine says nothing here.
+    fn pattern(
+        &self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+        asked: impl Fn(Block) -> bool,
+    ) -> Result<Pattern, Error> {
+        let is_inertial = |c: &&EffectChoice| c.effect.sensor != Sensor::Encoder;
+        let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
+        let seen: Vec<EffectChoice> =
+            inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
+        let without = self.stage(prepared, triads, &[], &[], Beside::Generics)?;
+        // What the motion shows, rests and moves may show a little, or not at all.
+        let with = [inertial, seen].into_iter().find_map(|choices| {
+            let own = |m: &&Member| {
+                choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
+            };
+            let members: Vec<Member> = members.iter().filter(own).cloned().collect();
+            if members.is_empty() {
+                return None;
+            }
+            self.stage(prepared, triads, &choices, &members, Beside::Generics).ok()
+        });
         let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
-        let on_top = with.as_ref().and_then(best_generic).map_or(0.0, |g| g.log_bayes_factor);
-        Ok(Pattern { alone: best_generic(&without), path, on_top })
+        let best = |stage| best_generic(stage, &asked);
+        Ok(Pattern { alone: best(&without), path, on_top: with.as_ref().and_then(best) })
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.

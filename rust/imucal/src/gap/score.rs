@@ -2,7 +2,7 @@
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use imucal_core::effects::Effect;
+use imucal_core::effects::{Effect, Sensor};
 
 use super::design::{Candidate, Design};
 use super::detect::visible_noncentrality;
@@ -10,10 +10,11 @@ use super::evidence::{Column, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
 use super::{Score, Trace};
+use crate::joint::{STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;
 
 /// Prior widths in units of the typical size.
-const WIDTHS: [f64; 4] = [0.3, 1.0, 3.0, 10.0];
+const WIDTHS: [f64; 6] = [0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// So wide that the prior does not count.
 const NO_PRIOR: f64 = 1e4;
 /// Ten typical effects must move chi2 by one.
@@ -22,6 +23,10 @@ const LEAST_CHANGE: f64 = 0.01;
 const NOISE_CHANCE: f64 = 0.01;
 /// Scatter of rests that chance makes less often than this is that of something unknown.
 const SCATTER_CHANCE: f64 = 1e-6;
+/// Noise that a filter has coloured, or that wanders, makes rests scatter by less than so many times what is taken for it.
+const WIDE: f64 = 2.5;
+/// Share of the variance that a large effect may leave, being more than a line.
+const REMAINDER: f64 = 0.05;
 
 /// A candidate with the prior's width and the time constant that are best.
 pub(super) struct Judged {
@@ -45,7 +50,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     let mut spectra = Vec::new();
     for candidate in candidates {
-        let spectrum = projected(gram, model, candidate, &stage.evidence.scales);
+        // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
+        let spectrum = projected(gram, model, candidate, &vec![1.0; stage.evidence.scales.len()]);
         spectra.push(spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>());
     }
     let tests = {
@@ -64,7 +70,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         }
         let dof = spectrum.len();
         let noncentrality = visible_noncentrality(dof, tests);
-        let size = (noncentrality / spectrum.iter().sum::<f64>()).sqrt() * candidate.typical[0];
+        let widened: f64 = projected(gram, model, candidate, &stage.evidence.scales).iter().sum();
+        let size = (noncentrality / widened).sqrt() * candidate.typical[0];
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
             Some(entry) => entry.1 = entry.1.min(size),
             None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
@@ -222,17 +229,32 @@ fn projected(gram: &Gram, model: &[Column], candidate: &Candidate, scales: &[f64
     (0..p).map(|k| eigen.S()[k]).map(|value| if value > rounding { value } else { 0.0 }).collect()
 }
 
-/// The residual of the rests that scatters most beyond noise, if chance does not explain it. Moves are not asked: a gyroscope
-/// that is louder in motion is no missing effect.
-pub(super) fn scattering_rests(stage: &Stage) -> Option<(&'static str, f64, f64)> {
-    const NAMES: [(usize, &str); 4] = [(0, "accel_norm"), (2, "gyro_rate_x"), (3, "gyro_rate_y"), (4, "gyro_rate_z")];
+/// The residual of the rests, or against the stand, that scatters most beyond noise, if chance does not explain it. Moves are not
+/// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts: a real unit has more than one thing that is not quite as in the model, and of a large effect a
+/// small remainder is left. `before` are the scales without effects.
+pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'static str, f64, f64)> {
+    const NAMES: [(usize, Sensor, &str); 6] = [
+        (0, Sensor::Accelerometer, "accel_norm"),
+        (2, Sensor::Gyroscope, "gyro_rate_x"),
+        (3, Sensor::Gyroscope, "gyro_rate_y"),
+        (4, Sensor::Gyroscope, "gyro_rate_z"),
+        (STAND_RESTS, Sensor::Encoder, "stand_direction"),
+        (STAND_MOVES, Sensor::Encoder, "stand_attitude"),
+    ];
     let gram = &stage.design.gram;
-    let of = |(group, name)| {
+    let is_meant = |sensor: Sensor, scale: f64, before: f64| {
+        let of_stand = sensor == Sensor::Encoder;
+        let beside =
+            stage.sensors.is_empty() || ((of_stand || stage.sensors.contains(&sensor)) && scale > REMAINDER * before);
+        let widely = scale > WIDE * WIDE || (of_stand && stage.sensors.is_empty());
+        beside && widely
+    };
+    let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
         let (scale, rows) = (stage.evidence.scales[place], gram.rows[place]);
         // The scale is chi2 over what is free; the rows are a little more than that.
         let chance = p_value(scale * rows, rows as usize);
-        (chance < SCATTER_CHANCE).then(|| (name, scale.sqrt(), chance))
+        (chance < SCATTER_CHANCE && is_meant(sensor, scale, before[place])).then(|| (name, scale.sqrt(), chance))
     };
     NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
 }

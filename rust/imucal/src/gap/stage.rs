@@ -1,5 +1,6 @@
 //! A model on the path: fitted, and linearised with what stands beside it.
 
+use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 
 use super::design::{Design, design};
@@ -17,6 +18,8 @@ pub(super) struct Stage {
     pub(super) model: Model,
     /// The catalogue's effects in it, the user's, and the prior's width of each.
     pub(super) members: Vec<Member>,
+    /// What these act on.
+    pub(super) sensors: Vec<Sensor>,
 }
 
 /// An effect in a model.
@@ -99,6 +102,7 @@ impl Hunt<'_> {
                 member.values = model.values[term.first..term.first + term.count()].to_vec();
             }
         }
-        Ok(Stage { design, evidence, members, model })
+        let sensors = terms.all.iter().map(|term| term.sensor).collect();
+        Ok(Stage { design, evidence, members, model, sensors })
     }
 }

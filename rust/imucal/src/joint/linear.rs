@@ -102,6 +102,11 @@ impl Linear {
         self.directions.iter().map(|(k, direction)| (*k, &direction.up))
     }
 
+    /// Whether the force inside the moves takes part.
+    pub(crate) fn sees_inside(&self) -> bool {
+        self.kinds.in_motion
+    }
+
     /// The residuals after a small change of the parameters; all else stays.
     pub(super) fn moved(&self, change: &[f64], model: Model) -> Self {
         let mut moved = Self { model, ..self.clone() };
@@ -128,14 +133,16 @@ impl Linear {
         let groups = self.groups();
         let lines = self.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
         let rates = (0..3 * self.rates.len()).map(|row| 2 + row % 3);
-        let rest = [(INSIDE, groups.inside), (6, groups.stand_rests), (7, groups.stand_moves)];
+        let rest = [(INSIDE, groups.inside), (STAND_RESTS, groups.stand_rests), (STAND_MOVES, groups.stand_moves)];
         let rest = rest.into_iter().flat_map(|(group, range)| range.map(move |_| group));
         lines.chain(rates).chain(rest).collect()
     }
 }
 
-/// The group of the residuals inside the moves.
+/// The group of the residuals inside the moves, and those of rests and moves against the stand.
 pub(crate) const INSIDE: usize = 5;
+pub(crate) const STAND_RESTS: usize = 6;
+pub(crate) const STAND_MOVES: usize = 7;
 
 impl Prepared<'_> {
     /// Residuals and derivatives at these parameters.

@@ -186,6 +186,18 @@ impl<'a> Joint<'a> {
         [gyroscope, accelerometer]
     }
 
+    /// Number of residuals.
+    pub(super) fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// Whitens once more for biases that wander, where they do.
+    pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
+        if let Some(wandering) = &self.wandering {
+            wandering.apply(columns);
+        }
+    }
+
     /// What whitening makes of an error of one in each line and each rate: the first row, and the values from there on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
@@ -227,9 +239,7 @@ impl<'a> Joint<'a> {
             }
             row += 3;
         }
-        if let Some(wandering) = &self.wandering {
-            wandering.apply(&mut all);
-        }
+        self.let_wander(&mut all);
         if self.terms.kinds.in_motion {
             for (k, m) in linear.moves.iter().enumerate() {
                 let noise = &self.weights.inside[k];

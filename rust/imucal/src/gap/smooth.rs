@@ -1,0 +1,69 @@
+//! Functions that are as smooth as a kernel says, through its eigenvectors at given points.
+
+use faer::Mat;
+
+/// Eigenvalues below this share of the largest one are left out.
+const SMALLEST: f64 = 1e-3;
+
+/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)`, k without what all points share, `k = U diag(s) U^T` at the points:
+/// there their squares have a mean of one, and between them they are what the kernel expects (Rasmussen and Williams, Gaussian
+/// Processes for Machine Learning, 2006, (2.25)).
+pub(crate) struct Smooth<T> {
+    points: Vec<T>,
+    weights: Mat<f64>,
+    means: Vec<f64>,
+    mean: f64,
+}
+
+impl<T> Smooth<T> {
+    /// With `most` functions at most; `None` where the kernel is the same for all points.
+    pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &T) -> f64, most: usize) -> Option<Self> {
+        let n = points.len();
+        let matrix = Mat::from_fn(n, n, |i, j| kernel(&points[i], &points[j]));
+        let means: Vec<f64> = (0..n).map(|i| (0..n).map(|j| matrix[(i, j)]).sum::<f64>() / n as f64).collect();
+        let mean = means.iter().sum::<f64>() / n as f64;
+        let centred = Mat::from_fn(n, n, |i, j| matrix[(i, j)] - means[i] - means[j] + mean);
+        let trace: f64 = (0..n).map(|i| centred[(i, i)]).sum();
+        if trace <= 1e-12 {
+            return None;
+        }
+        let eigen = centred.self_adjoint_eigen(faer::Side::Lower).ok()?;
+        let largest = eigen.S()[n - 1];
+        let kept: Vec<usize> = (0..n).rev().filter(|&k| eigen.S()[k] > SMALLEST * largest).take(most).collect();
+        let scale = n as f64 / trace;
+        let weights = Mat::from_fn(n, kept.len(), |i, c| eigen.U()[(i, kept[c])] * (scale / eigen.S()[kept[c]]).sqrt());
+        Some(Self { points, weights, means, mean })
+    }
+
+    /// Number of functions.
+    pub(crate) fn width(&self) -> usize {
+        self.weights.ncols()
+    }
+
+    /// All functions at a point, with the kernel that they were made of.
+    pub(crate) fn at(&self, x: &T, kernel: impl Fn(&T, &T) -> f64) -> Vec<f64> {
+        let near: Vec<f64> = self.points.iter().map(|point| kernel(x, point)).collect();
+        let own = near.iter().sum::<f64>() / near.len() as f64;
+        let centred: Vec<f64> = near.iter().zip(&self.means).map(|(k, mean)| k - own - mean + self.mean).collect();
+        (0..self.width()).map(|c| centred.iter().enumerate().map(|(i, k)| k * self.weights[(i, c)]).sum()).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A random walk goes straight between its points, and its functions there rebuild the kernel without its mean.
+    #[test]
+    fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {
+        let points: Vec<f64> = (1..=5).map(f64::from).collect();
+        let walk = |a: &f64, b: &f64| a.min(*b);
+        let smooth = Smooth::new(points.clone(), walk, 5).unwrap();
+        let at = |x: f64| smooth.at(&x, walk);
+        for (a, b) in at(2.5).iter().zip(at(2.0).iter().zip(at(3.0))) {
+            assert!((a - (b.0 + b.1) / 2.0).abs() < 1e-12);
+        }
+        let square: f64 = points.iter().flat_map(|x| at(*x)).map(|v| v * v).sum();
+        assert!((square / 5.0 - 1.0).abs() < 1e-12, "{square}");
+    }
+}
