@@ -20,7 +20,7 @@ import numpy as np
 from rich.progress import track
 
 import imucal
-from accuracy import BAND, binomial_band
+from accuracy.band import BESIDE, binomial
 from allan import REPORT, ROOT, write_section
 
 SECTION = "## The figures and their bands"
@@ -105,14 +105,14 @@ class Judge:
         share = len(seen) / trials
         if truth == 0.0:
             # What is not there is seen by chance only, and by less than the band allows.
-            most = binomial_band(trials, 0.05)[1]
+            most = binomial(trials, 0.05, BESIDE)[1]
             cells = ["0", self.judge(f"{100 * share:.1f}", share <= most), "-", "-", "-"]
         else:
             held = sum(figure.low <= truth <= figure.high for figure in found)
             self.bands += trials
             self.held += held
             inside = held / trials
-            low, high = binomial_band(trials, 0.95)
+            low, high = binomial(trials, 0.95, BESIDE)
             # A band that begins at zero for want of evidence holds small truths more often.
             good = low <= inside and (inside <= high or share < 1.0)
             spread = "-"
@@ -147,9 +147,9 @@ def main() -> None:
                     found = [axis[k] for run in runs for axis in run[s]]
                     judge.add(f"{case.unit}, {sensor}, {figure}", truth, found)
     trials = 3 * given.runs
-    low, high = binomial_band(trials, 0.95)
+    low, high = binomial(trials, 0.95, BESIDE)
     band = f"{100 * low:.1f} to {100 * high:.1f}"
-    expected = (1 - BAND) * judge.checked
+    expected = BESIDE * judge.checked
     share = 100 * judge.held / judge.bands
     body = f"""
 Written by `make accuracy`: {given.runs} simulated units at rest of each kind, {DURATION_S / 3600:g} h
@@ -161,7 +161,7 @@ the table; three axes each.
 * σ: the stated standard deviation, % of the truth, where all are seen; error / σ: root mean square, 1 if σ is
   true.
 * 95 %: share of the bands that hold the truth. Of {trials} perfect bands {band} % do,
-  {100 * BAND:.0f} times of 100; figures outside are bold. A figure that is not seen on every axis may be held
+  {100 * (1 - BESIDE):.0f} times of 100; figures outside are bold. A figure that is not seen on every axis may be held
   more often: its band begins at zero.
 
 | unit, sensor, figure | truth, SI | seen | σ, % | error / σ | 95 % |

@@ -1,5 +1,6 @@
 """The installed package: what it holds, what it says of itself, and what it leaves alone."""
 
+import os
 import re
 import subprocess
 import sys
@@ -54,3 +55,13 @@ def test_command_is_installed():
     assert done.returncode == 0
     for name in ("demo", "convert", "inspect", "calibrate", "evaluate", "apply", "simulate"):
         assert name in done.stdout
+
+
+def test_every_benchmark_can_be_imported():
+    """Those that `make test` does not run, too: they take minutes, and what they import may have moved."""
+    modules = sorted(path.stem for path in (ROOT / "benches").glob("*.py"))
+    assert len(modules) > 8
+    code = "; ".join(f"import {module}" for module in modules)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT / "benches")}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
