@@ -150,6 +150,7 @@ def main() -> None:
     low, high = binomial(trials, 0.95, BESIDE)
     band = f"{100 * low:.1f} to {100 * high:.1f}"
     expected = BESIDE * judge.checked
+    of_hundred = f"{100 * (1 - BESIDE):.0f}"
     share = 100 * judge.held / judge.bands
     body = f"""
 Written by `make accuracy`: {given.runs} simulated units at rest of each kind, {DURATION_S / 3600:g} h
@@ -161,7 +162,7 @@ the table; three axes each.
 * σ: the stated standard deviation, % of the truth, where all are seen; error / σ: root mean square, 1 if σ is
   true.
 * 95 %: share of the bands that hold the truth. Of {trials} perfect bands {band} % do,
-  {100 * (1 - BESIDE):.0f} times of 100; figures outside are bold. A figure that is not seen on every axis may be held
+  {of_hundred} times of 100; figures outside are bold. A figure that is not seen on every axis may be held
   more often: its band begins at zero.
 
 | unit, sensor, figure | truth, SI | seen | σ, % | error / σ | 95 % |
