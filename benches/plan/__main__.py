@@ -18,9 +18,7 @@ from plan.duration import curve, durations, visible
 from plan.page import figure, gates, page
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
-RUNS = 300
-# Longer programs have half as many.
-LONG_MINUTES = 10.0
+RUNS = 1000
 
 
 def main() -> int:
@@ -35,8 +33,7 @@ def main() -> int:
         agreements = []
         for case in track(cases(), "calibrations", disable=not sys.stderr.isatty()):
             minutes = sum(planned(motion).minutes for motion in case.motions)
-            runs = given.runs if minutes < LONG_MINUTES else given.runs // 2
-            found = list(pool.map(case.errors, range(1, runs + 1), chunksize=8))
+            found = list(pool.map(case.errors, range(1, given.runs + 1), chunksize=8))
             agreements.append(Agreement.of(case, minutes, found))
             print(f"{case.name}: worst {agreements[-1].worst:.3f}", file=sys.stderr, flush=True)
         found_durations, found_points = searched.result(), points.result()

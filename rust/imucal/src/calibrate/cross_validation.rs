@@ -25,7 +25,7 @@ pub struct CrossValidation {
 /// Fits `folds` times without every `folds`-th move and as often without every `folds`-th rest, and judges on what was left out.
 ///
 /// # Errors
-/// As [`calibrate`]; [`Error::Input`] for fewer than two folds.
+/// As [`calibrate`](super::calibrate()); [`Error::Input`] for fewer than two folds.
 pub fn cross_validate(
     recordings: &[Recording<'_>],
     options: &Options<'_>,
