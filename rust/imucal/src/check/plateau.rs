@@ -15,15 +15,22 @@ const SIBLING_STEPS: f64 = 2.0;
 const FAR_STEPS: f64 = 12.0;
 const SIBLING_SHARE: f64 = 0.05;
 
-/// Plateaus of one kind: samples in all of them, and in the longest.
+/// At the apex of a peak noise holds a channel for three samples now and then; a clean recording in so many may be refused.
+const BY_CHANCE: f64 = 1e-5;
+/// Where noise is less than a step, neighbours at an apex are equal more often than not.
+const MOST_EQUAL: f64 = 0.5;
+
+/// Plateaus of one kind: how many, samples in all of them, and in the longest.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
+    count: usize,
     samples: usize,
     longest: usize,
 }
 
 impl Kind {
     fn add(&mut self, len: usize) {
+        self.count += 1;
         self.samples += len;
         self.longest = self.longest.max(len);
     }
@@ -32,6 +39,22 @@ impl Kind {
     pub(super) fn stand_out_from(&self, usual: &Self) -> bool {
         self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
     }
+
+    /// Whether noise may have made them, of which this share of neighbours is equal.
+    pub(super) fn is_chance(&self, equal: f64) -> bool {
+        equal.powi((self.samples - self.count) as i32) > BY_CHANCE
+    }
+}
+
+/// Share of the neighbours of one axis that are equal, at values that are no end of it.
+pub(super) fn equal_neighbours(rows: &[[f64; 3]], axis: usize, ends: &[f64; 2]) -> f64 {
+    let inside = |pair: &&[[f64; 3]]| !ends.contains(&pair[0][axis]);
+    let (mut equal, mut pairs) = (1.0, 1.0);
+    for pair in rows.windows(2).filter(inside) {
+        pairs += 1.0;
+        equal += f64::from(u8::from(pair[0][axis] == pair[1][axis]));
+    }
+    f64::min(equal / pairs, MOST_EQUAL)
 }
 
 /// Plateaus at the lowest and the highest value, and at any other.
@@ -109,6 +132,28 @@ mod tests {
             .collect();
         let ends = [0, 1, 2].map(|k| super::super::values::extremes(&rows, k));
         plateaus(&rows, 0, &ends, &[1.0, 1.0, f64::INFINITY]).at_end[1].samples
+    }
+
+    #[test]
+    fn few_equal_samples_are_chance_where_neighbours_often_are_equal() {
+        let plateaus = |lengths: &[usize]| {
+            let mut kind = Kind::default();
+            lengths.iter().for_each(|len| kind.add(*len));
+            kind
+        };
+        // Noise of four steps leaves one pair in fourteen equal, numbers with all their digits none.
+        for (lengths, equal, is_chance) in [
+            (&[3][..], 0.07, true),
+            (&[3, 3], 0.07, true),
+            (&[6], 0.07, false),
+            (&[3, 3, 3], 0.04, false),
+            (&[3], 1e-4, false),
+        ] {
+            assert_eq!(plateaus(lengths).is_chance(equal), is_chance, "{lengths:?} {equal}");
+        }
+        let rows: Vec<[f64; 3]> = (0..3100).map(|i| [0.0, f64::from(i), 1.0]).collect();
+        assert!(equal_neighbours(&rows, 1, &[0.0, 3099.0]) < 1e-3);
+        assert!((equal_neighbours(&rows, 2, &[0.0, 2.0]) - MOST_EQUAL).abs() < 1e-12);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::plateau::{PLATEAU, piles_up, plateaus};
+use super::plateau::{PLATEAU, equal_neighbours, piles_up, plateaus};
 use super::values::{converter_step, extremes};
 use super::{ACCEL, GYRO, Tally, names, unit_name};
 use crate::finding::Finding;
@@ -121,8 +121,8 @@ fn finding(
 /// The ends of range that each axis of a triad reaches.
 ///
 /// Two kinds of evidence: a count that is exactly an end of 16 bits, once is enough; or plateaus at a channel's extreme
-/// value, where the channel comes and goes in more than single steps while another axis moves, and which are rare or
-/// short at other values of the channel; such a rail is no less than `lowest_over_median` times the median
+/// value, where the channel comes and goes in more than single steps while another axis moves, which are rare or short at
+/// other values of the channel, and which its noise does not make by chance; such a rail is no less than `lowest_over_median` times the median
 /// length of the rows. Other powers of two are no evidence by themselves: 2048 or 16384 counts are 1 g of common accelerometers.
 fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Rails; 3] {
     let ends: [[f64; 2]; 3] = [0, 1, 2].map(|axis| extremes(rows, axis));
@@ -162,7 +162,8 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
             let end = ends[axis][side];
             let cut_off = (end - zero).abs() >= lowest_rail
                 && plateaus.at_end[side].stand_out_from(&plateaus.elsewhere)
-                && piles_up(rows, axis, end, steps[axis]);
+                && piles_up(rows, axis, end, steps[axis])
+                && !plateaus.at_end[side].is_chance(equal_neighbours(rows, axis, &ends[axis]));
             (is_16_bit_end(end) || cut_off).then_some(end)
         })
     });
