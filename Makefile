@@ -133,9 +133,10 @@ $(VENV)/.sdist: $(SOURCES) tests/sdist_smoke.py | $(VENV)/.tools
 	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/sdist_smoke.py
 	@touch $@
 
+# One process per core; the tests of a file share what they have simulated, so a file stays in one process.
 test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
-	$(PY) -m pytest
+	$(PY) -m pytest --numprocesses auto --dist loadfile
 
 # --- pages -------------------------------------------------------------------------------------------------------
 
