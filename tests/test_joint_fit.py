@@ -151,3 +151,13 @@ def test_a_large_bias_instability_is_seen_and_standard_deviations_are_true():
     assert np.median(seen) == pytest.approx(60.0, rel=0.15)
     # Nine parameters and fifteen runs: chi2 of 135 degrees of freedom, a band of 99.9 %.
     assert 0.66 < np.mean(squares) < 1.45
+
+
+@pytest.mark.parametrize("seed", [1, 3, 5, 6])
+def test_a_filter_does_not_make_a_stand_a_hand(seed):
+    """Filtered noise has hardly any of the high frequencies by which sensors are told from a hand."""
+    result = imucal.calibrate(imucal.simulate("random", seed=seed, filter_hz=15.0).recording)
+    assert result.fit["tremor_deg"] == [None]
+    chi2, free = (result.fit["joint"][name] for name in ("chi2", "degrees_of_freedom"))
+    # Four standard deviations of what noise leaves.
+    assert chi2 < free + 4.0 * (2.0 * free) ** 0.5

@@ -17,13 +17,15 @@ use crate::lsq::by_chance;
 use crate::moves::{Carried, UnitRest, variance_per_axis};
 use crate::recording::Recording;
 use crate::segment::{NoiseDensity, Rest, sample_interval_s};
-use crate::stats::{median, random_effects_mean};
+use crate::stats::{median, quantile, random_effects_mean};
 
 /// Coefficients of the fourth difference and their sum of squares.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
 const SQUARES: f64 = 70.0;
 /// Samples further from the end of a rest than this many averaging times have no weight.
 const REACH: f64 = 5.0;
+/// Share of the rests that a hand may hold without tremor.
+const FEW: f64 = 0.1;
 /// Averaging times that a rest has room for at least.
 const ROOM: f64 = 6.0;
 
@@ -85,7 +87,10 @@ impl Hand {
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
         let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
-        let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt();
+        // Noise that a filter has coloured has hardly any fourth differences, and what force and turn have in common by chance is
+        // more than it seems to cost; but by chance it is as often negative.
+        let everywhere = quantile(&mut tremors, FEW) > 0.0;
+        let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
         trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
     }
 
