@@ -12,6 +12,7 @@ __all__ = [
     "REFERENCE_TEMPERATURE_DEGC",
     "AxisNoise",
     "Carried",
+    "Checked",
     "Diagnosis",
     "Effect",
     "EffectEstimate",
@@ -20,6 +21,7 @@ __all__ = [
     "Figures",
     "FitReport",
     "GenericFinding",
+    "HeldOut",
     "Inspection",
     "Misfit",
     "Move",
@@ -36,12 +38,12 @@ __all__ = [
     "allan_deviations",
     "allan_factors",
     "angular_acceleration",
+    "attitudes",
     "calibrate",
     "chi2_p_value",
     "convert_frame",
     "correct",
     "correct_recording",
-    "cross_validate",
     "earth_rate_radps",
     "effect_field",
     "effects",
@@ -166,6 +168,8 @@ class _Options(Protocol):
     def effects(self) -> Sequence[tuple[str, bool]]: ...
     @property
     def user_fields(self) -> Sequence[_UserField]: ...
+    @property
+    def folds(self) -> int | None: ...
 
 @final
 class Effect:
@@ -313,7 +317,22 @@ class EffectEstimate:
     def statistic(self) -> float: ...
 
 @final
+class Checked:
+    def __new__(cls, recordings: Sequence[_Recording], options: _Options) -> Checked: ...
+
+@final
+class HeldOut:
+    @property
+    def gravity_direction_rms_deg(self) -> float: ...
+    @property
+    def direction_error_deg(self) -> _Array: ...
+    @property
+    def norm_error_mps2(self) -> _Array: ...
+
+@final
 class Outcome:
+    @property
+    def held_out(self) -> HeldOut | None: ...
     @property
     def misfit(self) -> Misfit | None: ...
     @property
@@ -608,20 +627,19 @@ class Search:
     @property
     def in_motion_left_out(self) -> str | None: ...
 
+def attitudes(time_s: _Array, angular_rate: _Array, at: Sequence[int]) -> _Array: ...
 def gap_design(
     recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
 ) -> tuple[_Array, _Array, list[tuple[str, _Array]]]: ...
 def search_gap(
+    checked: Checked,
     recordings: Sequence[_Recording],
     options: _Options,
     candidates: Sequence[tuple[str, bool]],
     user_fields: Sequence[_UserField],
 ) -> Search: ...
-def calibrate(recordings: Sequence[_Recording], options: _Options) -> Outcome: ...
+def calibrate(checked: Checked, recordings: Sequence[_Recording], options: _Options) -> Outcome: ...
 def prospect(recordings: Sequence[_Recording], options: _Options) -> Prospect: ...
-def cross_validate(
-    recordings: Sequence[_Recording], options: _Options, folds: int
-) -> tuple[float, _Array, _Array]: ...
 def evaluate(
     calibration: _Calibration,
     uncalibrated: _Triad,

@@ -72,6 +72,7 @@ class Options:
     user_fields: tuple[UserField, ...] = ()
     joint: bool = True
     wander: tuple[Wander, Wander] | None = None
+    folds: int | None = None
 
 
 @dataclass(frozen=True)
@@ -122,13 +123,13 @@ def calibrate(
     """
     from imucal import _core
 
-    unit_data = _of_one_unit(recordings)
+    unit_data = of_one_unit(recordings)
     if folds is not None and not 2 <= folds <= MOST_FOLDS:
         raise InputError(
             f"folds is {folds}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
         )
     body_frame = as_frame(frame)
-    wanted, own = _asked_for(effects)
+    wanted, own = asked_for(effects)
     options = Options(
         float(gravity_mps2),
         body_frame,
@@ -139,35 +140,39 @@ def calibrate(
         wanted,
         joint=joint,
         wander=_wander(unit),
+        folds=folds,
     )
+    judges = _as_list(control)
+    require_other_data(unit_data, judges)
+    return calibrated(_core.Checked(unit_data, options), unit_data, options, own, judges, serial_number)
+
+
+def calibrated(
+    checked: _core.Checked,
+    unit_data: Sequence[Recording],
+    options: Options,
+    own: tuple[UserEffect, ...] = (),
+    judges: Sequence[Recording] = (),
+    serial_number: str | None = None,
+) -> CalibrationResult:
+    """As `calibrate`, of recordings that are checked with the same options but for effects and folds."""
+    from imucal import _core
+
     raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
-    outcome = _core.calibrate(unit_data, options)
+    outcome = _core.calibrate(checked, unit_data, options)
     if own:
-        options, outcome = _with_user_effects(unit_data, options, own, outcome)
+        options, outcome = _with_user_effects(checked, unit_data, options, own, outcome)
     carried = tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects)
     figures = fields_of(outcome.figures, FIGURES)
-    held_out = None
-    if folds is not None:
-        rms_deg, error_deg, norm_error_mps2 = _core.cross_validate(unit_data, options, folds)
-        known = norm_error_mps2[np.isfinite(norm_error_mps2)]
-        held_out = {
-            "folds": folds,
-            "gravity_direction_rms_deg": rms_deg,
-            "direction_error_deg": without_nan(error_deg),
-            "gravity_norm_rms_mps2": float(np.sqrt(np.mean(known**2))) if len(known) else None,
-            "norm_error_mps2": without_nan(norm_error_mps2),
-        }
-    judges = _as_list(control)
-    _require_other_data(unit_data, judges)
 
     def made(control_set: Mapping[str, Any] | None) -> Calibration:
         return Calibration(
             accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
             gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
-            frame=body_frame,
+            frame=options.frame,
             accel_unit=raw_units[0],
             gyro_unit=raw_units[1],
-            gravity_mps2=gravity_mps2,
+            gravity_mps2=options.gravity_mps2,
             effects=carried,
             user_effects=own,
             covariance=outcome.covariance,
@@ -192,7 +197,7 @@ def calibrate(
         )
 
     calibration = made(None)
-    judged = evaluate(calibration, judges, min_rest_s=min_rest_s) if judges else None
+    judged = evaluate(calibration, judges, min_rest_s=options.min_rest_s) if judges else None
     if judged is not None:
         calibration = made(judged.figures)
     reasons = [
@@ -206,7 +211,7 @@ def calibrate(
         rests=_with_misfits(reported(outcome.rests, REST, unit_data), outcome.rests),
         moves=_with_misfits(reported(outcome.moves, MOVE, unit_data), outcome.moves),
         findings=(*(f for r in unit_data for f in r.findings), *outcome.findings),
-        held_out=held_out,
+        held_out=_held_out(outcome, options.folds),
         control=judged,
         reasons=tuple(reasons),
         diagnosis=tuple(fields_of(item, DIAGNOSIS) for item in outcome.diagnosis),
@@ -226,7 +231,7 @@ def _wander(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wander]
     return None if still else (of[0], of[1])
 
 
-def _asked_for(
+def asked_for(
     effects: Sequence[str | UserEffect],
 ) -> tuple[tuple[tuple[str, bool], ...], tuple[UserEffect, ...]]:
     """Names of the catalogue with whether their full form is meant, and the user's own effects."""
@@ -245,8 +250,27 @@ def _asked_for(
     return tuple(wanted), tuple(effect for effect in effects if isinstance(effect, UserEffect))
 
 
+def _held_out(outcome: _core.Outcome, folds: int | None) -> dict[str, Any] | None:
+    """Rests and moves predicted by the others, if folds were asked for."""
+    if outcome.held_out is None:
+        return None
+    norm_error_mps2 = outcome.held_out.norm_error_mps2
+    known = norm_error_mps2[np.isfinite(norm_error_mps2)]
+    return {
+        "folds": folds,
+        "gravity_direction_rms_deg": outcome.held_out.gravity_direction_rms_deg,
+        "direction_error_deg": without_nan(outcome.held_out.direction_error_deg),
+        "gravity_norm_rms_mps2": float(np.sqrt(np.mean(known**2))) if len(known) else None,
+        "norm_error_mps2": without_nan(norm_error_mps2),
+    }
+
+
 def _with_user_effects(
-    unit_data: Sequence[Recording], options: Options, own: tuple[UserEffect, ...], outcome: _core.Outcome
+    checked: _core.Checked,
+    unit_data: Sequence[Recording],
+    options: Options,
+    own: tuple[UserEffect, ...],
+    outcome: _core.Outcome,
 ) -> tuple[Options, _core.Outcome]:
     """Estimate with the fields of `own`, again until they settle: they may depend on the corrected state."""
     from imucal import _core
@@ -269,7 +293,7 @@ def _with_user_effects(
         ):
             break
         options = replace(options, user_fields=fields)
-        outcome = _core.calibrate(unit_data, options)
+        outcome = _core.calibrate(checked, unit_data, options)
     return options, outcome
 
 
@@ -344,7 +368,7 @@ def _as_list(recordings: Recording | Sequence[Recording] | None) -> list[Recordi
     return [recordings] if isinstance(recordings, Recording) else list(recordings)
 
 
-def _of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     """The recordings as a list; they must agree on what the numbers are."""
     unit_data = _as_list(recordings)
     if not unit_data:
@@ -359,7 +383,7 @@ def _of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]
     return unit_data
 
 
-def _require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
+def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
     """A control recording must not be one that the calibration is made of."""
     for judge in judges:
         for recording in unit_data:

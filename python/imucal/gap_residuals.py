@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -128,7 +127,8 @@ class Residuals:
             inputs = {"time": rest["start_s"], "gravity": up, "gravity_squared": _products(up)}
             inputs |= self._temperature(corrected, span)
             inputs["sign_of_the_last_turn"] = np.sign(turns.get((rest["recording"], k), np.zeros(3)))
-            table.add(k, values, sigma, {name: np.tile(given, (4, 1)) for name, given in inputs.items()})
+            shared = {name: np.broadcast_to(given, (1, 4, np.size(given))) for name, given in inputs.items()}
+            table.add(k, values[None], sigma[None], shared)
             chi2 = float(np.sum((values / sigma) ** 2))
             self.rests.append(
                 Item(rest["recording"], k, chi2, 4, norm - self._gravity, rest["excluded"] is not None)
@@ -148,7 +148,8 @@ class Residuals:
                 sigma = float(np.sqrt(np.mean(self._gyro**2) * move["duration_s"] + ends))
             # A turn about gravity is not seen.
             across = np.sqrt(np.maximum(1.0 - after**2, 1e-4))
-            directions.add(k, error, sigma * across, path.driven())
+            driven = {name: sums[None] for name, sums in path.driven().items()}
+            directions.add(k, error[None], (sigma * across)[None], driven)
             error_deg = float(np.degrees(np.arctan2(np.linalg.norm(error), after @ carried)))
             chi2, left_out = float(error @ error) / sigma**2, move["excluded"] is not None
             self.moves.append(Item(move["recording"], k, chi2, 2, error_deg, left_out))
@@ -162,16 +163,12 @@ class Residuals:
         since_s = path.time_s + path.length_s - path.time_s[0]
         drift = (1.0 - up**2) * (self._gravity * self._gyro) ** 2 * since_s[:, None]
         sigma = np.sqrt(self._accel**2 / path.length_s[:, None] + drift)
-        squares, rates = _products(up), _products(path.rate)
-        for b in range(len(values)):
-            inputs = {
-                "angular_acceleration": path.acceleration[b],
-                "rate_squared": rates[b],
-                "gravity_squared": squares[b],
-            }
-            table.add(
-                k, values[b], sigma[b], {name: np.tile(given, (3, 1)) for name, given in inputs.items()}
-            )
+        given = {
+            "angular_acceleration": path.acceleration,
+            "rate_squared": _products(path.rate),
+            "gravity_squared": _products(up),
+        }
+        table.add(k, values, sigma, {name: np.repeat(of[:, None], 3, axis=1) for name, of in given.items()})
 
     def _up(self, move: Mapping[str, Any], end: str) -> FloatArray:
         """Direction of gravity before or after a move; of one that was left out, that of the rest."""
@@ -200,7 +197,7 @@ class _Table:
         self.inputs: list[Mapping[str, FloatArray]] = []
 
     def add(self, item: int, values: FloatArray, sigma: FloatArray, inputs: Mapping[str, FloatArray]) -> None:
-        """`inputs`: name -> (axes, p)."""
+        """Of one item, (n, axes) each; `inputs`: name -> (n, axes, p)."""
         self.items.add(item)
         self.values.append(values)
         self.sigma.append(sigma)
@@ -209,9 +206,12 @@ class _Table:
     def column(self, axis: int) -> tuple[FloatArray, FloatArray, int, dict[str, FloatArray]]:
         """Values, sigma, number of items and inputs of one axis."""
         shared = set.intersection(*(set(inputs) for inputs in self.inputs))
-        inputs = {name: np.array([given[name][axis] for given in self.inputs]) for name in shared}
-        values, sigma = np.array(self.values)[:, axis], np.array(self.sigma)[:, axis]
-        return values, sigma, len(self.items), dict(sorted(inputs.items()))
+
+        def of(parts: Sequence[FloatArray]) -> FloatArray:
+            return np.concatenate([part[:, axis] for part in parts])
+
+        inputs = {name: of([given[name] for given in self.inputs]) for name in sorted(shared)}
+        return of(self.values), of(self.sigma), len(self.items), inputs
 
 
 class _Path:
@@ -230,14 +230,9 @@ class _Path:
         time_s, rate = corrected.time_s, corrected.angular_rate
         step = max(2, round(BLOCK_S * (last - first) / (time_s[last] - time_s[first])))
         at = np.array([*range(first, last - step + 1, step), last])
-        whole: FloatArray = np.eye(3)
-        middle, edges = [], [whole]
-        for a, b in itertools.pairwise(at):
-            turn = _matrix(_core.integrate(time_s[a : b + 1], rate[a : b + 1]))
-            middle.append(whole @ _half(turn))
-            whole = whole @ turn
-            edges.append(whole)
-        self.middle, self.edges = np.array(middle), np.array(edges)
+        span = slice(first, last + 1)
+        both = _matrices(_core.attitudes(time_s[span], rate[span], (at - first).tolist()))
+        self.edges, self.middle = both[::2], both[1::2]
         self.time_s, self.length_s = time_s[at[:-1]], np.diff(time_s[at])
         self.rate = _means(time_s, rate, at)
         self.force = _means(time_s, corrected.specific_force, at)
@@ -302,15 +297,15 @@ def _means(time_s: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray
     return means
 
 
-def _matrix(quaternion: FloatArray) -> FloatArray:
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+def _matrices(wxyz: FloatArray) -> FloatArray:
+    """Of quaternions, (n, 4), to (n, 3, 3)."""
+    w, x, y, z = wxyz.T
+    rows = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def _vector(rotation: FloatArray) -> FloatArray:
@@ -326,9 +321,3 @@ def _vector(rotation: FloatArray) -> FloatArray:
         return skew / 2.0
     half_turn: FloatArray = np.pi * np.sqrt(np.maximum((np.diag(rotation) + 1.0) / 2.0, 0.0))
     return half_turn
-
-
-def _half(rotation: FloatArray) -> FloatArray:
-    """The rotation by half the angle, of a small one."""
-    x, y, z = _vector(rotation) / 4.0
-    return _matrix(np.array([1.0, x, y, z]) / np.sqrt(1.0 + x * x + y * y + z * z))

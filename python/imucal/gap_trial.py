@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucal.calibrate import Options, calibrate, fields_for_library
+from imucal.calibrate import (
+    Options,
+    asked_for,
+    calibrated,
+    fields_for_library,
+    of_one_unit,
+    require_other_data,
+)
 from imucal.calibration_result import CalibrationResult
 from imucal.effects import UserEffect, catalogue
 from imucal.errors import FitError, NotEnoughMotionError
@@ -39,10 +47,12 @@ class Trial:
         user_effects: Mapping[str, UserEffect],
         stage: Callable[[str], None],
     ) -> None:
-        self.unit_data, self.judges, self.user_effects = unit_data, judges, user_effects
+        self.unit_data, self.judges, self.user_effects = of_one_unit(unit_data), judges, user_effects
+        require_other_data(self.unit_data, judges or ())
         self.gravity_mps2, self.min_rest_s = gravity_mps2, min_rest_s
-        self.exclude_saturated = exclude_saturated
+        self.options = Options(gravity_mps2, "symmetric", min_rest_s, exclude_saturated, None, None)
         self.stage = stage
+        self._known: _core.Checked | None = None
         self._fits: dict[tuple[str, ...], CalibrationResult] = {}
 
     def fit(self, names: Sequence[str]) -> CalibrationResult:
@@ -54,25 +64,28 @@ class Trial:
 
     def _fit(self, names: tuple[str, ...]) -> CalibrationResult:
         self.stage(f"fitting with {' and '.join(names)}" if names else "fitting without effects")
-        return calibrate(
-            list(self.unit_data),
-            control=None if self.judges is None else list(self.judges),
-            gravity_mps2=self.gravity_mps2,
-            min_rest_s=self.min_rest_s,
-            exclude_saturated=self.exclude_saturated,
-            effects=[self.user_effects.get(name, name) for name in names],
-            folds=FOLDS if self.judges is None else None,
-        )
+        effects = [self.user_effects.get(name, name) for name in names]
+        wanted, own = asked_for(effects)
+        options = replace(self.options, effects=wanted, folds=FOLDS if self.judges is None else None)
+        return calibrated(self._checked(), self.unit_data, options, own, self.judges or ())
+
+    def _checked(self) -> _core.Checked:
+        """The recordings change as little as the options: they are checked once."""
+        from imucal import _core
+
+        if self._known is None:
+            self._known = _core.Checked(self.unit_data, self.options)
+        return self._known
 
     def search(self, before: CalibrationResult, wanted: Sequence[str] | None) -> _core.Search:
         """What explains the recordings, out of the effects that are wanted."""
         from imucal import _core
 
         names = wanted if wanted is not None else [effect.name for effect in catalogue()]
-        options = Options(self.gravity_mps2, "symmetric", self.min_rest_s, self.exclude_saturated, None, None)
         self.stage(f"scoring {len(names) + len(self.user_effects)} effects")
         fields = fields_for_library(before.calibration, self.unit_data, tuple(self.user_effects.values()))
-        return _core.search_gap(self.unit_data, options, [(name, False) for name in names], fields)
+        wide = [(name, False) for name in names]
+        return _core.search_gap(self._checked(), self.unit_data, self.options, wide, fields)
 
     def metric(self, before: CalibrationResult, after: CalibrationResult) -> tuple[str, float, float, float]:
         """Name, value before and after, and floor of the figure on what no fit has seen that changes most."""

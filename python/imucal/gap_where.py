@@ -47,7 +47,8 @@ def disagreement(
     # What wanders by chance is what still does when the effects have joined: before, they are taken for it.
     wander = after.fit.get("bias_instability_radps")
     left = Residuals(before, recordings, inside_moves, wander)
-    explained = {(c.name, c.axis): c for c in Residuals(after, recordings, inside_moves, wander).channels()}
+    right = left if after is before else Residuals(after, recordings, inside_moves, wander)
+    explained = {(c.name, c.axis): c for c in right.channels()}
     # What depends on the heading, or acts on the stand, no correction of the signals takes away.
     unseen = bool(left_in_data(after.calibration))
     channels = left.channels()

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.calibrate import Options
 from imucal.document import plain
 from imucal.effects import Effect, catalogue
 from imucal.errors import ImucalError
@@ -159,8 +158,7 @@ def _separation(
 def _design(trial: Trial, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
     from imucal import _core
 
-    options = Options(trial.gravity_mps2, "symmetric", trial.min_rest_s, trial.exclude_saturated, None, None)
-    _, base, candidates = _core.gap_design(recordings, options, [(name, False) for name in names])
+    _, base, candidates = _core.gap_design(recordings, trial.options, [(name, False) for name in names])
     # Only products of columns count: R of their QR factors has the same ones in a few rows.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}

@@ -15,7 +15,7 @@
 
 mod block;
 
-pub use block::{BlockSums, rest_statistic};
+pub use block::{BlockSums, rest_statistic, statistic_of};
 
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, Vector6};

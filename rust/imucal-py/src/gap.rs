@@ -3,10 +3,12 @@
 use imucal::calibrate::{EffectChoice, UserField};
 use imucal::error::Error;
 use imucal::gap as library;
-use numpy::{PyArray1, PyArray2};
+use imucal_core::so3;
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use crate::arrays::{RecordingColumns, UserFieldArrays};
+use crate::_core::Checked;
+use crate::arrays::{RecordingColumns, UserFieldArrays, column, rows};
 use crate::effects::find;
 use crate::error::ToPython;
 use crate::options::CalibrateOptions;
@@ -89,6 +91,7 @@ pub(crate) fn choices(candidates: &[(String, bool)]) -> Result<Vec<EffectChoice>
 #[pyfunction]
 pub(crate) fn search_gap(
     py: Python<'_>,
+    checked: &Checked,
     recordings: Vec<RecordingColumns<'_>>,
     options: CalibrateOptions<'_>,
     candidates: Vec<(String, bool)>,
@@ -98,7 +101,7 @@ pub(crate) fn search_gap(
     let recordings = RecordingColumns::views(py, &recordings)?;
     let candidates = choices(&candidates).to_python(py)?;
     let fields: Vec<UserField<'_>> = user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?;
-    let found = py.detach(|| library::search(&recordings, &options, &candidates, &fields)).to_python(py)?;
+    let found = py.detach(|| library::search(&checked.0, &recordings, &options, &candidates, &fields)).to_python(py)?;
     let scores = |all: Vec<library::Score>| all.into_iter().map(|s| EffectScore::new(py, s)).collect::<PyResult<_>>();
     let generic = found.generic.map(|g| {
         let (block, kernel) = (g.block.name(), g.kernel.name());
@@ -120,4 +123,19 @@ pub(crate) fn search_gap(
         scattering_rests: found.scattering_rests,
         in_motion_left_out: found.in_motion_left_out,
     })
+}
+
+/// Rotations `[w, x, y, z]` from the body at the samples `at` of a stretch, and half-way between each two, to the body at the
+/// first sample, (2 n - 1, 4).
+#[pyfunction]
+pub(crate) fn attitudes<'py>(
+    py: Python<'py>,
+    time_s: PyReadonlyArray1<'py, f64>,
+    angular_rate: PyReadonlyArray2<'py, f64>,
+    at: Vec<usize>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (time, rate) = (column(py, &time_s, "time_s")?, rows(py, &angular_rate, "angular_rate")?);
+    let rotations = py.detach(|| library::attitudes(time, rate, &at)).to_python(py)?;
+    let wxyz: Vec<Vec<f64>> = rotations.iter().map(|rotation| so3::to_wxyz(rotation).to_vec()).collect();
+    Ok(PyArray2::from_vec2(py, &wxyz)?)
 }

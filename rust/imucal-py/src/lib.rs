@@ -32,7 +32,7 @@ mod _core {
     use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};
     #[pymodule_export]
-    use super::gap::{EffectScore, GenericFinding, Search, gap_design, search_gap};
+    use super::gap::{EffectScore, GenericFinding, Search, attitudes, gap_design, search_gap};
     #[pymodule_export]
     use super::noise::{AxisNoise, Noise, NoiseEstimate, allan_deviations, allan_factors, identify_noise};
     use super::options::{CalibrateOptions, frame_named};
@@ -40,7 +40,7 @@ mod _core {
     use super::plan::{optimal_program, plan_effect_parameters, predict_sigma, smallest_visible};
     #[pymodule_export]
     use super::results::{
-        Carried, Diagnosis, EffectEstimate, Evaluation, Figures, FitReport, Inspection, Misfit, Move, Outcome,
+        Carried, Diagnosis, EffectEstimate, Evaluation, Figures, FitReport, HeldOut, Inspection, Misfit, Move, Outcome,
         Prospect, ResidualScales, Rest, Threshold,
     };
     #[pymodule_export]
@@ -56,9 +56,6 @@ mod _core {
 
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
-    /// What was held out: rms of directions, the error of each, and errors of norms.
-    type Held<'py> = (f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
-
     fn require_same_length(time: usize, rate: usize) -> Result<(), Error> {
         if time == rate {
             return Ok(());
@@ -66,16 +63,32 @@ mod _core {
         Err(Error::Input(format!("time_s has {time} rows, angular_rate {rate}")))
     }
 
+    /// Recordings that have passed the checks, the rests and moves in them, and where all fits start. It goes with these
+    /// recordings and with these options but for effects and folds.
+    #[pyclass(frozen, module = "imucal._core")]
+    pub(crate) struct Checked(pub(crate) library::calibrate::Checked);
+
+    #[pymethods]
+    impl Checked {
+        #[new]
+        fn new(py: Python<'_>, recordings: Vec<RecordingColumns<'_>>, options: CalibrateOptions<'_>) -> PyResult<Self> {
+            let options = options.options(py)?;
+            let recordings = RecordingColumns::views(py, &recordings)?;
+            py.detach(|| library::calibrate::Checked::try_new(&recordings, &options)).to_python(py).map(Self)
+        }
+    }
+
     /// Calibrates one unit from its recordings.
     #[pyfunction]
     fn calibrate(
         py: Python<'_>,
+        checked: &Checked,
         recordings: Vec<RecordingColumns<'_>>,
         options: CalibrateOptions<'_>,
     ) -> PyResult<Outcome> {
         let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
-        let outcome = py.detach(|| library::calibrate::calibrate(&recordings, &options)).to_python(py)?;
+        let outcome = py.detach(|| checked.0.calibrate(&recordings, &options)).to_python(py)?;
         let diagnosis = library::diagnosis::diagnose(&outcome, &recordings);
         Outcome::new(py, outcome, diagnosis)
     }
@@ -90,22 +103,6 @@ mod _core {
         let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         Ok(py.detach(|| library::calibrate::prospect(&recordings, &options)).to_python(py)?.into())
-    }
-
-    /// Rms direction error, deg, over moves that the fit has not seen, the error of each move, and errors of |f| at rests that
-    /// it has not seen, m/s^2.
-    #[pyfunction]
-    fn cross_validate<'py>(
-        py: Python<'py>,
-        recordings: Vec<RecordingColumns<'py>>,
-        options: CalibrateOptions<'py>,
-        folds: usize,
-    ) -> PyResult<Held<'py>> {
-        let options = options.options(py)?;
-        let recordings = RecordingColumns::views(py, &recordings)?;
-        let result = py.detach(|| library::calibrate::cross_validate(&recordings, &options, folds)).to_python(py)?;
-        let array = |values| PyArray1::from_vec(py, values);
-        Ok((result.gravity_direction_rms_deg, array(result.direction_error_deg), array(result.norm_error_mps2)))
     }
 
     /// Judges a calibration on recordings; `uncalibrated` is the gyroscope that the carried gravity is compared with.

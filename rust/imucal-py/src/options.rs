@@ -45,6 +45,7 @@ pub(crate) struct CalibrateOptions<'py> {
     /// Name, and whether the full form is asked for.
     effects: Vec<(String, bool)>,
     user_fields: Vec<UserFieldArrays<'py>>,
+    folds: Option<usize>,
 }
 
 impl CalibrateOptions<'_> {
@@ -65,6 +66,7 @@ impl CalibrateOptions<'_> {
             }),
             effects: effects.to_python(py)?,
             user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
+            folds: self.folds,
         })
     }
 }

@@ -249,8 +249,31 @@ pub(crate) struct Outcome {
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Py<Figures>,
+    held_out: Option<Py<HeldOut>>,
     findings: Vec<Py<PyAny>>,
     diagnosis: Vec<Py<Diagnosis>>,
+}
+
+/// Moves and rests predicted by a fit without them.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct HeldOut {
+    gravity_direction_rms_deg: f64,
+    /// By move.
+    direction_error_deg: Vector,
+    /// By rest.
+    norm_error_mps2: Vector,
+}
+
+impl HeldOut {
+    fn new(py: Python<'_>, h: calibrate::CrossValidation) -> PyResult<Py<Self>> {
+        let array = |values| PyArray1::from_vec(py, values).unbind();
+        let held_out = Self {
+            gravity_direction_rms_deg: h.gravity_direction_rms_deg,
+            direction_error_deg: array(h.direction_error_deg),
+            norm_error_mps2: array(h.norm_error_mps2),
+        };
+        Py::new(py, held_out)
+    }
 }
 
 /// What a calibration knows badly.
@@ -295,6 +318,7 @@ impl Outcome {
             joint_scales: o.joint_scales.map(|scales| Py::new(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: Py::new(py, Figures::from(o.figures))?,
+            held_out: o.held_out.map(|held_out| HeldOut::new(py, held_out)).transpose()?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
             diagnosis: diagnosis.into_iter().map(|d| Py::new(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
         })

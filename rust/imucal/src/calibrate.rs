@@ -1,6 +1,7 @@
 //! From recordings to a calibration, in the order of the method: check, find rests, fit the accelerometer to them,
 //! carry gravity from rest to rest to fit the gyroscope, say how sure all of it is.
 
+mod checked;
 mod cross_validation;
 mod jointly;
 mod outcome;
@@ -8,17 +9,16 @@ mod prospect;
 mod unit_data;
 
 pub use imucal_core::STANDARD_GRAVITY_MPS2;
+#[cfg(test)]
 use imucal_core::sensor::Triad;
 
-use crate::check::check_gains;
 use crate::error::Error;
 use crate::frame::Frame;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
 use crate::recording::Recording;
-use unit_data::{UnitData, refuse_errors};
-
-pub use cross_validation::{CrossValidation, cross_validate};
+pub use checked::Checked;
+pub use cross_validation::CrossValidation;
 pub use outcome::{Outcome, parameter_names, parameter_values};
 pub use prospect::{Prospect, prospect};
 
@@ -49,6 +49,8 @@ pub struct Options<'a> {
     pub effects: Vec<EffectChoice>,
     /// A user's own effects, as columns.
     pub user_fields: Vec<UserField<'a>>,
+    /// Also predict every so many-th move by the others, and every so many-th rest.
+    pub folds: Option<usize>,
 }
 
 impl Options<'_> {
@@ -75,6 +77,7 @@ impl Default for Options<'_> {
             wander: None,
             effects: Vec::new(),
             user_fields: Vec::new(),
+            folds: None,
         }
     }
 }
@@ -85,47 +88,18 @@ impl Default for Options<'_> {
 /// [`Error::Data`] lists faults that would make the result wrong, [`Error::NotEnoughMotion`] names what is missing,
 /// [`Error::Fit`] says why a fit has no acceptable end.
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
-    let mut data = UnitData::try_new(recordings, options)?;
-    let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, unusable) = data.moves(&accelerometer, options)?;
-    let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
-    let outcome = if !options.is_joint() {
-        Outcome::new(data, &accelerometer, &gyroscope, &unusable, options)?
-    } else {
-        let (joint, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options)?;
-        let triads = [&accelerometer.triad, &gyroscope.fit.triad];
-        let misfits = data.misfits(&joint, &selection, triads, options)?;
-        Outcome::joint(
-            data,
-            [accelerometer.report, gyroscope.fit.report],
-            &gyroscope.findings,
-            &joint,
-            &misfits,
-            &selection,
-            options,
-        )?
-    };
-    refuse_errors(&check_gains(&recordings[0], &outcome.calibration))?;
-    Ok(outcome)
+    Checked::try_new(recordings, options)?.calibrate(recordings, options)
 }
 
-/// The joint fit without outliers and what it is made of, for a search that may let any sensor drift.
+/// As [`Checked::prepare`], of recordings that are used once.
+#[cfg(test)]
 pub(crate) fn prepare<T>(
     recordings: &[Recording<'_>],
-    options: &Options<'_>,
     kinds: Kinds,
     work: impl FnOnce(&Prepared<'_>, &Triad<f64>, &Triad<f64>) -> Result<T, Error>,
 ) -> Result<T, Error> {
-    let mut data = UnitData::try_new(recordings, options)?;
-    let accelerometer = data.fit_accelerometer(options)?;
-    let (moves, unusable) = data.moves(&accelerometer, options)?;
-    let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
-    let (joint, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options)?;
-    let triads = [&joint.model.accelerometer, &joint.model.gyroscope];
-    let selection = data.for_search(selection);
-    data.prepared_for(&selection, triads, options, (kinds, true, jointly::known(options)), |prepared| {
-        work(prepared, triads[0], triads[1])
-    })
+    let options = Options::default();
+    Checked::try_new(recordings, &options)?.prepare(recordings, &options, kinds, work)
 }
 
 /// Refuses what cannot be meant.
@@ -141,6 +115,9 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
         )));
     }
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
+    if let Some(folds) = options.folds.filter(|folds| *folds < 2) {
+        return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
+    }
     // No data can tell a wrong gravity from a wrong scale, so a value that no place has is refused.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;
     if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {

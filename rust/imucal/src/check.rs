@@ -13,13 +13,16 @@ mod kinematics;
 mod plateau;
 mod rails;
 mod repeats;
+mod runs;
 mod shared;
 mod stuck;
+mod survey;
 mod units;
 mod values;
 
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
+use survey::Survey;
 
 pub use gains::check_gains;
 pub use kinematics::check_kinematics;
@@ -52,12 +55,13 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
             ..Finding::error("empty", recording.name)
         }];
     }
-    let mut findings = values::check_finite(recording);
-    findings.extend(clock::check(recording));
-    findings.extend(stuck::check(recording));
-    findings.extend(repeats::check(recording));
-    findings.extend(rails::check(recording));
-    findings.extend(units::check(recording));
+    let survey = Survey::of(recording);
+    let mut findings = values::check_finite(recording, &survey);
+    findings.extend(clock::check(recording, &survey));
+    findings.extend(stuck::check(recording, &survey));
+    findings.extend(repeats::check(recording, &survey));
+    findings.extend(rails::check(recording, &survey));
+    findings.extend(units::check(recording, &survey));
     findings.extend(values::check_temperature(recording));
     findings
 }

@@ -9,6 +9,7 @@
 //! [`search()`] looks at one or more recordings of a unit. Judging what it found on a control recording, and refusing what makes
 //! that worse, is for its caller.
 
+mod attitudes;
 mod design;
 mod detect;
 mod evidence;
@@ -20,6 +21,7 @@ mod score;
 mod smooth;
 mod stage;
 
+pub use attitudes::attitudes;
 pub use generic::{Block, Kernel};
 pub use path::{Visible, linearise, search, smallest_visible};
 

@@ -14,6 +14,7 @@
 mod attitude;
 mod encoders;
 mod fields;
+mod held_out;
 mod inside;
 mod linear;
 mod misfit;
@@ -152,20 +153,6 @@ pub(crate) fn predict(
     let linear = prepared.linearise(terms, &parameters)?;
     let weights = Weights::of(prepared, terms, &linear, None);
     Ok(report::moves_of(&linear, &weights))
-}
-
-/// Errors of |f| at the rests that take part with a model that is known, m/s^2.
-pub(crate) fn predict_norms(
-    prepared: &Prepared<'_>,
-    terms: &Terms<'_>,
-    model: &Model,
-) -> Result<Vec<(usize, f64)>, Error> {
-    let linear = prepared.linearise(terms, &model.parameters())?;
-    let norm = |line: &Line| match line.source {
-        Source::Norm(k) => Some((k, line.residual)),
-        Source::Move(_) => None,
-    };
-    Ok(linear.lines.iter().filter_map(norm).collect())
 }
 
 /// Refuses effects that are not determined, and takes weights with which the residuals at the start are as large as chance

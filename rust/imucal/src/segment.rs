@@ -19,11 +19,11 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 
 use crate::error::Error;
 use crate::recording::{RawUnit, Recording};
-use crate::stats::median;
+use crate::stats::quantile_of;
 use blocks::{Block, Blocks, merge, noise_variance, sum_blocks};
 use edges::{calm, onset, settle, trim};
 use steadiness::{Steadiness, wanders};
-use threshold::{choose_threshold, still_stretches, window_statistic};
+use threshold::{Levels, choose_threshold, window_statistic};
 
 /// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
 const BLOCK_S: f64 = 0.05;
@@ -126,7 +126,8 @@ impl Segments {
         let (statistic, floor) = window_statistic(&means, &(steps / (averaged as f64).sqrt()));
         let threshold = choose_threshold(&statistic, min_blocks);
         let gravity = gravity_size(recording, &blocks);
-        let still: Vec<_> = still_stretches(&statistic, threshold.0)
+        let still: Vec<_> = Levels::of(&statistic, threshold.0, threshold.0)
+            .still(threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), &blocks))
             .filter(|range| !range.is_empty() && !wanders(&blocks[range.clone()], gravity))
             .collect();
@@ -210,8 +211,7 @@ impl Segments {
 
 /// Median time between samples, s; NaN for fewer than two.
 pub fn sample_interval_s(time_s: &[f64]) -> f64 {
-    let mut steps: Vec<f64> = time_s.windows(2).map(|pair| pair[1] - pair[0]).collect();
-    median(&mut steps)
+    quantile_of(time_s.windows(2).map(|pair| pair[1] - pair[0]), 0.5)
 }
 
 /// From the end of the stretch before each to the start of the one after it.

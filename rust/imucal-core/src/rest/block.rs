@@ -96,7 +96,13 @@ impl<F: RealField + Copy> Default for BlockSums<F> {
 /// `noise_variance` is per channel, in the order and (squared) unit of the samples. NaN if a sample was NaN.
 #[inline]
 pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance: &Vector6<F>) -> F {
-    window.variance().component_div(noise_variance).mean()
+    statistic_of(&window.variance(), noise_variance)
+}
+
+/// [`rest_statistic`] of a window whose variance is known.
+#[inline]
+pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: &Vector6<F>) -> F {
+    variance.component_div(noise_variance).mean()
 }
 
 #[inline]

@@ -3,13 +3,14 @@
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
-use super::Options;
 use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, UnitData};
+use super::{CrossValidation, Options};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
-use crate::joint::{self, Encoders, Item, JointFit, Kinds, Misfits, Prepared, Terms, Wander};
-use crate::moves::{Ends, Move, Unusable, between};
+use crate::joint::{self, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, Terms, Wander};
+use crate::moves::{Ends, Move, Unusable, between, direction_error_rad};
 use crate::recording::Recording;
+use crate::stats::rms;
 
 /// A larger share of rests or moves that contradict the others is no accident.
 const OUTLIERS: f64 = 0.1;
@@ -58,14 +59,13 @@ impl UnitData<'_> {
     /// It starts from the two-stage fit. All rests and moves are judged by a fit without those that the last round left out,
     /// so one that a better fit explains comes back.
     pub(super) fn fit_without_outliers(
-        &mut self,
+        &self,
         accelerometer: &AccelerometerFit,
         gyroscope: &Gyroscope,
         unusable: &[Unusable],
         options: &Options<'_>,
     ) -> Result<(JointFit, Selection), Error> {
         let model = [&accelerometer.triad, &gyroscope.fit.triad];
-        self.free_of_tremor(model[0], model[1]);
         let all = self.everything();
         let mut selection = Selection::of_two_stages(accelerometer, gyroscope, unusable);
         for _ in 1..MOST_ROUNDS {
@@ -150,7 +150,7 @@ impl UnitData<'_> {
     }
 
     /// Directions and rotations of moves that a joint fit has not seen.
-    pub(super) fn predict(
+    fn predict(
         &self,
         fit: &JointFit,
         unseen: &Selection,
@@ -162,20 +162,51 @@ impl UnitData<'_> {
         })
     }
 
-    /// Errors of |f| at rests that a joint fit has not seen, m/s^2.
-    pub(super) fn predict_norms(
+    /// What the fit predicts of rests and moves without them. `moves` are all that could take part, `model` is where the fit was
+    /// started; those that contradict the others were never seen.
+    pub(super) fn held_out(
         &self,
         fit: &JointFit,
-        unseen: &[usize],
+        selection: &Selection,
+        (moves, model): (&[Move], [&Triad<f64>; 2]),
         options: &Options<'_>,
-    ) -> Result<Vec<(usize, f64)>, Error> {
-        let mut used = vec![false; self.rests.len()];
-        unseen.iter().for_each(|&k| used[k] = true);
-        let selection = Selection { used, moves: Vec::new(), left_out: Vec::new() };
-        let model = [&fit.model.accelerometer, &fit.model.gyroscope];
-        self.prepared(&selection, model, options, known(options), |prepared| {
-            joint::predict_norms(prepared, &self.terms(options)?, &fit.model)
-        })
+        folds: usize,
+    ) -> Result<CrossValidation, Error> {
+        let wander = fit.wander.map_or(Wander::Constant, Wander::Known);
+        let found = self.prepared(selection, model, options, wander, |prepared| {
+            let terms = self.terms(options)?;
+            Ok(Joint::of_fit(prepared, &terms, fit)?.held_out(&fit.linear, folds))
+        })?;
+        let never: Vec<Move> = moves.iter().filter(|m| !selection.moves.contains(m)).copied().collect();
+        // They may begin or end at a rest that takes no part.
+        let mut used = selection.used.clone();
+        never.iter().for_each(|m| [m.from, m.to].into_iter().for_each(|k| used[k] = true));
+        let unseen = Selection { used, moves: never.clone(), left_out: Vec::new() };
+        let predicted = self.predict(fit, &unseen, options)?;
+        let direction_error_deg = moves.iter().map(|m| {
+            let known = selection.moves.iter().position(|own| own == m);
+            let angle_rad = match known.map(|k| found.direction_rad[k]) {
+                Some(Some(angle_rad)) => angle_rad,
+                Some(None) => {
+                    return Err(Error::NotEnoughMotion(format!(
+                        "without every {folds}-th move the others do not determine all parameters: record more moves, or \
+                         ask for more folds"
+                    )));
+                }
+                None => never.iter().position(|own| own == m).map_or(f64::NAN, |k| {
+                    let (ends, rotation) = &predicted[k];
+                    direction_error_rad(ends, rotation)
+                }),
+            };
+            Ok(angle_rad.to_degrees())
+        });
+        let direction_error_deg = direction_error_deg.collect::<Result<Vec<f64>, Error>>()?;
+        let mut norm_error_mps2 = vec![f64::NAN; self.rests.len()];
+        for (k, error) in found.norm_mps2 {
+            norm_error_mps2[k] = error.unwrap_or(f64::NAN);
+        }
+        let gravity_direction_rms_deg = rms(direction_error_deg.iter().copied());
+        Ok(CrossValidation { gravity_direction_rms_deg, direction_error_deg, norm_error_mps2 })
     }
 
     fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {

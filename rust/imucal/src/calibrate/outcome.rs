@@ -6,9 +6,9 @@ use imucal_core::effects::{Effect, EffectValues};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
-use super::Options;
 use super::jointly::Selection;
 use super::unit_data::{Gyroscope, UnitData};
+use super::{CrossValidation, Options};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
@@ -61,6 +61,8 @@ pub struct Outcome {
     pub tremor_rad: Vec<Option<f64>>,
     /// How well the calibration explains its own data.
     pub figures: Figures,
+    /// Rests and moves predicted by the others, if folds were asked for.
+    pub held_out: Option<CrossValidation>,
     /// Warnings about the data.
     pub findings: Vec<Finding>,
 }
@@ -106,6 +108,7 @@ impl Outcome {
             bias_instability_radps: None,
             tremor_rad: vec![None; data.recordings.len()],
             figures,
+            held_out: None,
             findings: data.findings,
             calibration,
         })
@@ -180,6 +183,7 @@ impl Outcome {
             joint_fit: Some(joint.report),
             misfit: misfits.all,
             joint_scales: Some(joint.scales),
+            held_out: None,
             findings: data.findings,
             calibration,
         })

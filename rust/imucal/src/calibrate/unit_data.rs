@@ -28,6 +28,7 @@ pub(super) const FEWEST_MOVES: usize = 5;
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
 
 /// Checked recordings of one unit and the rests in them.
+#[derive(Clone)]
 pub(super) struct UnitData<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     pub(super) segments: Vec<Segments>,
@@ -44,6 +45,7 @@ pub(super) struct UnitData<'a> {
 }
 
 /// The gyroscope's fit and what it was fitted to.
+#[derive(Clone)]
 pub(super) struct Gyroscope {
     pub(super) moves: Vec<Move>,
     pub(super) fit: GyroscopeFit,
@@ -95,6 +97,12 @@ impl<'a> UnitData<'a> {
         let noise = segments.iter().map(|segments| segments.noise_density).collect();
         let hands = vec![None; recordings.len()];
         Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
+    }
+
+    /// The same of these recordings, which must have the same samples.
+    pub(super) fn of<'b>(self, recordings: &'b [Recording<'b>]) -> UnitData<'b> {
+        let Self { segments, rests, excluded, bias, noise, hands, saturated, findings, .. } = self;
+        UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }
     }
 
     /// Frees rests and noise of the tremor of a hand, now that the sensors are known.

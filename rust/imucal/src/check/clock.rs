@@ -1,9 +1,10 @@
 //! The time column: enough of it, in order, without gaps, regular, and in the right unit.
 
+use super::survey::{Part, Survey};
 use super::{Tally, names};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
-use crate::stats::quantile;
+use crate::stats::quantile_of;
 
 /// Fewer samples than this hold no rest, no move and no noise level.
 const MIN_SAMPLES: usize = 200;
@@ -21,31 +22,33 @@ const REGULAR: f64 = 0.2;
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
 /// Steps between finite neighbours.
-struct Steps {
-    /// The positive ones, s, in any order.
-    positive_s: Vec<f64>,
+pub(super) struct Steps {
+    /// How many are positive, and the shortest and longest of them, s.
+    positive: usize,
+    shortest_s: f64,
+    longest_s: f64,
     backward: Tally,
     worst_backward_s: f64,
     equal: Tally,
 }
 
-pub(super) fn check(recording: &Recording) -> Vec<Finding> {
-    let mut steps = Steps::of(recording.time_s);
+pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
+    let steps = &survey.steps;
     let mut findings = Vec::new();
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
     findings.extend(steps.equal_stamps(recording));
-    let steps_s = &mut steps.positive_s;
-    if steps_s.len() < 2 {
+    if steps.positive < 2 {
         return findings;
     }
-    let median_s = quantile(steps_s, 0.5);
+    let of_steps = |q: f64| quantile_of(positive_steps_s(recording.time_s), q);
+    let median_s = of_steps(0.5);
     let regular_s = (1.0 - REGULAR) * median_s..=(1.0 + REGULAR) * median_s;
-    if steps_s.iter().all(|step| regular_s.contains(step)) {
+    if regular_s.contains(&steps.shortest_s) && regular_s.contains(&steps.longest_s) {
         findings.extend(rate(recording, median_s));
         return findings;
     }
-    let (low_s, high_s) = (quantile(steps_s, 0.1), quantile(steps_s, 0.9));
+    let (low_s, high_s) = (of_steps(0.1), of_steps(0.9));
     findings.extend(rate(recording, median_s));
 
     // 80 % of a normal distribution lie within +-1.2816 sigma. Wider quantiles than a median deviation, because stamps
@@ -63,26 +66,46 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     findings
 }
 
-impl Steps {
-    fn of(time_s: &[f64]) -> Self {
-        let mut steps = Self {
-            positive_s: Vec::with_capacity(time_s.len()),
+/// The steps that go forward, s.
+fn positive_steps_s(time_s: &[f64]) -> impl Iterator<Item = f64> + Clone + '_ {
+    time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0 && step_s.is_finite())
+}
+
+impl Default for Steps {
+    fn default() -> Self {
+        Self {
+            positive: 0,
+            shortest_s: f64::INFINITY,
+            longest_s: 0.0,
             backward: Tally::default(),
             worst_backward_s: 0.0,
             equal: Tally::default(),
-        };
-        for (i, pair) in time_s.windows(2).enumerate() {
+        }
+    }
+}
+
+impl Steps {
+    pub(super) fn feed(&mut self, part: &Part<'_>) {
+        let first = part.samples.start.max(1);
+        for (i, pair) in (first..).zip(part.recording.time_s[first - 1..part.samples.end].windows(2)) {
             let step_s = pair[1] - pair[0];
             if step_s > 0.0 && step_s.is_finite() {
-                steps.positive_s.push(step_s);
+                self.positive += 1;
+                self.shortest_s = if step_s < self.shortest_s { step_s } else { self.shortest_s };
+                self.longest_s = if step_s > self.longest_s { step_s } else { self.longest_s };
             } else if step_s == 0.0 {
-                steps.equal.add(i + 1);
+                self.equal.add(i);
             } else if step_s < 0.0 && step_s.is_finite() {
-                steps.backward.add(i + 1);
-                steps.worst_backward_s = steps.worst_backward_s.min(step_s);
+                self.backward.add(i);
+                self.worst_backward_s = self.worst_backward_s.min(step_s);
             }
         }
-        steps
+    }
+
+    /// The first sample that is earlier than the one before.
+    #[cfg(test)]
+    pub(super) fn first_backward(&self) -> Option<usize> {
+        self.backward.first.map(|(first, _)| first)
     }
 
     fn not_increasing(&self, recording: &Recording) -> Option<Finding> {
@@ -243,10 +266,14 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
+    fn found(recording: &Recording) -> Vec<Finding> {
+        check(recording, &Survey::of(recording))
+    }
+
     fn codes(time_s: &[f64]) -> Vec<(&'static str, Severity)> {
         let rows = vec![[0.0; 3]; time_s.len()];
         let recording = Recording::try_new("t", time_s, &rows, &rows).unwrap();
-        check(&recording).iter().map(|f| (f.code, f.severity)).collect()
+        found(&recording).iter().map(|f| (f.code, f.severity)).collect()
     }
 
     #[test]
@@ -273,7 +300,7 @@ mod tests {
         let mut columns = Columns::tumbling();
         columns.time_s[1000] = 9.0;
         columns.time_s[1001] = 9.0;
-        let findings = check(&columns.recording());
+        let findings = found(&columns.recording());
         let back = findings.iter().find(|f| f.code == "time_not_increasing").unwrap();
         assert_eq!(back.severity, Severity::Error);
         assert_eq!(back.place.unwrap().last_sample, 1000);
@@ -293,7 +320,7 @@ mod tests {
         let time: Vec<f64> =
             (0..2000).filter(|i| !(500..530).contains(i) && *i != 900).map(|i| i as f64 * 0.01).collect();
         let rows = vec![[0.0; 3]; time.len()];
-        let findings = check(&Recording::try_new("t", &time, &rows, &rows).unwrap());
+        let findings = found(&Recording::try_new("t", &time, &rows, &rows).unwrap());
         assert_eq!(findings.len(), 1);
         assert_eq!((findings[0].code, findings[0].count), ("samples_missing", 31));
         assert_eq!(findings[0].place.unwrap().first_sample, 499);
@@ -311,7 +338,7 @@ mod tests {
     fn milliseconds_called_seconds_are_named() {
         let time: Vec<f64> = (0..2000).map(|i| 10.0 * i as f64).collect();
         let rows = vec![[0.0; 3]; time.len()];
-        let findings = check(&Recording::try_new("t", &time, &rows, &rows).unwrap());
+        let findings = found(&Recording::try_new("t", &time, &rows, &rows).unwrap());
         assert_eq!(findings[0].code, "clock_rate");
         assert!(findings[0].way_out.contains("time_ms"));
         let slow: Vec<f64> = (0..2000).map(|i| 0.04 * i as f64).collect();

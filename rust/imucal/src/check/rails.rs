@@ -2,12 +2,13 @@
 
 use std::ops::Range;
 
-use super::plateau::{PLATEAU, equal_neighbours, piles_up, plateaus};
-use super::values::{converter_step, extremes};
+use super::plateau::{equal_neighbours, piles_up, plateaus};
+use super::survey::Survey;
+use super::values::converter_step;
 use super::{ACCEL, GYRO, Tally, names, unit_name};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
-use crate::stats::quantile;
+use crate::stats::quantile_of;
 
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
 const SHARE_OF_REACH: f64 = 0.8;
@@ -21,8 +22,8 @@ const ONE_RANGE: f64 = 1e-4;
 type Rails = [Option<f64>; 2];
 
 /// `accel_saturation` and `gyro_saturation`.
-pub(super) fn check(recording: &Recording) -> Vec<Finding> {
-    let [accel, gyro] = rails(recording);
+pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
+    let [accel, gyro] = rails(recording, survey);
     let accel = finding(
         recording,
         (recording.specific_force, &accel),
@@ -45,7 +46,7 @@ pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     if recording.check_lengths().is_err() {
         return Vec::new();
     }
-    let [accel, gyro] = rails(recording);
+    let [accel, gyro] = rails(recording, &Survey::of(recording));
     let mut stretches: Vec<Range<usize>> = Vec::new();
     for i in 0..recording.len() {
         if !at_rail(&recording.specific_force[i], &accel) && !at_rail(&recording.angular_rate[i], &gyro) {
@@ -63,10 +64,14 @@ fn at_rail(row: &[f64; 3], rails: &[Rails; 3]) -> bool {
     row.iter().zip(rails).any(|(v, ends)| ends.contains(&Some(*v)))
 }
 
-fn rails(recording: &Recording) -> [[Rails; 3]; 2] {
+fn rails(recording: &Recording, survey: &Survey) -> [[Rails; 3]; 2] {
+    let triad = |triad: usize, rows, unit, lowest_over_median| {
+        let (ends, held) = (&survey.extremes.ends[triad], survey.runs.held(triad));
+        triad_rails(rows, unit, lowest_over_median, (ends, &held))
+    };
     [
-        triad_rails(recording.specific_force, recording.accel_unit, LOWEST_RAIL_G),
-        triad_rails(recording.angular_rate, recording.gyro_unit, 0.0),
+        triad(0, recording.specific_force, recording.accel_unit, LOWEST_RAIL_G),
+        triad(1, recording.angular_rate, recording.gyro_unit, 0.0),
     ]
 }
 
@@ -76,6 +81,9 @@ fn finding(
     unit: &'static str,
     (code, axes): (&'static str, [&str; 3]),
 ) -> Option<Finding> {
+    if rails.iter().flatten().flatten().next().is_none() {
+        return None;
+    }
     let (mut columns, mut parts, mut value) = (Vec::new(), Vec::new(), 0.0f64);
     for axis in 0..3 {
         for rail in rails[axis].into_iter().flatten() {
@@ -124,8 +132,13 @@ fn finding(
 /// value, where the channel comes and goes in more than single steps while another axis moves, which are rare or short at
 /// other values of the channel, and which its noise does not make by chance; such a rail is no less than `lowest_over_median` times the median
 /// length of the rows. Other powers of two are no evidence by themselves: 2048 or 16384 counts are 1 g of common accelerometers.
-fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Rails; 3] {
-    let ends: [[f64; 2]; 3] = [0, 1, 2].map(|axis| extremes(rows, axis));
+/// `ends` are the extremes of each axis and `held` those of the values that it holds for a plateau's length.
+fn triad_rails(
+    rows: &[[f64; 3]],
+    unit: RawUnit,
+    lowest_over_median: f64,
+    (ends, held): (&[[f64; 2]; 3], &[[f64; 2]; 3]),
+) -> [Rails; 3] {
     let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
     let high = ends.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
     let signed = low < 0.0;
@@ -140,16 +153,16 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
             }
     };
     // The usual case needs no further passes: nothing stays at an end of its range.
-    if !ends.iter().flatten().any(|&end| is_16_bit_end(end)) && !stays_at_end(rows, &ends) {
+    let stays_at_end = ends.iter().zip(held).any(|(ends, held)| ends[0] == held[0] || ends[1] == held[1]);
+    if !ends.iter().flatten().any(|&end| is_16_bit_end(end)) && !stays_at_end {
         return [[None; 2]; 3];
     }
     let reach = (low - zero).abs().max((high - zero).abs());
-    let mut norms: Vec<f64> = rows
+    let norms = rows
         .iter()
         .map(|row| row.iter().map(|v| (v - zero).powi(2)).sum::<f64>().sqrt())
-        .filter(|norm| norm.is_finite())
-        .collect();
-    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile(&mut norms, 0.5));
+        .filter(|norm| norm.is_finite());
+    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile_of(norms, 0.5));
     let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
     let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
         let [low, high] = ends[axis];
@@ -157,7 +170,7 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
         if low >= high {
             return [None; 2];
         }
-        let plateaus = plateaus(rows, axis, &ends, &steps);
+        let plateaus = plateaus(rows, axis, ends, &steps);
         [0, 1].map(|side| {
             let end = ends[axis][side];
             let cut_off = (end - zero).abs() >= lowest_rail
@@ -181,21 +194,14 @@ fn triad_rails(rows: &[[f64; 3]], unit: RawUnit, lowest_over_median: f64) -> [Ra
     rails
 }
 
-/// Whether any axis takes one of its extreme values often enough in a row for a plateau.
-fn stays_at_end(rows: &[[f64; 3]], ends: &[[f64; 2]; 3]) -> bool {
-    (0..3).any(|axis| {
-        let mut held = 0;
-        rows.iter().any(|row| {
-            held = if ends[axis].contains(&row[axis]) { held + 1 } else { 0 };
-            held >= PLATEAU
-        })
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::example::Columns;
     use super::*;
+
+    fn found(recording: &Recording) -> Vec<Finding> {
+        check(recording, &Survey::of(recording))
+    }
 
     fn clip(columns: &mut Columns, axis: usize, limit: f64) -> usize {
         let mut cut = 0;
@@ -214,7 +220,7 @@ mod tests {
             [(1e-4, 1e-5), (0.01, 0.001), (0.02, 0.003), (0.06, 0.009), (0.2, 0.03), (1.0, 0.2)]
         {
             let columns = Columns::tumbling().quantised(force_step, rate_step);
-            let findings = check(&columns.recording());
+            let findings = found(&columns.recording());
             assert!(findings.is_empty(), "{force_step}: {findings:?}");
         }
     }
@@ -229,7 +235,7 @@ mod tests {
             columns.force[i] = [0.0, 9.80665 * angle.sin(), 9.80665 * angle.cos()];
             columns.rate[i] = [if moving { 2.0 } else { 0.0 }, 0.0, 0.0];
         }
-        assert!(check(&columns.recording()).is_empty());
+        assert!(found(&columns.recording()).is_empty());
     }
 
     #[test]
@@ -238,7 +244,7 @@ mod tests {
             let mut columns = Columns::tumbling().quantised(steps.0, steps.1);
             let cut = clip(&mut columns, 0, 2.0) + clip(&mut columns, 2, 2.0);
             clip(&mut columns, 1, 2.0);
-            let findings = check(&columns.recording());
+            let findings = found(&columns.recording());
             assert_eq!(findings.len(), 1, "{steps:?}");
             let found = &findings[0];
             assert_eq!(found.code, "gyro_saturation");
@@ -275,7 +281,7 @@ mod tests {
         for (i, row) in columns.force.iter_mut().enumerate() {
             row[1] = (row[1] + if i % 400 > 380 { 20.0 } else { 0.0 }).min(19.6);
         }
-        let findings = check(&columns.recording());
+        let findings = found(&columns.recording());
         assert_eq!(findings[0].code, "accel_saturation");
         assert_eq!(findings[0].columns, ["accel_y"]);
     }
@@ -285,8 +291,8 @@ mod tests {
         let mut columns = Columns::tumbling();
         columns.rate[10] = [f64::NAN; 3];
         columns.force[20] = [f64::NAN; 3];
-        assert!(check(&columns.recording()).is_empty());
+        assert!(found(&columns.recording()).is_empty());
         columns.rate.iter_mut().for_each(|row| *row = [f64::NAN; 3]);
-        assert!(check(&columns.recording()).is_empty());
+        assert!(found(&columns.recording()).is_empty());
     }
 }

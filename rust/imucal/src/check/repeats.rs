@@ -1,6 +1,7 @@
 //! Rows held or written again.
 
 use super::Tally;
+use super::survey::{ALL_EQUAL, Part, Survey};
 use crate::finding::Finding;
 use crate::recording::Recording;
 
@@ -15,26 +16,8 @@ const FEWEST: usize = 5;
 /// ones: with a repeat rate q per channel, 6 q^5 (1 - q) against q^6. So repeats are counted only between rows that
 /// change (at most one value repeats), and only if they far outnumber such near repeats. A rest without noise is one
 /// long stretch of equal rows and is left out by its length.
-pub(super) fn check(recording: &Recording) -> Option<Finding> {
-    let (mut doubled, mut near) = (Tally::default(), 0usize);
-    let (mut before, mut equal_rows, mut near_rows) = (6, 0, 0);
-    for i in 1..recording.len() {
-        let repeats = values_repeated(recording, i);
-        let same_time = recording.time_s[i] == recording.time_s[i - 1];
-        match repeats {
-            6 if !same_time => equal_rows += 1,
-            5 => near_rows += 1,
-            _ => {
-                let changes_on_both_sides = before <= 1 && repeats <= 1;
-                if changes_on_both_sides && near_rows == 0 && (1..=LONGEST_REPEAT).contains(&equal_rows) {
-                    (i - equal_rows..i).for_each(|row| doubled.add(row));
-                } else if changes_on_both_sides && near_rows > 0 {
-                    near += near_rows;
-                }
-                (before, equal_rows, near_rows) = (repeats, 0, 0);
-            }
-        }
-    }
+pub(super) fn check(recording: &Recording, survey: &Survey) -> Option<Finding> {
+    let Repeats { doubled, near, .. } = &survey.repeats;
     if doubled.samples < FEWEST || doubled.samples <= 2 * near {
         return None;
     }
@@ -54,10 +37,46 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
     })
 }
 
-/// How many of the six values of row `i` are those of the row before.
-fn values_repeated(recording: &Recording, i: usize) -> usize {
-    let same = |rows: &[[f64; 3]]| (0..3).filter(|&k| rows[i][k] == rows[i - 1][k]).count();
-    same(recording.specific_force) + same(recording.angular_rate)
+/// Repeats between rows that change.
+#[derive(Default)]
+pub(super) struct Repeats {
+    /// Rows in which all six values repeat.
+    doubled: Tally,
+    /// How many have five that do.
+    near: usize,
+    /// Since the last row with fewer: whether that one changes, and how many of both there have been.
+    changes_before: bool,
+    equal_rows: usize,
+    near_rows: usize,
+}
+
+impl Repeats {
+    pub(super) fn feed(&mut self, part: &Part<'_>) {
+        let time_s = part.recording.time_s;
+        for (i, equal) in part.equal() {
+            if equal == ALL_EQUAL && time_s[i] != time_s[i - 1] {
+                self.equal_rows += 1;
+            } else if (equal ^ ALL_EQUAL).is_power_of_two() {
+                self.near_rows += 1;
+            } else {
+                let changes = equal & equal.wrapping_sub(1) == 0;
+                if self.equal_rows + self.near_rows > 0 {
+                    self.end_of_stretch(i, self.changes_before && changes);
+                }
+                self.changes_before = changes;
+            }
+        }
+    }
+
+    /// Row `i` is the first after a stretch of rows that repeat.
+    fn end_of_stretch(&mut self, i: usize, changes_on_both_sides: bool) {
+        if changes_on_both_sides && self.near_rows == 0 && self.equal_rows <= LONGEST_REPEAT {
+            (i - self.equal_rows..i).for_each(|row| self.doubled.add(row));
+        } else if changes_on_both_sides {
+            self.near += self.near_rows;
+        }
+        (self.equal_rows, self.near_rows) = (0, 0);
+    }
 }
 
 #[cfg(test)]
@@ -65,11 +84,15 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
+    fn found(columns: &Columns) -> Option<Finding> {
+        check(&columns.recording(), &Survey::of(&columns.recording()))
+    }
+
     #[test]
     fn fine_and_coarse_data_repeat_by_chance_alone() {
         for (force_step, rate_step) in [(1e-4, 1e-5), (0.01, 0.001), (0.04, 0.006), (0.06, 0.009), (0.2, 0.03)] {
             let columns = Columns::tumbling().quantised(force_step, rate_step);
-            assert!(check(&columns.recording()).is_none(), "{force_step}");
+            assert!(found(&columns).is_none(), "{force_step}");
         }
     }
 
@@ -82,7 +105,7 @@ mod tests {
                 columns.rate[i] = columns.rate[rest.start];
             }
         }
-        assert!(check(&columns.recording()).is_none());
+        assert!(found(&columns).is_none());
     }
 
     #[test]
@@ -92,7 +115,7 @@ mod tests {
             columns.force[i] = columns.force[i - 1];
             columns.rate[i] = columns.rate[i - 1];
         }
-        let finding = check(&columns.recording()).unwrap();
+        let finding = found(&columns).unwrap();
         assert_eq!((finding.code, finding.count), ("samples_duplicated", 38));
         assert_eq!(finding.place.unwrap().first_sample, 100);
     }
@@ -104,7 +127,7 @@ mod tests {
             columns.force[i] = columns.force[i - i % 3];
             columns.rate[i] = columns.rate[i - i % 3];
         }
-        let finding = check(&columns.recording()).unwrap();
+        let finding = found(&columns).unwrap();
         assert!(finding.count > 2600, "{}", finding.count);
     }
 }

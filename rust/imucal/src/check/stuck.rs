@@ -1,5 +1,6 @@
 //! Axes that hold one value.
 
+use super::survey::Survey;
 use super::values::{converter_step, extremes, range};
 use super::{ACCEL, GYRO, names, unit_name};
 use crate::finding::{Finding, Place};
@@ -16,14 +17,14 @@ const MOVING_STEPS: f64 = 8.0;
 /// A rest without noise holds all axes, and a coarse converter moves them by single steps: neither is stuck. An axis is
 /// certainly stuck if its neighbours are noisy meanwhile, or if a whole triad is dead. Where the neighbours are as
 /// quiet (a coarse converter, a simulation without noise), it may as well be that nothing turned about it: a warning.
-pub(super) fn check(recording: &Recording) -> Vec<Finding> {
+pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let mut stuck = Vec::new();
-    for (rows, other, names, unit) in [
-        (recording.specific_force, recording.angular_rate, ACCEL, unit_name(recording.accel_unit, "m/s^2")),
-        (recording.angular_rate, recording.specific_force, GYRO, unit_name(recording.gyro_unit, "rad/s")),
+    for (first_channel, rows, other, names, unit) in [
+        (0, recording.specific_force, recording.angular_rate, ACCEL, unit_name(recording.accel_unit, "m/s^2")),
+        (3, recording.angular_rate, recording.specific_force, GYRO, unit_name(recording.gyro_unit, "rad/s")),
     ] {
         for axis in 0..3 {
-            let (first, last) = longest_run(rows, axis);
+            let (first, last) = survey.runs.longest(first_channel + axis);
             let held = last + 1 - first;
             if (held as f64) < STUCK_SHARE * recording.len() as f64 || held < 3 {
                 continue;
@@ -118,20 +119,6 @@ fn stuck_axes(recording: &Recording, axes: &[Stuck], kind: Finding, way_out: &st
     })
 }
 
-/// First and last sample of the longest run of one value.
-fn longest_run(rows: &[[f64; 3]], axis: usize) -> (usize, usize) {
-    let (mut best, mut start) = ((0, 0), 0);
-    for i in 0..rows.len() {
-        if rows[i][axis] != rows[start][axis] {
-            start = i;
-        }
-        if i - start > best.1 - best.0 {
-            best = (start, i);
-        }
-    }
-    best
-}
-
 fn moves(rows: &[[f64; 3]], axis: usize) -> bool {
     range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
 }
@@ -154,10 +141,14 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
+    fn found(columns: &Columns) -> Vec<Finding> {
+        check(&columns.recording(), &Survey::of(&columns.recording()))
+    }
+
     #[test]
     fn fine_and_coarse_data_are_not_stuck() {
         for columns in [Columns::tumbling(), Columns::tumbling().quantised(0.05, 0.01)] {
-            assert!(check(&columns.recording()).is_empty());
+            assert!(found(&columns).is_empty());
         }
     }
 
@@ -165,13 +156,13 @@ mod tests {
     fn an_axis_that_stops_is_stuck() {
         let mut columns = Columns::tumbling();
         columns.rate[1000..].iter_mut().for_each(|row| row[1] = 0.25);
-        let findings = check(&columns.recording());
+        let findings = found(&columns);
         assert_eq!(findings[0].columns, ["gyro_y"]);
         assert_eq!((findings[0].count, findings[0].severity), (3000, Severity::Error));
 
         let mut dead = Columns::tumbling();
         dead.rate.iter_mut().for_each(|row| *row = [0.0; 3]);
-        assert_eq!(check(&dead.recording())[0].columns, GYRO);
+        assert_eq!(found(&dead)[0].columns, GYRO);
     }
 
     #[test]
@@ -181,7 +172,7 @@ mod tests {
             still.force[i] = still.force[1000];
             still.rate[i] = still.rate[1000];
         }
-        assert!(check(&still.recording()).is_empty());
+        assert!(found(&still).is_empty());
         // A converter's step of three times the noise: single steps are all that is left at rest.
         let mut coarse = Columns::tumbling().quantised(0.06, 0.009);
         for i in 0..3000 {
@@ -189,7 +180,7 @@ mod tests {
             coarse.rate[i] = coarse.rate[i % 90];
             coarse.rate[i][0] = 0.0;
         }
-        assert!(check(&coarse.recording()).is_empty());
+        assert!(found(&coarse).is_empty());
     }
 
     #[test]
@@ -199,7 +190,7 @@ mod tests {
             let moving = f64::from(u8::from(i % 200 >= 150));
             *row = [0.0, moving * (i as f64).sin(), moving * (i as f64).cos()];
         }
-        let findings = check(&columns.recording());
+        let findings = found(&columns);
         assert_eq!(findings.len(), 1);
         assert_eq!(
             (findings[0].columns.as_slice(), findings[0].severity),

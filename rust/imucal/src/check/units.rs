@@ -4,11 +4,11 @@ use std::ops::Range;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
-use super::values::extremes;
+use super::survey::{Part, Survey};
 use super::{ACCEL, GYRO, names};
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
-use crate::stats::quantile;
+use crate::stats::quantile_of;
 
 /// |f| over g at rest that bias and scale of a sensor can explain.
 const AT_REST: [f64; 2] = [0.75, 1.25];
@@ -24,11 +24,12 @@ const STAND_ZERO_RAD: f64 = 0.02;
 const NEARLY_UPRIGHT: f64 = 0.94;
 
 /// Units that are wrong by so much that no rest is needed to see it.
-pub(super) fn check(recording: &Recording) -> Vec<Finding> {
+pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
     let everything = std::slice::from_ref(&whole);
     if recording.accel_unit == RawUnit::Si
+        && !survey.weights.have_median_within()
         && let Some(norm) = median_norm(recording.specific_force, everything)
         && !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES)
     {
@@ -36,6 +37,31 @@ pub(super) fn check(recording: &Recording) -> Vec<Finding> {
     }
     findings.extend(too_fast(recording));
     findings
+}
+
+/// How many rows of an accelerometer in SI units are below and above [`WITH_MOVES`] by their length.
+#[derive(Default)]
+pub(super) struct Weights {
+    rows: usize,
+    below: usize,
+    above: usize,
+}
+
+impl Weights {
+    pub(super) fn feed(&mut self, part: &Part<'_>) {
+        if part.recording.accel_unit == RawUnit::Si {
+            for norm in part.triads()[0].iter().map(length).filter(|norm| norm.is_finite()) {
+                self.rows += 1;
+                self.below += usize::from(norm / STANDARD_GRAVITY_MPS2 < WITH_MOVES[0]);
+                self.above += usize::from(norm / STANDARD_GRAVITY_MPS2 > WITH_MOVES[1]);
+            }
+        }
+    }
+
+    /// Whether no median need be computed to see that it lies between them.
+    fn have_median_within(&self) -> bool {
+        2 * self.below < self.rows && 2 * self.above < self.rows
+    }
 }
 
 /// What the rests show: units by |f| and by the rate of a still unit, and the sign of gravity.
@@ -78,15 +104,15 @@ fn within(value: f64, [low, high]: [f64; 2]) -> bool {
     (low..=high).contains(&value)
 }
 
+fn length([x, y, z]: &[f64; 3]) -> f64 {
+    (x * x + y * y + z * z).sqrt()
+}
+
 /// Median length of the finite rows in the ranges.
 fn median_norm(rows: &[[f64; 3]], ranges: &[Range<usize>]) -> Option<f64> {
-    let mut norms: Vec<f64> = ranges
-        .iter()
-        .flat_map(|range| &rows[range.clone()])
-        .map(|[x, y, z]| (x * x + y * y + z * z).sqrt())
-        .filter(|norm| norm.is_finite())
-        .collect();
-    (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
+    let norms = ranges.iter().flat_map(|range| &rows[range.clone()]).map(length).filter(|norm| norm.is_finite());
+    let median = quantile_of(norms, 0.5);
+    (!median.is_nan()).then_some(median)
 }
 
 fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, gravity_mps2: f64) -> Finding {
@@ -131,16 +157,15 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si || recording.is_empty() {
         return None;
     }
+    let over = |row: &[f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
+    let first = recording.angular_rate.iter().position(over)?;
     // One sample in a thousand may be a spike.
-    let mut fastest: Vec<f64> = recording
+    let fastest = recording
         .angular_rate
         .iter()
         .map(|row| row.iter().fold(0.0, |most: f64, rate| most.max(rate.abs())))
-        .filter(|rate| rate.is_finite())
-        .collect();
-    let rate = quantile(&mut fastest, 0.999);
-    let over = |row: &[f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
-    let first = recording.angular_rate.iter().position(over)?;
+        .filter(|rate| rate.is_finite());
+    let rate = quantile_of(fastest, 0.999);
     (rate > FASTEST_RADPS).then(|| Finding {
         columns: names(GYRO),
         place: Some(Place::new(recording, first, first)),
@@ -180,10 +205,6 @@ fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Findin
 
 fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding> {
     let rows = recording.specific_force;
-    let has_sign = (0..3).any(|axis| extremes(rows, axis)[0] < 0.0);
-    if recording.accel_unit == RawUnit::Lsb && !has_sign {
-        return None;
-    }
     let at_zero = |rest: &&Range<usize>| {
         recording
             .stand_rad
@@ -210,7 +231,9 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
     }
     let up = mean[2] / (mean[0].powi(2) + mean[1].powi(2) + mean[2].powi(2)).sqrt();
     let place = Place::new(recording, rest.start, rest.end - 1);
-    (up < -NEARLY_UPRIGHT).then(|| Finding {
+    let has_sign =
+        || recording.accel_unit == RawUnit::Si || rows.as_flattened().iter().any(|v| *v < 0.0 && v.is_finite());
+    (up < -NEARLY_UPRIGHT && has_sign()).then(|| Finding {
         columns: names(ACCEL),
         place: Some(place),
         count: rest.len(),
@@ -236,7 +259,7 @@ mod tests {
     }
 
     fn both(recording: &Recording) -> Vec<Finding> {
-        let mut findings = check(recording);
+        let mut findings = check(recording, &Survey::of(recording));
         findings.extend(check_rests(recording, &Columns::rests(), STANDARD_GRAVITY_MPS2));
         findings
     }

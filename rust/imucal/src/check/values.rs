@@ -1,27 +1,54 @@
 //! Single columns: numbers that are none, and temperature that jumps.
 
+use super::survey::{Part, Survey};
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
 use crate::recording::Recording;
-use crate::stats::quantile;
+use crate::stats::quantile_of;
 
 /// Temperature step between neighbours, K.
 const TEMPERATURE_STEP_K: f64 = 5.0;
 
-/// NaN and infinity, by column; the stand's columns are not fitted, so there it is only a warning.
-pub(super) fn check_finite(recording: &Recording) -> Vec<Finding> {
-    let (mut bad, mut columns) = (Tally::default(), [false; 7]);
-    let (mut bad_stand, mut stand_columns) = (Tally::default(), [false; 3]);
-    for i in 0..recording.len() {
-        let [fx, fy, fz] = recording.specific_force[i];
-        let [wx, wy, wz] = recording.angular_rate[i];
-        if mark([recording.time_s[i], fx, fy, fz, wx, wy, wz], &mut columns) {
-            bad.add(i);
+/// Where NaN and infinity are, by column.
+#[derive(Default)]
+pub(super) struct NotFinite {
+    bad: Tally,
+    columns: [bool; 7],
+    bad_stand: Tally,
+    stand_columns: [bool; 3],
+}
+
+impl NotFinite {
+    pub(super) fn feed(&mut self, part: &Part<'_>) {
+        let recording = part.recording;
+        if !part.is_finite {
+            for i in part.samples.clone() {
+                let [fx, fy, fz] = recording.specific_force[i];
+                let [wx, wy, wz] = recording.angular_rate[i];
+                if mark([recording.time_s[i], fx, fy, fz, wx, wy, wz], &mut self.columns) {
+                    self.bad.add(i);
+                }
+            }
         }
-        if recording.stand_rad.is_some_and(|stand| mark(stand[i], &mut stand_columns)) {
-            bad_stand.add(i);
+        if let Some(stand) = recording.stand_rad {
+            for i in part.samples.clone() {
+                if mark(stand[i], &mut self.stand_columns) {
+                    self.bad_stand.add(i);
+                }
+            }
         }
     }
+
+    /// How many samples, and the first stretch of them.
+    #[cfg(test)]
+    pub(super) fn samples(&self) -> (usize, Option<(usize, usize)>) {
+        (self.bad.samples, self.bad.first)
+    }
+}
+
+/// NaN and infinity, by column; the stand's columns are not fitted, so there it is only a warning.
+pub(super) fn check_finite(recording: &Recording, survey: &Survey) -> Vec<Finding> {
+    let NotFinite { bad, columns, bad_stand, stand_columns } = &survey.not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();
     let stand = ["stand_1", "stand_2", "stand_3"];
     let mut findings = Vec::new();
@@ -30,7 +57,7 @@ pub(super) fn check_finite(recording: &Recording) -> Vec<Finding> {
         (bad_stand, &stand[..], &stand_columns[..], Finding::warning),
     ] {
         if tally.samples > 0 {
-            findings.push(not_finite(recording, tally, names, marked, kind("non_finite", recording.name)));
+            findings.push(not_finite(recording, *tally, names, marked, kind("non_finite", recording.name)));
         }
     }
     findings
@@ -83,17 +110,52 @@ pub(super) fn extremes(rows: &[[f64; 3]], axis: usize) -> [f64; 2] {
     })
 }
 
+/// Smallest and largest finite value of each axis of both triads, accelerometer first; [inf, -inf] without any.
+pub(super) struct Extremes {
+    pub(super) ends: [[[f64; 2]; 3]; 2],
+}
+
+impl Default for Extremes {
+    fn default() -> Self {
+        Self { ends: [[[f64::INFINITY, f64::NEG_INFINITY]; 3]; 2] }
+    }
+}
+
+impl Extremes {
+    pub(super) fn feed(&mut self, part: &Part<'_>) {
+        for (ends, rows) in self.ends.iter_mut().zip(part.triads()) {
+            // Four rows side by side: without NaN in them the compiler takes several values at once.
+            let (fours, others) = if part.is_finite { rows.as_chunks::<4>() } else { (&[][..], rows) };
+            let (mut low, mut high) = ([[f64::INFINITY; 3]; 4], [[f64::NEG_INFINITY; 3]; 4]);
+            for four in fours {
+                for (k, row) in four.iter().enumerate() {
+                    for (axis, &v) in row.iter().enumerate() {
+                        low[k][axis] = if v < low[k][axis] { v } else { low[k][axis] };
+                        high[k][axis] = if v > high[k][axis] { v } else { high[k][axis] };
+                    }
+                }
+            }
+            let found = low.iter().zip(&high).map(|(low, high)| [*low, *high]);
+            for rows in found.chain(others.iter().map(|row| [*row; 2])) {
+                for axis in 0..3 {
+                    let [low, high] = [rows[0][axis], rows[1][axis]];
+                    if low.is_finite() && high.is_finite() {
+                        ends[axis] = [ends[axis][0].min(low), ends[axis][1].max(high)];
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// The converter's step: the size of the smallest differences between neighbours that are not zero, 5 % of them being
 /// smaller. Differences of rounding size are left out, and odd ones, as at a limit between two steps, do not count.
 /// Infinite for a constant.
 pub(super) fn converter_step(rows: &[[f64; 3]], axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let differences = rows.windows(2).map(|pair| (pair[1][axis] - pair[0][axis]).abs());
-    let mut steps: Vec<f64> = differences.filter(|step| *step > rounding && step.is_finite()).collect();
-    if steps.is_empty() {
-        return f64::INFINITY;
-    }
-    quantile(&mut steps, 0.05)
+    let step = quantile_of(differences.filter(|step| *step > rounding && step.is_finite()), 0.05);
+    if step.is_nan() { f64::INFINITY } else { step }
 }
 
 /// Steps of more than 5 K between neighbours, and values that are not finite.
@@ -132,11 +194,15 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
+    fn not_finite(recording: &Recording) -> Vec<Finding> {
+        check_finite(recording, &Survey::of(recording))
+    }
+
     #[test]
     fn a_clean_recording_has_nothing() {
         for columns in [Columns::tumbling(), Columns::tumbling().quantised(0.05, 0.01)] {
             let recording = columns.recording();
-            assert!(check_finite(&recording).is_empty());
+            assert!(not_finite(&recording).is_empty());
             assert!(check_temperature(&recording).is_none());
         }
     }
@@ -147,7 +213,7 @@ mod tests {
         columns.force[70][1] = f64::NAN;
         columns.force[71][1] = f64::INFINITY;
         columns.rate[90][2] = f64::NAN;
-        let findings = check_finite(&columns.recording());
+        let findings = not_finite(&columns.recording());
         assert_eq!(findings.len(), 1);
         assert_eq!(findings[0].columns, ["accel_y", "gyro_z"]);
         assert_eq!(findings[0].count, 3);
@@ -161,7 +227,7 @@ mod tests {
         let mut stand = vec![[0.0; 3]; columns.time_s.len()];
         stand[5][0] = f64::NAN;
         let recording = Recording { stand_rad: Some(&stand), ..columns.recording() };
-        let findings = check_finite(&recording);
+        let findings = not_finite(&recording);
         assert_eq!(findings[0].severity, Severity::Warning);
         assert_eq!(findings[0].columns, ["stand_1"]);
     }

@@ -10,7 +10,7 @@ use super::pattern::{Pattern, best_generic};
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, Member, Stage};
 use super::{Block, Linearised, NotPredictive, Score, Search};
-use crate::calibrate::{self, EffectChoice, Options, UserField};
+use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{INSIDE, Kinds, Prepared};
 use crate::recording::Recording;
@@ -22,11 +22,12 @@ const CARRIED: f64 = 5.0;
 const MOST_EFFECTS: usize = 6;
 const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
-/// Looks for effects among `candidates` and `user_fields`.
+/// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
 ///
 /// # Errors
-/// As [`calibrate`](calibrate::calibrate()).
+/// As [`calibrate`](crate::calibrate::calibrate()).
 pub fn search(
+    checked: &Checked,
     recordings: &[Recording<'_>],
     options: &Options<'_>,
     candidates: &[EffectChoice],
@@ -34,7 +35,7 @@ pub fn search(
 ) -> Result<Search, Error> {
     let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
-    calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
+    checked.prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
         hunt.run(prepared, [accelerometer, gyroscope], open)
     })
 }
@@ -51,19 +52,24 @@ pub fn linearise(
 ) -> Result<Linearised, Error> {
     let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
-    calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
-        let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
-        let Design { columns, model, candidates, .. } = &stage.design;
-        let take = |range: std::ops::Range<usize>| {
-            (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
-        };
-        let last = columns.ncols() - 1;
-        Ok(Linearised {
-            residual: (0..columns.nrows()).map(|i| columns[(i, last)]).collect(),
-            base: take(0..model.len()),
-            candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
-        })
-    })
+    Checked::try_new(recordings, options)?.prepare(
+        recordings,
+        options,
+        hunt.kinds,
+        |prepared, accelerometer, gyroscope| {
+            let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
+            let Design { columns, model, candidates, .. } = &stage.design;
+            let take = |range: std::ops::Range<usize>| {
+                (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
+            };
+            let last = columns.ncols() - 1;
+            Ok(Linearised {
+                residual: (0..columns.nrows()).map(|i| columns[(i, last)]).collect(),
+                base: take(0..model.len()),
+                candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
+            })
+        },
+    )
 }
 
 /// The smallest rms size of each effect that is seen with 90 % probability, with its unit; and the names of those that are not seen at
@@ -81,12 +87,17 @@ pub fn smallest_visible(
 ) -> Result<Visible, Error> {
     let mut hunt = Hunt::new(recordings, candidates, &[]);
     let open = hunt.with_columns(recordings, candidates);
-    calibrate::prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
-        let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
-        let judged = judge(&stage);
-        hunt.left_out.extend(judged.blind);
-        Ok((judged.visible, hunt.left_out.clone()))
-    })
+    Checked::try_new(recordings, options)?.prepare(
+        recordings,
+        options,
+        hunt.kinds,
+        |prepared, accelerometer, gyroscope| {
+            let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
+            let judged = judge(&stage);
+            hunt.left_out.extend(judged.blind);
+            Ok((judged.visible, hunt.left_out.clone()))
+        },
+    )
 }
 
 /// What stays the same through a search.

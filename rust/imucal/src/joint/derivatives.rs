@@ -8,7 +8,7 @@ use super::model::{BASE, GYRO_SENSITIVITY, Model};
 use super::problem::Joint;
 use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};
 use super::tests::{Run, STAND_RAD};
-use crate::calibrate::{Options, prepare};
+use crate::calibrate::prepare;
 use crate::simulate::motion::Motion;
 use crate::simulate::tumble::{HandMoves, Tumble};
 use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};
@@ -22,7 +22,7 @@ fn with(effects: &[&str], kinds: Kinds, work: impl FnOnce(&Prepared<'_>, &Terms<
         effects.iter().map(|name| EffectChoice { effect: Effect::find(name).unwrap(), full: true }).collect();
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
-    prepare(&[run.recording()], &Options::default(), kinds, |prepared, accelerometer, gyroscope| {
+    prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
         // Directions across gravity turn with it, and by as much as the residual is off zero the derivative with them.
         let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
         let values = super::start_values(&terms);
@@ -53,7 +53,7 @@ fn derivatives_in_a_hand_meet_central_differences() {
     let recording = run.recording("run");
     let kinds = Kinds { in_motion: false, encoders: false };
     let terms = Terms::try_new(&[], &[], &[recording.len()], kinds).unwrap();
-    prepare(&[recording], &Options::default(), kinds, |prepared, accelerometer, gyroscope| {
+    prepare(&[recording], kinds, |prepared, accelerometer, gyroscope| {
         assert!(prepared.rests.iter().all(|rest| rest.carried.is_some()));
         let values = super::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand: Vec::new() };

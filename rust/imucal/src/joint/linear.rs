@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::rc::Rc;
 
 use imucal_core::effects::{Need, Sensor, Surroundings};
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
 
 use super::attitude;
 use super::encoders::{self, Encoders};
@@ -125,6 +125,26 @@ impl Linear {
         let moves: usize = if self.kinds.encoders { self.moves.iter().map(count).sum() } else { 0 };
         let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
+    }
+
+    /// What the rows after the lines and the rates are about, stretch by stretch: the insides of the moves, rests and moves
+    /// against the stand.
+    pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
+        let mut row = self.lines.len() + 3 * self.rates.len();
+        let mut found = Vec::new();
+        let mut next = |source: Source, count: usize| {
+            found.push((source, row..row + count));
+            row += count;
+        };
+        let moves = || self.moves.iter().enumerate();
+        if self.kinds.in_motion {
+            moves().for_each(|(k, m)| next(Source::Move(k), inside::count(&m.pass)));
+        }
+        if self.kinds.encoders {
+            self.directions.iter().for_each(|(k, _)| next(Source::Norm(*k), 2));
+            moves().for_each(|(k, m)| next(Source::Move(k), encoders::count(&m.pass, !self.kinds.in_motion)));
+        }
+        found
     }
 
     /// The group that each row of the whitened residuals belongs to: norms, moves, rates x, y and z, inside the moves,
@@ -258,15 +278,8 @@ impl Prepared<'_> {
     fn move_lines(&self, index: usize, at_move: &AtMove, rests: &[Option<AtRest>]) -> [Line; 2] {
         let m = &self.moves[index];
         let AtMove { pass, before, after } = at_move;
-        let carried = pass.rotation.tr_mul(&before.up);
         let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
-        let residual = across * (carried - after.up);
-        let columns: Vec<_> = (0..before.jacobian.len())
-            .map(|p| {
-                let by_turn = pass.rotation.tr_mul(&before.up.cross(&pass.turn[p]));
-                across * (by_turn + pass.rotation.tr_mul(&before.jacobian[p]) - after.jacobian[p])
-            })
-            .collect();
+        let (residual, columns) = move_direction(at_move);
         let by_mean = |rest: usize, end: &End| -> Option<Matrix3<f64>> {
             let at_rest = rests[rest].as_ref().filter(|_| end.steady)?;
             let up = at_rest.force.normalize();
@@ -311,6 +324,18 @@ impl Prepared<'_> {
             Line { residual: residual[axis], jacobian, by_means: Vec::new(), source: Source::Norm(k) }
         })
     }
+}
+
+/// Two components of the carried minus the measured direction, and their derivatives by every parameter.
+pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
+    let AtMove { pass, before, after } = at_move;
+    let carried = pass.rotation.tr_mul(&before.up);
+    let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
+    let columns = (0..before.jacobian.len()).map(|p| {
+        let by_turn = pass.rotation.tr_mul(&before.up.cross(&pass.turn[p]));
+        across * (by_turn + pass.rotation.tr_mul(&before.jacobian[p]) - after.jacobian[p])
+    });
+    (across * (carried - after.up), columns.collect())
 }
 
 impl AtRest {

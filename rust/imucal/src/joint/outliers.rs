@@ -155,7 +155,7 @@ fn groups(linear: &Linear) -> Vec<Group> {
 }
 
 /// What whitening makes of an error of one of the mean of each rest, axis by axis, from that of an error in each line.
-fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
+pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
         let seen = lines.flat_map(|(line, unit)| {

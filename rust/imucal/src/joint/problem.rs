@@ -11,6 +11,7 @@ use super::encoders::{self, EncoderMove, Encoders, StandModel};
 use super::inside;
 use super::linear::{Line, Linear, Prepared, Source};
 use super::model::{GYRO_BIAS, GYRO_SENSITIVITY, Model};
+use super::report::JointFit;
 use super::terms::{Kinds, Term, Terms};
 use super::wander::{UnitWander, Wander, Wandering};
 use super::weights::Weights;
@@ -57,6 +58,11 @@ impl<'a> Joint<'a> {
     ) -> Result<Self, Error> {
         let weights = Weights::of_noise(prepared, terms, &linear);
         Self::with(prepared, terms, linear, weights)
+    }
+
+    /// The problem at the end of a fit, with its weights.
+    pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
+        Self::with(prepared, terms, Rc::clone(&fit.linear), fit.weights.clone())
     }
 
     fn with(

@@ -31,6 +31,7 @@ pub(crate) struct JointFit {
     pub(crate) terms: Vec<TermEstimate>,
     /// Residuals and derivatives at its end.
     pub(crate) linear: Rc<Linear>,
+    pub(super) weights: Weights,
 }
 
 /// By how much residuals of each kind exceed what noise explains, and their standard deviations are widened; 1 where they do
@@ -114,7 +115,18 @@ impl JointFit {
         };
         let moves = moves_of(&linear, &problem.weights);
         let wander = problem.wander(model);
-        Ok(Self { model: model.clone(), covariance, report, scales, wander, norms, moves, terms: estimates, linear })
+        Ok(Self {
+            model: model.clone(),
+            covariance,
+            report,
+            scales,
+            wander,
+            norms,
+            moves,
+            terms: estimates,
+            weights: problem.weights.clone(),
+            linear,
+        })
     }
 }
 

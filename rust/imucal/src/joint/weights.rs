@@ -26,6 +26,7 @@ const FINEST_RAD: f64 = 2e-5;
 const FINEST_RADPS: f64 = 1e-6;
 
 /// Weights of all residuals.
+#[derive(Clone)]
 pub(crate) struct Weights {
     pub(crate) whitening: Whitening,
     /// Whitening of the mean rate at each rest, per raw unit: the inverse of the lower factor of its covariance.

@@ -12,6 +12,7 @@ use faer::Mat;
 pub(crate) type Shares = Vec<(usize, f64)>;
 
 /// The lower factor of a covariance, row by row from the first entry that is not zero.
+#[derive(Clone)]
 pub(crate) struct Whitening {
     rows: Vec<(usize, Vec<f64>)>,
 }

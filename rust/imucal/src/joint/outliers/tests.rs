@@ -128,7 +128,7 @@ fn bad_ones_do_not_hide_each_other() {
 fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) {
     let recording: Recording<'_> = run.recording("run");
     let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
-    prepare(&[recording], &Options::default(), NONE, |prepared, accelerometer, gyroscope| {
+    prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
         work(prepared, &terms, &crate::joint::fit(prepared, &terms, accelerometer, gyroscope)?.model);
         Ok(())
     })
@@ -155,7 +155,7 @@ fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);
     let recording: Recording<'_> = run.recording("run");
     let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
-    prepare(&[recording], &Options::default(), NONE, |prepared, accelerometer, gyroscope| {
+    prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
         let fit = crate::joint::fit(prepared, &terms, accelerometer, gyroscope)?;
         let anew = prepared.linearise(&terms, &fit.model.parameters())?;
         let lines = |linear: &Linear| -> Vec<_> {
