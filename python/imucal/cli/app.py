@@ -50,6 +50,7 @@ app = typer.Typer(
     name="imucal",
     help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
     no_args_is_help=True,
+    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit codes: 0 good, 1 bad input or no result, 2 finished but the verdict is poor.",

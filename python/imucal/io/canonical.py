@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from imucal.arrays import FloatArray
 from imucal.atomic import write_atomically
 from imucal.errors import FormatError, InputError
 from imucal.io.columns import mapping_of
-from imucal.io.source import File, Table, open_file
+from imucal.io.source import ROWS_AT_ONCE, Stored, Table, first_bytes, open_file, open_large
 from imucal.io.text import read_headed
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording import Recording
@@ -20,6 +20,7 @@ from imucal.recording import Recording
 __all__ = ["read_csv", "read_parquet", "require_ending", "write_columns"]
 
 PARQUET_MAGIC = b"PAR1"
+BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
 
 # Names and values, in the order in which they are written.
@@ -48,8 +49,8 @@ def read_parquet(
     rate_hz: float | None = None,
 ) -> Recording:
     """Read a Parquet file; the arguments are those of `read_csv`."""
-    file = open_file(path)
-    return recording_from_table(_chosen(_parquet_table(file), columns), [file.source], rate_hz)
+    source = open_large(path)
+    return recording_from_table(_chosen(_parquet_table(path), columns), [source], rate_hz)
 
 
 def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
@@ -102,17 +103,28 @@ def _chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
     return Table(table.file, list(mapping), values, table.place)
 
 
-def _parquet_table(file: File) -> Table:
+def _parquet_table(path: str | os.PathLike[str]) -> Table:
     import pyarrow as pa
     from pyarrow import parquet
 
-    if not file.content.startswith(PARQUET_MAGIC):
-        raise FormatError(
-            f"{file.name} is not a Parquet file (it does not start with PAR1): check its format"
-        )
-    try:
-        table = parquet.read_table(io.BytesIO(file.content))
-    except (pa.ArrowException, OSError) as error:
-        reason = str(error).splitlines()[0]
-        raise FormatError(f"{file.name} is a damaged or truncated Parquet file: {reason}") from None
-    return Table(file.name, table.column_names, table.columns, lambda row: f"row {row + 1}")
+    name = Path(path).name
+    if first_bytes(path, len(PARQUET_MAGIC)) != PARQUET_MAGIC:
+        raise FormatError(f"{name} is not a Parquet file (it does not start with PAR1): check its format")
+
+    @contextmanager
+    def reading() -> Iterator[None]:
+        try:
+            yield
+        except (pa.ArrowException, OSError) as error:
+            reason = str(error).splitlines()[0]
+            raise FormatError(f"{name} is a damaged or truncated Parquet file: {reason}") from None
+
+    def batches(names: list[str]) -> Iterator[Any]:
+        # Without the two options the compressed bytes of many row groups wait in memory.
+        with reading(), parquet.ParquetFile(path, pre_buffer=False, buffer_size=BUFFER) as file:
+            yield from file.iter_batches(ROWS_AT_ONCE, columns=names)
+
+    with reading(), parquet.ParquetFile(path) as file:
+        schema, rows = file.schema_arrow, file.metadata.num_rows
+    columns = [Stored(field.name, field.type, rows, batches) for field in schema]
+    return Table(name, schema.names, columns, lambda row: f"row {row + 1}")

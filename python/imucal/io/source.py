@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,9 +13,21 @@ from typing import Any
 from imucal.errors import FormatError, ImucalError, InputError
 from imucal.recording import Source
 
-__all__ = ["File", "Table", "first_bytes", "is_folder", "open_file", "open_large", "parsing"]
+__all__ = [
+    "ROWS_AT_ONCE",
+    "File",
+    "Stored",
+    "Table",
+    "first_bytes",
+    "is_folder",
+    "open_file",
+    "open_large",
+    "parsing",
+    "parts",
+]
 
 HASHED_AT_ONCE = 1 << 20
+ROWS_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -28,8 +40,21 @@ class File:
 
 
 @dataclass(frozen=True)
+class Stored:
+    """A column that is still in its file; `batches` reads columns of that file by their names."""
+
+    name: str
+    type: Any
+    rows: int
+    batches: Callable[[list[str]], Iterator[Any]]
+
+    def __len__(self) -> int:
+        return self.rows
+
+
+@dataclass(frozen=True)
 class Table:
-    """Named columns of one file, as Arrow arrays of equal length."""
+    """Named columns of one file, of equal length: Arrow arrays, or all of them still in the file."""
 
     file: str
     names: list[str]
@@ -40,6 +65,19 @@ class Table:
     def renamed(self, names: list[str]) -> Table:
         """The same columns under other names."""
         return Table(self.file, names, self.columns, self.place)
+
+
+def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:
+    """The columns of a table in parts of a few thousand rows, which are in the cache when they are used."""
+    if columns and isinstance(columns[0], Stored):
+        for batch in columns[0].batches([column.name for column in columns]):
+            yield [batch.column(column.name) for column in columns]
+    elif columns:
+        import pyarrow as pa
+
+        table = pa.table(list(columns), names=[str(index) for index in range(len(columns))])
+        for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
+            yield batch.columns
 
 
 def open_file(path: str | os.PathLike[str]) -> File:

@@ -12,14 +12,14 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imucal.errors import FormatError, InputError
-from imucal.io.source import Table
+from imucal.io.source import Table, parts
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
 
 __all__ = ["NAMES", "SKIP", "column_names", "is_canonical", "recording_from_table"]
@@ -77,21 +77,23 @@ def recording_from_table(table: Table, sources: Sequence[Source], rate_hz: float
     """
     _refuse_duplicates(table)
     used: set[str] = set()
-    accel, accel_unit = _triad(table, "accel", used)
-    gyro, gyro_unit = _triad(table, "gyro", used)
-    time_s = _time(table, used, rate_hz)
+    wanted = _Wanted(table)
+    accel, accel_unit = _triad(wanted, "accel", used)
+    gyro, gyro_unit = _triad(wanted, "gyro", used)
+    time_s = _time(wanted, used, rate_hz)
     stand = None
     if any(name.startswith("stand_") and _triad_part(name) for name in table.names):
-        stand, _ = _triad(table, "stand", used)
+        stand, _ = _triad(wanted, "stand", used)
     temperature = None
     if "temp_degc" in table.names:
         used.add("temp_degc")
-        temperature = _numbers(table, "temp_degc")
+        temperature = wanted.numbers("temp_degc")
     auxiliary = {
-        name: _numbers(table, name)
+        name: wanted.numbers(name)
         for name, column in zip(table.names, table.columns, strict=True)
         if name not in used and name not in SKIP and name and _is_numeric(column)
     }
+    wanted.read()
     return Recording(
         time_s,
         accel,
@@ -127,8 +129,85 @@ def _refuse_duplicates(table: Table) -> None:
         raise FormatError(f"{table.file}: the column {twice[0]} is given twice: rename or remove one")
 
 
-def _triad(table: Table, triad: str, used: set[str]) -> tuple[NDArray[np.float64], str]:
+class _Wanted:
+    """The columns of a table that a recording takes; one pass over the table fills all of them.
+
+    What a file holds is so never in memory beside what is made of it.
+    """
+
+    def __init__(self, table: Table) -> None:
+        self.table = table
+        self.rows = len(table.columns[0]) if table.columns else 0
+        self._columns: list[Any] = []
+        self._takers: list[Callable[[slice, Any], None]] = []
+
+    def numbers(
+        self, name: str, into: NDArray[np.float64] | None = None, factor: float = 1.0
+    ) -> NDArray[np.float64]:
+        """A column as float64, empty cells as NaN, times a factor; it is there after `read`."""
+        out = np.empty(self.rows) if into is None else into
+
+        def take(where: slice, part: Any) -> None:
+            values = _float64(part)
+            out[where] = values if factor == 1.0 else values * factor
+
+        self._want(name, take)
+        return out
+
+    def since_first(self, name: str, ticks_per_s: float) -> NDArray[np.float64]:
+        """A column of time, counted from its first number, s."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        out = np.empty(self.rows)
+        first: Any = None
+
+        def take(where: slice, part: Any) -> None:
+            nonlocal first
+            if pa.types.is_integer(part.type):
+                # In whole numbers, before the way to float64: 1.4e18 ns has more digits than a float64 holds.
+                part = part.cast(pa.int64(), safe=False)
+                if first is None and part.null_count < len(part):
+                    first = part.drop_null()[0]
+                values = _float64(part if first is None else pc.subtract(part, first))
+            else:
+                values = _float64(part)
+                finite = values[np.isfinite(values)] if first is None else values[:0]
+                first = finite[0] if len(finite) else first
+                values = values if first is None else values - first
+            out[where] = values / ticks_per_s
+
+        self._want(name, take)
+        return out
+
+    def read(self) -> None:
+        """Fill all that was asked for."""
+        start = 0
+        for part in parts(self._columns):
+            where = slice(start, start + len(part[0]))
+            for take, values in zip(self._takers, part, strict=True):
+                take(where, values)
+            start = where.stop
+
+    def _want(self, name: str, take: Callable[[slice, Any], None]) -> None:
+        column = self.table.columns[self.table.names.index(name)]
+        if not _is_numeric(column):
+            _refuse_text(self.table, name, column)
+        self._columns.append(column)
+        self._takers.append(take)
+
+
+def _float64(part: Any) -> NDArray[np.float64]:
+    """Some rows of a column of numbers, empty cells as NaN."""
+    import pyarrow as pa
+
+    values = part.cast(pa.float64(), safe=False).to_numpy(zero_copy_only=False)
+    return np.asarray(values, dtype=np.float64)
+
+
+def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[np.float64], str]:
     """The three columns of a triad, in SI units or counts, and the unit of their names."""
+    table = wanted.table
     found: dict[str, list[tuple[str, str]]] = {axis: [] for axis in AXES[triad]}
     for name in table.names:
         part = _triad_part(name)
@@ -155,11 +234,14 @@ def _triad(table: Table, triad: str, used: set[str]) -> tuple[NDArray[np.float64
         )
     unit = units.pop()
     used.update(name for name, _ in columns)
-    values = np.stack([_numbers(table, name) for name, _ in columns], axis=1)
-    return (values if TO_SI[triad][unit] == 1.0 else values * TO_SI[triad][unit]), unit
+    values = np.empty((wanted.rows, 3))
+    for column, (name, _) in enumerate(columns):
+        wanted.numbers(name, values[:, column], TO_SI[triad][unit])
+    return values, unit
 
 
-def _time(table: Table, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:
+def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:
+    table = wanted.table
     names = [name for name in table.names if _time_unit(name) is not None]
     if len(names) > 1:
         raise FormatError(
@@ -172,7 +254,7 @@ def _time(table: Table, used: set[str], rate_hz: float | None) -> NDArray[np.flo
             )
         if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(f"{table.file}: rate_hz is {rate_hz}: a positive number is needed")
-        return np.arange(len(table.columns[0]), dtype=np.float64) / rate_hz
+        return np.arange(wanted.rows, dtype=np.float64) / rate_hz
     if not names:
         raise FormatError(
             f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; found: "
@@ -182,8 +264,8 @@ def _time(table: Table, used: set[str], rate_hz: float | None) -> NDArray[np.flo
     used.add(name)
     unit = name.removeprefix("time_")
     if unit == "s":
-        return _numbers(table, name)
-    return _numbers(table, name, from_first=True) / TICKS_PER_S[unit]
+        return wanted.numbers(name)
+    return wanted.since_first(name, TICKS_PER_S[unit])
 
 
 def _is_numeric(column: Any) -> bool:
@@ -193,29 +275,10 @@ def _is_numeric(column: Any) -> bool:
     return bool(pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_null(kind))
 
 
-def _numbers(table: Table, name: str, from_first: bool = False) -> NDArray[np.float64]:
-    """A column as float64, empty cells as NaN; minus its first number if wanted."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    column = table.columns[table.names.index(name)]
-    if not _is_numeric(column):
-        _refuse_text(table, name, column)
-    if from_first and pa.types.is_integer(column.type):
-        # In whole numbers, before the way to float64: 1.4e18 ns has more digits than a float64 holds.
-        column = column.cast(pa.int64(), safe=False)
-        present = column.drop_null()
-        column = pc.subtract(column, present[0]) if len(present) else column
-        from_first = False
-    values = column.cast(pa.float64(), safe=False).fill_null(math.nan).to_numpy()
-    if from_first and np.isfinite(values).any():
-        values = values - values[np.isfinite(values)][0]
-    return np.asarray(values, dtype=np.float64)
-
-
 def _refuse_text(table: Table, name: str, column: Any) -> None:
     """Say where the first cell is that is no number."""
-    for row, cell in enumerate(column.to_pylist()):
+    cells = (cell for (part,) in parts([column]) for cell in part.to_pylist())
+    for row, cell in enumerate(cells):
         try:
             float(cell if cell is not None else "nan")
         except (TypeError, ValueError):

@@ -118,17 +118,19 @@ impl Segments {
         }
         let dt_s = sample_interval_s(recording.time_s);
         let block_samples = ((BLOCK_S / dt_s).round() as usize).max(1);
-        let Blocks { samples: blocks, means, averaged, steps } = sum_blocks(recording, block_samples);
+        let sums = sum_blocks(recording, block_samples);
+        let Blocks { samples: blocks, averaged, steps, .. } = &sums;
+        let averaged = *averaged as f64;
         let min_blocks = ((min_rest_s / (block_samples as f64 * dt_s)).round() as usize).max(2);
         if blocks.len() < WINDOW_BLOCKS.max(min_blocks) {
             return Err(no_rest(recording, min_rest_s));
         }
-        let (statistic, floor) = window_statistic(&means, &(steps / (averaged as f64).sqrt()));
+        let (statistic, floor) = window_statistic(sums.means(), &(steps / averaged.sqrt()));
         let threshold = choose_threshold(&statistic, min_blocks);
-        let gravity = gravity_size(recording, &blocks);
+        let gravity = gravity_size(recording, blocks);
         let still: Vec<_> = Levels::of(&statistic, threshold.0, threshold.0)
             .still(threshold.0)
-            .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), &blocks))
+            .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks))
             .filter(|range| !range.is_empty() && !wanders(&blocks[range.clone()], gravity))
             .collect();
         let (mut long, short): (Vec<_>, Vec<_>) =
@@ -136,13 +138,13 @@ impl Segments {
         if long.is_empty() {
             return Err(no_rest(recording, min_rest_s));
         }
-        let settled = Steadiness::of(&blocks, &statistic, &ranges(&long));
+        let settled = Steadiness::of(blocks, &statistic, &ranges(&long));
         // Where a hand holds the unit, no end is sharper than its tremor.
         for (range, within) in long.iter_mut().filter(|(range, _)| settled.unsteadiness(range) < UNSTEADY) {
-            *range = onset(range.clone(), within, &blocks);
+            *range = onset(range.clone(), within, blocks);
         }
         let long = ranges(&long);
-        let steadiness = Steadiness::of(&blocks, &statistic, &long);
+        let steadiness = Steadiness::of(blocks, &statistic, &long);
         let rests: Vec<Rest> = long
             .iter()
             .map(|range| Rest {
@@ -150,8 +152,8 @@ impl Segments {
                 ..rest(recording, &blocks[range.clone()], range.start, steadiness.colour(range))
             })
             .collect();
-        let sample_variance = floor * averaged as f64;
-        let density = noise_variance(&blocks, &steadiness.steady, &steadiness.steady_colour)
+        let sample_variance = floor * averaged;
+        let density = noise_variance(blocks, &steadiness.steady, &steadiness.steady_colour)
             .unwrap_or(sample_variance)
             .map(|variance| (variance * dt_s).sqrt());
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
@@ -211,7 +213,7 @@ impl Segments {
 
 /// Median time between samples, s; NaN for fewer than two.
 pub fn sample_interval_s(time_s: &[f64]) -> f64 {
-    quantile_of(time_s.windows(2).map(|pair| pair[1] - pair[0]), 0.5)
+    quantile_of(time_s.len().saturating_sub(1), |i| time_s[i + 1] - time_s[i], 0.5)
 }
 
 /// From the end of the stretch before each to the start of the one after it.

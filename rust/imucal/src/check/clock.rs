@@ -41,7 +41,11 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     if steps.positive < 2 {
         return findings;
     }
-    let of_steps = |q: f64| quantile_of(positive_steps_s(recording.time_s), q);
+    let forward_s = |i: usize| {
+        let step_s = recording.time_s[i + 1] - recording.time_s[i];
+        if step_s > 0.0 && step_s.is_finite() { step_s } else { f64::NAN }
+    };
+    let of_steps = |q: f64| quantile_of(recording.len() - 1, forward_s, q);
     let median_s = of_steps(0.5);
     let regular_s = (1.0 - REGULAR) * median_s..=(1.0 + REGULAR) * median_s;
     if regular_s.contains(&steps.shortest_s) && regular_s.contains(&steps.longest_s) {
@@ -64,11 +68,6 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
         findings.extend(missing(recording, median_s, longest_usual_s * (1.0 + 1e-6)));
     }
     findings
-}
-
-/// The steps that go forward, s.
-fn positive_steps_s(time_s: &[f64]) -> impl Iterator<Item = f64> + Clone + '_ {
-    time_s.windows(2).map(|pair| pair[1] - pair[0]).filter(|step_s| *step_s > 0.0 && step_s.is_finite())
 }
 
 impl Default for Steps {

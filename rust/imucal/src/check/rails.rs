@@ -8,7 +8,7 @@ use super::values::converter_step;
 use super::{ACCEL, GYRO, Tally, names, unit_name};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
-use crate::stats::quantile_of;
+use crate::stats::quantile;
 
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
 const SHARE_OF_REACH: f64 = 0.8;
@@ -158,11 +158,12 @@ fn triad_rails(
         return [[None; 2]; 3];
     }
     let reach = (low - zero).abs().max((high - zero).abs());
-    let norms = rows
+    let mut norms: Vec<f64> = rows
         .iter()
         .map(|row| row.iter().map(|v| (v - zero).powi(2)).sum::<f64>().sqrt())
-        .filter(|norm| norm.is_finite());
-    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile_of(norms, 0.5));
+        .filter(|norm| norm.is_finite())
+        .collect();
+    let lowest_rail = (SHARE_OF_REACH * reach).max(lowest_over_median * quantile(&mut norms, 0.5));
     let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
     let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
         let [low, high] = ends[axis];

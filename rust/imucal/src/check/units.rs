@@ -8,7 +8,7 @@ use super::survey::{Part, Survey};
 use super::{ACCEL, GYRO, names};
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
-use crate::stats::quantile_of;
+use crate::stats::quantile;
 
 /// |f| over g at rest that bias and scale of a sensor can explain.
 const AT_REST: [f64; 2] = [0.75, 1.25];
@@ -110,9 +110,9 @@ fn length([x, y, z]: &[f64; 3]) -> f64 {
 
 /// Median length of the finite rows in the ranges.
 fn median_norm(rows: &[[f64; 3]], ranges: &[Range<usize>]) -> Option<f64> {
-    let norms = ranges.iter().flat_map(|range| &rows[range.clone()]).map(length).filter(|norm| norm.is_finite());
-    let median = quantile_of(norms, 0.5);
-    (!median.is_nan()).then_some(median)
+    let rows = ranges.iter().flat_map(|range| &rows[range.clone()]);
+    let mut norms: Vec<f64> = rows.map(length).filter(|norm| norm.is_finite()).collect();
+    (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
 fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, gravity_mps2: f64) -> Finding {
@@ -160,12 +160,13 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     let over = |row: &[f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
     let first = recording.angular_rate.iter().position(over)?;
     // One sample in a thousand may be a spike.
-    let fastest = recording
+    let mut fastest: Vec<f64> = recording
         .angular_rate
         .iter()
         .map(|row| row.iter().fold(0.0, |most: f64, rate| most.max(rate.abs())))
-        .filter(|rate| rate.is_finite());
-    let rate = quantile_of(fastest, 0.999);
+        .filter(|rate| rate.is_finite())
+        .collect();
+    let rate = quantile(&mut fastest, 0.999);
     (rate > FASTEST_RADPS).then(|| Finding {
         columns: names(GYRO),
         place: Some(Place::new(recording, first, first)),

@@ -4,7 +4,7 @@ use super::survey::{Part, Survey};
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
 use crate::recording::Recording;
-use crate::stats::quantile_of;
+use crate::stats::quantile;
 
 /// Temperature step between neighbours, K.
 const TEMPERATURE_STEP_K: f64 = 5.0;
@@ -154,8 +154,11 @@ impl Extremes {
 pub(super) fn converter_step(rows: &[[f64; 3]], axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let differences = rows.windows(2).map(|pair| (pair[1][axis] - pair[0][axis]).abs());
-    let step = quantile_of(differences.filter(|step| *step > rounding && step.is_finite()), 0.05);
-    if step.is_nan() { f64::INFINITY } else { step }
+    let mut steps: Vec<f64> = differences.filter(|step| *step > rounding && step.is_finite()).collect();
+    if steps.is_empty() {
+        return f64::INFINITY;
+    }
+    quantile(&mut steps, 0.05)
 }
 
 /// Steps of more than 5 K between neighbours, and values that are not finite.

@@ -22,11 +22,18 @@ pub(super) struct Blocks {
     /// Sums of the samples.
     pub(super) samples: Vec<Block>,
     /// Sums of means over `averaged` samples each. The noise of single samples grows with the rate until slow motion
-    /// drowns in it; that of these means does not.
-    pub(super) means: Vec<Block>,
+    /// drowns in it; that of these means does not. Empty where they are the samples themselves.
+    means: Vec<Block>,
     pub(super) averaged: usize,
     /// Smallest step of each channel (its resolution).
     pub(super) steps: Vector6<f64>,
+}
+
+impl Blocks {
+    /// Sums of the means.
+    pub(super) fn means(&self) -> &[Block] {
+        if self.averaged == 1 { &self.samples } else { &self.means }
+    }
 }
 
 /// One pass over the samples, and at high rates a second one for the means.
@@ -34,7 +41,8 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
     let averaged = (block_samples / MEANS).max(1);
     let mut steps = Vector6::repeat(f64::INFINITY);
     let mut last = Vector6::repeat(f64::NAN);
-    let (samples, means) = recording
+    let mut means = Vec::new();
+    let samples = recording
         .angular_rate
         .chunks_exact(block_samples)
         .zip(recording.specific_force.chunks_exact(block_samples))
@@ -51,9 +59,12 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
                 last = sample;
                 block.push(Vector3::from(*w), Vector3::from(*f));
             }
-            (block, if averaged == 1 { block } else { sum_means(rates, forces, averaged) })
+            if averaged > 1 {
+                means.push(sum_means(rates, forces, averaged));
+            }
+            block
         })
-        .unzip();
+        .collect();
     Blocks { samples, means, averaged, steps }
 }
 
