@@ -34,6 +34,7 @@ from imucal.cli import (
     simulate,
     stand,
 )
+from imucal.cli.group import group
 from imucal.errors import ImucalError
 
 __all__ = ["app", "main"]
@@ -46,11 +47,10 @@ MOST_ON_A_LINE = 300
 # Set to anything, it lets a bug end with its traceback.
 TRACEBACK = "IMUCAL_TRACEBACK"
 
-app = typer.Typer(
+app = group(
     name="imucal",
     help="Calibrate MEMS accelerometers and gyroscopes with gravity as the only reference.",
     no_args_is_help=True,
-    rich_markup_mode=None,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
     epilog="Exit codes: 0 good, 1 bad input or no result, 2 finished but the verdict is poor.",

@@ -9,12 +9,13 @@ from typing import Annotated
 import typer
 
 from imucal.cli import demo_gap
+from imucal.cli.group import group
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
 
 __all__ = ["app"]
 
-app = typer.Typer(help="Simulate, calibrate, judge, and show it as a page; or hide an effect and find it.")
+app = group(help="Simulate, calibrate, judge, and show it as a page; or hide an effect and find it.")
 app.command()(demo_gap.gap)
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from imucal.cli.group import group
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
 
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-app = typer.Typer(
+app = group(
     help="What a unit must keep: a first limits file from good units, and a day's units against one.",
     no_args_is_help=True,
     epilog="Example: imucal limits check limits.json unit-*.json --csv day.csv",

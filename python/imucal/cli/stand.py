@@ -10,6 +10,7 @@ import typer
 
 from imucal.cli import completion, stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
+from imucal.cli.group import group
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
 from imucal.errors import InputError
@@ -21,7 +22,7 @@ __all__ = ["app"]
 
 BROKEN_OFF = 1
 
-app = typer.Typer(
+app = group(
     help="Move a stand, record the unit on it, and calibrate.",
     no_args_is_help=True,
     epilog="Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv",

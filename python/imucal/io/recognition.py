@@ -15,7 +15,7 @@ from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
 from imucal.io.matlab import MATLAB_MAGIC
 from imucal.io.ros import ROS1_MAGIC
-from imucal.io.source import first_bytes, is_folder, open_file
+from imucal.io.source import first_bytes, is_folder
 from imucal.io.text import first_fields
 from imucal.io.ulog import ULOG_MAGIC
 from imucal.io.vocabulary import NAMES, is_canonical
@@ -34,6 +34,7 @@ STARTS: Final = (
     (b"\x93NUMPY", "numpy"),
     (b"PK\x03\x04", "numpy"),
 )
+LONGEST_HEADER = 1 << 16
 # Damaged at the start, a file is still told by the ending that no other format has.
 ENDINGS: Final = {
     ".parquet": "parquet",
@@ -52,7 +53,7 @@ ENDINGS: Final = {
 def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any]) -> str:
     """The format of the files, by their number, content and names, and by the options for text.
 
-    Raises FormatError if it is not clear, and what `open_file` raises.
+    Raises FormatError if it is not clear, and what `first_bytes` raises.
     """
     if len(paths) == 2:
         return "imu_tk"
@@ -67,14 +68,13 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
         return ENDINGS[path.suffix.lower()]
     if "columns" in options and mapping_of(options["columns"]) is None:
         return "columns"
-    file = open_file(paths[0])
-    fields = first_fields(file)
+    fields = first_fields(path.name, first_bytes(path, LONGEST_HEADER))
     if is_euroc(fields):
         return "euroc"
     if "columns" in options or any(is_canonical(field) for field in fields):
         return "csv"
     shown = ", ".join(fields[:12])
     raise FormatError(
-        f"{file.name}: the format is not clear, its first line is: {shown[:200]}. Give the format "
+        f"{path.name}: the format is not clear, its first line is: {shown[:200]}. Give the format "
         f"({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
     )
