@@ -14,27 +14,14 @@ import numpy as np
 
 import imucal
 from compare import ROOT, machine_name, medians_ms
+from sections import write_section
 
 REPORT = ROOT / "docs" / "results" / "noise.md"
-SECTION = "## Speed of the Allan deviation"
+SECTION = "Speed of the Allan deviation"
 SAMPLES = 10_000_000
 TAUS = 30
 ROUNDS = 3
 AIM = 8.0
-
-
-def write_section(heading: str, body: str) -> None:
-    """Put a section of the page in its place; the others stay."""
-    text = REPORT.read_text(encoding="utf-8") if REPORT.exists() else "# Noise\n"
-    title, *sections = text.split("\n## ")
-    kept = {section.split("\n", 1)[0]: section for section in sections}
-    kept[heading.removeprefix("## ")] = f"{heading.removeprefix('## ')}\n\n{body.strip()}\n"
-    # Speed comes last, whoever writes first.
-    order = sorted(kept, key=lambda name: name.startswith("Speed"))
-    REPORT.parent.mkdir(parents=True, exist_ok=True)
-    REPORT.write_text(
-        "\n\n## ".join([title.strip(), *(kept[name].strip() for name in order)]) + "\n", encoding="utf-8"
-    )
 
 
 def main() -> None:
@@ -74,8 +61,7 @@ samples at the same {len(factors)} averaging times, medians of {ROUNDS} interlea
 The largest relative difference of any deviation is {apart:.0e}. The aim is {AIM:.0f} times on one thread:
 {"met" if single >= AIM else "missed"}.
 """
-    write_section(SECTION, body)
-    print(f"{SECTION}\n{body}\nwritten to {REPORT.relative_to(ROOT)}")
+    write_section(REPORT, "Noise", SECTION, body)
 
 
 if __name__ == "__main__":

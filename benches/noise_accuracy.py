@@ -21,9 +21,10 @@ from rich.progress import track
 
 import imucal
 from accuracy.band import BESIDE, binomial
-from allan import REPORT, ROOT, write_section
+from allan import REPORT
+from sections import write_section
 
-SECTION = "## The figures and their bands"
+SECTION = "The figures and their bands"
 RATE_HZ = 100.0
 DURATION_S = 3600.0
 DEG = math.pi / 180.0
@@ -172,8 +173,7 @@ the table; three axes each.
 {judge.misses} of {judge.checked} figures are outside; of perfect ones {expected:.1f} would be.
 Of all {judge.bands} bands of noise that is there {share:.2f} % hold the truth.
 """
-    write_section(SECTION, body)
-    print(f"{SECTION}\n{body}\nwritten to {REPORT.relative_to(ROOT)}")
+    write_section(REPORT, "Noise", SECTION, body)
 
 
 if __name__ == "__main__":

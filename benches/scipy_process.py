@@ -1,6 +1,6 @@
-"""The whole SciPy program as a process: read both files, calibrate, print; what `imucal calibrate` is timed beside.
+"""The whole SciPy program as a process: read both files, calibrate, print; `start.py` times it.
 
-    python benches/scipy_process.py scipy_calibration.py xsens_acc.mat xsens_gyro.mat
+python benches/scipy_process.py scipy_calibration.py xsens_acc.mat xsens_gyro.mat
 """
 
 import importlib.util

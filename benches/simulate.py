@@ -3,9 +3,10 @@
 import numpy as np
 
 import imucal
-from compare import REPORT, ROOT, machine_name, medians_ms
+from compare import REPORT, machine_name, medians_ms
+from sections import write_section
 
-SECTION = "## Simulation"
+SECTION = "Simulation"
 ROUNDS = 5
 LIMIT = 5.0
 RATE_HZ = 1000.0
@@ -69,12 +70,7 @@ def simulation_lines() -> list[str]:
 
 def main() -> None:
     taken_on = f"{machine_name()}, NumPy {np.__version__}. Medians of {ROUNDS} interleaved rounds."
-    section = "\n".join([SECTION, "", taken_on, "", *simulation_lines(), ""])
-    before = REPORT.read_text(encoding="utf-8") if REPORT.exists() else "# Speed\n"
-    before = before.split(SECTION)[0].rstrip()
-    REPORT.write_text(f"{before}\n\n{section}", encoding="utf-8")
-    print(section)
-    print(f"written to {REPORT.relative_to(ROOT)}")
+    write_section(REPORT, "Speed", SECTION, "\n".join([taken_on, "", *simulation_lines()]))
 
 
 if __name__ == "__main__":

@@ -1,0 +1,198 @@
+"""Time and memory from 1e5 to 1e8 samples, and of an hour at 8 kHz from a file: to docs/results/speed.md.
+
+Every figure is that of a process of its own, so that its peak is known: resident memory at most, less what
+the process has before the data are there.
+
+    --most 1e7   stop there: 1e8 samples are 5.6 GB, and simulating them takes twice that
+"""
+
+import argparse
+import json
+import resource
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+from compare import REPORT, machine_name
+from sections import write_section
+
+# Samples, rate in Hz, moves: ten times as much motion each time, at the end the same motion at a higher rate.
+SIZES = ((1e5, 1000.0, 18), (1e6, 1000.0, 180), (1e7, 1000.0, 1800), (1e8, 10_000.0, 1800))
+HOUR = (28_800_000, 8000.0, 650)
+MOST_TIMES, MOST_MEMORY = 10.5, 1.2
+MOST_READ, MOST_READ_MEMORY = 3.0, 2.0
+COLUMNS = ("time_s", "specific_force", "angular_rate")
+MOVE_S = 2.0
+ROUNDS = 3
+
+
+def peak_bytes() -> int:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+
+
+def now_bytes() -> int:
+    """Resident memory at this moment."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+
+# --- what the processes do ---
+
+
+def simulate(folder: Path, samples: int, rate_hz: float, moves: int, parquet: bool) -> dict[str, float]:
+    import imucal
+
+    hold_s = samples / rate_hz / (moves + 1) - MOVE_S * moves / (moves + 1)
+    program = imucal.Program.random(seed=1, moves=moves, max_rate_dps=60.0, move_s=MOVE_S, hold_s=hold_s)
+    recording = imucal.simulate(program, rate_hz=rate_hz, seed=1).recording
+    if parquet:
+        imucal.write(recording, folder / "hour.parquet")
+    else:
+        for name in COLUMNS:
+            np.save(folder / f"{name}.npy", getattr(recording, name)[:samples])
+        units = {"accel_unit": recording.accel_unit, "gyro_unit": recording.gyro_unit}
+        (folder / "units.json").write_text(json.dumps(units))
+    return {"samples": min(len(recording), samples)}
+
+
+def calibrate_arrays(folder: Path) -> dict[str, float]:
+    import imucal
+
+    arrays = [np.load(folder / f"{name}.npy") for name in COLUMNS]
+    recording = imucal.Recording(*arrays, **json.loads((folder / "units.json").read_text()))
+    size = sum(array.nbytes for array in arrays)
+    before = now_bytes() - size
+    start = time.perf_counter()
+    result = imucal.calibrate(recording, joint=False)
+    return {
+        "s": time.perf_counter() - start,
+        "memory": (peak_bytes() - before) / size,
+        "moves": len(result.moves),
+    }
+
+
+def calibrate_file(folder: Path) -> dict[str, float]:
+    import imucal
+
+    _ = imucal.calibrate, imucal.read
+    before, start = now_bytes(), time.perf_counter()
+    recording = imucal.read(folder / "hour.parquet")
+    read_s = time.perf_counter() - start
+    imucal.calibrate(recording)
+    size = 56 * len(recording)
+    return {"s": time.perf_counter() - start, "read_s": read_s, "memory": (peak_bytes() - before) / size}
+
+
+def read_file(folder: Path) -> dict[str, float]:
+    from pyarrow import parquet
+
+    before, start = now_bytes(), time.perf_counter()
+    table = parquet.read_table(folder / "hour.parquet")
+    arrays = [column.to_numpy() for column in table.columns]
+    size = sum(array.nbytes for array in arrays)
+    return {"s": time.perf_counter() - start, "memory": (peak_bytes() - before) / size}
+
+
+WORK = {
+    "simulate": simulate,
+    "calibrate_arrays": calibrate_arrays,
+    "calibrate_file": calibrate_file,
+    "read_file": read_file,
+}
+
+
+# --- the report ---
+
+
+def in_process(work: str, *arguments: object) -> dict[str, float]:
+    """What a function of `WORK` returns in a new process."""
+    command = [sys.executable, __file__, "--work", work, json.dumps([str(arguments[0]), *arguments[1:]])]
+    done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def median_of(found: list[dict[str, float]], key: str) -> float:
+    return statistics.median(each[key] for each in found)
+
+
+def verdict(value: float, most: float) -> str:
+    return "met" if value <= most else "missed"
+
+
+def growth(most: float) -> str:
+    rows, before = [], None
+    for wanted, rate_hz, moves in SIZES:
+        if wanted > most:
+            rows.append(f"| {wanted:.0e} | {rate_hz:.0f} | | | | | not run |")
+            continue
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            in_process("simulate", folder, int(wanted), rate_hz, moves, False)
+            found = [in_process("calibrate_arrays", folder) for _ in range(ROUNDS)]
+        took, memory = median_of(found, "s"), max(each["memory"] for each in found)
+        times = "" if before is None else f"{took / before:.1f}"
+        fine = memory <= MOST_MEMORY and (before is None or took / before <= MOST_TIMES)
+        rows.append(
+            f"| {wanted:.0e} | {rate_hz:.0f} | {found[0]['moves']:.0f} | {1e3 * took:.1f} | {times} "
+            f"| {memory:.2f} | {'met' if fine else 'missed'} |"
+        )
+        before = took
+    return "\n".join(rows)
+
+
+def hour() -> str:
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        in_process("simulate", folder, *HOUR, True)
+        megabytes = (folder / "hour.parquet").stat().st_size / 1e6
+        rounds = [
+            (in_process("read_file", folder), in_process("calibrate_file", folder)) for _ in range(ROUNDS)
+        ]
+    peer, ours = [each for each, _ in rounds], [each for _, each in rounds]
+    arrow_s, read_s, took = median_of(peer, "s"), median_of(ours, "read_s"), median_of(ours, "s")
+    memory = max(each["memory"] for each in ours)
+    return f"""
+An hour at 8 kHz ({HOUR[0]:,} samples) from a Parquet file of {megabytes:.0f} MB, on all processors.
+
+| | s | times pyarrow | peak, times the data |
+|---|---:|---:|---:|
+| pyarrow: the file into NumPy arrays | {arrow_s:.2f} | 1.0 | {max(each["memory"] for each in peer):.2f} |
+| `imucal.read`, with the file's hash | {read_s:.2f} | {read_s / arrow_s:.1f} | |
+| `imucal.calibrate(imucal.read(...))`, jointly | {took:.2f} | {took / arrow_s:.1f} | {memory:.2f} |
+
+At most {MOST_READ:g} times the time: {verdict(took / arrow_s, MOST_READ)}; at most {MOST_READ_MEMORY:g} times
+the memory: {verdict(memory, MOST_READ_MEMORY)}.
+"""
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--most", type=float, default=1e7)
+    parser.add_argument("--work", nargs=2, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.work:
+        work, arguments = options.work
+        folder, *others = json.loads(arguments)
+        print(json.dumps(WORK[work](Path(folder), *others)))
+        return
+    body = f"""
+{machine_name()}. Arrays in memory to 21 parameters with standard deviations, in two stages: ten times as
+much motion each time, at the end the same motion at a higher rate. Medians of {ROUNDS} processes, in which
+it is the first calibration; the peak is the largest.
+
+| samples | Hz | moves | ms | times those above | peak, times the data | |
+|---:|---:|---:|---:|---:|---:|---|
+{growth(options.most)}
+
+Ten times the samples are to take at most {MOST_TIMES:g} times the time, and the peak is to be at most
+{MOST_MEMORY:g} times the data.
+{hour()}"""
+    write_section(REPORT, "Speed", "Growth", body)
+
+
+if __name__ == "__main__":
+    main()
