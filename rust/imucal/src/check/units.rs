@@ -50,10 +50,12 @@ pub(super) struct Weights {
 impl Weights {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         if part.recording.accel_unit == RawUnit::Si {
-            for norm in part.triads()[0].iter().map(length).filter(|norm| norm.is_finite()) {
-                self.rows += 1;
-                self.below += usize::from(norm / STANDARD_GRAVITY_MPS2 < WITH_MOVES[0]);
-                self.above += usize::from(norm / STANDARD_GRAVITY_MPS2 > WITH_MOVES[1]);
+            let [least, most] = WITH_MOVES.map(|share| (share * STANDARD_GRAVITY_MPS2).powi(2));
+            for [x, y, z] in part.triads()[0] {
+                let square = x * x + y * y + z * z;
+                self.rows += usize::from(square.is_finite());
+                self.below += usize::from(square < least);
+                self.above += usize::from(square > most && square.is_finite());
             }
         }
     }
