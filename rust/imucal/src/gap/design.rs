@@ -6,7 +6,7 @@ use std::rc::Rc;
 use faer::Mat;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::evidence::{Column, Gram};
+use super::evidence::{Column, Gram, Known};
 use super::generic::{Block, Hypothesis, Kernel, Moment, Moments, hypotheses};
 use super::predict::Held;
 use crate::error::Error;
@@ -145,6 +145,15 @@ fn generics(
     let inside = linear.sees_inside();
     let ways = ways(prepared, &linear.model, if inside { 1 } else { EVERY })?;
     let moments = moments(prepared, linear, &ways);
+    let mut columns = Mat::zeros(residual.nrows(), count + 1);
+    let mut place = 0;
+    for part in parts {
+        let kept = part.ncols().min(count - place);
+        columns.as_mut().subcols_mut(place, kept).copy_from(part.subcols(0, kept));
+        place += kept;
+    }
+    columns.as_mut().subcols_mut(count, 1).copy_from(residual);
+    let known = Known::new(&columns, groups);
     let of_hypothesis = |hypothesis: Hypothesis| {
         let at = |moment: &Moment| hypothesis.columns(moment);
         let mut rests = vec![Vec::new(); prepared.rests.len()];
@@ -155,15 +164,6 @@ fn generics(
         let moves = moments.moves.iter().map(|way| way.iter().map(at).collect()).collect();
         let field = Field { sensor: hypothesis.block.sensor(), width, rests, moves };
         let own = problem.by_field(linear, &ways, &field);
-        let mut all = Mat::zeros(residual.nrows(), count + width + 1);
-        let mut place = 0;
-        for part in parts {
-            let kept = part.ncols().min(count - place);
-            all.as_mut().subcols_mut(place, kept).copy_from(part.subcols(0, kept));
-            place += kept;
-        }
-        all.as_mut().subcols_mut(count, width).copy_from(&own);
-        all.as_mut().subcols_mut(count + width, 1).copy_from(residual);
         let shares = if hypothesis.is_of_moves() {
             let middle = |(m, way): (usize, &Vec<Moment>)| {
                 Some((prepared.moves[m].from, hypothesis.shares(way.get(way.len() / 2)?)))
@@ -176,7 +176,7 @@ fn generics(
             block: hypothesis.block,
             kernel: hypothesis.kernel,
             typical: hypothesis.typical(),
-            gram: Gram::new(&all, groups),
+            gram: known.with(&own),
             columns: count..count + width,
             shares,
         }
