@@ -330,9 +330,11 @@ impl<'a> Hunt<'a> {
         open: &[EffectChoice],
     ) -> Result<bool, Error> {
         let is_far = |stage: &Stage, columns: &[Column]| {
-            let inside = stage.design.gram.groups.iter().position(|group| *group == INSIDE);
+            let gram = &stage.design.gram;
+            let inside = gram.groups.iter().position(|group| *group == INSIDE);
             let far = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
-            stage.design.gram.evidence(columns).is_none_or(far)
+            let surely = gram.least_scale(INSIDE, columns).is_some_and(|least| least > CARRIED * CARRIED);
+            surely || gram.evidence(columns).is_none_or(far)
         };
         let plain = self.stage(prepared, triads, open, &[], Beside::Nothing)?;
         // More columns only explain more.
