@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 __all__ = ["predicted_error"]
 
 AVERAGED_S: Final = 1.0
+BRIEF_S: Final = 0.1
 # Draws of all parameters: their squares are a small part of the error.
 DRAWS: Final = 8
 SEED: Final = 1
@@ -43,13 +44,37 @@ def predicted_error(
     noise = np.array([np.mean(gyro**2) / AVERAGED_S + wander, np.mean(accel**2) / AVERAGED_S])
     best = [_slow(better, recording) for recording in recordings]
     missed = _mean_square([_slow(before, recording) for recording in recordings], best)
-    drawn = [[_slow(draw, recording) for recording in recordings] for draw in _draws(better)]
-    unsure = np.mean([_mean_square(draw, best) for draw in drawn], axis=0) if drawn else np.zeros(2)
+    # What an error of a parameter does is as slow as the motion: means over a tenth of a second show it.
+    brief = [_brief(recording) for recording in recordings]
+    middle = [_slow(better, recording) for recording in brief]
+    drawn = [[_slow(draw, recording) for recording in brief] for draw in _draws(better)]
+    unsure = np.mean([_mean_square(draw, middle) for draw in drawn], axis=0) if drawn else np.zeros(2)
     left = noise + unsure
     return {
         name: {"before": float(np.sqrt(left[k] + missed[k])), "after": float(np.sqrt(left[k]))}
         for k, name in enumerate(("angular_rate_rms_radps", "specific_force_rms_mps2"))
     }
+
+
+def _brief(recording: Recording) -> Recording:
+    """Means over so many samples."""
+    step_s = float(recording.time_s[-1] - recording.time_s[0]) / max(len(recording) - 1, 1)
+    count = max(round(BRIEF_S / step_s), 1) if step_s > 0.0 else 1
+    rows = len(recording) // count
+
+    def means(values: FloatArray) -> FloatArray:
+        of: FloatArray = values[: rows * count].reshape(rows, count, *values.shape[1:]).mean(axis=1)
+        return of
+
+    return replace(
+        recording,
+        time_s=means(recording.time_s),
+        specific_force=means(recording.specific_force),
+        angular_rate=means(recording.angular_rate),
+        temperature_degc=None if recording.temperature_degc is None else means(recording.temperature_degc),
+        stand_rad=None if recording.stand_rad is None else means(recording.stand_rad),
+        auxiliary={name: means(values) for name, values in recording.auxiliary.items()},
+    )
 
 
 def _slow(calibration: Calibration, recording: Recording) -> FloatArray:

@@ -105,3 +105,44 @@ impl Checked {
         [&self.accelerometer.triad, &self.gyroscope.fit.triad]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::joint::Item;
+    use crate::moves::direction_error_rad;
+    use crate::simulate::{Program, RandomMoves, Unit, simulate};
+
+    /// Every third move and rest of the paper's run, predicted by the whole fit and by fits of their own.
+    #[test]
+    fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {
+        let program = Program::random(&RandomMoves::default(), 5).unwrap();
+        let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, 5).unwrap();
+        let recordings = [run.recording("run")];
+        let options = Options { folds: Some(3), ..Options::default() };
+        let checked = Checked::try_new(&recordings, &options).unwrap();
+        let found = checked.calibrate(&recordings, &options).unwrap().held_out.unwrap();
+        let data = checked.data(&recordings);
+        let Checked { accelerometer, gyroscope, unusable, moves, .. } = &checked;
+        let (_, all) = data.fit_without_outliers(accelerometer, gyroscope, unusable, &options).unwrap();
+        assert_eq!((all.moves.len(), found.direction_error_deg.len()), (moves.len(), moves.len()));
+        for fold in 0..3 {
+            let is_out = |k: &usize| k % 3 == fold;
+            let (unseen, seen): (Vec<usize>, Vec<usize>) = (0..moves.len()).partition(is_out);
+            let of = |places: &[usize]| Selection { moves: places.iter().map(|&k| moves[k]).collect(), ..all.clone() };
+            let fit = data.fit_jointly(&of(&seen), checked.triads(), &options).unwrap();
+            for (k, (ends, rotation)) in unseen.iter().zip(data.predict(&fit, &of(&unseen), &options).unwrap()) {
+                let own = direction_error_rad(&ends, &rotation).to_degrees();
+                let sigma = ends.sigma_rad.to_degrees();
+                assert!((found.direction_error_deg[*k] - own).abs() < 0.1 * sigma, "move {k}: {own}");
+            }
+            let rests: Vec<Item> = (0..data.rests.len()).filter(is_out).map(Item::Rest).collect();
+            let fit = data.fit_jointly(&data.without(&all, &rests), checked.triads(), &options).unwrap();
+            for k in (0..data.rests.len()).filter(is_out) {
+                let own = fit.model.accelerometer.correct(data.rests[k].rest.specific_force.mean).norm() - 9.80665;
+                let sigma = crate::accelerometer::sigma_norm(&data.rests[k].rest, &fit.model.accelerometer);
+                assert!((found.norm_error_mps2[k] - own).abs() < 0.1 * sigma, "rest {k}: {own}");
+            }
+        }
+    }
+}

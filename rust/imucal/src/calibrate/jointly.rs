@@ -150,7 +150,7 @@ impl UnitData<'_> {
     }
 
     /// Directions and rotations of moves that a joint fit has not seen.
-    fn predict(
+    pub(super) fn predict(
         &self,
         fit: &JointFit,
         unseen: &Selection,

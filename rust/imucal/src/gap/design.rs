@@ -6,7 +6,7 @@ use std::rc::Rc;
 use faer::Mat;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::evidence::{Column, Gram};
+use super::evidence::{Column, Gram, Known};
 use super::generic::{Block, Hypothesis, Kernel, Moment, Moments, hypotheses};
 use super::predict::Held;
 use crate::error::Error;
@@ -67,15 +67,16 @@ pub(crate) fn design(
     let problem = Joint::of_noise(prepared, all, Rc::clone(&linear))?;
     let (residual, jacobian) = problem.whiten(&linear);
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
-    let mut parts = vec![jacobian.subcols(0, BASE).to_owned()];
+    let mut parts = vec![0..BASE];
     for term in &own.all {
-        parts.push(jacobian.subcols(BASE + place_in_all(term.name()), term.count()).to_owned());
+        let first = BASE + place_in_all(term.name());
+        parts.push(first..first + term.count());
     }
-    parts.push(jacobian.subcols(BASE + all.count, full.len() - BASE - all.count).to_owned());
+    parts.push(BASE + all.count..full.len());
     let mut width = parameters.len();
     let mut candidates = Vec::new();
     for term in all.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {
-        parts.push(jacobian.subcols(BASE + term.first, term.linear).to_owned());
+        parts.push(BASE + term.first..BASE + term.first + term.linear);
         candidates.push(Candidate {
             name: term.name().to_owned(),
             columns: width..width + term.linear,
@@ -85,17 +86,14 @@ pub(crate) fn design(
         width += term.linear;
     }
     let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, &linear, own.kinds));
-    let generics = if with_generics {
-        generics(prepared, &problem, &linear, (parameters.len(), &parts, &residual), &groups)?
-    } else {
-        Vec::new()
-    };
-    let mut all = Mat::zeros(residual.nrows(), width + 1);
-    let mut at = 0;
-    for part in parts.iter().chain([&residual]) {
-        all.as_mut().subcols_mut(at, part.ncols()).copy_from(part);
-        at += part.ncols();
+    let mut columns = Mat::zeros(residual.nrows(), width + 1);
+    for (to, from) in parts.into_iter().flatten().enumerate() {
+        columns.col_as_slice_mut(to).copy_from_slice(jacobian.col_as_slice(from));
     }
+    columns.col_as_slice_mut(width).copy_from_slice(residual.col_as_slice(0));
+    let known = Known::new(&columns, &groups);
+    let generics =
+        if with_generics { generics(prepared, &problem, &linear, parameters.len(), &known)? } else { Vec::new() };
     let model = (0..parameters.len())
         .map(|p| {
             let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
@@ -103,7 +101,7 @@ pub(crate) fn design(
             Column { place: p, precision, value: if effect.is_some() { parameters[p] } else { 0.0 } }
         })
         .collect();
-    Ok(Design { gram: Gram::new(&all, &groups), model, candidates, generics, columns: all, groups, items })
+    Ok(Design { gram: known.alone(), model, candidates, generics, columns, groups, items })
 }
 
 impl Design {
@@ -134,13 +132,13 @@ fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<
 /// Of the blocks inside a move one in so many is enough for what changes slowly.
 const EVERY: usize = 5;
 
-/// Generic hypotheses beside the first `count` columns of `parts`.
+/// Generic hypotheses beside `count` columns that are known.
 fn generics(
     prepared: &Prepared<'_>,
     problem: &Joint<'_>,
     linear: &Linear,
-    (count, parts, residual): (usize, &[Mat<f64>], &Mat<f64>),
-    groups: &[usize],
+    count: usize,
+    known: &Known,
 ) -> Result<Vec<Generic>, Error> {
     let inside = linear.sees_inside();
     let ways = ways(prepared, &linear.model, if inside { 1 } else { EVERY })?;
@@ -155,15 +153,6 @@ fn generics(
         let moves = moments.moves.iter().map(|way| way.iter().map(at).collect()).collect();
         let field = Field { sensor: hypothesis.block.sensor(), width, rests, moves };
         let own = problem.by_field(linear, &ways, &field);
-        let mut all = Mat::zeros(residual.nrows(), count + width + 1);
-        let mut place = 0;
-        for part in parts {
-            let kept = part.ncols().min(count - place);
-            all.as_mut().subcols_mut(place, kept).copy_from(part.subcols(0, kept));
-            place += kept;
-        }
-        all.as_mut().subcols_mut(count, width).copy_from(&own);
-        all.as_mut().subcols_mut(count + width, 1).copy_from(residual);
         let shares = if hypothesis.is_of_moves() {
             let middle = |(m, way): (usize, &Vec<Moment>)| {
                 Some((prepared.moves[m].from, hypothesis.shares(way.get(way.len() / 2)?)))
@@ -176,7 +165,7 @@ fn generics(
             block: hypothesis.block,
             kernel: hypothesis.kernel,
             typical: hypothesis.typical(),
-            gram: Gram::new(&all, groups),
+            gram: known.with(&own),
             columns: count..count + width,
             shares,
         }

@@ -48,21 +48,77 @@ pub(crate) struct Evidence {
 /// Scales and parameters depend on each other; the last round is taken as it is.
 const SCALE_ROUNDS: usize = 20;
 
-impl Gram {
+/// Columns that stand beside many others, in groups of rows.
+pub(crate) struct Known {
+    /// Each group, its rows and their part of the columns, the residual last.
+    groups: Vec<(usize, Vec<usize>, Mat<f64>)>,
+    /// `[J r]^T [J r]` of each group.
+    sums: Vec<Mat<f64>>,
+}
+
+impl Known {
     pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
-        let groups = group_of_row.iter().max().map_or(0, |last| last + 1);
-        let (mut sums, mut rows, mut kept) = (Vec::new(), Vec::new(), Vec::new());
-        for group in 0..groups {
-            let own: Vec<usize> = (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
-            if own.is_empty() {
-                continue;
-            }
-            let part = Mat::from_fn(own.len(), columns.ncols(), |i, j| columns[(own[i], j)]);
-            sums.push(part.transpose() * &part);
-            rows.push(own.len() as f64);
-            kept.push(group);
+        let count = group_of_row.iter().max().map_or(0, |last| last + 1);
+        let rows = |group: usize| (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
+        let groups: Vec<(usize, Vec<usize>, Mat<f64>)> = (0..count)
+            .map(|group| (group, rows(group)))
+            .filter(|(_, rows): &(usize, Vec<usize>)| !rows.is_empty())
+            .map(|(group, rows)| (group, part(columns, &rows), rows))
+            .map(|(group, part, rows)| (group, rows, part))
+            .collect();
+        let sums = groups.iter().map(|(_, _, part)| part.transpose() * part).collect();
+        Self { groups, sums }
+    }
+
+    /// The sums with more columns, which come before the residual.
+    pub(crate) fn with(&self, more: &Mat<f64>) -> Gram {
+        let (known, width) = (self.sums.first().map_or(0, Mat::ncols).saturating_sub(1), more.ncols());
+        let joined = |((_, rows, columns), sum): (&(usize, Vec<usize>, Mat<f64>), &Mat<f64>)| {
+            let own = part(more, rows);
+            let (cross, own) = (columns.transpose() * &own, own.transpose() * &own);
+            // Places of the known columns, of the others, and of the residual.
+            let place = |i: usize| (i < known || i == known + width).then(|| i.min(known));
+            Mat::from_fn(known + width + 1, known + width + 1, |i, j| match (place(i), place(j)) {
+                (Some(i), Some(j)) => sum[(i, j)],
+                (Some(i), None) => cross[(i, j - known)],
+                (None, Some(j)) => cross[(j, i - known)],
+                (None, None) => own[(i - known, j - known)],
+            })
+        };
+        let sums = self.groups.iter().zip(&self.sums).map(joined).collect();
+        self.gram(sums, known + width)
+    }
+
+    /// The sums of these columns alone.
+    pub(crate) fn alone(self) -> Gram {
+        let residual = self.sums.first().map_or(0, Mat::ncols).saturating_sub(1);
+        self.gram(self.sums.clone(), residual)
+    }
+
+    fn gram(&self, sums: Vec<Mat<f64>>, residual: usize) -> Gram {
+        Gram {
+            sums,
+            rows: self.groups.iter().map(|(_, rows, _)| rows.len() as f64).collect(),
+            groups: self.groups.iter().map(|(group, ..)| *group).collect(),
+            residual,
         }
-        Self { sums, rows, groups: kept, residual: columns.ncols() - 1 }
+    }
+}
+
+/// Some rows of a matrix.
+fn part(columns: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
+    let mut part = Mat::zeros(rows.len(), columns.ncols());
+    for j in 0..columns.ncols() {
+        let from = columns.col_as_slice(j);
+        part.col_as_slice_mut(j).iter_mut().zip(rows).for_each(|(to, &row)| *to = from[row]);
+    }
+    part
+}
+
+impl Gram {
+    #[cfg(test)]
+    pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
+        Known::new(columns, group_of_row).alone()
     }
 
     /// The evidence of a model with these columns; `None` where it is not determined.
@@ -70,11 +126,16 @@ impl Gram {
         let n = columns.len();
         let size: Vec<f64> = columns.iter().map(|c| self.total(c.place).max(c.precision).sqrt().max(1e-300)).collect();
         // Columns of length one: sums of squares would lose the small ones otherwise.
-        let parts: Vec<Mat<f64>> = self
-            .sums
-            .iter()
-            .map(|sum| Mat::from_fn(n, n, |i, j| sum[(columns[i].place, columns[j].place)] / (size[i] * size[j])))
-            .collect();
+        let part = |sum: &Mat<f64>| {
+            let mut part = Mat::zeros(n, n);
+            for j in 0..n {
+                let from = sum.col_as_slice(columns[j].place);
+                let to = part.col_as_slice_mut(j).iter_mut();
+                to.zip(columns).zip(&size).for_each(|((to, c), own)| *to = from[c.place] / (own * size[j]));
+            }
+            part
+        };
+        let parts: Vec<Mat<f64>> = self.sums.iter().map(part).collect();
         let rights: Vec<Vec<f64>> = self
             .sums
             .iter()
@@ -87,7 +148,10 @@ impl Gram {
         for round in 1..=SCALE_ROUNDS {
             let mut normal = Mat::from_fn(n, n, |i, j| if i == j { precision[i] + 1e-13 } else { 0.0 });
             for (part, scale) in parts.iter().zip(&scales) {
-                normal += part * faer::Scale(1.0 / scale);
+                for j in 0..n {
+                    let sum = normal.col_as_slice_mut(j).iter_mut();
+                    sum.zip(part.col_as_slice(j)).for_each(|(sum, value)| *sum += value / scale);
+                }
             }
             let right = Mat::from_fn(n, 1, |i, _| {
                 let data: f64 = rights.iter().zip(&scales).map(|(right, scale)| right[i] / scale).sum();
@@ -99,12 +163,12 @@ impl Gram {
             let mut settled = true;
             let mut chi2 = vec![0.0; parts.len()];
             for (g, part) in parts.iter().enumerate() {
-                let bend = delta.transpose() * part * &delta;
+                let delta_alone = delta.col_as_slice(0);
+                let bend: f64 = (0..n).map(|j| dot(part.col_as_slice(j), delta_alone) * delta_alone[j]).sum();
                 let slope: f64 = (0..n).map(|i| rights[g][i] * delta[(i, 0)]).sum();
-                chi2[g] = (squares[g] + 2.0 * slope + bend[(0, 0)]).max(0.0);
-                let spent: f64 =
-                    (0..n).map(|i| (0..n).map(|j| inverse[(i, j)] * part[(j, i)]).sum::<f64>()).sum::<f64>()
-                        / scales[g];
+                chi2[g] = (squares[g] + 2.0 * slope + bend).max(0.0);
+                // Both are symmetric.
+                let spent = (0..n).map(|j| dot(inverse.col_as_slice(j), part.col_as_slice(j))).sum::<f64>() / scales[g];
                 let free = self.rows[g] - spent;
                 let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
                 settled &= (scale / scales[g] - 1.0).abs() < 1e-4;
@@ -128,9 +192,37 @@ impl Gram {
         None
     }
 
+    /// The least chi2 that a group alone can have with these columns, over its number of rows; none with a model of these columns is
+    /// smaller.
+    pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
+        let place = self.groups.iter().position(|own| *own == group)?;
+        let (sum, n) = (&self.sums[place], columns.len());
+        let size: Vec<f64> = columns.iter().map(|c| sum[(c.place, c.place)].sqrt().max(1e-300)).collect();
+        let normal = Mat::from_fn(n, n, |i, j| {
+            sum[(columns[i].place, columns[j].place)] / (size[i] * size[j]) + if i == j { 1e-13 } else { 0.0 }
+        });
+        let right = Mat::from_fn(n, 1, |i, _| sum[(columns[i].place, self.residual)] / size[i]);
+        let solved = normal.llt(faer::Side::Lower).ok()?.solve(&right);
+        let explained: f64 = (0..n).map(|i| solved[(i, 0)] * right[(i, 0)]).sum();
+        Some((sum[(self.residual, self.residual)] - explained).max(0.0) / self.rows[place])
+    }
+
     fn total(&self, place: usize) -> f64 {
         self.sums.iter().map(|sum| sum[(place, place)]).sum()
     }
+}
+
+/// Four sums side by side: one would wait for itself at each step.
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
+    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
+    let mut sums = [0.0; 4];
+    for (a, b) in a.zip(b) {
+        for k in 0..4 {
+            sums[k] += a[k] * b[k];
+        }
+    }
+    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 #[cfg(test)]

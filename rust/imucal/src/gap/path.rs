@@ -1,18 +1,20 @@
 //! The forward path: score, add, refit; then leave out again what the others have made superfluous.
 
+use std::cell::RefCell;
+
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
 use super::design::Design;
 use super::detect::FALSE_ALARM;
-use super::evidence::Evidence;
+use super::evidence::{Column, Evidence};
 use super::pattern::{Pattern, best_generic};
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
-use super::stage::{Beside, Member, Stage};
+use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Block, Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{INSIDE, Kinds, Prepared};
+use crate::joint::{INSIDE, Kinds, Model, Prepared};
 use crate::recording::Recording;
 
 /// Rivals are this close in the logarithm of the evidence.
@@ -107,6 +109,8 @@ pub(super) struct Hunt<'a> {
     left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
     pub(super) samples: Vec<usize>,
+    /// Fits that have been made: several stages stand at the same model.
+    pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
 }
 
 impl<'a> Hunt<'a> {
@@ -118,6 +122,7 @@ impl<'a> Hunt<'a> {
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
+            fits: RefCell::new(Vec::new()),
         }
     }
 
@@ -249,8 +254,7 @@ impl<'a> Hunt<'a> {
         triads: [&Triad<f64>; 2],
         mut open: Vec<EffectChoice>,
     ) -> Result<(Stage, Vec<EffectChoice>), Error> {
-        let mut stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
-        if self.is_carried(&stage) {
+        if self.is_carried(prepared, triads, &open)? {
             self.kinds.in_motion = false;
             open.retain(|choice| {
                 let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
@@ -262,9 +266,8 @@ impl<'a> Hunt<'a> {
                 }
                 !blind
             });
-            stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
         }
-        Ok((stage, open))
+        Ok((self.stage(prepared, triads, &open, &[], Beside::Candidates)?, open))
     }
 
     /// Generic hypotheses alone and on top of the path: on rests and moves from rest to rest, and inside the moves where these
@@ -320,15 +323,29 @@ impl<'a> Hunt<'a> {
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.
-    fn is_carried(&self, stage: &Stage) -> bool {
-        let mut columns = stage.design.model.clone();
-        for candidate in stage.design.candidates.iter().filter(|c| c.shape.is_none()) {
-            columns.extend(candidate.columns(10.0));
+    fn is_carried(
+        &self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+    ) -> Result<bool, Error> {
+        let is_far = |stage: &Stage, columns: &[Column]| {
+            let gram = &stage.design.gram;
+            let inside = gram.groups.iter().position(|group| *group == INSIDE);
+            let far = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
+            let surely = gram.least_scale(INSIDE, columns).is_some_and(|least| least > CARRIED * CARRIED);
+            surely || gram.evidence(columns).is_none_or(far)
+        };
+        let plain = self.stage(prepared, triads, open, &[], Beside::Nothing)?;
+        // More columns only explain more.
+        if !is_far(&plain, &plain.design.model) {
+            return Ok(false);
         }
-        let explained = stage.design.gram.evidence(&columns);
-        let inside = stage.design.gram.groups.iter().position(|group| *group == INSIDE);
-        let scale = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
-        explained.is_none_or(scale)
+        let simple: Vec<EffectChoice> = open.iter().filter(|c| c.effect.shape.is_none()).copied().collect();
+        let stage = self.stage(prepared, triads, &simple, &[], Beside::Candidates)?;
+        let explaining = stage.design.candidates.iter().flat_map(|candidate| candidate.columns(10.0));
+        let columns: Vec<Column> = stage.design.model.iter().copied().chain(explaining).collect();
+        Ok(is_far(&stage, &columns))
     }
 
     /// Leaves out members that the model does as well without; says whether there were any.

@@ -1,5 +1,7 @@
 //! Scoring every candidate beside a model.
 
+use std::collections::BTreeMap;
+
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 use imucal_core::effects::{Effect, Sensor};
@@ -61,6 +63,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         seen.dedup();
         seen.len()
     };
+    let mut noncentralities = BTreeMap::new();
     for (candidate, spectrum) in candidates.iter().zip(&spectra) {
         if spectrum.is_empty() {
             if !blind.iter().any(|(name, _)| *name == candidate.name) {
@@ -69,7 +72,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
             continue;
         }
         let dof = spectrum.len();
-        let noncentrality = visible_noncentrality(dof, tests);
+        let noncentrality = *noncentralities.entry(dof).or_insert_with(|| visible_noncentrality(dof, tests));
         let widened: f64 = projected(gram, model, candidate, &stage.evidence.scales).iter().sum();
         let size = (noncentrality / widened).sqrt() * candidate.typical[0];
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {

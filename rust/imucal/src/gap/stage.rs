@@ -8,7 +8,7 @@ use super::evidence::Evidence;
 use super::path::Hunt;
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, Model, Prepared, SHAPE_SHARES, Terms};
+use crate::joint::{self, Kinds, Model, Prepared, SHAPE_SHARES, Terms};
 
 /// A model on the path.
 pub(super) struct Stage {
@@ -32,6 +32,9 @@ pub(super) struct Member {
     /// Its parameters in the last fit; empty before.
     pub(super) values: Vec<f64>,
 }
+
+/// What a fit is of: kinds of residuals, number of moves, and name and prior's width of each member.
+pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 
 /// What is linearised beside a model.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -70,7 +73,16 @@ impl Hunt<'_> {
                 own[term.linear] = shape;
             }
         }
-        let model = joint::fit_for_search(prepared, &terms, &start)?;
+        let key = (self.kinds, prepared.moves.len(), members.iter().map(|m| (m.name.clone(), m.width)).collect());
+        let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, model)| model.clone());
+        let model = match known {
+            Some(model) => model,
+            None => {
+                let model = joint::fit_for_search(prepared, &terms, &start)?;
+                self.fits.borrow_mut().push((key, model.clone()));
+                model
+            }
+        };
 
         let rest: Vec<EffectChoice> =
             open.iter().filter(|c| beside == Beside::Candidates && !is_member(c.effect.name)).copied().collect();
