@@ -15,7 +15,7 @@ use imucal_core::sensor::Triad;
 use imucal_core::so3::hat;
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::carry::{Carried, carry, rotate};
+use crate::carry::{Carried, Path};
 use crate::error::Error;
 use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::moves::{Ends, Move};
@@ -47,7 +47,7 @@ pub(crate) fn first_estimate(
     bias: Vector3<f64>,
     starts: &[Matrix3<f64>],
 ) -> Result<Triad<f64>, Error> {
-    let problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
+    let problem = Carrying::new(recordings, moves, ends, bias);
     let mut starts: Vec<(f64, Vec<f64>)> = starts
         .iter()
         .map(|start| start.transpose().as_slice().to_vec())
@@ -78,7 +78,7 @@ pub(crate) fn fit(
 ) -> Result<GyroscopeFit, Error> {
     let bias = *first.bias();
     let mut used = vec![true; moves.len()];
-    let mut problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
+    let mut problem = Carrying::new(recordings, moves, ends, bias);
     let mut parameters = first.sensitivity().transpose().as_slice().to_vec();
     loop {
         let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
@@ -103,7 +103,7 @@ fn finish(
     solution: Solution,
 ) -> Result<GyroscopeFit, Error> {
     let row_gain = lsq::gain(&solution.jacobian);
-    let mut gain = Mat::zeros(9, 2 * problem.moves.len());
+    let mut gain = Mat::zeros(9, 2 * problem.paths.len());
     for (row, &k) in problem.rows.iter().enumerate() {
         for c in 0..2 {
             for i in 0..9 {
@@ -111,7 +111,7 @@ fn finish(
             }
         }
     }
-    let carried = problem.moves.iter().map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
+    let carried = problem.paths.iter().map(|path| path.carry(&triad));
     Ok(GyroscopeFit { carried: carried.collect(), triad, used, gain, report: solution.report() })
 }
 
@@ -135,8 +135,8 @@ pub(crate) fn residual_gradient(ends: &Ends, carried: &Carried, triad: &Triad<f6
 }
 
 struct Carrying<'a> {
-    recordings: &'a [Recording<'a>],
-    moves: &'a [Move],
+    /// The samples of every move.
+    paths: Vec<Path<'a>>,
     ends: &'a [Ends],
     bias: Vector3<f64>,
     /// The moves that take part.
@@ -146,16 +146,19 @@ struct Carrying<'a> {
 /// A fit that leaves less than this (rms) has found the right valley.
 const CLOSE_RAD: f64 = 0.05;
 
-impl Carrying<'_> {
+impl<'a> Carrying<'a> {
+    fn new(recordings: &[Recording<'a>], moves: &[Move], ends: &'a [Ends], bias: Vector3<f64>) -> Self {
+        let paths = moves.iter().map(|m| Path::of(&recordings[m.recording], m.first, m.last)).collect();
+        Self { paths, ends, bias, rows: (0..moves.len()).collect() }
+    }
+
     /// Rms of the residuals in rad.
     fn direction_rms_rad(&self, parameters: &[f64]) -> f64 {
         let Ok(triad) = triad_of(parameters, self.bias) else {
             return f64::INFINITY;
         };
-        rms(self.rows.iter().map(|&k| {
-            let m = &self.moves[k];
-            self.ends[k].residual(&rotate(&self.recordings[m.recording], m.first, m.last, &triad)).norm()
-        }))
+        let rotation = |k: usize| self.paths[k].rotation(&triad);
+        rms(self.rows.iter().map(|&k| self.ends[k].residual(&rotation(k)).norm()))
     }
 
     /// Refuses moves that do not determine all nine entries.
@@ -178,8 +181,8 @@ impl Residuals for Carrying<'_> {
             return;
         };
         for (row, &k) in self.rows.iter().enumerate() {
-            let (m, ends) = (&self.moves[k], &self.ends[k]);
-            let carried = carry(&self.recordings[m.recording], m.first, m.last, &triad);
+            let ends = &self.ends[k];
+            let carried = self.paths[k].carry(&triad);
             let residual = ends.residual(&carried.rotation) / ends.sigma_rad;
             let gradient = residual_gradient(ends, &carried, &triad);
             for c in 0..2 {
