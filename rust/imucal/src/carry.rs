@@ -23,6 +23,8 @@ use nalgebra::{Matrix3, Vector3};
 use crate::recording::Recording;
 
 pub use lanes::Instructions;
+#[cfg(test)]
+pub(crate) use path::STEPS_TAKEN;
 pub use path::{Pace, Path};
 
 /// Rotation of one move and its derivative sums.

@@ -132,7 +132,8 @@ mod tests {
 
     #[test]
     fn a_quantile_of_many_values_is_that_of_all_of_them_kept() {
-        let many = |value: fn(u64) -> f64| (0..50_000u64).map(move |i| value(i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11));
+        let many =
+            |value: fn(u64) -> f64| (0..50_000u64).map(move |i| value(i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11));
         let sequences: [fn(u64) -> f64; 5] = [
             |i| i as f64,
             |i| (i % 7) as f64,

@@ -37,6 +37,12 @@ pub struct Path<'a> {
     instructions: Instructions,
 }
 
+#[cfg(test)]
+thread_local! {
+    /// Steps that have been integrated, to count how often a fit passes over the samples.
+    pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
+}
+
 /// Steps that each lane takes before the lanes are put together. The places they read must not be a power of two apart, or they
 /// would all fall into the same few lines of the cache.
 const STEPS_OF_A_LANE: usize = 1000;
@@ -76,17 +82,24 @@ impl<'a> Path<'a> {
 
     /// The rotation and the sums that its derivatives are made of.
     pub fn carry(&self, gyroscope: &Triad<f64>) -> Carried {
+        let (rotation, sums) = self.sums(gyroscope);
+        Carried { rotation, sensitivity_sums: sums.sensitivity(), bias_sum: sums.bias }
+    }
+
+    /// The rotation and the sums.
+    pub(crate) fn sums(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let (rotation, sums) = match self.is_cubic {
             false => self.walk::<false, true>(gyroscope),
             true => self.walk::<true, true>(gyroscope),
         };
-        let rotation = *rotation.to_rotation_matrix().matrix();
-        Carried { rotation, sensitivity_sums: sums.sensitivity(), bias_sum: sums.bias }
+        (*rotation.to_rotation_matrix().matrix(), sums)
     }
 
     fn walk<const CUBIC: bool, const SUMS: bool>(&self, gyroscope: &Triad<f64>) -> (UnitQuaternion<f64>, Sums) {
         let around = 2 * usize::from(CUBIC);
         let steps = self.raw.len().saturating_sub(1 + around);
+        #[cfg(test)]
+        STEPS_TAKEN.set(STEPS_TAKEN.get() + steps);
         let (scale, stamps_s) = match self.pace {
             Pace::Even(interval_s) => (interval_s / 6.0, None),
             Pace::Stamps(stamps_s) => (1.0, Some(stamps_s)),

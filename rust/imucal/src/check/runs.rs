@@ -15,12 +15,7 @@ pub(super) struct Runs {
 
 impl Default for Runs {
     fn default() -> Self {
-        Self {
-            going_on: 0,
-            start: [0; 6],
-            longest: [(0, 0); 6],
-            held: [[f64::INFINITY, f64::NEG_INFINITY]; 6],
-        }
+        Self { going_on: 0, start: [0; 6], longest: [(0, 0); 6], held: [[f64::INFINITY, f64::NEG_INFINITY]; 6] }
     }
 }
 

@@ -16,9 +16,8 @@ pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f
     // A coarse converter may read one number throughout a rest: its floor is that of the rounding. A channel that
     // never changes has no step at all and no say.
     let rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
-    let mut floor = Vector6::from_fn(|channel, _| {
-        quantile_of(variances.iter().map(|v| v[channel]), 0.05).max(rounding[channel])
-    });
+    let mut floor =
+        Vector6::from_fn(|channel, _| quantile_of(variances.iter().map(|v| v[channel]), 0.05).max(rounding[channel]));
     let mut statistic = vec![0.0; variances.len()];
     // The floor of each channel is that of the windows that are quiet in all channels together.
     for _ in 0..4 {
@@ -29,9 +28,8 @@ pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f
         let in_quiet: Vec<&Vector6<f64>> =
             variances.iter().zip(&statistic).filter(|(_, s)| **s <= quiet).map(|(v, _)| v).collect();
         let before = floor;
-        floor = Vector6::from_fn(|channel, _| {
-            quantile_of(in_quiet.iter().map(|v| v[channel]), 0.5).max(rounding[channel])
-        });
+        floor =
+            Vector6::from_fn(|channel, _| quantile_of(in_quiet.iter().map(|v| v[channel]), 0.5).max(rounding[channel]));
         if floor == before {
             break;
         }
@@ -80,8 +78,7 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     let mut plateau: Option<(usize, f64)> = None;
     let mut threshold = LOWEST;
     while threshold <= highest {
-        let rests =
-            levels.still(threshold).filter(|range| trim(range, statistic.len()).len() >= min_blocks).count();
+        let rests = levels.still(threshold).filter(|range| trim(range, statistic.len()).len() >= min_blocks).count();
         let start = match plateau {
             Some((count, start)) if count == rests => start,
             _ => threshold,
@@ -124,7 +121,8 @@ impl Levels {
 
     /// Stretches of blocks that lie in some window below the threshold.
     pub(super) fn still(&self, threshold: f64) -> impl Iterator<Item = Range<usize>> + '_ {
-        let mut still = self.runs.iter().filter(move |(level, _)| *level < threshold).map(|(_, windows)| windows).peekable();
+        let mut still =
+            self.runs.iter().filter(move |(level, _)| *level < threshold).map(|(_, windows)| windows).peekable();
         let end_of = |windows: &Range<usize>| windows.end - 1 + WINDOW_BLOCKS;
         std::iter::from_fn(move || {
             let first = still.next()?;
@@ -168,7 +166,8 @@ mod tests {
 
     #[test]
     fn stretches_are_the_blocks_of_still_windows_at_any_threshold() {
-        let statistic: Vec<f64> = (0..400).map(|i| ((f64::from(i) * 0.37).sin() * 3.0).exp() + f64::from(i % 3)).collect();
+        let statistic: Vec<f64> =
+            (0..400).map(|i| ((f64::from(i) * 0.37).sin() * 3.0).exp() + f64::from(i % 3)).collect();
         let levels = Levels::of(&statistic, 1.5, 12.0);
         for threshold in [1.5, 2.0, 3.7, 9.0, 12.0] {
             let mut covered = vec![false; statistic.len() + WINDOW_BLOCKS - 1];
