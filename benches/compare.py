@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 import imucal
 import scipy_peer
 from imucal import _core
+from kernels import kernel_lines
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
@@ -226,6 +227,10 @@ def main() -> None:
             "## Integration",
             "",
             *integration_lines(),
+            "",
+            "## Kernels",
+            "",
+            *kernel_lines(machine_name()),
             "",
         ]
     )

@@ -24,49 +24,46 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     between(low, high, position - below as f64)
 }
 
-/// [`quantile`] of values that are gone through three times, once to count them, instead of being kept; NaN is passed over.
+/// [`quantile`] of `count` values that are computed when they are needed instead of being kept; NaN is passed over.
 ///
-/// A thousand of them, evenly spread, say between which two values the quantile very likely lies; only what lies there is
-/// kept and sorted. Where the thousand are misleading all values are.
-pub(crate) fn quantile_of(values: impl Iterator<Item = f64> + Clone, q: f64) -> f64 {
-    const SAMPLES: usize = 1000;
+/// A few of them, evenly spread, say between which two values the quantile very likely lies; only what lies there is kept.
+/// Where the few are misleading all values are (after Floyd and Rivest, Communications of the ACM 18, 1975, 165-172).
+pub(crate) fn quantile_of(count: usize, value: impl Fn(usize) -> f64, q: f64) -> f64 {
+    const FEWEST: usize = 2000;
+    let taken = |step: usize| -> Vec<f64> { (0..count).step_by(step).map(&value).filter(|v| !v.is_nan()).collect() };
+    if count < FEWEST {
+        return quantile(&mut taken(1), q);
+    }
+    let mut sample = taken((count as f64).cbrt() as usize);
+    if sample.is_empty() {
+        return quantile(&mut taken(1), q);
+    }
     // Four standard deviations of a rank among so many.
-    const MARGIN: f64 = 4.0 * 0.5 / 31.6;
-    let values = values.filter(|v| !v.is_nan());
-    let count = values.clone().count();
-    if count <= 4 * SAMPLES {
-        return quantile(&mut values.collect::<Vec<_>>(), q);
-    }
-    let mut sample: Vec<f64> = values.clone().step_by(count / SAMPLES).collect();
-    sample.sort_unstable_by(f64::total_cmp);
-    let at = |share: f64| sample[(share.clamp(0.0, 1.0) * (sample.len() - 1) as f64) as usize];
-    let low = if q <= MARGIN { f64::NEG_INFINITY } else { at(q - MARGIN) };
-    let high = if q >= 1.0 - MARGIN { f64::INFINITY } else { at(q + MARGIN) };
+    let last = (sample.len() - 1) as f64;
+    let margin = 4.0 * (q * (1.0 - q) / sample.len() as f64).sqrt();
+    let mut at = |share: f64| *sample.select_nth_unstable_by((share * last) as usize, f64::total_cmp).1;
+    let low = if q <= margin { f64::NEG_INFINITY } else { at(q - margin) };
+    let high = if q >= 1.0 - margin { f64::INFINITY } else { at(q + margin) };
     // Ties are counted, for a clock has hardly any other steps.
-    let (mut below, mut at_low, mut at_high, mut inside) = (0, 0, 0, Vec::new());
-    for value in values.clone() {
-        if value > low && value < high {
-            inside.push(value);
-        } else {
-            below += usize::from(value < low);
-            at_low += usize::from(value == low);
-            at_high += usize::from(value == high && high > low);
+    let (mut below, mut at_low, mut up_to_high, mut all, mut inside) = (0, 0, 0, 0, Vec::new());
+    for v in (0..count).map(&value) {
+        below += usize::from(v < low);
+        at_low += usize::from(v == low);
+        up_to_high += usize::from(v <= high);
+        all += usize::from(!v.is_nan());
+        if v > low && v < high {
+            inside.push(v);
         }
     }
-    let position = q * (count - 1) as f64;
+    let position = q * (all - 1) as f64;
     let rank = position.floor() as usize;
-    let (first_inside, first_high) = (below + at_low, below + at_low + inside.len());
-    if rank < below || rank + 1 >= first_high + at_high {
-        return quantile(&mut values.collect::<Vec<_>>(), q);
+    if rank < below || rank + 1 >= up_to_high {
+        return quantile(&mut taken(1), q);
     }
-    let mut ranked = |rank: usize| {
-        if rank < first_inside {
-            low
-        } else if rank < first_high {
-            *inside.select_nth_unstable_by(rank - first_inside, f64::total_cmp).1
-        } else {
-            high
-        }
+    let mut ranked = |rank: usize| match rank.checked_sub(below + at_low) {
+        None => low,
+        Some(k) if k < inside.len() => *inside.select_nth_unstable_by(k, f64::total_cmp).1,
+        Some(_) => high,
     };
     between(ranked(rank), ranked(rank + 1), position - rank as f64)
 }
@@ -132,25 +129,25 @@ mod tests {
 
     #[test]
     fn a_quantile_of_many_values_is_that_of_all_of_them_kept() {
-        let many =
-            |value: fn(u64) -> f64| (0..50_000u64).map(move |i| value(i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11));
         let sequences: [fn(u64) -> f64; 5] = [
             |i| i as f64,
             |i| (i % 7) as f64,
             |_| 0.01,
-            |i| if i % 10 == 0 { f64::NAN } else { (i % 1000) as f64 },
-            |i| if i % 1000 == 0 { f64::INFINITY } else { -((i % 3) as f64) },
+            |i| if i.is_multiple_of(10) { f64::NAN } else { (i % 1000) as f64 },
+            |i| if i.is_multiple_of(1000) { f64::INFINITY } else { -((i % 3) as f64) },
         ];
-        for (k, value) in sequences.into_iter().enumerate() {
-            let mut kept: Vec<f64> = many(value).filter(|v| !v.is_nan()).collect();
+        for (k, sequence) in sequences.into_iter().enumerate() {
+            let value = |i: usize| sequence((i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11);
+            let mut kept: Vec<f64> = (0..50_000).map(value).filter(|v| !v.is_nan()).collect();
             for q in [0.0, 0.05, 0.1, 0.5, 0.51, 0.9, 0.999, 1.0] {
-                assert_eq!(quantile_of(many(value), q), quantile(&mut kept, q), "{k} {q}");
+                assert_eq!(quantile_of(50_000, value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
-        // Ordered, with a stretch that an even sample cannot miss and one that it does.
-        let steps = (0..50_000).map(|i| if (20_000..20_040).contains(&i) { -1.0 } else { f64::from(i / 5) });
-        assert_eq!(quantile_of(steps.clone(), 0.5), quantile(&mut steps.collect::<Vec<_>>(), 0.5));
-        assert!(quantile_of(std::iter::empty(), 0.5).is_nan());
+        // In time with the sample, which sees one value alone.
+        let value = |i: usize| if i.is_multiple_of(50) { 7.0 } else { i as f64 };
+        assert_eq!(quantile_of(50_000, value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
+        assert!(quantile_of(0, |_| 1.0, 0.5).is_nan());
+        assert!(quantile_of(9_000, |_| f64::NAN, 0.5).is_nan());
     }
 
     #[test]

@@ -110,14 +110,14 @@ impl Stretch<'_> {
             if EVEN {
                 for k in 0..TILE {
                     let a = correct(&map, [0, 1, 2].map(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
-                    terms[k] = run.step::<EVEN, CUBIC, SUMS>(a, run.zero).unwrap_or(no_term);
+                    run.step::<EVEN, CUBIC, SUMS>(a, run.zero, &mut terms[k]);
                 }
             } else {
                 let times: [&[f64; TILE]; MOST_LANES] = time_tiles.map(|tiles| &tiles[t]);
                 for k in 0..TILE {
                     let a = correct(&map, [0, 1, 2].map(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
                     let time = Lanes::from_fn(simd, |l| times[l][k]);
-                    terms[k] = run.step::<EVEN, CUBIC, SUMS>(a, time).unwrap_or(no_term);
+                    run.step::<EVEN, CUBIC, SUMS>(a, time, &mut terms[k]);
                 }
             }
             if SUMS {
@@ -128,7 +128,7 @@ impl Stretch<'_> {
         for (place, k) in (samples - rest..samples).enumerate() {
             let a = correct(&map, [0, 1, 2].map(|c| Lanes::from_fn(simd, |l| raw[l][k][c])));
             let time = if EVEN { run.zero } else { Lanes::from_fn(simd, |l| stamps[l][k]) };
-            terms[place] = run.step::<EVEN, CUBIC, SUMS>(a, time).unwrap_or(no_term);
+            run.step::<EVEN, CUBIC, SUMS>(a, time, &mut terms[place]);
         }
         if SUMS {
             totals.add::<EVEN>(&terms[..rest]);
@@ -269,13 +269,14 @@ impl<S: Simd> Running<S> {
         coefficients[..N - 1].iter().rev().fold(splat(coefficients[N - 1]), |sum, c| sum.times_plus(y, splat(*c)))
     }
 
-    /// Takes the next sample, which ends a step or, for a cubic, comes after its end; gives what the sums need of the step.
+    /// Takes the next sample, which ends a step or, for a cubic, comes after its end; writes what the sums need of the step.
     #[inline(always)]
     fn step<const EVEN: bool, const CUBIC: bool, const SUMS: bool>(
         &mut self,
         next: Three<S>,
         next_time: Lanes<S>,
-    ) -> Option<Term<S>> {
+        term: &mut Term<S>,
+    ) {
         let simd = self.simd;
         let splat = |value: f64| Lanes::splat(simd, value);
         let (before, a0, a1, after) =
@@ -310,15 +311,13 @@ impl<S: Simd> Running<S> {
             let factor = if EVEN { self.half } else { sixth * sixth * splat(3.0) };
             let slope = [0, 1, 2].map(|c| (a0[c] - a1[c]) * factor);
             let straight = [0, 1, 2].map(|c| s[c] - q[c]);
-            self.take(next, next_time);
-            Some(Term { twice, s, q, straight, slope, h })
+            *term = Term { twice, s, q, straight, slope, h };
         } else {
             // Of any length: what the cosine would take off is taken off at the end.
             let tangent = self.polynomial(&TANGENT, y);
             self.quaternion = turned(&self.quaternion, self.quaternion, p.map(|p| p * tangent));
-            self.take(next, next_time);
-            None
         }
+        self.take(next, next_time);
     }
 
     /// Makes the rotation matrix of the quaternion; twice A of the step is what it gives, `curved` being `6 k p`.

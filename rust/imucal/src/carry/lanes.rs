@@ -140,7 +140,7 @@ impl<S: Simd> Mul for Lanes<S> {
 
 /// Asks for the memory of as many samples as there are here, `ahead` samples after them, before it is needed.
 ///
-/// The lanes read eight places at once, more than the processor follows by itself: without this a rotation takes twice as long.
+/// The lanes read eight places at once, more than the processor follows by itself: without this a rotation takes a fifth longer.
 #[inline(always)]
 pub(super) fn fetch_soon(samples: &[[f64; 3]], ahead: usize) {
     #[cfg(target_arch = "x86_64")]

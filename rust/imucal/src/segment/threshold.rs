@@ -16,20 +16,22 @@ pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f
     // A coarse converter may read one number throughout a rest: its floor is that of the rounding. A channel that
     // never changes has no step at all and no say.
     let rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
-    let mut floor =
-        Vector6::from_fn(|channel, _| quantile_of(variances.iter().map(|v| v[channel]), 0.05).max(rounding[channel]));
+    let mut floor = Vector6::from_fn(|channel, _| {
+        quantile_of(variances.len(), |k| variances[k][channel], 0.05).max(rounding[channel])
+    });
     let mut statistic = vec![0.0; variances.len()];
     // The floor of each channel is that of the windows that are quiet in all channels together.
     for _ in 0..4 {
         for (statistic, variance) in statistic.iter_mut().zip(&variances) {
             *statistic = statistic_of(variance, &floor);
         }
-        let quiet = 2.0 * quantile_of(statistic.iter().copied(), 0.05);
+        let quiet = 2.0 * quantile_of(statistic.len(), |k| statistic[k], 0.05);
         let in_quiet: Vec<&Vector6<f64>> =
             variances.iter().zip(&statistic).filter(|(_, s)| **s <= quiet).map(|(v, _)| v).collect();
         let before = floor;
-        floor =
-            Vector6::from_fn(|channel, _| quantile_of(in_quiet.iter().map(|v| v[channel]), 0.5).max(rounding[channel]));
+        floor = Vector6::from_fn(|channel, _| {
+            quantile_of(in_quiet.len(), |k| in_quiet[k][channel], 0.5).max(rounding[channel])
+        });
         if floor == before {
             break;
         }
