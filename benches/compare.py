@@ -23,6 +23,7 @@ from scipy.spatial.transform import Rotation
 import imucal
 import scipy_peer
 from imucal import _core
+from kernels import kernel_lines
 from sections import write_section
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -244,6 +245,7 @@ def main() -> None:
     )
     write_section(REPORT, "Speed", "Calibration", calibration)
     write_section(REPORT, "Speed", "Integration", "\n".join(integration_lines()))
+    write_section(REPORT, "Speed", "Kernels", "\n".join(kernel_lines(machine_name())))
 
 
 if __name__ == "__main__":

@@ -24,11 +24,24 @@ def test_the_error_falls_with_the_second_power_of_the_interval(name):
     assert found.error_rad[-1] < 1e-7
 
 
+@pytest.mark.parametrize("name", FOUND)
+def test_the_midpoint_is_of_second_order_too(name):
+    errors = FOUND[name].midpoint_error_rad
+    order = np.polyfit(np.log(convergence.RATES_HZ[2:]), -np.log(errors[2:]), 1)[0]
+    assert order == pytest.approx(2.0, abs=0.02)
+
+
 def test_the_page_shows_these_figures():
     """To one unit of the last digit shown: another processor may round otherwise."""
     page = (RESULTS / "convergence.md").read_text(encoding="utf-8")
     rows = [line.strip("| ").split(" | ") for line in page.splitlines() if line.startswith("| ")]
-    shown = {row[0]: [float(value) for value in row[1:]] for row in rows if row[0] != "rate, Hz"}
+    heads = [k for k, row in enumerate(rows) if row[0].startswith("rate, Hz")]
+    fourth, midpoint = rows[heads[0] + 1 : heads[1]], rows[heads[1] + 1 :]
+    for k, row in enumerate(midpoint):
+        assert [float(value) for value in row[1:]] == pytest.approx(
+            [c.midpoint_error_rad[k] for c in FOUND.values()], rel=0.01
+        )
+    shown = {row[0]: [float(value) for value in row[1:]] for row in fourth}
     assert [name for name in shown if name != "**order**"] == [str(rate) for rate in convergence.RATES_HZ]
     for k, rate_hz in enumerate(convergence.RATES_HZ):
         assert shown[str(rate_hz)] == pytest.approx([c.error_rad[k] for c in FOUND.values()], rel=0.01)

@@ -21,7 +21,7 @@ mod _core {
     use imucal::error::Error;
     use imucal::frame::{self, Sensitivities};
     use imucal::segment::Segments;
-    use imucal_core::integrate::Integrator;
+    use imucal_core::integrate::{Integrator, Order};
     use imucal_core::so3;
     use nalgebra::Vector3;
     use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
@@ -236,18 +236,20 @@ mod _core {
         library::stats::p_value(statistic, dof)
     }
 
-    /// Rotation `[w, x, y, z]` of a whole stretch of angular rate: `v_start = rotation * v_end`.
+    /// Rotation `[w, x, y, z]` of a whole stretch of angular rate: `v_start = rotation * v_end`; without coning if asked for.
     #[pyfunction]
+    #[pyo3(signature = (time_s, angular_rate, midpoint=false))]
     fn integrate<'py>(
         py: Python<'py>,
         time_s: PyReadonlyArray1<'py, f64>,
         angular_rate: PyReadonlyArray2<'py, f64>,
+        midpoint: bool,
     ) -> PyResult<Bound<'py, PyArray1<f64>>> {
         let time = column(py, &time_s, "time_s")?;
         let rate = rows(py, &angular_rate, "angular_rate")?;
         require_same_length(time.len(), rate.len()).to_python(py)?;
         let rotation = py.detach(|| {
-            let mut integrator = Integrator::new();
+            let mut integrator = Integrator::of_order(if midpoint { Order::Midpoint } else { Order::Magnus4 });
             let mut last = time.first().copied().unwrap_or(0.0);
             for (&time, rate) in time.iter().zip(rate) {
                 integrator.push(time - last, Vector3::from(*rate));

@@ -8,6 +8,9 @@ mod outcome;
 mod prospect;
 mod unit_data;
 
+#[cfg(test)]
+mod passes;
+
 pub use imucal_core::STANDARD_GRAVITY_MPS2;
 #[cfg(test)]
 use imucal_core::sensor::Triad;

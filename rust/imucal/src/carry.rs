@@ -10,45 +10,48 @@
 //! A_k = R_k J_l(phi_k),   R_k the attitude before step k, J_l the left Jacobian of the rotation vector
 //! ```
 
-use imucal_core::integrate::Integrator;
+mod kernel;
+mod lanes;
+mod path;
+
+#[cfg(test)]
+mod tests;
+
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::recording::Recording;
 
+pub use lanes::Instructions;
+#[cfg(test)]
+pub(crate) use path::STEPS_TAKEN;
+pub use path::{Pace, Path};
+
 /// Rotation of one move and its derivative sums.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Carried {
+pub struct Carried {
     /// `v_start = rotation * v_end`.
-    pub(crate) rotation: Matrix3<f64>,
-    /// G_x, G_y, G_z.
-    pub(crate) sensitivity_sums: [Matrix3<f64>; 3],
-    /// G_b.
-    pub(crate) bias_sum: Matrix3<f64>,
-    /// How far the unit turned about each axis, rad, signs dropped.
-    pub(crate) turned_rad: Vector3<f64>,
+    pub rotation: Matrix3<f64>,
+    /// G_x, G_y, G_z, rad.
+    pub sensitivity_sums: [Matrix3<f64>; 3],
+    /// G_b, s.
+    pub bias_sum: Matrix3<f64>,
 }
 
-/// Integrates samples `first..=last` of the gyroscope.
-pub(crate) fn carry(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Carried {
-    let mut rotation = Matrix3::identity();
-    let mut sums = Sums::zero();
-    let mut turned_rad = Vector3::zeros();
-    let mut w0 = gyroscope.correct(Vector3::from(recording.angular_rate[first]));
-    let times = recording.time_s[first..=last].windows(2);
-    for (pair, raw) in times.zip(&recording.angular_rate[first + 1..=last]) {
-        let h = pair[1] - pair[0];
-        let w1 = gyroscope.correct(Vector3::from(*raw));
-        let turn = (w0 + w1) * (h / 2.0);
-        sums.step(&mut rotation, h, [&w0, &w1], &turn, &turn);
-        turned_rad += turn.abs();
-        w0 = w1;
-    }
-    Carried { rotation, sensitivity_sums: sums.sensitivity(), bias_sum: sums.bias, turned_rad }
+/// The rotation from sample `first` to sample `last` of a recording.
+pub(crate) fn rotate(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Matrix3<f64> {
+    Path::of(recording, first, last).rotation(gyroscope)
+}
+
+/// How far the unit turned about each axis between two samples, rad, signs dropped.
+pub(crate) fn turned_rad(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Vector3<f64> {
+    let rate = |k: usize| gyroscope.correct(Vector3::from(recording.angular_rate[k]));
+    let step = |k: usize| (rate(k) + rate(k + 1)) * ((recording.time_s[k + 1] - recording.time_s[k]) / 2.0);
+    (first..last).map(|k| step(k).abs()).sum()
 }
 
 /// Sums over the steps of a move.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
     /// `sum A_k (s_j I - e_j q^T)` for each j.
     by_turn: [Matrix3<f64>; 3],
@@ -101,6 +104,15 @@ impl Sums {
         self.bias += other.bias;
     }
 
+    /// Adds the sums of a stretch that comes after a turn by `before`.
+    pub(crate) fn add_after(&mut self, before: &Matrix3<f64>, other: &Self) {
+        for (sum, term) in self.by_turn.iter_mut().zip(&other.by_turn) {
+            *sum += before * term;
+        }
+        self.coning += before * other.coning;
+        self.bias += before * other.bias;
+    }
+
     /// G_x, G_y, G_z.
     pub(crate) fn sensitivity(&self) -> [Matrix3<f64>; 3] {
         let mut sums = self.by_turn;
@@ -116,17 +128,6 @@ impl Sums {
 fn times_hat(m: &Matrix3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
     let (x, y, z) = (m.column(0), m.column(1), m.column(2));
     Matrix3::from_columns(&[y * v.z - z * v.y, z * v.x - x * v.z, x * v.y - y * v.x])
-}
-
-/// The rotation alone: as [`carry`], but without derivatives.
-pub(crate) fn rotate(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Matrix3<f64> {
-    let mut integrator = Integrator::new();
-    let mut before = recording.time_s[first];
-    for (&time, raw) in recording.time_s[first..=last].iter().zip(&recording.angular_rate[first..=last]) {
-        integrator.push(time - before, gyroscope.correct(Vector3::from(*raw)));
-        before = time;
-    }
-    *integrator.rotation().to_rotation_matrix().matrix()
 }
 
 /// Coefficients `(-1)^k / (2k + first)!` of two even series in the angle.
@@ -167,77 +168,5 @@ fn coefficients(t2: f64) -> (f64, f64, f64) {
     } else {
         let t = t2.sqrt();
         (t.sin() / t, (1.0 - t.cos()) / t2, (t - t.sin()) / (t2 * t))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use imucal_core::so3;
-
-    /// A tumbling gyroscope, 100 Hz for 2 s, in raw units of a unit that is far from perfect.
-    fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
-        let time: Vec<f64> = (0..200).map(|k| k as f64 * 0.01).collect();
-        let sensitivity = Matrix3::new(1.1, 0.05, -0.02, 0.03, 0.9, 0.04, -0.06, 0.01, 1.05);
-        let triad = Triad::try_new(sensitivity, Vector3::new(0.1, -0.2, 0.05)).unwrap();
-        let rate = |t: &f64| Vector3::new((3.0 * t).sin() * 4.0, (2.0 * t).cos() * 3.0, (5.0 * t).sin() * 2.0);
-        let raw = time.iter().map(|t| triad.measure(rate(t)).into()).collect();
-        (time, raw, triad)
-    }
-
-    fn carry_with(triad: &Triad<f64>, time: &[f64], raw: &[[f64; 3]]) -> Carried {
-        let recording = Recording::try_new("tumble", time, raw, raw).unwrap();
-        carry(&recording, 0, time.len() - 1, triad)
-    }
-
-    #[test]
-    fn the_rotation_is_that_of_the_streaming_integrator() {
-        let (time, raw, triad) = tumble();
-        let recording = Recording::try_new("tumble", &time, &raw, &raw).unwrap();
-        let streamed = rotate(&recording, 0, time.len() - 1, &triad);
-        let batch = carry_with(&triad, &time, &raw).rotation;
-        let difference = batch.transpose() * streamed;
-        assert!((difference - Matrix3::identity()).norm() < 1e-13);
-    }
-
-    #[test]
-    fn both_branches_of_the_series_agree_with_the_core() {
-        for length in [0.0, 1e-9, 1e-3, 0.3, 0.499_999, 0.500_001, 2.0] {
-            let phi = Vector3::new(0.48, -0.6, 0.64) * length;
-            let mut exp = Matrix3::identity();
-            let left = Sums::zero().step(&mut exp, 1.0, [&phi, &phi], &phi, &Vector3::zeros());
-            assert!((exp - so3::exp(&phi).to_rotation_matrix().matrix()).norm() < 4e-15, "{length}");
-            assert!((left - so3::right_jacobian(&phi).transpose()).norm() < 4e-15, "{length}");
-        }
-    }
-
-    #[test]
-    fn derivatives_meet_finite_differences() {
-        let (time, raw, triad) = tumble();
-        let carried = carry_with(&triad, &time, &raw);
-        let delta = |sensitivity: Matrix3<f64>, bias: Vector3<f64>| {
-            let moved = carry_with(&Triad::try_new(sensitivity, bias).unwrap(), &time, &raw).rotation;
-            // The turn is tiny: its vector is the antisymmetric part. An arc cosine would lose half of the digits.
-            let turn = carried.rotation.transpose() * moved;
-            Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12) / 2.0
-        };
-        let step = 1e-6;
-        let unit = |i: usize| Vector3::from_fn(|k, _| f64::from(u8::from(k == i)));
-        for i in 0..3 {
-            let column = triad.inverse() * unit(i);
-            for j in 0..3 {
-                let mut change = Matrix3::zeros();
-                change[(i, j)] = step;
-                let (plus, minus) = (triad.sensitivity() + change, triad.sensitivity() - change);
-                let difference = (delta(plus, *triad.bias()) - delta(minus, *triad.bias())) / (2.0 * step);
-                let analytic = -carried.rotation.tr_mul(&(carried.sensitivity_sums[j] * column));
-                assert!((difference - analytic).norm() < 1e-7, "T_{i}{j}: {difference} {analytic}");
-            }
-            let (plus, minus) = (triad.bias() + unit(i) * step, triad.bias() - unit(i) * step);
-            let sensitivity = *triad.sensitivity();
-            let difference = (delta(sensitivity, plus) - delta(sensitivity, minus)) / (2.0 * step);
-            let analytic = -carried.rotation.tr_mul(&(carried.bias_sum * column));
-            assert!((difference - analytic).norm() < 1e-7, "b_{i}: {difference} {analytic}");
-        }
     }
 }

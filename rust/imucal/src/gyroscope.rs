@@ -10,12 +10,15 @@
 
 mod bias;
 
+use std::cell::RefCell;
+use std::rc::Rc;
+
 use faer::Mat;
 use imucal_core::sensor::Triad;
-use imucal_core::so3::hat;
+use imucal_core::so3::{self, hat};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::carry::{Carried, carry, rotate};
+use crate::carry::{Carried, Path};
 use crate::error::Error;
 use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::moves::{Ends, Move};
@@ -39,80 +42,115 @@ pub(crate) struct GyroscopeFit {
     pub(crate) report: FitReport,
 }
 
-/// A first estimate from the start value with the smallest misfit; from the others too if that ends far from the data.
-pub(crate) fn first_estimate(
-    recordings: &[Recording<'_>],
-    moves: &[Move],
-    ends: &[Ends],
+/// The moves that the gyroscope is fitted to, and the last pass over their samples.
+pub(crate) struct Carrying<'a> {
+    paths: Vec<Path<'a>>,
     bias: Vector3<f64>,
-    starts: &[Matrix3<f64>],
-) -> Result<Triad<f64>, Error> {
-    let problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
-    let mut starts: Vec<(f64, Vec<f64>)> = starts
-        .iter()
-        .map(|start| start.transpose().as_slice().to_vec())
-        .map(|start| (if starts.len() > 1 { problem.direction_rms_rad(&start) } else { 0.0 }, start))
-        .collect();
-    starts.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let mut best: Option<Solution> = None;
-    for (_, start) in &starts {
-        let solution = lsq::minimize(&problem, start, lsq::ROUGH)?;
-        if best.as_ref().is_none_or(|best| solution.chi2 < best.chi2) {
-            best = Some(solution);
-        }
-        if best.as_ref().is_some_and(|best| problem.direction_rms_rad(&best.parameters) < CLOSE_RAD) {
-            break;
-        }
-    }
-    let best = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
-    // Whether the moves determine all entries is for the fit to judge: here the scale may still be far off.
-    triad_of(&best.parameters, bias)
+    last: RefCell<Option<Rc<Linearised>>>,
 }
 
-/// Fits the nine entries from a first estimate; moves that contradict all others are left out.
-pub(crate) fn fit(
-    recordings: &[Recording<'_>],
-    moves: &[Move],
-    ends: &[Ends],
-    first: &Triad<f64>,
-) -> Result<GyroscopeFit, Error> {
-    let bias = *first.bias();
-    let mut used = vec![true; moves.len()];
-    let mut problem = Carrying { recordings, moves, ends, bias, rows: (0..moves.len()).collect() };
-    let mut parameters = first.sensitivity().transpose().as_slice().to_vec();
-    loop {
-        let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
-        let triad = triad_of(&solution.parameters, bias)?;
-        problem.check(&triad, &solution)?;
-        let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 2);
-        match robust::worst_outlier(&scores, 2) {
-            Some(item) if robust::may_exclude(&used, 9) => {
-                used[problem.rows[item]] = false;
-                problem.rows.remove(item);
-                parameters = solution.parameters;
-            }
-            _ => return finish(&problem, used, triad, solution),
-        }
-    }
-}
-
-fn finish(
-    problem: &Carrying<'_>,
-    used: Vec<bool>,
+/// The moves as one gyroscope carries them.
+struct Linearised {
     triad: Triad<f64>,
-    solution: Solution,
-) -> Result<GyroscopeFit, Error> {
-    let row_gain = lsq::gain(&solution.jacobian);
-    let mut gain = Mat::zeros(9, 2 * problem.moves.len());
-    for (row, &k) in problem.rows.iter().enumerate() {
-        for c in 0..2 {
-            for i in 0..9 {
-                gain[(i, 2 * k + c)] = row_gain[(i, 2 * row + c)] / problem.ends[k].sigma_rad;
+    carried: Vec<Carried>,
+}
+
+/// A fit that leaves less than this (rms) has found the right valley.
+const CLOSE_RAD: f64 = 0.05;
+/// The sums of a pass serve for gyroscopes so near that what is left out, of second order, is a smaller share of a standard
+/// deviation than this.
+const LEFT_OUT: f64 = 1e-9;
+
+impl<'a> Carrying<'a> {
+    pub(crate) fn new(recordings: &[Recording<'a>], moves: &[Move], bias: Vector3<f64>) -> Self {
+        let paths = moves.iter().map(|m| Path::of(&recordings[m.recording], m.first, m.last)).collect();
+        Self { paths, bias, last: RefCell::new(None) }
+    }
+
+    /// A first estimate from the start value with the smallest misfit; from the others too if that ends far from the data.
+    pub(crate) fn first_estimate(&self, ends: &[Ends], starts: &[Matrix3<f64>]) -> Result<Triad<f64>, Error> {
+        let problem = self.weighed(ends);
+        let mut candidates: Vec<(f64, Vec<f64>)> = Vec::new();
+        for start in starts {
+            let start = start.transpose().as_slice().to_vec();
+            let misfit_rad = problem.direction_rms_rad(&start);
+            candidates.push((misfit_rad, start));
+            if misfit_rad < CLOSE_RAD {
+                break;
+            }
+        }
+        candidates.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut best: Option<Solution> = None;
+        for (_, start) in &candidates {
+            let solution = lsq::minimize(&problem, start, lsq::ROUGH)?;
+            if best.as_ref().is_none_or(|best| solution.chi2 < best.chi2) {
+                best = Some(solution);
+            }
+            if best.as_ref().is_some_and(|best| problem.misfit_rad(&best.residuals) < CLOSE_RAD) {
+                break;
+            }
+        }
+        let best = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
+        // Whether the moves determine all entries is for the fit to judge: here the scale may still be far off.
+        triad_of(&best.parameters, self.bias)
+    }
+
+    /// Fits the nine entries from a first estimate; moves that contradict all others are left out.
+    pub(crate) fn fit(&self, ends: &[Ends], first: &Triad<f64>) -> Result<GyroscopeFit, Error> {
+        let mut used = vec![true; self.paths.len()];
+        let mut problem = self.weighed(ends);
+        let mut parameters = first.sensitivity().transpose().as_slice().to_vec();
+        loop {
+            let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
+            let triad = triad_of(&solution.parameters, self.bias)?;
+            problem.check(&triad, &solution)?;
+            let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 2);
+            match robust::worst_outlier(&scores, 2) {
+                Some(item) if robust::may_exclude(&used, 9) => {
+                    used[problem.rows[item]] = false;
+                    problem.rows.remove(item);
+                    parameters = solution.parameters;
+                }
+                _ => return Ok(problem.finish(used, triad, solution)),
             }
         }
     }
-    let carried = problem.moves.iter().map(|m| carry(&problem.recordings[m.recording], m.first, m.last, &triad));
-    Ok(GyroscopeFit { carried: carried.collect(), triad, used, gain, report: solution.report() })
+
+    fn weighed<'b>(&'b self, ends: &'b [Ends]) -> Weighed<'b> {
+        Weighed { carrying: self, ends, rows: (0..self.paths.len()).collect() }
+    }
+
+    /// All moves with this gyroscope: from the last pass if it was near enough, else from a new one.
+    fn carried(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
+        let known = self.last.borrow().clone();
+        if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {
+            return moved;
+        }
+        let carried = self.paths.iter().map(|path| path.carry(triad)).collect();
+        let new = Rc::new(Linearised { triad: *triad, carried });
+        *self.last.borrow_mut() = Some(Rc::clone(&new));
+        new
+    }
+}
+
+impl Linearised {
+    /// What the sums make of a gyroscope nearby; `None` if it is not near.
+    fn moved(self: Rc<Self>, triad: &Triad<f64>, ends: &[Ends]) -> Option<Rc<Self>> {
+        if self.triad == *triad {
+            return Some(self);
+        }
+        // The rate changes by this matrix times itself; the bias is the same.
+        let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
+        let mut carried = self.carried.clone();
+        for (carried, ends) in carried.iter_mut().zip(ends) {
+            let turn: Vector3<f64> = (0..3).map(|j| carried.sensitivity_sums[j] * change.column(j)).sum();
+            if turn.norm_squared() > LEFT_OUT * ends.sigma_rad {
+                return None;
+            }
+            carried.rotation = so3::exp(&turn).to_rotation_matrix().matrix() * carried.rotation;
+        }
+        Some(Rc::new(Self { triad: *triad, carried }))
+    }
 }
 
 pub(crate) fn triad_of(entries: &[f64], bias: Vector3<f64>) -> Result<Triad<f64>, Error> {
@@ -134,28 +172,42 @@ pub(crate) fn residual_gradient(ends: &Ends, carried: &Carried, triad: &Triad<f6
     })
 }
 
-struct Carrying<'a> {
-    recordings: &'a [Recording<'a>],
-    moves: &'a [Move],
+/// The problem for the solver.
+struct Weighed<'a> {
+    carrying: &'a Carrying<'a>,
     ends: &'a [Ends],
-    bias: Vector3<f64>,
     /// The moves that take part.
     rows: Vec<usize>,
 }
 
-/// A fit that leaves less than this (rms) has found the right valley.
-const CLOSE_RAD: f64 = 0.05;
-
-impl Carrying<'_> {
+impl Weighed<'_> {
     /// Rms of the residuals in rad.
     fn direction_rms_rad(&self, parameters: &[f64]) -> f64 {
-        let Ok(triad) = triad_of(parameters, self.bias) else {
+        let Ok(triad) = triad_of(parameters, self.carrying.bias) else {
             return f64::INFINITY;
         };
-        rms(self.rows.iter().map(|&k| {
-            let m = &self.moves[k];
-            self.ends[k].residual(&rotate(&self.recordings[m.recording], m.first, m.last, &triad)).norm()
-        }))
+        let at = self.carrying.carried(&triad, self.ends);
+        rms(self.rows.iter().map(|&k| self.ends[k].residual(&at.carried[k].rotation).norm()))
+    }
+
+    /// The same of residuals that are known.
+    fn misfit_rad(&self, residuals: &Mat<f64>) -> f64 {
+        let norm = |row: usize| residuals[(2 * row, 0)].hypot(residuals[(2 * row + 1, 0)]);
+        rms(self.rows.iter().enumerate().map(|(row, &k)| norm(row) * self.ends[k].sigma_rad))
+    }
+
+    fn finish(&self, used: Vec<bool>, triad: Triad<f64>, solution: Solution) -> GyroscopeFit {
+        let row_gain = lsq::gain(&solution.jacobian);
+        let mut gain = Mat::zeros(9, 2 * self.ends.len());
+        for (row, &k) in self.rows.iter().enumerate() {
+            for c in 0..2 {
+                for i in 0..9 {
+                    gain[(i, 2 * k + c)] = row_gain[(i, 2 * row + c)] / self.ends[k].sigma_rad;
+                }
+            }
+        }
+        let carried = self.carrying.carried(&triad, self.ends).carried.clone();
+        GyroscopeFit { carried, triad, used, gain, report: solution.report() }
     }
 
     /// Refuses moves that do not determine all nine entries.
@@ -171,17 +223,17 @@ impl Carrying<'_> {
     }
 }
 
-impl Residuals for Carrying<'_> {
+impl Residuals for Weighed<'_> {
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
-        let Ok(triad) = triad_of(parameters, self.bias) else {
+        let Ok(triad) = triad_of(parameters, self.carrying.bias) else {
             residuals.fill(f64::NAN); // the solver takes a shorter step
             return;
         };
+        let at = self.carrying.carried(&triad, self.ends);
         for (row, &k) in self.rows.iter().enumerate() {
-            let (m, ends) = (&self.moves[k], &self.ends[k]);
-            let carried = carry(&self.recordings[m.recording], m.first, m.last, &triad);
+            let (ends, carried) = (&self.ends[k], &at.carried[k]);
             let residual = ends.residual(&carried.rotation) / ends.sigma_rad;
-            let gradient = residual_gradient(ends, &carried, &triad);
+            let gradient = residual_gradient(ends, carried, &triad);
             for c in 0..2 {
                 residuals[(2 * row + c, 0)] = residual[c];
                 for j in 0..9 {

@@ -34,6 +34,8 @@
 
 pub mod allan;
 pub mod calibrate;
+#[doc(hidden)] // for the benchmark of the kernels
+pub mod carry;
 pub mod check;
 pub mod correct;
 pub mod diagnosis;
@@ -51,7 +53,6 @@ pub mod simulate;
 pub mod stats;
 
 mod accelerometer;
-mod carry;
 mod ellipsoid;
 mod gyroscope;
 mod kinematics;

@@ -10,7 +10,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::outcome::parameter_names;
 use super::unit_data::{FEWEST_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
-use crate::carry::carry;
+use crate::carry::{rotate, turned_rad};
 use crate::ellipsoid;
 use crate::error::Error;
 use crate::joint::{BASE, Joint, Kinds, Line, Model, Prepared, Source, Terms};
@@ -128,7 +128,7 @@ impl UnitData<'_> {
         }
 
         let turned = || -> Vector3<f64> {
-            let of_move = |m: &Move| carry(&self.recordings[m.recording], m.first, m.last, &gyroscope).turned_rad;
+            let of_move = |m: &Move| turned_rad(&self.recordings[m.recording], m.first, m.last, &gyroscope);
             moves.iter().map(of_move).sum()
         };
         let missing = (!open.columns.is_empty()).then(|| {
@@ -248,7 +248,7 @@ impl UnitData<'_> {
     fn silent_accelerometer(&self, moves: &[Move], up: &[Vector3<f64>], gyroscope: &Triad<f64>) -> Option<String> {
         let alike = up.iter().all(|other| up[0].angle(other) < ALIKE_RAD);
         let carried = |m: &&Move| {
-            let turn = carry(&self.recordings[m.recording], m.first, m.last, gyroscope).rotation;
+            let turn = rotate(&self.recordings[m.recording], m.first, m.last, gyroscope);
             turn.tr_mul(&up[m.from]).angle(&up[m.to]) > TURNED_RAD
         };
         let turns = if alike { moves.iter().filter(carried).count() } else { 0 };

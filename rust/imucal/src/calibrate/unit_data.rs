@@ -14,7 +14,7 @@ use crate::ellipsoid::Start;
 use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::finding::{Finding, Severity};
-use crate::gyroscope::{self, GyroscopeBias, GyroscopeFit};
+use crate::gyroscope::{self, Carrying, GyroscopeBias, GyroscopeFit};
 use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
@@ -230,10 +230,10 @@ impl<'a> UnitData<'a> {
         }
         // The weights need the scale, the scale needs a fit: the second round starts at the first one's result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
-        let first = gyroscope::first_estimate(self.recordings, moves, &ends, bias.bias, &starts)?;
+        let carrying = Carrying::new(self.recordings, moves, bias.bias);
+        let first = carrying.first_estimate(&ends, &starts)?;
         let (ends, random_walk_rad) = self.ends(moves, accelerometer, &first);
-        let fit = gyroscope::fit(self.recordings, moves, &ends, &first)
-            .map_err(|error| self.with_all_that_is_missing(error, options))?;
+        let fit = carrying.fit(&ends, &first).map_err(|error| self.with_all_that_is_missing(error, options))?;
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
 }

@@ -25,7 +25,9 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, surroundings};
 use super::terms::{Sample, Terms};
-use crate::carry::Sums;
+#[cfg(test)]
+use crate::carry::STEPS_TAKEN;
+use crate::carry::{Pace, Path, Sums};
 use crate::correct::{SLOPE_STEP_S, slopes};
 use crate::moves::Move;
 use crate::recording::Recording;
@@ -195,6 +197,15 @@ impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
         let (recording, span) = (self.recording, self.span);
         let (first, last) = (span.first, span.last);
+        if terms.count == 0
+            && !self.with_blocks
+            && let Some((rotation, base)) = self.carried(&model.gyroscope)
+        {
+            let sums = TurnSums { base, effects: Vec::new() };
+            return Pass { rotation, turn: sums.turn(model, terms, 1.0), blocks: Vec::new(), attitudes: Vec::new() };
+        }
+        #[cfg(test)]
+        STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
         let corrected = self.correct(model, terms);
         let mut rotation = Matrix3::identity();
         let mut sums = TurnSums::zero(terms.count);
@@ -236,6 +247,26 @@ impl Route<'_> {
             }
         }
         Pass { rotation, turn: sums.turn(model, terms, 1.0), blocks, attitudes }
+    }
+
+    /// Rotation and sums without effects, as the kernel takes them; `None` where steps differ.
+    fn carried(&self, gyroscope: &Triad<f64>) -> Option<(Matrix3<f64>, Sums)> {
+        let (time, rates) = (self.recording.time_s, self.recording.angular_rate);
+        let (first, last) = (self.span.first, self.span.last);
+        // The first and the last step of a recording have no sample beyond them.
+        let (start, end) = (first.max(1), last.min(time.len() - 2));
+        if end < start || !(start..end).all(|i| self.step(i).smooth) {
+            return None;
+        }
+        let straight = |from: usize, to: usize| Path::of(self.recording, from, to).sums(gyroscope);
+        let (mut rotation, mut sums) = straight(first, start);
+        let pace = Pace::of(&time[start - 1..=end + 1]);
+        let middle = Path::cubic(&rates[start - 1..=end + 1], pace).sums(gyroscope);
+        for (turn, added) in [middle, straight(end, last)] {
+            sums.add_after(&rotation, &added);
+            rotation *= turn;
+        }
+        Some((rotation, sums))
     }
 
     /// The samples that are corrected: those of the move, and one on either side where there is one.

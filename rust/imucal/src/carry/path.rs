@@ -1,0 +1,178 @@
+//! A stretch of a gyroscope's samples and its integral.
+
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use super::kernel::{Stretch, Turned, UPPER, Work};
+use super::lanes::MOST_LANES;
+use super::{Carried, Instructions, Sums};
+use crate::recording::Recording;
+
+/// When the samples of a path were taken.
+#[derive(Clone, Copy, Debug)]
+pub enum Pace<'a> {
+    /// One interval for all, s.
+    Even(f64),
+    /// Time of each sample, s.
+    Stamps(&'a [f64]),
+}
+
+impl<'a> Pace<'a> {
+    /// Even where the stamps are what rounding makes of even ones: the integral then hears nothing of their last digits.
+    pub fn of(stamps_s: &'a [f64]) -> Self {
+        let (Some(first), Some(last)) = (stamps_s.first(), stamps_s.last()) else { return Self::Stamps(stamps_s) };
+        let interval_s = (last - first) / (stamps_s.len() - 1).max(1) as f64;
+        let rounding = 2.0 * f64::EPSILON * first.abs().max(last.abs());
+        let is_off = |(k, time): (usize, &f64)| (time - (first + k as f64 * interval_s)).abs() > rounding;
+        if stamps_s.iter().enumerate().any(is_off) { Self::Stamps(stamps_s) } else { Self::Even(interval_s) }
+    }
+}
+
+/// Samples of a gyroscope in raw units, from the first to the last that a rotation is wanted between.
+#[derive(Clone, Copy, Debug)]
+pub struct Path<'a> {
+    raw: &'a [[f64; 3]],
+    pace: Pace<'a>,
+    is_cubic: bool,
+    instructions: Instructions,
+}
+
+#[cfg(test)]
+thread_local! {
+    /// Steps that have been integrated, to count how often a fit passes over the samples.
+    pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
+}
+
+/// Steps that each lane takes before the lanes are put together. The places they read must not be a power of two apart, or they
+/// would all fall into the same few lines of the cache.
+const STEPS_OF_A_LANE: usize = 1000;
+/// Fewer steps than these are taken one by one.
+const FEW: usize = 16;
+
+impl<'a> Path<'a> {
+    /// The rate goes straight from sample to sample; one time stamp for each, if there are any.
+    pub fn straight(raw: &'a [[f64; 3]], pace: Pace<'a>) -> Self {
+        Self { raw, pace, is_cubic: false, instructions: Instructions::Best }
+    }
+
+    /// The rate between two samples is the cubic through four; the first and the last sample serve nothing else.
+    pub fn cubic(raw: &'a [[f64; 3]], pace: Pace<'a>) -> Self {
+        Self { raw, pace, is_cubic: true, instructions: Instructions::Best }
+    }
+
+    /// The same with other instructions than the best ones.
+    #[must_use]
+    pub fn with(self, instructions: Instructions) -> Self {
+        Self { instructions, ..self }
+    }
+
+    /// Straight through samples `first..=last` of a recording.
+    pub(crate) fn of(recording: &Recording<'a>, first: usize, last: usize) -> Self {
+        Self::straight(&recording.angular_rate[first..=last], Pace::of(&recording.time_s[first..=last]))
+    }
+
+    /// The rotation, `v_start = rotation * v_end`, for a gyroscope with these parameters.
+    pub fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
+        let (rotation, _) = match self.is_cubic {
+            false => self.walk::<false, false>(gyroscope),
+            true => self.walk::<true, false>(gyroscope),
+        };
+        *rotation.to_rotation_matrix().matrix()
+    }
+
+    /// The rotation and the sums that its derivatives are made of.
+    pub fn carry(&self, gyroscope: &Triad<f64>) -> Carried {
+        let (rotation, sums) = self.sums(gyroscope);
+        Carried { rotation, sensitivity_sums: sums.sensitivity(), bias_sum: sums.bias }
+    }
+
+    /// The rotation and the sums.
+    pub(crate) fn sums(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
+        let (rotation, sums) = match self.is_cubic {
+            false => self.walk::<false, true>(gyroscope),
+            true => self.walk::<true, true>(gyroscope),
+        };
+        (*rotation.to_rotation_matrix().matrix(), sums)
+    }
+
+    fn walk<const CUBIC: bool, const SUMS: bool>(&self, gyroscope: &Triad<f64>) -> (UnitQuaternion<f64>, Sums) {
+        let around = 2 * usize::from(CUBIC);
+        let steps = self.raw.len().saturating_sub(1 + around);
+        #[cfg(test)]
+        STEPS_TAKEN.set(STEPS_TAKEN.get() + steps);
+        let (scale, stamps_s) = match self.pace {
+            Pace::Even(interval_s) => (interval_s / 6.0, None),
+            Pace::Stamps(stamps_s) => (1.0, Some(stamps_s)),
+        };
+        let (inverse, offset) = (gyroscope.inverse() * scale, gyroscope.inverse() * gyroscope.bias() * -scale);
+        let map = [0, 1, 2].map(|r| [inverse[(r, 0)], inverse[(r, 1)], inverse[(r, 2)], offset[r]]);
+
+        let mut rotation = UnitQuaternion::identity();
+        let mut sums = Sums::zero();
+        let mut at = 0;
+        while at < steps {
+            let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
+            let range = at..at + count + 1 + around;
+            let stretch = Stretch { raw: &self.raw[range.clone()], stamps_s: stamps_s.map(|s| &s[range]), map: &map };
+            let turned = if count < FEW { None } else { self.instructions.run(Work::<CUBIC, SUMS>(stretch)) };
+            let before = *rotation.to_rotation_matrix().matrix();
+            if let Some(turned) = turned {
+                if SUMS {
+                    sums.add_after(&before, &self.all_sums(&turned));
+                }
+                rotation *= turned.rotation;
+                at += turned.steps;
+            } else {
+                let (turn, added) = self.one_by_one::<CUBIC>(gyroscope, at..at + count);
+                sums.add_after(&before, &added);
+                rotation *= turn;
+                at += count;
+            }
+        }
+        (rotation, sums)
+    }
+
+    /// The sums with the entries below the diagonal.
+    fn all_sums(&self, turned: &Turned) -> Sums {
+        let mut sums = Sums::zero();
+        let rotation = turned.rotation.to_rotation_matrix();
+        for (entry, (c, j)) in turned.sums.entries.iter().zip(UPPER) {
+            sums.by_turn[j].set_column(c, entry);
+            if c != j {
+                // [e_z]x has +1 in row y, column x; [e_y]x -1 in row z, column x; [e_x]x +1 in row z, column y.
+                let axis = 3 - c - j;
+                let xi = Vector3::ith(axis, if axis == 1 { -1.0 } else { 1.0 });
+                sums.by_turn[c].set_column(j, &(entry + xi - rotation * xi));
+            }
+        }
+        sums.bias = match self.pace {
+            Pace::Even(interval_s) => turned.sums.bias * interval_s,
+            Pace::Stamps(_) => turned.sums.bias,
+        };
+        sums
+    }
+
+    /// Steps of any angle, and the few that the lanes leave.
+    fn one_by_one<const CUBIC: bool>(
+        &self,
+        gyroscope: &Triad<f64>,
+        steps: std::ops::Range<usize>,
+    ) -> (UnitQuaternion<f64>, Sums) {
+        let margin = usize::from(CUBIC);
+        let mut rotation = Matrix3::identity();
+        let mut sums = Sums::zero();
+        let rate = |k: usize| gyroscope.correct(Vector3::from(self.raw[k]));
+        for k in steps.start + margin..steps.end + margin {
+            let h = match self.pace {
+                Pace::Even(interval_s) => interval_s,
+                Pace::Stamps(stamps_s) => stamps_s[k + 1] - stamps_s[k],
+            };
+            let (w0, w1) = (rate(k), rate(k + 1));
+            let inner = w0 + w1;
+            let mean = if CUBIC { (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0 } else { inner / 2.0 };
+            let turn = mean * h;
+            sums.step(&mut rotation, h, [&w0, &w1], &turn, &turn);
+        }
+        (UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation)), sums)
+    }
+}
