@@ -124,8 +124,8 @@ fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<
         moves.flat_map(move |(k, m)| std::iter::repeat_n(of_move(k), 3 * m.pass.blocks.len() + ends))
     };
     let stand_rests = linear.directions().filter(|_| kinds.encoders).flat_map(|(k, _)| [2 * k; 2]);
-    let inside = in_moves(kinds.in_motion, 2);
-    let stand_moves = in_moves(kinds.encoders, if kinds.in_motion { 0 } else { 2 });
+    let inside = in_moves(kinds.in_motion, if kinds.encoders { 0 } else { 2 });
+    let stand_moves = in_moves(kinds.encoders, 0);
     lines.chain(rates).chain(inside).chain(stand_rests).chain(stand_moves).collect()
 }
 

@@ -8,7 +8,8 @@
 //!
 //! The stand is not accurate: how the unit is mounted on it (3), its base's tilt (2) and the angles between its axes (2) are
 //! estimated along, after all other parameters. Inside a move the residual is a random walk of the gyroscope's noise seen
-//! through the encoders' noise; gravity at the end of the move is one more look at its two parts across gravity.
+//! through the encoders' noise. The force inside the move sees the same walk, so one filter has to whiten both; and gravity at the
+//! end of the move says nothing that the rests against the stand do not say already.
 
 use std::ops::Range;
 
@@ -16,7 +17,7 @@ use imucal_core::effects::{Sensor, StandState, State, Surroundings};
 use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::inside::{EndDirection, Filter};
+use super::inside::{self, EndDirection, Filter};
 use super::model::BASE;
 use super::pass::Pass;
 use super::terms::{Sample, Terms};
@@ -25,11 +26,14 @@ use crate::error::Error;
 use crate::moves::{Ends, Move, UnitRest};
 use crate::recording::Recording;
 use crate::simulate::stand::Stand;
+use crate::stats::median;
 
 /// Mount rotation, base tilt and the angles between the axes.
 pub(crate) const STAND_PARAMETERS: usize = 7;
 /// Angle by which a derivative by a stand parameter or a motor angle is taken, rad; its square is the error.
 const STEP_RAD: f64 = 1e-4;
+/// No encoder has finer counts; smaller changes are rounding of the numbers.
+const LEAST_COUNT_RAD: f64 = 1e-11;
 /// A time offset's field is that of the true rate of the motors: passes of the correction.
 const PASSES: usize = 3;
 
@@ -130,6 +134,13 @@ fn still_rad(stand_rad: &[[f64; 3]], rests: &[std::ops::Range<usize>]) -> f64 {
     1e-10 + 1.5 * steps.fold(0.0, f64::max)
 }
 
+/// What one count of the encoders is: the smallest change between two samples. Next to nothing where they do not count.
+fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
+    let changes = stand_rad.windows(2).flat_map(|w| [0, 1, 2].map(|motor| (w[1][motor] - w[0][motor]).abs()));
+    let least = changes.filter(|change| *change > LEAST_COUNT_RAD).fold(f64::INFINITY, f64::min);
+    if least.is_finite() { least } else { 0.0 }
+}
+
 impl Angles {
     /// `readings` and `directions` are those of the same samples; `time_s` too.
     fn of(
@@ -202,8 +213,11 @@ pub(crate) fn rest_rows(
 pub(crate) struct Encoders {
     /// Which way each motor went last, for every sample of every recording.
     directions: Vec<Vec<Vector3<f64>>>,
-    /// Mean reading at each rest, and the variance of one reading there.
-    rests: Vec<(Vector3<f64>, f64)>,
+    /// Mean reading at each rest.
+    means: Vec<Vector3<f64>>,
+    /// Variance of one reading in motion, and of the mean at a rest, rad^2.
+    reading_variance: f64,
+    mean_variance: f64,
 }
 
 impl Encoders {
@@ -216,29 +230,43 @@ impl Encoders {
                 rests.iter().filter(|r| r.recording == index).map(|r| r.rest.first..r.rest.end).collect();
             Ok(directions(readings, still_rad(readings, &ranges)))
         });
-        let mean = |r: &UnitRest| {
+        let at_rest = |r: &UnitRest| {
             let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
             let count = readings.len() as f64;
             // Differences keep the digits of many turns.
             let first = Vector3::from(readings[0]);
             let mean = readings.iter().map(|e| Vector3::from(*e) - first).sum::<Vector3<f64>>() / count + first;
             let square = |e: &[f64; 3]| (Vector3::from(*e) - mean).norm_squared() / 3.0;
-            Ok((mean, readings.iter().map(square).sum::<f64>() / count))
+            let variance = readings.iter().map(square).sum::<f64>() / count;
+            Ok((mean, variance, variance / count))
         };
+        let at_rests = rests.iter().map(at_rest).collect::<Result<Vec<_>, Error>>()?;
+        // Rounding is noise in motion; at a rest it is the same in all readings, and no mean takes it away.
+        let counts = recordings.iter().map(|recording| Ok(count_rad(readings(recording)?)));
+        let rounding = counts.collect::<Result<Vec<_>, Error>>()?.into_iter().fold(0.0, f64::max).powi(2) / 12.0;
+        let typical =
+            |of: fn(&(Vector3<f64>, f64, f64)) -> f64| median(&mut at_rests.iter().map(of).collect::<Vec<_>>());
         Ok(Self {
             directions: directions.collect::<Result<_, Error>>()?,
-            rests: rests.iter().map(mean).collect::<Result<_, Error>>()?,
+            reading_variance: typical(|rest| rest.1) + rounding,
+            mean_variance: typical(|rest| rest.2) + rounding,
+            means: at_rests.into_iter().map(|rest| rest.0).collect(),
         })
     }
 
     /// Mean reading at a rest.
     pub(crate) fn mean(&self, rest: usize) -> &Vector3<f64> {
-        &self.rests[rest].0
+        &self.means[rest]
     }
 
-    /// Variance of one reading, rad^2: the largest of all rests, as rounding hides where an angle is just between two counts.
-    pub(crate) fn variance(&self) -> f64 {
-        self.rests.iter().map(|(_, variance)| *variance).fold(0.0, f64::max)
+    /// Variance of one reading in motion, rad^2.
+    pub(crate) fn reading_variance(&self) -> f64 {
+        self.reading_variance
+    }
+
+    /// Variance of the mean at a rest, rad^2.
+    pub(crate) fn mean_variance(&self) -> f64 {
+        self.mean_variance
     }
 
     /// The motor angles at a rest.
@@ -270,26 +298,34 @@ fn readings<'a>(recording: &Recording<'a>) -> Result<&'a [[f64; 3]], Error> {
 /// Variances of one move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct EncoderNoise {
-    /// Of one block of encoder readings, rad^2.
+    /// Of one reading of the encoders, rad^2.
     pub(crate) reading: f64,
     /// Growth of the gyroscope's attitude error, rad^2/s.
     pub(crate) walk: f64,
-    /// Of the direction of gravity at the end, rad^2; `None` if that residual stands elsewhere.
-    pub(crate) end: Option<f64>,
+    /// Of the direction of gravity at the start, rad^2.
+    pub(crate) start: f64,
+    /// Of the force of a block times its length, (m/s^2)^2 s; `None` if the force takes no part.
+    pub(crate) force: Option<f64>,
+}
+
+/// What a white residual inside a move is about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum About {
+    Force,
+    Stand,
 }
 
 /// One move as the encoders see it.
 pub(crate) struct EncoderMove<'a> {
-    pub(crate) span: &'a Move,
-    /// Angles of the samples `first..=last`, and of the rest before.
+    /// Angles of the samples of the move, and of the rest before.
     pub(crate) angles: &'a Angles,
     pub(crate) rest: &'a Angles,
     pub(crate) stand: &'a StandModel,
 }
 
-/// How many residuals a move gives.
-pub(crate) fn count(pass: &Pass, with_end: bool) -> usize {
-    3 * pass.blocks.len() + if with_end { 2 } else { 0 }
+/// How many residuals against the stand a move gives.
+pub(crate) fn count(pass: &Pass) -> usize {
+    3 * pass.blocks.len()
 }
 
 impl EncoderMove<'_> {
@@ -298,15 +334,16 @@ impl EncoderMove<'_> {
         &self,
         pass: &Pass,
         terms: &Terms<'_>,
-        [start, end]: [&EndDirection; 2],
+        start: &EndDirection,
         noise: &EncoderNoise,
-        mut push: impl FnMut(&[f64]),
+        gravity_mps2: f64,
+        mut push: impl FnMut(About, &[f64]),
     ) {
         let n = terms.total();
         let first = self.stand.attitude(&self.rest.angle_rad[0]).inverse();
         let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand);
         // Mean residual of each block and its derivatives, in the body frame at the start.
-        let blocks: Vec<(f64, Vector3<f64>, Vec<Vector3<f64>>)> = pass
+        let turns: Vec<(Vector3<f64>, Vec<Vector3<f64>>)> = pass
             .blocks
             .iter()
             .map(|block| {
@@ -325,34 +362,33 @@ impl EncoderMove<'_> {
                     .zip(&block.turn)
                     .map(|((here, rest), turn)| first * (here - rest) - turn)
                     .collect();
-                (block.time_s, mean, jacobian)
+                (mean, jacobian)
             })
             .collect();
-        let smallest = start.up.iamin();
-        let side = Vector3::ith(smallest, 1.0).cross(&start.up).normalize();
-        let other = start.up.cross(&side);
-        // A turn x moves the carried gravity by x cross u: along `side` by x . other, along `other` by -x . side.
-        for (d, across) in [(start.up, None), (side, Some((other, -1.0))), (other, Some((side, 1.0)))] {
-            let mut filter = Filter::new(n, 0.0);
+        let [side, other] = inside::across(&start.up);
+        // The walk is minus the gyroscope's turn x, which moves the carried gravity u by x cross u: along `side` by x . other,
+        // along `other` by -x . side. The force along gravity does not see it.
+        let mut z = vec![0.0; n + 1];
+        for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
+            // The second state is the error of the direction at the start, of which the stand knows nothing.
+            let mut filter = Filter::new(n, [0.0, noise.start]);
             let mut last_s = 0.0;
-            for (time_s, mean, jacobian) in &blocks {
-                let mut z: Vec<f64> = jacobian.iter().map(|column| d.dot(column)).chain([d.dot(mean)]).collect();
-                filter.walk(noise.walk * (time_s - last_s));
-                last_s = *time_s;
-                filter.innovate(&mut z, noise.reading);
-                push(&z);
-            }
-            if let (Some((along, sign)), Some(variance)) = (across, noise.end) {
-                let carried = pass.rotation * end.up;
-                let by = |p: usize| {
-                    let change = pass.turn[p].cross(&carried) + pass.rotation * end.jacobian[p] - start.jacobian[p];
-                    // The filter's state is minus the gyroscope's turn.
-                    -sign * along.dot(&change)
-                };
-                let mut z: Vec<f64> = (0..n).map(by).chain([-sign * along.dot(&(carried - start.up))]).collect();
-                filter.walk(noise.walk * (self.span.duration_s - last_s));
-                filter.innovate(&mut z, variance);
-                push(&z);
+            for (block, (mean, jacobian)) in pass.blocks.iter().zip(&turns) {
+                filter.walk(noise.walk * (block.time_s - last_s));
+                last_s = block.time_s;
+                for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
+                    *value = d.dot(column);
+                }
+                // A mean over n steps of a walk varies less than the walk in their middle, by (n - 1/n) / 6 of a step.
+                let count = block.samples.len() as f64;
+                let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
+                filter.innovate(&mut z, [1.0, 0.0], noise.reading / count - smoothed);
+                push(About::Stand, &z);
+                if let Some(force) = noise.force {
+                    inside::force(block, start, gravity_mps2, &(along / gravity_mps2), &mut z);
+                    filter.innovate(&mut z, [look, look], force / block.duration_s / gravity_mps2.powi(2));
+                    push(About::Force, &z);
+                }
             }
         }
     }

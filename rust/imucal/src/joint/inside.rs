@@ -10,7 +10,7 @@
 
 use nalgebra::Vector3;
 
-use super::pass::Pass;
+use super::pass::{Block, Pass};
 
 /// Variances of one move.
 #[derive(Clone, Copy, Debug)]
@@ -32,9 +32,9 @@ pub(crate) struct EndDirection {
     pub(crate) jacobian: Vec<Vector3<f64>>,
 }
 
-/// How many residuals a pass gives.
-pub(crate) fn count(pass: &Pass) -> usize {
-    3 * pass.blocks.len() + 2
+/// How many residuals a pass gives; with encoders the rest after it stands among theirs.
+pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
+    3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
 }
 
 /// Hands every white residual to `push`: its derivative by every parameter, and the residual itself as the last number.
@@ -47,23 +47,19 @@ pub(crate) fn innovations(
     mut push: impl FnMut(&[f64]),
 ) {
     let n = start.jacobian.len();
-    let smallest = start.up.iamin();
-    let first = Vector3::ith(smallest, 1.0).cross(&start.up).normalize();
+    let [first, second] = across(&start.up);
     let g2 = gravity_mps2 * gravity_mps2;
     let mut z = vec![0.0; n + 1];
-    for (channel, d) in [start.up, first, start.up.cross(&first)].iter().enumerate() {
+    for (channel, d) in [start.up, first, second].iter().enumerate() {
         let across = channel > 0;
-        let mut filter = Filter::new(n, if across { g2 * noise.start } else { 0.0 });
+        let mut filter = Filter::new(n, [if across { g2 * noise.start } else { 0.0 }]);
         let walk = if across { g2 * noise.walk } else { 0.0 };
         let mut last_s = 0.0;
         for block in &pass.blocks {
-            for p in 0..n {
-                z[p] = d.dot(&(block.jacobian[p] - start.jacobian[p] * gravity_mps2));
-            }
-            z[n] = d.dot(&(block.force - start.up * gravity_mps2));
+            force(block, start, gravity_mps2, d, &mut z);
             filter.walk(walk * (block.time_s - last_s));
             last_s = block.time_s;
-            filter.innovate(&mut z, noise.force / block.duration_s);
+            filter.innovate(&mut z, [1.0], noise.force / block.duration_s);
             push(&z);
         }
         if across {
@@ -73,39 +69,62 @@ pub(crate) fn innovations(
                 z[p] = d.dot(&(by_end - start.jacobian[p])) * gravity_mps2;
             }
             z[n] = d.dot(&(carried - start.up)) * gravity_mps2;
-            filter.innovate(&mut z, g2 * noise.end);
+            filter.innovate(&mut z, [1.0], g2 * noise.end);
             push(&z);
         }
     }
 }
 
-/// A scalar random walk seen through white noise, for a residual and all its derivatives at once.
-pub(super) struct Filter {
-    state: Vec<f64>,
-    variance: f64,
+/// Two directions across this one.
+pub(super) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let first = Vector3::ith(up.iamin(), 1.0).cross(up).normalize();
+    [first, up.cross(&first)]
 }
 
-impl Filter {
-    /// For a residual and `parameters` derivatives; `variance` is that of the walk at its start.
-    pub(super) fn new(parameters: usize, variance: f64) -> Self {
-        Self { state: vec![0.0; parameters + 1], variance }
+/// The residual of a block along `d`, m/s^2, after its derivatives.
+pub(super) fn force(block: &Block, start: &EndDirection, gravity_mps2: f64, d: &Vector3<f64>, z: &mut [f64]) {
+    let n = start.jacobian.len();
+    for p in 0..n {
+        z[p] = d.dot(&(block.jacobian[p] - start.jacobian[p] * gravity_mps2));
+    }
+    z[n] = d.dot(&(block.force - start.up * gravity_mps2));
+}
+
+/// A random walk and what does not change, seen together through white noise, for a residual and all its derivatives at once.
+pub(super) struct Filter<const N: usize> {
+    states: [Vec<f64>; N],
+    covariance: [[f64; N]; N],
+}
+
+impl<const N: usize> Filter<N> {
+    /// For a residual and `parameters` derivatives; `variances` are those of the states at the start. The first one walks.
+    pub(super) fn new(parameters: usize, variances: [f64; N]) -> Self {
+        let mut covariance = [[0.0; N]; N];
+        (0..N).for_each(|i| covariance[i][i] = variances[i]);
+        Self { states: [0; N].map(|_| vec![0.0; parameters + 1]), covariance }
     }
 
     /// The walk goes on by this variance.
     pub(super) fn walk(&mut self, variance: f64) {
-        self.variance += variance;
+        self.covariance[0][0] += variance;
     }
 
-    /// Replaces what is seen by its innovation over its standard deviation.
-    pub(super) fn innovate(&mut self, seen: &mut [f64], white_variance: f64) {
-        let total = self.variance + white_variance;
-        let gain = self.variance / total;
-        for (value, state) in seen.iter_mut().zip(&mut self.state) {
-            let innovation = *value - *state;
-            *state += gain * innovation;
-            *value = innovation / total.sqrt();
+    /// Replaces what is seen, `look` times the states and white noise, by its innovation over its standard deviation.
+    pub(super) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
+        let shared: [f64; N] =
+            std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
+        let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
+        let (gain, sigma) = (shared.map(|s| s / total), total.sqrt());
+        for (k, value) in seen.iter_mut().enumerate() {
+            let innovation = *value - (0..N).map(|i| look[i] * self.states[i][k]).sum::<f64>();
+            (0..N).for_each(|i| self.states[i][k] += gain[i] * innovation);
+            *value = innovation / sigma;
         }
-        self.variance *= white_variance / total;
+        for i in 0..N {
+            for j in 0..N {
+                self.covariance[i][j] -= gain[i] * shared[j];
+            }
+        }
     }
 }
 
@@ -121,14 +140,14 @@ mod tests {
         let covariance = |i: usize, j: usize| start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 };
         let seen: Vec<f64> = (0..n).map(|i| ((i * i) as f64).sin()).collect();
         let factor = Mat::from_fn(n, n, covariance).llt(faer::Side::Lower).unwrap().L().to_owned();
-        let mut filter = Filter::new(0, start);
+        let mut filter = Filter::new(0, [start]);
         let mut whitened: Vec<f64> = Vec::new();
         for (i, value) in seen.iter().enumerate() {
             if i > 0 {
                 filter.walk(walk);
             }
             let mut z = [*value];
-            filter.innovate(&mut z, white);
+            filter.innovate(&mut z, [1.0], white);
             // Forward substitution in the factor of the covariance.
             let dot: f64 = (0..i).map(|k| factor[(i, k)] * whitened[k]).sum();
             let expected = (value - dot) / factor[(i, i)];

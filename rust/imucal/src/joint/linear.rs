@@ -118,10 +118,13 @@ impl Linear {
 
     pub(crate) fn groups(&self) -> Groups {
         let start = self.lines.len() + 3 * self.rates.len();
-        let inside: usize =
-            if self.kinds.in_motion { self.moves.iter().map(|m| inside::count(&m.pass)).sum() } else { 0 };
+        let inside: usize = if self.kinds.in_motion {
+            self.moves.iter().map(|m| inside::count(&m.pass, self.kinds.encoders)).sum()
+        } else {
+            0
+        };
         let rests = if self.kinds.encoders { 2 * self.directions.len() } else { 0 };
-        let count = |m: &AtMove| encoders::count(&m.pass, !self.kinds.in_motion);
+        let count = |m: &AtMove| encoders::count(&m.pass);
         let moves: usize = if self.kinds.encoders { self.moves.iter().map(count).sum() } else { 0 };
         let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
@@ -138,11 +141,11 @@ impl Linear {
         };
         let moves = || self.moves.iter().enumerate();
         if self.kinds.in_motion {
-            moves().for_each(|(k, m)| next(Source::Move(k), inside::count(&m.pass)));
+            moves().for_each(|(k, m)| next(Source::Move(k), inside::count(&m.pass, self.kinds.encoders)));
         }
         if self.kinds.encoders {
             self.directions.iter().for_each(|(k, _)| next(Source::Norm(*k), 2));
-            moves().for_each(|(k, m)| next(Source::Move(k), encoders::count(&m.pass, !self.kinds.in_motion)));
+            moves().for_each(|(k, m)| next(Source::Move(k), encoders::count(&m.pass)));
         }
         found
     }

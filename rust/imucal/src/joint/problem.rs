@@ -7,7 +7,7 @@ use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
-use super::encoders::{self, EncoderMove, Encoders, StandModel};
+use super::encoders::{self, About, EncoderMove, Encoders, StandModel};
 use super::inside;
 use super::linear::{Line, Linear, Prepared, Source};
 use super::model::{GYRO_BIAS, GYRO_SENSITIVITY, Model};
@@ -246,24 +246,25 @@ impl<'a> Joint<'a> {
             row += 3;
         }
         self.let_wander(&mut all);
-        if self.terms.kinds.in_motion {
+        let mut put = |row: &mut usize, z: &[f64], sigma: f64| {
+            for (p, value) in z.iter().enumerate() {
+                all[(*row, p)] = *value / sigma;
+            }
+            *row += 1;
+        };
+        if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
+            let mut against_stand = linear.groups().stand_rests.start;
+            self.stand_rows(encoders, linear, |about, z, sigma| match about {
+                About::Force => put(&mut row, z, sigma),
+                About::Stand => put(&mut against_stand, z, sigma),
+            });
+        } else if self.terms.kinds.in_motion {
             for (k, m) in linear.moves.iter().enumerate() {
                 let noise = &self.weights.inside[k];
                 inside::innovations(&m.pass, &m.before, &m.after, noise, self.prepared.gravity_mps2, |z| {
-                    for (p, value) in z.iter().enumerate() {
-                        all[(row, p)] = *value;
-                    }
-                    row += 1;
+                    put(&mut row, z, 1.0);
                 });
             }
-        }
-        if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
-            self.stand_rows(encoders, linear, |z, sigma| {
-                for (p, value) in z.iter().enumerate() {
-                    all[(row, p)] = *value / sigma;
-                }
-                row += 1;
-            });
         }
         for &p in &self.fixed {
             all.col_mut(p).fill(0.0);
@@ -273,22 +274,22 @@ impl<'a> Joint<'a> {
 }
 
 impl Joint<'_> {
-    /// Residuals against the stand; `push` takes each with its standard deviation.
-    fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(&[f64], f64)) {
+    /// Residuals against the stand, and of the force inside the moves; `push` takes each with its standard deviation.
+    fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);
         for (k, direction) in &linear.directions {
             let angles = encoders.at_rest(*k, &prepared.rests[*k], &model.values, terms);
             for z in encoders::rest_rows(&angles, terms, &stand, direction) {
-                push(&z, self.weights.stand_sigma_rad);
+                push(About::Stand, &z, self.weights.stand_sigma_rad);
             }
         }
         for ((m, at_move), noise) in prepared.moves.iter().zip(linear.moves.iter()).zip(&self.weights.encoders) {
             let angles = encoders.in_move(&prepared.recordings[m.recording], m, &model.values, terms);
             let rest = encoders.at_rest(m.from, &prepared.rests[m.from], &model.values, terms);
-            let seen = EncoderMove { span: m, angles: &angles, rest: &rest, stand: &stand };
-            let ends = [&at_move.before, &at_move.after];
-            seen.innovations(&at_move.pass, terms, ends, noise, |z| push(z, 1.0));
+            let seen = EncoderMove { angles: &angles, rest: &rest, stand: &stand };
+            let (pass, start) = (&at_move.pass, &at_move.before);
+            seen.innovations(pass, terms, start, noise, prepared.gravity_mps2, |about, z| push(about, z, 1.0));
         }
     }
 }

@@ -16,7 +16,7 @@ use super::terms::Terms;
 use super::wander::{self, Wander};
 use super::whiten::{Shares, Whitening};
 use crate::lsq::{self, Solution, by_chance};
-use crate::moves::{End, Move, random_walk_rad, variance_per_axis};
+use crate::moves::{random_walk_rad, variance_per_axis};
 use crate::stats::median;
 
 /// No standard deviation is finer: a noise-free simulation has no scatter at all. Scales widen these, too: where a model does
@@ -110,7 +110,7 @@ impl Weights {
             bias_instability,
             inside: if terms.kinds.in_motion { inside_noise(prepared, model, &scales) } else { Vec::new() },
             stand_sigma_rad: stand_sigma_rad(prepared, &scales),
-            encoders: encoder_noise(prepared, model, &scales, !terms.kinds.in_motion),
+            encoders: encoder_noise(prepared, model, &scales, terms.kinds.in_motion),
             move_sigma_rad: (0..prepared.moves.len()).map(|k| move_sigma_rad(prepared, model, k)).collect(),
             scales,
         }
@@ -215,24 +215,21 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
 fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =
         prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();
-    let reading = prepared.encoders.as_ref().map_or(0.0, Encoders::variance);
+    let reading = prepared.encoders.as_ref().map_or(0.0, Encoders::mean_variance);
     (median(&mut shared) + reading + FINEST_RAD * FINEST_RAD).sqrt() * scales.stand_rests
 }
 
-/// The noise of the encoders inside each move.
-fn encoder_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales, with_end: bool) -> Vec<EncoderNoise> {
+/// The noise of the encoders inside each move, and of the force if it takes part.
+fn encoder_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales, with_force: bool) -> Vec<EncoderNoise> {
     let Some(encoders) = &prepared.encoders else { return Vec::new() };
-    let finest = FINEST_RAD * FINEST_RAD;
-    let reading = (encoders.variance() + finest) * scales.stand_moves * scales.stand_moves;
-    let noise = |(m, [_, after]): (&Move, &[End; 2])| {
-        let walk = random_walk_rad(&prepared.noise[m.recording].angular_rate, model.gyroscope.inverse(), 1.0);
-        EncoderNoise {
-            reading,
-            walk: walk * walk + finest / m.duration_s,
-            end: with_end.then_some(after.own_variance + after.shared_variance + finest),
-        }
+    let reading = (encoders.reading_variance() + FINEST_RAD * FINEST_RAD) * scales.stand_moves * scales.stand_moves;
+    let noise = |inside: InsideNoise| EncoderNoise {
+        reading,
+        walk: inside.walk,
+        start: inside.start,
+        force: with_force.then_some(inside.force),
     };
-    prepared.moves.iter().zip(prepared.ends).map(noise).collect()
+    inside_noise(prepared, model, scales).into_iter().map(noise).collect()
 }
 
 impl Scales {
