@@ -3,7 +3,7 @@
 #   make test      lint, Rust tests, the source distribution in an empty environment, Python tests, the pages
 #   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
-#   make bench     speed beside a SciPy program of the same model, of the simulation, and of Allan deviations
+#   make bench     speed beside SciPy, of starting, growth and memory, of the simulation, and of Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
 #   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
@@ -156,6 +156,8 @@ demo: $(VENV)/.installed
 bench: $(VENV)/.installed
 	$(call say,Speed)
 	$(PY) benches/compare.py
+	$(PY) benches/start.py
+	$(PY) benches/scaling.py
 	$(PY) benches/simulate.py
 	$(PY) benches/allan.py
 

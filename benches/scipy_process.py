@@ -8,7 +8,13 @@ import sys
 
 import numpy as np
 
-spec = importlib.util.spec_from_file_location("scipy_calibration", sys.argv[1])
-program = importlib.util.module_from_spec(spec)
-spec.loader.exec_module(program)
-print(program.calibrate(np.loadtxt(sys.argv[2]), np.loadtxt(sys.argv[3]), use_means=True))
+
+def main(program: str, accel: str, gyro: str) -> None:
+    spec = importlib.util.spec_from_file_location("scipy_calibration", program)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    print(module.calibrate(np.loadtxt(accel), np.loadtxt(gyro), use_means=True))
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

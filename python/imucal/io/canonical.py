@@ -112,19 +112,21 @@ def _parquet_table(path: str | os.PathLike[str]) -> Table:
         raise FormatError(f"{name} is not a Parquet file (it does not start with PAR1): check its format")
 
     @contextmanager
-    def reading() -> Iterator[None]:
+    def opened() -> Iterator[Any]:
+        # Arrow's own way to a file knows no names that are not UTF-8. Without the two options the compressed
+        # bytes of many row groups wait in memory.
         try:
-            yield
+            with Path(path).open("rb") as file:
+                yield parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)
         except (pa.ArrowException, OSError) as error:
             reason = str(error).splitlines()[0]
             raise FormatError(f"{name} is a damaged or truncated Parquet file: {reason}") from None
 
     def batches(names: list[str]) -> Iterator[Any]:
-        # Without the two options the compressed bytes of many row groups wait in memory.
-        with reading(), parquet.ParquetFile(path, pre_buffer=False, buffer_size=BUFFER) as file:
+        with opened() as file:
             yield from file.iter_batches(ROWS_AT_ONCE, columns=names)
 
-    with reading(), parquet.ParquetFile(path) as file:
+    with opened() as file:
         schema, rows = file.schema_arrow, file.metadata.num_rows
     columns = [Stored(field.name, field.type, rows, batches) for field in schema]
     return Table(name, schema.names, columns, lambda row: f"row {row + 1}")
