@@ -246,11 +246,12 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'stati
     ];
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
-        let of_stand = sensor == Sensor::Encoder;
-        let beside =
-            stage.sensors.is_empty() || ((of_stand || stage.sensors.contains(&sensor)) && scale > REMAINDER * before);
-        let widely = scale > WIDE * WIDE || (of_stand && stage.sensors.is_empty());
-        beside && widely
+        if sensor == Sensor::Encoder {
+            // Nothing that is known of noise makes a stand's angles scatter more.
+            return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
+        }
+        let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);
+        beside && scale > WIDE * WIDE
     };
     let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
