@@ -208,8 +208,13 @@ impl<'a> Hunt<'a> {
                     };
                     let rivals = judged.scores.iter().filter(near).map(|s| s.score.name.clone()).collect();
                     path.push(Score { rivals, ..pick.score.clone() });
-                    last = Some(judge(&next));
                     stage = next;
+                    // Before a second effect mends what the wrong one leaves.
+                    if self.swap(prepared, &open, &mut stage, &mut path)? {
+                        let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                        stage = self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?;
+                    }
+                    last = Some(judge(&stage));
                 }
                 // What is not determined, or does not help once it is really fitted, is no explanation.
                 _ => skipped.push(pick.score.name.clone()),
@@ -219,7 +224,6 @@ impl<'a> Hunt<'a> {
             let near = [&stage.model.accelerometer, &stage.model.gyroscope];
             last = Some(judge(&self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?));
         }
-        self.swap(prepared, &open, &mut stage, &mut path)?;
         let (patterns, contradiction) = self.patterns(prepared, triads, &open, &stage)?;
         let generic = patterns
             .into_iter()
@@ -357,14 +361,15 @@ impl<'a> Hunt<'a> {
     }
 
     /// Puts an alias with a time constant in the place of a member if it explains clearly more: until it is fitted its time constant is
-    /// one of few. One that explains nearly as much is a rival.
+    /// one of few. One that explains nearly as much is a rival. Says whether there was any to put.
     fn swap(
         &self,
         prepared: &Prepared<'_>,
         open: &[EffectChoice],
         stage: &mut Stage,
         path: &mut [Score],
-    ) -> Result<(), Error> {
+    ) -> Result<bool, Error> {
+        let mut swapped = false;
         let is_alias = |a: &Effect<f64>, b: &Effect<f64>| a.aliases.iter().any(|alias| alias.with == b.name);
         for k in 0..stage.members.len() {
             let name = stage.members[k].name.clone();
@@ -405,13 +410,14 @@ impl<'a> Hunt<'a> {
                         ..score.clone()
                     };
                     *stage = found;
+                    swapped = true;
                     break;
                 } else if gain > -RIVAL_NATS && !score.rivals.contains(&other) {
                     score.rivals.push(other);
                 }
             }
         }
-        Ok(())
+        Ok(swapped)
     }
 
     /// Leaves out members that the model does as well without; says whether there were any.

@@ -246,8 +246,9 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'stati
     ];
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
-        if sensor == Sensor::Encoder {
-            // Nothing that is known of noise makes a stand's angles scatter more.
+        if sensor == Sensor::Encoder && !stage.sensors.contains(&sensor) {
+            // Nothing that is known of noise makes a stand's angles scatter more; where an effect of the encoders is large, its
+            // remainder does.
             return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
         }
         let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);
