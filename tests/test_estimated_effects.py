@@ -82,6 +82,19 @@ def test_squares_of_gravity_and_a_bias_are_told_apart_by_no_rest(form, open_dire
     assert "gyro_bias is told apart by forces far from g" in str(caught.value)
 
 
+def test_what_is_seen_of_an_effect_comes_back_and_the_rest_is_as_uncertain_as_that_is_large():
+    """Of each row of nine g^2-sensitivities the mean is a bias; the differences within the row are seen."""
+    truth = typical(imucal.effects.find("gyro_g2_sensitivity"), 9)
+    result = imucal.calibrate(simulated(truth).recording, effects=["gyro_g2_sensitivity:seen"])
+    found, true = (np.reshape(v.values, (3, 3)) for v in (result.calibration.effects[0], truth))
+    within = [rows - rows.mean(axis=1, keepdims=True) for rows in (found, true)]
+    assert within[0] == pytest.approx(within[1], abs=1e-4 * np.abs(true).max())
+    # Half of the prior's variance or so is that of the mean: the width is that of what is seen.
+    std = np.array([p.std for p in result.parameters[21:]])
+    assert 0.2 < np.median(std) / np.sqrt(np.mean(within[1] ** 2)) < 2.0
+    assert np.abs(found - true).max() < 4.0 * std.max()
+
+
 # --- with noise -----------------------------------------------------------------------------------
 
 

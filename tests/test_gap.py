@@ -152,3 +152,39 @@ def test_what_the_finding_says_can_be_read():
     assert "would have been seen from" in explained
     with pytest.raises(imucal.InputError, match="gyro_g_sensitivity"):
         gap.explain("gyro_g_sensitivty")
+
+
+def test_an_effect_is_named_of_which_a_stand_shows_some_directions():
+    """Three of nine g^2-sensitivities are a bias; the others are seen, five times what just is."""
+    random = np.random.default_rng(1)
+    own = [imucal.EffectValues("gyro_g2_sensitivity", random.normal(scale=1e-5, size=9))]
+    run, control = (hidden(seed, effects=own) for seed in (RUN_SEED, CONTROL_SEED))
+    gap = imucal.find_gap(run, control=control)
+    assert gap.verdict == "named"
+    assert [effect["name"] for effect in gap.effects] == ["gyro_g2_sensitivity"]
+
+
+def test_sensors_that_contradict_the_stand_say_that_it_is_the_stand():
+    """Encoders that lag look like a gyroscope that leads, and the accelerometer says that it does not."""
+    others = [effect.name for effect in imucal.effects.catalogue() if effect.name != "encoder_time_offset"]
+    own = [imucal.EffectValues("encoder_time_offset", [1e-3])]
+    stand = imucal.Stand(encoder_noise_deg=0.005)
+    run, control = (hidden(seed, effects=own, stand=stand) for seed in (RUN_SEED, CONTROL_SEED))
+    gap = imucal.find_gap(run, control=control, candidates=others)
+    assert gap.verdict == "unknown"
+    assert gap.generic["block"] == "encoder"
+
+
+def test_a_bias_that_switches_is_no_rest_that_turns():
+    """A supply that sags at a third of the rests: so many are not left out as slow turns."""
+
+    def sag(state):
+        return ((state.time_s / 60.0) % 1.0 < 0.35)[:, None, None] * np.ones((1, 3, 1))
+
+    one = (imucal.EffectParameter("sag", "rad/s", 1e-3),)
+    bias = imucal.UserEffect("sag", "gyroscope", one, sag)
+    own = [imucal.EffectValues("sag", [1.5e-3])]
+    run, control = (hidden(seed, effects=own, user_effects=[bias]) for seed in (RUN_SEED, CONTROL_SEED))
+    gap = imucal.find_gap(run, control=control)
+    assert gap.verdict in ("unknown", "stochastic")
+    assert gap.generic["block"] == "gyro_bias"

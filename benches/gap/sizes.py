@@ -2,8 +2,10 @@
 
 The detection limit is the smallest root mean square per parameter that is seen with 90 % power (family-wise
 alpha 0.01) in one run at the noise of the paper's unit: `limits` predicts it from differences of simulated
-runs, without the tool. Where it does not reach (encoders), the numbers are those of an earlier study. The
-temperature goes up and down within the run, as `scene.CYCLE` says.
+runs, without the tool. Where it does not reach (all data with encoders), the numbers are those of an earlier
+study. In the data that `limits` reaches the tool sees what is within a tenth of the limit or better; with
+encoders it needs 1.7 to 2.1 times the number here, for all four effects alike.
+The temperature goes up and down within the run, as `scene.CYCLE` says.
 """
 
 from dataclasses import dataclass

@@ -73,6 +73,7 @@ class Options:
     joint: bool = True
     wander: tuple[Wander, Wander] | None = None
     folds: int | None = None
+    partly: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -109,7 +110,8 @@ def calibrate(
     accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s, for recordings in
                        counts; without it start values come from the data
     effects            what to estimate together with the 21 parameters: names of the catalogue, with `:full`
-                       for the full form of an effect that has two, and effects of one's own
+                       for the full form of an effect that has two, with `:seen` for what these recordings
+                       show of it, the rest having a prior as wide as that; and effects of one's own
     joint              estimate all parameters at once; if False, and without effects, the accelerometer first
                        and the gyroscope after it
     unit               profile of the unit, its name, or the path of its file: its bias instabilities and
@@ -129,7 +131,7 @@ def calibrate(
             f"folds is {folds}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
         )
     body_frame = as_frame(frame)
-    wanted, own = asked_for(effects)
+    wanted, partly, own = asked_for(effects)
     options = Options(
         float(gravity_mps2),
         body_frame,
@@ -141,6 +143,7 @@ def calibrate(
         joint=joint,
         wander=_wander(unit),
         folds=folds,
+        partly=partly,
     )
     judges = _as_list(control)
     require_other_data(unit_data, judges)
@@ -233,21 +236,23 @@ def _wander(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wander]
 
 def asked_for(
     effects: Sequence[str | UserEffect],
-) -> tuple[tuple[tuple[str, bool], ...], tuple[UserEffect, ...]]:
-    """Names of the catalogue with whether their full form is meant, and the user's own effects."""
+) -> tuple[tuple[tuple[str, bool], ...], tuple[str, ...], tuple[UserEffect, ...]]:
+    """Names of the catalogue and whether the full form is meant, those in part, and effects of one's own."""
     if isinstance(effects, str):
         raise InputError(f"effects is the string {effects!r}: give a list of names")
-    wanted = []
+    wanted, partly = [], []
     for effect in effects:
         if isinstance(effect, UserEffect):
             continue
         name, colon, form = effect.partition(":")
         row = find(name)
-        if colon and (form != "full" or row.plain == len(row.parameters)):
-            forms = f"{name}:full" if row.plain < len(row.parameters) else name
-            raise InputError(f"{effect!r} is no form of {name}: give {forms}")
-        wanted.append((name, bool(colon)))
-    return tuple(wanted), tuple(effect for effect in effects if isinstance(effect, UserEffect))
+        forms = ["full", "seen"] if row.plain < len(row.parameters) else ["seen"]
+        if colon and form not in forms:
+            others = " or ".join(f"{name}:{form}" for form in forms)
+            raise InputError(f"{effect!r} is no form of {name}: give {name}, {others}")
+        wanted.append((name, form == "full"))
+        partly += [name] if form == "seen" else []
+    return tuple(wanted), tuple(partly), tuple(effect for effect in effects if isinstance(effect, UserEffect))
 
 
 def _held_out(outcome: _core.Outcome, folds: int | None) -> dict[str, Any] | None:

@@ -202,6 +202,13 @@ def _scatter(found: tuple[str, float, float] | None) -> dict[str, Any] | None:
         return None
     residual, factor, chance = found
     block = {"accel": "accel_bias", "gyro": "gyro_bias", "stand": "encoder"}[residual.split("_")[0]]
+    if residual == "stand_and_sensors":
+        return {
+            "block": block,
+            "kernel": "contradiction",
+            "description": "with the stand's angles the sensors' effects differ by "
+            f"{factor:.2g} standard deviations (p {chance:.1g}) from what the sensors say alone",
+        }
     return {
         "block": block,
         "kernel": "white",

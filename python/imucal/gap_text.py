@@ -94,7 +94,13 @@ def sentences(gap: Gap) -> Iterator[str]:
         where = "control recordings" if gap.control_set is not None else "rests and moves held out"
         yield (
             f"{where}: {figure['metric']} {figure['before']:.4g} before, {figure['after']:.4g} after, "
-            f"floor {figure['floor']:.3g}: {min(100.0, 100 * figure['closed']):.0f} % of the gap closed"
+            f"floor {figure['floor']:.3g}: "
+            # What adds so little that chance makes up for it is not judged by these figures.
+            + (
+                "no more than chance between them"
+                if figure["closed"] < 0
+                else f"{min(100.0, 100 * figure['closed']):.0f} % of the gap closed"
+            )
         )
     unseen = gap.control_set or gap.held_out
     if unseen is not None:

@@ -64,9 +64,11 @@ class Trial:
 
     def _fit(self, names: tuple[str, ...]) -> CalibrationResult:
         self.stage(f"fitting with {' and '.join(names)}" if names else "fitting without effects")
-        effects = [self.user_effects.get(name, name) for name in names]
-        wanted, own = asked_for(effects)
-        options = replace(self.options, effects=wanted, folds=FOLDS if self.judges is None else None)
+        effects = [self.user_effects.get(name, f"{name}:seen") for name in names]
+        wanted, partly, own = asked_for(effects)
+        options = replace(
+            self.options, effects=wanted, partly=partly, folds=FOLDS if self.judges is None else None
+        )
         return calibrated(self._checked(), self.unit_data, options, own, self.judges or ())
 
     def _checked(self) -> _core.Checked:

@@ -44,6 +44,7 @@ pub(crate) struct CalibrateOptions<'py> {
     wander: Option<(Wander, Wander)>,
     /// Name, and whether the full form is asked for.
     effects: Vec<(String, bool)>,
+    partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,
     folds: Option<usize>,
 }
@@ -65,6 +66,7 @@ impl CalibrateOptions<'_> {
                 gyroscope: gyroscope.to_library(),
             }),
             effects: effects.to_python(py)?,
+            partly: self.partly.clone(),
             user_fields: self.user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?,
             folds: self.folds,
         })

@@ -50,6 +50,8 @@ pub struct Options<'a> {
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
+    /// Names of those that may be estimated along the directions that the recordings show; the others have a prior.
+    pub partly: Vec<String>,
     /// A user's own effects, as columns.
     pub user_fields: Vec<UserField<'a>>,
     /// Also predict every so many-th move by the others, and every so many-th rest.
@@ -79,6 +81,7 @@ impl Default for Options<'_> {
             joint: true,
             wander: None,
             effects: Vec::new(),
+            partly: Vec::new(),
             user_fields: Vec::new(),
             folds: None,
         }

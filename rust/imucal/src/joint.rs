@@ -21,6 +21,7 @@ mod misfit;
 mod model;
 mod outliers;
 mod pass;
+mod prior;
 mod problem;
 mod report;
 mod scatter;
@@ -46,7 +47,7 @@ pub(crate) use outliers::{Item, outliers};
 pub(crate) use problem::Joint;
 pub(crate) use report::JointFit;
 pub use report::{ResidualScales, TermEstimate};
-pub(crate) use terms::{Kinds, Terms};
+pub(crate) use terms::{Kinds, Term, Terms};
 pub(crate) use wander::Wander;
 pub use wander::{BiasWander, UnitWander};
 
@@ -60,10 +61,15 @@ use crate::error::Error;
 use crate::lsq::{self, Solution, Termination};
 use crate::moves::Ends;
 use crate::recording::Recording;
+use prior::Prior;
 use weights::Weights;
 
 /// Ten typical effects must move chi2 by one, in every direction of an effect's parameters.
 const LEAST_CHANGE: f64 = 0.1;
+/// Where an effect may be open in part, a hundred typical ones in one direction at least.
+pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
+/// The first width of its prior.
+const WIDE: f64 = 100.0;
 /// Weights and result have settled when no parameter moves by more than this share of its standard deviation.
 const SETTLED: f64 = 1e-3;
 const MOST_ROUNDS: usize = 8;
@@ -90,14 +96,14 @@ pub(crate) fn fit(
     let mut parameters = start_model(prepared, terms, accelerometer, gyroscope).parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
-    begin(&mut problem, terms, &parameters)?;
+    begin(&mut problem, terms, &parameters, |term| term.partly.then_some(WIDE))?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
     for round in 0..MOST_ROUNDS {
         // The weights of the first round are not the last ones.
         let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
         let mut found = minimize(&problem, &parameters, tolerance)?;
         iterations += found.iterations;
-        let settled = round > 0 && largest_move(&parameters, &found) < SETTLED;
+        let settled = !problem.widen(&found) && round > 0 && largest_move(&parameters, &found) < SETTLED;
         if settled || round + 1 == MOST_ROUNDS {
             // What is said of the result is from the samples at its own place.
             if problem.refresh(&found.parameters)? {
@@ -112,11 +118,17 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights: where a search linearises next.
-pub(crate) fn fit_for_search(prepared: &Prepared<'_>, terms: &Terms<'_>, start: &Model) -> Result<Model, Error> {
+/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights: where a search linearises next. `width` is that
+/// of the prior of an effect of which the recordings show some directions and not all.
+pub(crate) fn fit_for_search(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    start: &Model,
+    width: impl Fn(&Term<'_>) -> Option<f64>,
+) -> Result<Model, Error> {
     let parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
-    begin(&mut problem, terms, &parameters)?;
+    begin(&mut problem, terms, &parameters, width)?;
     Model::of(&minimize(&problem, &parameters, SEARCH)?.parameters, terms)
 }
 
@@ -155,16 +167,26 @@ pub(crate) fn predict(
     Ok(report::moves_of(&linear, &weights))
 }
 
-/// Refuses effects that are not determined, and takes weights with which the residuals at the start are as large as chance
-/// leaves them.
+/// Refuses effects that are not determined, holds those that may be so in part by a prior of `width`, and takes weights with which
+/// the residuals at the start are as large as chance leaves them.
 ///
 /// With those of noise alone, what the start does not explain would drive an effect far off: a g-sensitivity alike on all
 /// axes turns the unit about gravity, which moves do not see, and if that turn is fast every other error averages out.
-fn begin(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Result<(), Error> {
+fn begin(
+    problem: &mut Joint<'_>,
+    terms: &Terms<'_>,
+    parameters: &[f64],
+    width: impl Fn(&Term<'_>) -> Option<f64>,
+) -> Result<(), Error> {
     let (residuals, jacobian) = problem.whitened(parameters)?;
-    check_determined(&jacobian, terms)?;
-    let start = Solution::at(parameters, residuals, jacobian);
-    problem.weigh_by(&start)
+    let priors = check_determined(&jacobian, terms, width)?;
+    let (residuals, jacobian) = if priors.is_empty() {
+        (residuals, jacobian)
+    } else {
+        problem.hold(priors);
+        problem.whitened(parameters)?
+    };
+    problem.weigh_by(&Solution::at(parameters, residuals, jacobian))
 }
 
 /// The largest change of a parameter in units of its standard deviation.
@@ -221,8 +243,15 @@ fn check_columns(recordings: &[Recording<'_>], terms: &Terms<'_>) -> Result<(), 
     Ok(())
 }
 
-/// Refuses an effect that these recordings do not show, with the words of the catalogue.
-fn check_determined(jacobian: &Mat<f64>, terms: &Terms<'_>) -> Result<(), Error> {
+/// Refuses an effect that these recordings do not show, with the words of the catalogue; gives priors to those of which they show
+/// some directions and not all, where `width` allows it.
+fn check_determined(
+    jacobian: &Mat<f64>,
+    terms: &Terms<'_>,
+    width: impl Fn(&Term<'_>) -> Option<f64>,
+) -> Result<Vec<Prior>, Error> {
+    let mut priors = Vec::new();
+    // What is seen hardly gives way to a prior as wide as it, so nothing depends on where seen ends.
     for term in &terms.all {
         // Without an effect its time constant has no derivative, and the other terms must not stand in for this one.
         let own = BASE + term.first..BASE + term.first + term.linear;
@@ -238,11 +267,14 @@ fn check_determined(jacobian: &Mat<f64>, terms: &Terms<'_>) -> Result<(), Error>
         let seen = Mat::from_fn(term.linear, term.linear, |i, j| r[(first + i, first + j)]);
         let (values, _) = lsq::singular(&seen)?;
         let open = values.iter().filter(|value| **value < LEAST_CHANGE).count();
-        if open > 0 {
+        let width = width(term).filter(|_| values.iter().any(|value| *value >= LEAST_CHANGE_PARTLY));
+        if let Some(width) = width {
+            priors.push(Prior { first: own.start, typical: typical[..term.linear].to_vec(), width });
+        } else if open > 0 {
             return Err(Error::NotEnoughMotion(not_determined(term, open)));
         }
     }
-    Ok(())
+    Ok(priors)
 }
 
 fn not_determined(term: &terms::Term<'_>, open: usize) -> String {

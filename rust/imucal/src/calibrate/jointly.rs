@@ -3,7 +3,7 @@
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
-use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, UnitData};
+use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, NOT_STILL, UnitData};
 use super::{CrossValidation, Options};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
@@ -88,15 +88,23 @@ impl UnitData<'_> {
 
     /// All rests and moves that are no faults of the data.
     fn everything(&self) -> Selection {
-        let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
+        self.all_where(Option::is_none)
+    }
+
+    /// All rests that are excluded for reasons like these, and the moves between them.
+    fn all_where(&self, is_kept: impl Fn(&Option<&'static str>) -> bool) -> Selection {
+        let used: Vec<bool> = self.excluded.iter().map(is_kept).collect();
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
         Selection { used, moves, left_out }
     }
 
     /// What a search for effects looks at: all, where so much contradicts the rest that it is the model that is wrong.
     pub(super) fn for_search(&self, selection: Selection) -> Selection {
-        let all = self.everything();
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
+        let (still, seemingly) =
+            (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
+        // Rates that differ at so many rests are no slow turns: the bias is another there.
+        let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most
             || (selection.moves.len() as f64) < (1.0 - OUTLIERS) * all.moves.len() as f64;
@@ -211,7 +219,10 @@ impl UnitData<'_> {
 
     fn terms<'b>(&self, options: &'b Options<'_>) -> Result<Terms<'b>, Error> {
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
-        Terms::try_new(&options.effects, &options.user_fields, &samples, Kinds::needed_by(&options.effects))
+        let kinds = Kinds::needed_by(&options.effects);
+        let mut terms = Terms::try_new(&options.effects, &options.user_fields, &samples, kinds)?;
+        terms.allow_partly(&options.partly);
+        Ok(terms)
     }
 
     fn prepared<T>(

@@ -26,6 +26,8 @@ use crate::uncertainty;
 pub(super) const FEWEST_MOVES: usize = 5;
 /// Why a move takes no part that all others speak against.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
+/// Why a rest takes no part whose mean rate is far from that of all others.
+pub(super) const NOT_STILL: &str = "rest_not_still";
 
 /// Checked recordings of one unit and the rests in them.
 #[derive(Clone)]
@@ -88,7 +90,7 @@ impl<'a> UnitData<'a> {
                     Some("saturation")
                 } else if weight.min() == 0.0 {
                     // Its mean rate is far from all others': a slow, even turn looks like a rest.
-                    Some("rest_not_still")
+                    Some(NOT_STILL)
                 } else {
                     None
                 }

@@ -207,6 +207,20 @@ impl Gram {
         Some((sum[(self.residual, self.residual)] - explained).max(0.0) / self.rows[place])
     }
 
+    /// Covariance of these of the columns' parameters.
+    pub(crate) fn covariance(&self, columns: &[Column], scales: &[f64], own: &[usize]) -> Option<Mat<f64>> {
+        let n = columns.len();
+        let size: Vec<f64> = columns.iter().map(|c| self.total(c.place).max(c.precision).sqrt().max(1e-300)).collect();
+        let normal = Mat::from_fn(n, n, |i, j| {
+            let (a, b) = (columns[i].place, columns[j].place);
+            let seen: f64 = self.sums.iter().zip(scales).map(|(sum, scale)| sum[(a, b)] / scale).sum();
+            seen / (size[i] * size[j]) + if i == j { columns[i].precision / (size[i] * size[i]) + 1e-13 } else { 0.0 }
+        });
+        let wanted = Mat::from_fn(n, own.len(), |i, k| f64::from(u8::from(i == own[k])));
+        let solved = normal.llt(faer::Side::Lower).ok()?.solve(&wanted);
+        Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
+    }
+
     fn total(&self, place: usize) -> f64 {
         self.sums.iter().map(|sum| sum[(place, place)]).sum()
     }

@@ -63,6 +63,8 @@ pub enum Kernel {
     Temperature,
     /// The same after the same turn.
     LastMotion,
+    /// In proportion to horizontal directions of the world, seen in the body.
+    Heading,
     /// The same at the same rate, whose change counts, too.
     Rate,
     /// The same at the same specific force.
@@ -75,7 +77,7 @@ impl Kernel {
         match self {
             Self::RandomWalk => "random_walk",
             Self::GravityDirection => "gravity_direction",
-            Self::Attitude => "attitude",
+            Self::Attitude | Self::Heading => "attitude",
             Self::Temperature => "temperature",
             Self::LastMotion => "last_motion",
             Self::Rate => "rate",
@@ -85,13 +87,14 @@ impl Kernel {
 }
 
 /// Everything that may vary with something, by rests and moves.
-const ALL: [(Block, Kernel); 17] = {
+const ALL: [(Block, Kernel); 18] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
-    use Kernel::{Attitude, Force, GravityDirection, LastMotion, RandomWalk, Rate, Temperature};
+    use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Temperature};
     [
         (GyroscopeBias, RandomWalk),
         (GyroscopeBias, GravityDirection),
         (GyroscopeBias, Attitude),
+        (GyroscopeBias, Heading),
         (GyroscopeBias, Temperature),
         (GyroscopeBias, LastMotion),
         (AccelerometerBias, RandomWalk),
@@ -108,14 +111,16 @@ const ALL: [(Block, Kernel); 17] = {
         (AccelerometerScale, Force),
     ]
 };
-/// What shows inside the moves rather than from rest to rest.
-const INSIDE: [(Block, Kernel); 5] = [
-    (Block::GyroscopeScale, Kernel::RandomWalk),
-    (Block::GyroscopeScale, Kernel::GravityDirection),
-    (Block::GyroscopeScale, Kernel::Temperature),
-    (Block::GyroscopeScale, Kernel::Rate),
-    (Block::AccelerometerBias, Kernel::Rate),
-];
+/// Inside the moves what the motion adds to the force as well.
+const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
+    let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
+    let mut k = 0;
+    while k < ALL.len() {
+        all[k] = ALL[k];
+        k += 1;
+    }
+    all
+};
 
 /// What the kernels know of a moment.
 #[derive(Clone, Copy, Debug)]
@@ -225,6 +230,10 @@ fn covariance(kernel: Kernel, temperatures_k: f64, a: &Moment, b: &Moment) -> f6
             if scale > 0.0 { (-0.5 * (difference / scale).powi(2)).exp() } else { 1.0 }
         }
         Kernel::LastMotion => (0..3).map(|axis| a.turn[axis].signum() * b.turn[axis].signum()).sum(),
+        Kernel::Heading => {
+            let side = |m: &Moment| m.up.cross(&m.ahead);
+            a.ahead.dot(&b.ahead) + side(a).dot(&side(b))
+        }
         Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near((a.up - b.up).norm_squared()),
     }
 }

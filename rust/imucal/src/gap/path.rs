@@ -2,14 +2,14 @@
 
 use std::cell::RefCell;
 
-use imucal_core::effects::{Need, Sensor};
+use imucal_core::effects::{Effect, Need, Sensor};
 use imucal_core::sensor::Triad;
 
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::evidence::{Column, Evidence};
 use super::pattern::{Pattern, best_generic};
-use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
+use super::score::{Judged, Judgement, contradiction_of_stand, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Block, Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
@@ -22,6 +22,8 @@ const RIVAL_NATS: f64 = 3.0;
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
 const MOST_EFFECTS: usize = 6;
+/// Width of the narrowest prior, in typical sizes.
+const LEAST_WIDTH: f64 = 0.03;
 const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
 /// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
@@ -206,8 +208,13 @@ impl<'a> Hunt<'a> {
                     };
                     let rivals = judged.scores.iter().filter(near).map(|s| s.score.name.clone()).collect();
                     path.push(Score { rivals, ..pick.score.clone() });
-                    last = Some(judge(&next));
                     stage = next;
+                    // Before a second effect mends what the wrong one leaves.
+                    if self.swap(prepared, &open, &mut stage, &mut path)? {
+                        let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                        stage = self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?;
+                    }
+                    last = Some(judge(&stage));
                 }
                 // What is not determined, or does not help once it is really fitted, is no explanation.
                 _ => skipped.push(pick.score.name.clone()),
@@ -217,7 +224,7 @@ impl<'a> Hunt<'a> {
             let near = [&stage.model.accelerometer, &stage.model.gyroscope];
             last = Some(judge(&self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?));
         }
-        let patterns = self.patterns(prepared, triads, &open, &stage.members)?;
+        let (patterns, contradiction) = self.patterns(prepared, triads, &open, &stage)?;
         let generic = patterns
             .into_iter()
             .filter_map(Pattern::winner)
@@ -242,7 +249,7 @@ impl<'a> Hunt<'a> {
             not_observable: self.left_out.clone(),
             smallest_visible,
             traces,
-            scattering_rests: scattering_rests(&stage, &plain_scales),
+            scattering_rests: contradiction.or_else(|| scattering_rests(&stage, &plain_scales)),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
         })
     }
@@ -271,25 +278,29 @@ impl<'a> Hunt<'a> {
     }
 
     /// Generic hypotheses alone and on top of the path: on rests and moves from rest to rest, and inside the moves where these
-    /// take part.
+    /// take part. With a stand, whether these residuals contradict it: the name, the factor and the chance of it.
     fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
-        members: &[Member],
-    ) -> Result<Vec<Pattern>, Error> {
+        stage: &Stage,
+    ) -> Result<(Vec<Pattern>, Option<(&'static str, f64, f64)>), Error> {
         let kinds = self.kinds;
-        let mut patterns = Vec::new();
+        let (mut patterns, mut contradiction) = (Vec::new(), None);
         for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
             self.kinds = Kinds { in_motion, encoders: false };
             // Inside the moves a scale shows better, and so do the effects that resemble it.
             let asked = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
-            let found = self.pattern(prepared, triads, open, members, asked);
+            let found = self.pattern(prepared, triads, open, &stage.members, asked);
             self.kinds = kinds;
-            patterns.push(found?);
+            let (pattern, with) = found?;
+            patterns.push(pattern);
+            if let (Some(with), true) = (with, kinds.encoders) {
+                contradiction = contradiction_of_stand(&with, stage);
+            }
         }
-        Ok(patterns)
+        Ok((patterns, contradiction))
     }
 
     /// The same on the residuals of `self.kinds`; what these do not determine says nothing here.
@@ -300,7 +311,7 @@ impl<'a> Hunt<'a> {
         open: &[EffectChoice],
         members: &[Member],
         asked: impl Fn(Block) -> bool,
-    ) -> Result<Pattern, Error> {
+    ) -> Result<(Pattern, Option<Stage>), Error> {
         let is_inertial = |c: &&EffectChoice| c.effect.sensor != Sensor::Encoder;
         let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
         let seen: Vec<EffectChoice> =
@@ -319,7 +330,8 @@ impl<'a> Hunt<'a> {
         });
         let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
         let best = |stage| best_generic(stage, &asked);
-        Ok(Pattern { alone: best(&without), path, on_top: with.as_ref().and_then(best) })
+        let on_top = with.as_ref().and_then(best);
+        Ok((Pattern { alone: best(&without), path, on_top }, with))
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.
@@ -346,6 +358,66 @@ impl<'a> Hunt<'a> {
         let explaining = stage.design.candidates.iter().flat_map(|candidate| candidate.columns(10.0));
         let columns: Vec<Column> = stage.design.model.iter().copied().chain(explaining).collect();
         Ok(is_far(&stage, &columns))
+    }
+
+    /// Puts an alias with a time constant in the place of a member if it explains clearly more: until it is fitted its time constant is
+    /// one of few. One that explains nearly as much is a rival. Says whether there was any to put.
+    fn swap(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &mut Stage,
+        path: &mut [Score],
+    ) -> Result<bool, Error> {
+        let mut swapped = false;
+        let is_alias = |a: &Effect<f64>, b: &Effect<f64>| a.aliases.iter().any(|alias| alias.with == b.name);
+        for k in 0..stage.members.len() {
+            let name = stage.members[k].name.clone();
+            let Some(own) = open.iter().find(|choice| choice.effect.name == name) else { continue };
+            let is_other = |choice: &&EffectChoice| {
+                let other = choice.effect;
+                other.shape.is_some()
+                    && (is_alias(other, own.effect) || is_alias(own.effect, other))
+                    && !stage.members.iter().any(|member| member.name == other.name)
+            };
+            for other in open.iter().filter(is_other).collect::<Vec<_>>() {
+                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                let typical = &other.effect.parameters[..other.effect.plain];
+                let mut members = stage.members.clone();
+                members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
+                // Once to see how large it is, once with a prior as wide as that.
+                let mut fit = || {
+                    let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
+                    let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
+                    members.clone_from(&found.members);
+                    members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
+                    Some(found)
+                };
+                let Some(found) = fit().and_then(|_| fit()) else { continue };
+                // Candidates are judged at their best time constant, and so is this one.
+                let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
+                let mut columns = found.design.model.clone();
+                columns.remove(shape);
+                let Some(at_best) = found.design.gram.evidence(&columns) else { continue };
+                let gain = at_best.log - stage.evidence.log;
+                let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
+                let other = other.effect.name.to_owned();
+                if gain > RIVAL_NATS {
+                    *score = Score {
+                        name: other,
+                        log_bayes_factor: score.log_bayes_factor + gain,
+                        rivals: Vec::new(),
+                        ..score.clone()
+                    };
+                    *stage = found;
+                    swapped = true;
+                    break;
+                } else if gain > -RIVAL_NATS && !score.rivals.contains(&other) {
+                    score.rivals.push(other);
+                }
+            }
+        }
+        Ok(swapped)
     }
 
     /// Leaves out members that the model does as well without; says whether there were any.

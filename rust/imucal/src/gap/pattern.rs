@@ -16,6 +16,8 @@ const LEAST: f64 = 8.0;
 const NOT_ALL: f64 = 12.0;
 /// Share of what a path explains that large effects may leave, being more than a line.
 const REMAINDER: f64 = 0.02;
+/// A scale of the force is one of this.
+const GRAVITY: f64 = 9.806_65;
 
 /// The generic hypothesis with the largest evidence.
 pub(super) struct BestGeneric {
@@ -76,6 +78,11 @@ impl Pattern {
 impl BestGeneric {
     pub(super) fn finding(self) -> GenericFinding {
         let Self { block, kernel, log_bayes_factor, wrong } = self;
+        // At rest the force is the direction of gravity: a bias that follows one is a scale that follows the other.
+        let (block, kernel, unit) = match (block, kernel) {
+            (Block::AccelerometerBias, Kernel::GravityDirection) => (Block::AccelerometerScale, Kernel::Force, GRAVITY),
+            same => (same.0, same.1, 1.0),
+        };
         let rms = |axis: usize| {
             (wrong.iter().map(|(_, v)| v[axis] * v[axis]).sum::<f64>() / wrong.len().max(1) as f64).sqrt()
         };
@@ -83,6 +90,6 @@ impl BestGeneric {
         let mut order: Vec<&(usize, Vector3<f64>)> = wrong.iter().collect();
         order.sort_by(|a, b| b.1[axis].abs().total_cmp(&a.1[axis].abs()));
         let rests = order.into_iter().take(3).map(|(place, _)| *place).collect();
-        GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms: rms(axis) }
+        GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms: rms(axis) / unit }
     }
 }

@@ -12,15 +12,15 @@ use super::evidence::{Column, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
 use super::{Score, Trace};
-use crate::joint::{STAND_MOVES, STAND_RESTS};
+use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;
 
 /// Prior widths in units of the typical size.
-const WIDTHS: [f64; 6] = [0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
+const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
 /// So wide that the prior does not count.
 const NO_PRIOR: f64 = 1e4;
-/// Ten typical effects must move chi2 by one.
-const LEAST_CHANGE: f64 = 0.01;
+/// What moves chi2 by one at a hundred times the typical size is seen.
+const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
 /// Noise explains a scatter that it makes more often than this.
 const NOISE_CHANCE: f64 = 0.01;
 /// Scatter of rests that chance makes less often than this is that of something unknown.
@@ -246,11 +246,13 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'stati
     ];
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
-        let of_stand = sensor == Sensor::Encoder;
-        let beside =
-            stage.sensors.is_empty() || ((of_stand || stage.sensors.contains(&sensor)) && scale > REMAINDER * before);
-        let widely = scale > WIDE * WIDE || (of_stand && stage.sensors.is_empty());
-        beside && widely
+        if sensor == Sensor::Encoder && !stage.sensors.contains(&sensor) {
+            // Nothing that is known of noise makes a stand's angles scatter more; where an effect of the encoders is large, its
+            // remainder does.
+            return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
+        }
+        let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);
+        beside && scale > WIDE * WIDE
     };
     let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
@@ -260,4 +262,23 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'stati
         (chance < SCATTER_CHANCE && is_meant(sensor, scale, before[place])).then(|| (name, scale.sqrt(), chance))
     };
     NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
+}
+
+/// Whether the sensors by themselves say that effects of theirs have another size than with the stand (Hausman, Econometrica 46, 1978,
+/// 1251-1271): then it is the stand that is not as in the model. Its variance is that of the sensors alone, which is the larger one.
+pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<(&'static str, f64, f64)> {
+    let (mut chi2, mut dof) = (0.0, 0);
+    for member in &alone.members {
+        let other = with_stand.members.iter().find(|other| other.name == member.name)?;
+        let own: Vec<usize> = alone.place(&member.name)?.collect();
+        let covariance = alone.design.gram.covariance(&alone.design.model, &alone.evidence.scales, &own)?;
+        let n = own.len().min(other.values.len());
+        let change = Mat::from_fn(n, 1, |k, _| member.values[k] - other.values[k]);
+        let of_linear = Mat::from_fn(n, n, |i, j| covariance[(i, j)]);
+        let solved = of_linear.llt(faer::Side::Lower).ok()?.solve(&change);
+        chi2 += (0..n).map(|k| change[(k, 0)] * solved[(k, 0)]).sum::<f64>();
+        dof += n;
+    }
+    let chance = p_value(chi2, dof);
+    (dof > 0 && chance < SCATTER_CHANCE).then(|| ("stand_and_sensors", (chi2 / dof as f64).sqrt(), chance))
 }

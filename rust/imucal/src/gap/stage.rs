@@ -8,7 +8,10 @@ use super::evidence::Evidence;
 use super::path::Hunt;
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, Kinds, Model, Prepared, SHAPE_SHARES, Terms};
+use crate::joint::{self, BASE, Kinds, Model, Prepared, SHAPE_SHARES, Term, Terms};
+
+/// Width of the prior of a time constant, in typical ones.
+const SHAPE_WIDTH: f64 = 3.0;
 
 /// A model on the path.
 pub(super) struct Stage {
@@ -20,6 +23,15 @@ pub(super) struct Stage {
     pub(super) members: Vec<Member>,
     /// What these act on.
     pub(super) sensors: Vec<Sensor>,
+    /// Name of each term and its parameters among those of the model.
+    places: Vec<(String, std::ops::Range<usize>)>,
+}
+
+impl Stage {
+    /// The parameters of a member among those of the model.
+    pub(super) fn place(&self, name: &str) -> Option<std::ops::Range<usize>> {
+        self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
+    }
 }
 
 /// An effect in a model.
@@ -64,7 +76,9 @@ impl Hunt<'_> {
         for term in &terms.all {
             let Some(member) = members.iter().find(|m| m.name == term.name()) else { continue };
             for (k, typical) in term.typical().iter().enumerate() {
-                precisions[term.first + k] = 1.0 / (member.width * typical).powi(2);
+                // How long a time constant is has nothing to do with how large the effect is.
+                let width = if k < term.linear { member.width } else { SHAPE_WIDTH };
+                precisions[term.first + k] = 1.0 / (width * typical).powi(2);
             }
             let own = &mut start.values[term.first..term.first + term.count()];
             if member.values.len() == own.len() {
@@ -73,12 +87,17 @@ impl Hunt<'_> {
                 own[term.linear] = shape;
             }
         }
+        // A user's own effect is refitted as it is.
+        let width = |term: &Term<'_>| {
+            let member = members.iter().find(|m| m.name == term.name());
+            term.effect().and(member).map(|member| member.width)
+        };
         let key = (self.kinds, prepared.moves.len(), members.iter().map(|m| (m.name.clone(), m.width)).collect());
         let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, model)| model.clone());
         let model = match known {
             Some(model) => model,
             None => {
-                let model = joint::fit_for_search(prepared, &terms, &start)?;
+                let model = joint::fit_for_search(prepared, &terms, &start, width)?;
                 self.fits.borrow_mut().push((key, model.clone()));
                 model
             }
@@ -115,6 +134,8 @@ impl Hunt<'_> {
             }
         }
         let sensors = terms.all.iter().map(|term| term.sensor).collect();
-        Ok(Stage { design, evidence, members, model, sensors })
+        let place = |t: &Term<'_>| (t.name().to_owned(), BASE + t.first..BASE + t.first + t.count());
+        let places = terms.all.iter().map(place).collect();
+        Ok(Stage { design, evidence, members, model, sensors, places })
     }
 }

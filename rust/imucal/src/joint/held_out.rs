@@ -70,6 +70,8 @@ struct Parts {
     shared: Mat<f64>,
     /// `[J r]^T [J r]` of all other residuals of a rest or a move.
     others: Vec<(Source, Mat<f64>)>,
+    /// The same of priors.
+    given: Mat<f64>,
     /// What whitening makes of an error of each line and rate and of the mean of each rest: the first row, and the values from there.
     units: Vec<(usize, Vec<f64>)>,
 }
@@ -91,11 +93,13 @@ impl Parts {
             let own = part(rows);
             (source, own.transpose() * &own)
         };
+        let last = linear.groups().stand_moves.end..residuals.nrows();
+        let given = part(last.clone()).transpose() * &part(last);
         let others = linear.rows_beyond_rates().into_iter().map(of_rows).collect();
         let mut units = problem.whitened_units(linear);
         units.extend(by_means(linear, &units));
         let shared = part(0..head);
-        Self { size, kept, shared, others, units }
+        Self { size, kept, shared, others, given, units }
     }
 
     /// What is free where rests are left out: their mean rates and forces.
@@ -130,7 +134,7 @@ impl Parts {
         }
         let basis = Mat::from_fn(rows, basis.len(), |row, c| basis[c][row]);
         let seen = &self.shared - &basis * (basis.transpose() * &self.shared);
-        let mut normal = seen.transpose() * &seen;
+        let mut normal = seen.transpose() * &seen + &self.given;
         for (_, own) in self.others.iter().filter(|(source, _)| !is_out(*source)) {
             normal += own;
         }

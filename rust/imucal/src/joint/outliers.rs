@@ -30,6 +30,8 @@ use crate::stats::{median, p_value};
 const CHANCE: f64 = 1e-5;
 /// A direction of the residuals that the fit follows but for this share of its variance cannot be judged.
 const LEAST_FREEDOM: f64 = 0.05;
+/// A column of length one that the others explain but for this is none of its own.
+const SAME_DIRECTION: f64 = 1e-9;
 /// So many have to stay.
 const FEWEST_RESTS: usize = 12;
 const FEWEST_MOVES: usize = 9;
@@ -209,7 +211,10 @@ impl Without {
         let q = {
             let size: Vec<f64> = (0..jacobian.ncols()).map(|p| jacobian.col(p).norm_l2()).collect();
             let kept: Vec<usize> = (0..size.len()).filter(|&p| size[p] > 0.0).collect();
-            Mat::from_fn(all, kept.len(), |row, p| jacobian[(row, kept[p])] / size[kept[p]]).qr().compute_thin_Q()
+            let qr = Mat::from_fn(all, kept.len(), |row, p| jacobian[(row, kept[p])] / size[kept[p]]).col_piv_qr();
+            // An effect may share directions with the biases: they are no further directions.
+            let rank = (0..kept.len()).take_while(|&k| qr.thin_R()[(k, k)].abs() > SAME_DIRECTION).count();
+            qr.compute_thin_Q().subcols(0, rank).to_owned()
         };
         (0..q.ncols()).for_each(|p| without.push((0..all).map(|row| q[(row, p)]).collect()));
         without

@@ -10,13 +10,14 @@ use nalgebra::Vector3;
 use super::encoders::{self, About, EncoderMove, Encoders, StandModel};
 use super::inside;
 use super::linear::{Line, Linear, Prepared, Source};
-use super::model::{GYRO_BIAS, GYRO_SENSITIVITY, Model};
+use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
+use super::prior::Prior;
 use super::report::JointFit;
 use super::terms::{Kinds, Term, Terms};
 use super::wander::{UnitWander, Wander, Wandering};
 use super::weights::Weights;
 use crate::error::Error;
-use crate::lsq::{Residuals, Solution};
+use crate::lsq::{self, Residuals, Solution};
 
 /// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
 /// order in the parameters' errors, a part in 10^8 of a standard deviation for those of a good sensor.
@@ -29,6 +30,7 @@ pub(crate) struct Joint<'a> {
     wandering: Option<Wandering>,
     /// Parameters that stay where they start.
     pub(crate) fixed: Vec<usize>,
+    pub(super) priors: Vec<Prior>,
     /// The last linearisation, which took a pass over the samples.
     last: RefCell<Place>,
     /// What was made of it nearby.
@@ -62,7 +64,9 @@ impl<'a> Joint<'a> {
 
     /// The problem at the end of a fit, with its weights.
     pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
-        Self::with(prepared, terms, Rc::clone(&fit.linear), fit.weights.clone())
+        let mut problem = Self::with(prepared, terms, Rc::clone(&fit.linear), fit.weights.clone())?;
+        problem.hold(fit.priors.clone());
+        Ok(problem)
     }
 
     fn with(
@@ -74,7 +78,8 @@ impl<'a> Joint<'a> {
         let rows = linear.groups().stand_moves.end;
         let place = Place { parameters: linear.model.parameters(), linear: Rc::clone(&linear) };
         let (last, near) = (RefCell::new(place.clone()), RefCell::new(place));
-        let mut joint = Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), last, near, rows };
+        let mut joint =
+            Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), priors: Vec::new(), last, near, rows };
         joint.let_biases_wander(&linear)?;
         Ok(joint)
     }
@@ -151,6 +156,27 @@ impl<'a> Joint<'a> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::of(self.prepared, self.terms, &linear, Some((found, &self.weights.scales)));
         self.let_biases_wander(&linear)
+    }
+
+    /// Adds residuals that hold effects of which the recordings do not show all directions.
+    pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
+        self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
+        self.priors = priors;
+    }
+
+    /// Makes the priors as wide as what a fit has found says; whether any changed by more than a part in ten.
+    pub(crate) fn widen(&mut self, found: &Solution) -> bool {
+        if self.priors.is_empty() {
+            return false;
+        }
+        let covariance = lsq::covariance(&found.jacobian);
+        let mut changed = false;
+        for prior in &mut self.priors {
+            let before = prior.width;
+            prior.widen(&found.parameters, &covariance);
+            changed |= (prior.width / before - 1.0).abs() > 0.1;
+        }
+        changed
     }
 
     /// Raw units per SI unit of a sensor.
@@ -258,12 +284,20 @@ impl<'a> Joint<'a> {
                 About::Force => put(&mut row, z, sigma),
                 About::Stand => put(&mut against_stand, z, sigma),
             });
+            row = against_stand;
         } else if self.terms.kinds.in_motion {
             for (k, m) in linear.moves.iter().enumerate() {
                 let noise = &self.weights.inside[k];
                 inside::innovations(&m.pass, &m.before, &m.after, noise, self.prepared.gravity_mps2, |z| {
                     put(&mut row, z, 1.0);
                 });
+            }
+        }
+        for prior in &self.priors {
+            for (k, typical) in prior.typical.iter().enumerate() {
+                all[(row, prior.first + k)] = 1.0 / (prior.width * typical);
+                all[(row, n)] = linear.model.values[prior.first - BASE + k] / (prior.width * typical);
+                row += 1;
             }
         }
         for &p in &self.fixed {

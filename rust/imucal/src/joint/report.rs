@@ -7,6 +7,7 @@ use nalgebra::Matrix3;
 
 use super::linear::{AtMove, Linear, Source};
 use super::model::{BASE, Model};
+use super::prior::Prior;
 use super::problem::Joint;
 use super::terms::Terms;
 use super::wander::UnitWander;
@@ -32,6 +33,7 @@ pub(crate) struct JointFit {
     /// Residuals and derivatives at its end.
     pub(crate) linear: Rc<Linear>,
     pub(super) weights: Weights,
+    pub(super) priors: Vec<Prior>,
 }
 
 /// By how much residuals of each kind exceed what noise explains, and their standard deviations are widened; 1 where they do
@@ -125,6 +127,7 @@ impl JointFit {
             moves,
             terms: estimates,
             weights: problem.weights.clone(),
+            priors: problem.priors.clone(),
             linear,
         })
     }

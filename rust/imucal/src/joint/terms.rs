@@ -50,6 +50,8 @@ pub(crate) struct Term<'a> {
     pub(crate) linear: usize,
     /// Place of the first parameter among those of all terms.
     pub(crate) first: usize,
+    /// Whether it may be estimated where the recordings show some of its directions and not all.
+    pub(crate) partly: bool,
 }
 
 #[derive(Clone, Debug)]
@@ -191,8 +193,15 @@ impl<'a> Terms<'a> {
         self.push(Kind::Frozen(effect, shape), effect.sensor, effect.plain)
     }
 
+    /// Lets these effects be estimated along the directions that the recordings show.
+    pub(crate) fn allow_partly(&mut self, names: &[String]) {
+        for term in &mut self.all {
+            term.partly = names.iter().any(|name| name == term.name());
+        }
+    }
+
     fn push(&mut self, kind: Kind<'a>, sensor: Sensor, linear: usize) -> Result<(), Error> {
-        let term = Term { kind, sensor, linear, first: self.count };
+        let term = Term { kind, sensor, linear, first: self.count, partly: false };
         let twice = |other: &Term<'_>| other.name() == term.name() && other.frozen_shape().is_none();
         if self.all.iter().any(twice) {
             return Err(Error::Input(format!("{} is asked for twice: name each effect once", term.name())));
