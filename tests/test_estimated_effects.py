@@ -88,7 +88,8 @@ def test_what_is_seen_of_an_effect_comes_back_and_the_rest_is_as_uncertain_as_th
     result = imucal.calibrate(simulated(truth).recording, effects=["gyro_g2_sensitivity:seen"])
     found, true = (np.reshape(v.values, (3, 3)) for v in (result.calibration.effects[0], truth))
     within = [rows - rows.mean(axis=1, keepdims=True) for rows in (found, true)]
-    assert within[0] == pytest.approx(within[1], abs=1e-4 * np.abs(true).max())
+    # Even rounding is a noise, and a prior of the typical size gives way to it by a part in 300.
+    assert within[0] == pytest.approx(within[1], rel=0.01)
     # Half of the prior's variance or so is that of the mean: the width is that of what is seen.
     std = np.array([p.std for p in result.parameters[21:]])
     assert 0.2 < np.median(std) / np.sqrt(np.mean(within[1] ** 2)) < 2.0

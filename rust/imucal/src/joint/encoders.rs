@@ -26,7 +26,7 @@ use crate::error::Error;
 use crate::moves::{Ends, Move, UnitRest};
 use crate::recording::Recording;
 use crate::simulate::stand::Stand;
-use crate::stats::median;
+use crate::stats::{median, quantile};
 
 /// Mount rotation, base tilt and the angles between the axes.
 pub(crate) const STAND_PARAMETERS: usize = 7;
@@ -34,6 +34,8 @@ pub(crate) const STAND_PARAMETERS: usize = 7;
 const STEP_RAD: f64 = 1e-4;
 /// No encoder has finer counts; smaller changes are rounding of the numbers.
 const LEAST_COUNT_RAD: f64 = 1e-11;
+/// So many of the rests are ordinary ones.
+const ORDINARY: f64 = 0.9;
 /// A time offset's field is that of the true rate of the motors: passes of the correction.
 const PASSES: usize = 3;
 
@@ -126,12 +128,14 @@ fn directions(stand_rad: &[[f64; 3]], still_rad: f64) -> Vec<Vector3<f64>> {
         .collect()
 }
 
-/// The largest step between samples at rest: what is no motion.
+/// The largest step between samples of an ordinary rest: what is no motion.
 fn still_rad(stand_rad: &[[f64; 3]], rests: &[std::ops::Range<usize>]) -> f64 {
-    let steps = rests.iter().flat_map(|rest| {
-        stand_rad[rest.clone()].windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).amax())
-    });
-    1e-10 + 1.5 * steps.fold(0.0, f64::max)
+    let largest = |rest: &std::ops::Range<usize>| {
+        let steps = stand_rad[rest.clone()].windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).amax());
+        steps.fold(0.0, f64::max)
+    };
+    let mut largest: Vec<f64> = rests.iter().map(largest).collect();
+    1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
 /// What one count of the encoders is: the smallest change between two samples. Next to nothing where they do not count.
