@@ -17,6 +17,7 @@ mod generic;
 mod path;
 mod pattern;
 mod predict;
+mod revise;
 mod score;
 mod smooth;
 mod stage;
@@ -45,10 +46,13 @@ pub struct Search {
     pub traces: Vec<Trace>,
     /// Rests that scatter by more than noise and chance under the final model, about what its effects are about if it has any: the
     /// name of the residual, the factor, and the probability of it.
-    pub scattering_rests: Option<(&'static str, f64, f64)>,
+    pub scattering_rests: Option<Scattering>,
     /// Why the accelerometer inside the moves took no part; `None` if it did.
     pub in_motion_left_out: Option<String>,
 }
+
+/// Name of a kind of residual, the factor by which it scatters more than noise, and the probability of that.
+pub type Scattering = (&'static str, f64, f64);
 
 /// How an effect scores.
 #[derive(Clone, Debug)]

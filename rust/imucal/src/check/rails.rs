@@ -81,9 +81,7 @@ fn finding(
     unit: &'static str,
     (code, axes): (&'static str, [&str; 3]),
 ) -> Option<Finding> {
-    if rails.iter().flatten().flatten().next().is_none() {
-        return None;
-    }
+    rails.iter().flatten().flatten().next()?;
     let (mut columns, mut parts, mut value) = (Vec::new(), Vec::new(), 0.0f64);
     for axis in 0..3 {
         for rail in rails[axis].into_iter().flatten() {

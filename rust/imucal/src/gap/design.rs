@@ -1,5 +1,6 @@
 //! All columns that hypotheses are made of, linearised at one model.
 
+use std::iter::once;
 use std::ops::Range;
 use std::rc::Rc;
 
@@ -67,12 +68,11 @@ pub(crate) fn design(
     let problem = Joint::of_noise(prepared, all, Rc::clone(&linear))?;
     let (residual, jacobian) = problem.whiten(&linear);
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
-    let mut parts = vec![0..BASE];
-    for term in &own.all {
+    let of_own = own.all.iter().map(|term| {
         let first = BASE + place_in_all(term.name());
-        parts.push(first..first + term.count());
-    }
-    parts.push(BASE + all.count..full.len());
+        first..first + term.count()
+    });
+    let mut parts: Vec<_> = once(0..BASE).chain(of_own).chain(once(BASE + all.count..full.len())).collect();
     let mut width = parameters.len();
     let mut candidates = Vec::new();
     for term in all.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {

@@ -50,30 +50,34 @@ const SCALE_ROUNDS: usize = 20;
 
 /// Columns that stand beside many others, in groups of rows.
 pub(crate) struct Known {
-    /// Each group, its rows and their part of the columns, the residual last.
-    groups: Vec<(usize, Vec<usize>, Mat<f64>)>,
-    /// `[J r]^T [J r]` of each group.
-    sums: Vec<Mat<f64>>,
+    groups: Vec<KnownGroup>,
+}
+
+struct KnownGroup {
+    group: usize,
+    rows: Vec<usize>,
+    /// Their part of the columns, the residual last.
+    columns: Mat<f64>,
+    /// `[J r]^T [J r]`.
+    sum: Mat<f64>,
 }
 
 impl Known {
     pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let count = group_of_row.iter().max().map_or(0, |last| last + 1);
-        let rows = |group: usize| (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
-        let groups: Vec<(usize, Vec<usize>, Mat<f64>)> = (0..count)
-            .map(|group| (group, rows(group)))
-            .filter(|(_, rows): &(usize, Vec<usize>)| !rows.is_empty())
-            .map(|(group, rows)| (group, part(columns, &rows), rows))
-            .map(|(group, part, rows)| (group, rows, part))
-            .collect();
-        let sums = groups.iter().map(|(_, _, part)| part.transpose() * part).collect();
-        Self { groups, sums }
+        let of_group = |group: usize| {
+            let rows: Vec<usize> = (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
+            let columns = part(columns, &rows);
+            let sum = columns.transpose() * &columns;
+            (!rows.is_empty()).then_some(KnownGroup { group, rows, columns, sum })
+        };
+        Self { groups: (0..count).filter_map(of_group).collect() }
     }
 
     /// The sums with more columns, which come before the residual.
     pub(crate) fn with(&self, more: &Mat<f64>) -> Gram {
-        let (known, width) = (self.sums.first().map_or(0, Mat::ncols).saturating_sub(1), more.ncols());
-        let joined = |((_, rows, columns), sum): (&(usize, Vec<usize>, Mat<f64>), &Mat<f64>)| {
+        let (known, width) = (self.count(), more.ncols());
+        let joined = |KnownGroup { rows, columns, sum, .. }: &KnownGroup| {
             let own = part(more, rows);
             let (cross, own) = (columns.transpose() * &own, own.transpose() * &own);
             // Places of the known columns, of the others, and of the residual.
@@ -85,21 +89,25 @@ impl Known {
                 (None, None) => own[(i - known, j - known)],
             })
         };
-        let sums = self.groups.iter().zip(&self.sums).map(joined).collect();
+        let sums = self.groups.iter().map(joined).collect();
         self.gram(sums, known + width)
     }
 
     /// The sums of these columns alone.
     pub(crate) fn alone(self) -> Gram {
-        let residual = self.sums.first().map_or(0, Mat::ncols).saturating_sub(1);
-        self.gram(self.sums.clone(), residual)
+        self.gram(self.groups.iter().map(|known| known.sum.clone()).collect(), self.count())
+    }
+
+    /// How many columns there are beside the residual.
+    fn count(&self) -> usize {
+        self.groups.first().map_or(0, |known| known.sum.ncols().saturating_sub(1))
     }
 
     fn gram(&self, sums: Vec<Mat<f64>>, residual: usize) -> Gram {
         Gram {
             sums,
-            rows: self.groups.iter().map(|(_, rows, _)| rows.len() as f64).collect(),
-            groups: self.groups.iter().map(|(group, ..)| *group).collect(),
+            rows: self.groups.iter().map(|known| known.rows.len() as f64).collect(),
+            groups: self.groups.iter().map(|known| known.group).collect(),
             residual,
         }
     }

@@ -2,28 +2,28 @@
 
 use std::cell::RefCell;
 
-use imucal_core::effects::{Effect, Need, Sensor};
+use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
 use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::evidence::{Column, Evidence};
-use super::pattern::{Pattern, best_generic};
-use super::score::{Judged, Judgement, contradiction_of_stand, gain, judge, scattering_rests, traces};
+use super::pattern::Pattern;
+use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, FitKey, Member, Stage};
-use super::{Block, Linearised, NotPredictive, Score, Search};
+use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{INSIDE, Kinds, Model, Prepared};
 use crate::recording::Recording;
 
 /// Rivals are this close in the logarithm of the evidence.
-const RIVAL_NATS: f64 = 3.0;
+pub(super) const RIVAL_NATS: f64 = 3.0;
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
 const MOST_EFFECTS: usize = 6;
 /// Width of the narrowest prior, in typical sizes.
-const LEAST_WIDTH: f64 = 0.03;
+pub(super) const LEAST_WIDTH: f64 = 0.03;
 const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
 /// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
@@ -277,63 +277,6 @@ impl<'a> Hunt<'a> {
         Ok((self.stage(prepared, triads, &open, &[], Beside::Candidates)?, open))
     }
 
-    /// Generic hypotheses alone and on top of the path: on rests and moves from rest to rest, and inside the moves where these
-    /// take part. With a stand, whether these residuals contradict it: the name, the factor and the chance of it.
-    fn patterns(
-        &mut self,
-        prepared: &Prepared<'_>,
-        triads: [&Triad<f64>; 2],
-        open: &[EffectChoice],
-        stage: &Stage,
-    ) -> Result<(Vec<Pattern>, Option<(&'static str, f64, f64)>), Error> {
-        let kinds = self.kinds;
-        let (mut patterns, mut contradiction) = (Vec::new(), None);
-        for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
-            self.kinds = Kinds { in_motion, encoders: false };
-            // Inside the moves a scale shows better, and so do the effects that resemble it.
-            let asked = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
-            let found = self.pattern(prepared, triads, open, &stage.members, asked);
-            self.kinds = kinds;
-            let (pattern, with) = found?;
-            patterns.push(pattern);
-            if let (Some(with), true) = (with, kinds.encoders) {
-                contradiction = contradiction_of_stand(&with, stage);
-            }
-        }
-        Ok((patterns, contradiction))
-    }
-
-    /// The same on the residuals of `self.kinds`; what these do not determine says nothing here.
-    fn pattern(
-        &self,
-        prepared: &Prepared<'_>,
-        triads: [&Triad<f64>; 2],
-        open: &[EffectChoice],
-        members: &[Member],
-        asked: impl Fn(Block) -> bool,
-    ) -> Result<(Pattern, Option<Stage>), Error> {
-        let is_inertial = |c: &&EffectChoice| c.effect.sensor != Sensor::Encoder;
-        let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
-        let seen: Vec<EffectChoice> =
-            inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
-        let without = self.stage(prepared, triads, &[], &[], Beside::Generics)?;
-        // What the motion shows, rests and moves may show a little, or not at all.
-        let with = [inertial, seen].into_iter().find_map(|choices| {
-            let own = |m: &&Member| {
-                choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
-            };
-            let members: Vec<Member> = members.iter().filter(own).cloned().collect();
-            if members.is_empty() {
-                return None;
-            }
-            self.stage(prepared, triads, &choices, &members, Beside::Generics).ok()
-        });
-        let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
-        let best = |stage| best_generic(stage, &asked);
-        let on_top = with.as_ref().and_then(best);
-        Ok((Pattern { alone: best(&without), path, on_top }, with))
-    }
-
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.
     fn is_carried(
         &self,
@@ -358,94 +301,5 @@ impl<'a> Hunt<'a> {
         let explaining = stage.design.candidates.iter().flat_map(|candidate| candidate.columns(10.0));
         let columns: Vec<Column> = stage.design.model.iter().copied().chain(explaining).collect();
         Ok(is_far(&stage, &columns))
-    }
-
-    /// Puts an alias with a time constant in the place of a member if it explains clearly more: until it is fitted its time constant is
-    /// one of few. One that explains nearly as much is a rival. Says whether there was any to put.
-    fn swap(
-        &self,
-        prepared: &Prepared<'_>,
-        open: &[EffectChoice],
-        stage: &mut Stage,
-        path: &mut [Score],
-    ) -> Result<bool, Error> {
-        let mut swapped = false;
-        let is_alias = |a: &Effect<f64>, b: &Effect<f64>| a.aliases.iter().any(|alias| alias.with == b.name);
-        for k in 0..stage.members.len() {
-            let name = stage.members[k].name.clone();
-            let Some(own) = open.iter().find(|choice| choice.effect.name == name) else { continue };
-            let is_other = |choice: &&EffectChoice| {
-                let other = choice.effect;
-                other.shape.is_some()
-                    && (is_alias(other, own.effect) || is_alias(own.effect, other))
-                    && !stage.members.iter().any(|member| member.name == other.name)
-            };
-            for other in open.iter().filter(is_other).collect::<Vec<_>>() {
-                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-                let typical = &other.effect.parameters[..other.effect.plain];
-                let mut members = stage.members.clone();
-                members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // Once to see how large it is, once with a prior as wide as that.
-                let mut fit = || {
-                    let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
-                    let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
-                    members.clone_from(&found.members);
-                    members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
-                    Some(found)
-                };
-                let Some(found) = fit().and_then(|_| fit()) else { continue };
-                // Candidates are judged at their best time constant, and so is this one.
-                let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
-                let mut columns = found.design.model.clone();
-                columns.remove(shape);
-                let Some(at_best) = found.design.gram.evidence(&columns) else { continue };
-                let gain = at_best.log - stage.evidence.log;
-                let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
-                let other = other.effect.name.to_owned();
-                if gain > RIVAL_NATS {
-                    *score = Score {
-                        name: other,
-                        log_bayes_factor: score.log_bayes_factor + gain,
-                        rivals: Vec::new(),
-                        ..score.clone()
-                    };
-                    *stage = found;
-                    swapped = true;
-                    break;
-                } else if gain > -RIVAL_NATS && !score.rivals.contains(&other) {
-                    score.rivals.push(other);
-                }
-            }
-        }
-        Ok(swapped)
-    }
-
-    /// Leaves out members that the model does as well without; says whether there were any.
-    fn eliminate(
-        &self,
-        prepared: &Prepared<'_>,
-        open: &[EffectChoice],
-        stage: &mut Stage,
-        path: &mut Vec<Score>,
-    ) -> Result<bool, Error> {
-        let before = stage.members.len();
-        while stage.members.len() > 1 {
-            let mut worst: Option<(usize, Stage)> = None;
-            for k in 0..stage.members.len() {
-                let mut members = stage.members.clone();
-                members.remove(k);
-                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-                let Ok(without) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
-                if without.evidence.log >= stage.evidence.log
-                    && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
-                {
-                    worst = Some((k, without));
-                }
-            }
-            let Some((k, without)) = worst else { break };
-            path.retain(|score| score.name != stage.members[k].name);
-            *stage = without;
-        }
-        Ok(stage.members.len() < before)
     }
 }

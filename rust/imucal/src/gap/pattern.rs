@@ -1,11 +1,18 @@
 //! Generic hypotheses beside and instead of a path (model.md (24)).
 
+use imucal_core::effects::Sensor;
+use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
 
 use super::design::{Design, Generic};
 use super::evidence::Column;
-use super::stage::Stage;
-use super::{Block, GenericFinding, Kernel};
+use super::path::Hunt;
+use super::score::contradiction_of_stand;
+use super::stage::{Beside, Member, Stage};
+use super::{Block, GenericFinding, Kernel, Scattering};
+use crate::calibrate::EffectChoice;
+use crate::error::Error;
+use crate::joint::{Kinds, Prepared};
 
 /// Prior widths in units of the typical bias.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
@@ -91,5 +98,64 @@ impl BestGeneric {
         order.sort_by(|a, b| b.1[axis].abs().total_cmp(&a.1[axis].abs()));
         let rests = order.into_iter().take(3).map(|(place, _)| *place).collect();
         GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms: rms(axis) / unit }
+    }
+}
+
+impl Hunt<'_> {
+    /// Generic hypotheses alone and on top of the path: on rests and moves from rest to rest, and inside the moves where these
+    /// take part. With a stand, whether these residuals contradict it: the name, the factor and the chance of it.
+    pub(super) fn patterns(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        stage: &Stage,
+    ) -> Result<(Vec<Pattern>, Option<Scattering>), Error> {
+        let kinds = self.kinds;
+        let (mut patterns, mut contradiction) = (Vec::new(), None);
+        for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
+            self.kinds = Kinds { in_motion, encoders: false };
+            // Inside the moves a scale shows better, and so do the effects that resemble it.
+            let asked = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
+            let found = self.pattern(prepared, triads, open, &stage.members, asked);
+            self.kinds = kinds;
+            let (pattern, with) = found?;
+            patterns.push(pattern);
+            if let (Some(with), true) = (with, kinds.encoders) {
+                contradiction = contradiction_of_stand(&with, stage);
+            }
+        }
+        Ok((patterns, contradiction))
+    }
+
+    /// The same on the residuals of `self.kinds`; what these do not determine says nothing here.
+    fn pattern(
+        &self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+        members: &[Member],
+        asked: impl Fn(Block) -> bool,
+    ) -> Result<(Pattern, Option<Stage>), Error> {
+        let is_inertial = |c: &&EffectChoice| c.effect.sensor != Sensor::Encoder;
+        let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
+        let seen: Vec<EffectChoice> =
+            inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
+        let without = self.stage(prepared, triads, &[], &[], Beside::Generics)?;
+        // What the motion shows, rests and moves may show a little, or not at all.
+        let with = [inertial, seen].into_iter().find_map(|choices| {
+            let own = |m: &&Member| {
+                choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
+            };
+            let members: Vec<Member> = members.iter().filter(own).cloned().collect();
+            if members.is_empty() {
+                return None;
+            }
+            self.stage(prepared, triads, &choices, &members, Beside::Generics).ok()
+        });
+        let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
+        let best = |stage| best_generic(stage, &asked);
+        let on_top = with.as_ref().and_then(best);
+        Ok((Pattern { alone: best(&without), path, on_top }, with))
     }
 }

@@ -6,6 +6,7 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 use imucal_core::effects::{Effect, Sensor};
 
+use super::Scattering;
 use super::design::{Candidate, Design};
 use super::detect::visible_noncentrality;
 use super::evidence::{Column, Gram};
@@ -235,7 +236,7 @@ fn projected(gram: &Gram, model: &[Column], candidate: &Candidate, scales: &[f64
 /// The residual of the rests, or against the stand, that scatters most beyond noise, if chance does not explain it. Moves are not
 /// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts: a real unit has more than one thing that is not quite as in the model, and of a large effect a
 /// small remainder is left. `before` are the scales without effects.
-pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'static str, f64, f64)> {
+pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),
         (2, Sensor::Gyroscope, "gyro_rate_x"),
@@ -266,7 +267,7 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<(&'stati
 
 /// Whether the sensors by themselves say that effects of theirs have another size than with the stand (Hausman, Econometrica 46, 1978,
 /// 1251-1271): then it is the stand that is not as in the model. Its variance is that of the sensors alone, which is the larger one.
-pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<(&'static str, f64, f64)> {
+pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<Scattering> {
     let (mut chi2, mut dof) = (0.0, 0);
     for member in &alone.members {
         let other = with_stand.members.iter().find(|other| other.name == member.name)?;

@@ -1,0 +1,101 @@
+//! A path that is there, looked at again: members by another name, and members that the others have made superfluous.
+
+use imucal_core::effects::Effect;
+
+use super::Score;
+use super::path::{Hunt, LEAST_WIDTH, RIVAL_NATS};
+use super::stage::{Beside, Member, Stage};
+use crate::calibrate::EffectChoice;
+use crate::error::Error;
+use crate::joint::Prepared;
+
+impl Hunt<'_> {
+    /// Puts an alias with a time constant in the place of a member if it explains clearly more: until it is fitted its time constant is
+    /// one of few. One that explains nearly as much is a rival. Says whether there was any to put.
+    pub(super) fn swap(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &mut Stage,
+        path: &mut [Score],
+    ) -> Result<bool, Error> {
+        let mut swapped = false;
+        let is_alias = |a: &Effect<f64>, b: &Effect<f64>| a.aliases.iter().any(|alias| alias.with == b.name);
+        for k in 0..stage.members.len() {
+            let name = stage.members[k].name.clone();
+            let Some(own) = open.iter().find(|choice| choice.effect.name == name) else { continue };
+            let is_other = |choice: &&EffectChoice| {
+                let other = choice.effect;
+                other.shape.is_some()
+                    && (is_alias(other, own.effect) || is_alias(own.effect, other))
+                    && !stage.members.iter().any(|member| member.name == other.name)
+            };
+            for other in open.iter().filter(is_other).collect::<Vec<_>>() {
+                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                let typical = &other.effect.parameters[..other.effect.plain];
+                let mut members = stage.members.clone();
+                members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
+                // Once to see how large it is, once with a prior as wide as that.
+                let mut fit = || {
+                    let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
+                    let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
+                    members.clone_from(&found.members);
+                    members[k].width = (sizes.sum::<f64>() / typical.len() as f64).sqrt().max(LEAST_WIDTH);
+                    Some(found)
+                };
+                let Some(found) = fit().and_then(|_| fit()) else { continue };
+                // Candidates are judged at their best time constant, and so is this one.
+                let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
+                let mut columns = found.design.model.clone();
+                columns.remove(shape);
+                let Some(at_best) = found.design.gram.evidence(&columns) else { continue };
+                let gain = at_best.log - stage.evidence.log;
+                let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
+                let other = other.effect.name.to_owned();
+                if gain > RIVAL_NATS {
+                    *score = Score {
+                        name: other,
+                        log_bayes_factor: score.log_bayes_factor + gain,
+                        rivals: Vec::new(),
+                        ..score.clone()
+                    };
+                    *stage = found;
+                    swapped = true;
+                    break;
+                } else if gain > -RIVAL_NATS && !score.rivals.contains(&other) {
+                    score.rivals.push(other);
+                }
+            }
+        }
+        Ok(swapped)
+    }
+
+    /// Leaves out members that the model does as well without; says whether there were any.
+    pub(super) fn eliminate(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &mut Stage,
+        path: &mut Vec<Score>,
+    ) -> Result<bool, Error> {
+        let before = stage.members.len();
+        while stage.members.len() > 1 {
+            let mut worst: Option<(usize, Stage)> = None;
+            for k in 0..stage.members.len() {
+                let mut members = stage.members.clone();
+                members.remove(k);
+                let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+                let Ok(without) = self.stage(prepared, near, open, &members, Beside::Nothing) else { continue };
+                if without.evidence.log >= stage.evidence.log
+                    && worst.as_ref().is_none_or(|(_, best)| without.evidence.log > best.evidence.log)
+                {
+                    worst = Some((k, without));
+                }
+            }
+            let Some((k, without)) = worst else { break };
+            path.retain(|score| score.name != stage.members[k].name);
+            *stage = without;
+        }
+        Ok(stage.members.len() < before)
+    }
+}
