@@ -133,10 +133,14 @@ $(VENV)/.sdist: $(SOURCES) tests/sdist_smoke.py | $(VENV)/.tools
 	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/sdist_smoke.py
 	@touch $@
 
-# One process per core; the tests of a file share what they have simulated, so a file stays in one process.
+# One process per core; the tests of a file share what they have simulated, so a file stays in one process. A stand that is
+# recorded while it turns keeps time, and has the processors for itself.
+STAND_TESTS := $(wildcard tests/test_stand_*.py)
+
 test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
-	$(PY) -m pytest --numprocesses auto --dist loadfile
+	$(PY) -m pytest --numprocesses auto --dist loadfile $(STAND_TESTS:%=--ignore=%)
+	$(PY) -m pytest $(STAND_TESTS)
 
 # --- pages -------------------------------------------------------------------------------------------------------
 
