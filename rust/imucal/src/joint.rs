@@ -118,7 +118,7 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights: where a search linearises next. `width` is that
+/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights but for a stand's: where a search linearises next. `width` is that
 /// of the prior of an effect of which the recordings show some directions and not all.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
@@ -129,7 +129,13 @@ pub(crate) fn fit_for_search(
     let parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
-    Model::of(&minimize(&problem, &parameters, SEARCH)?.parameters, terms)
+    let mut found = minimize(&problem, &parameters, SEARCH)?;
+    if terms.kinds.encoders {
+        // A stand that is taken for straight at the start contradicts everything, and is hardly listened to.
+        problem.weigh_by(&found)?;
+        found = minimize(&problem, &found.parameters, SEARCH)?;
+    }
+    Model::of(&found.parameters, terms)
 }
 
 fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Solution, Error> {
