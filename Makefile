@@ -5,7 +5,7 @@
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
 #   make bench     speed beside SciPy, of starting, growth and memory, of the simulation, and of Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
-#   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth
+#   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth, LOG=file goes on
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
 #   make stand     what a line makes of good units and of hidden faults, to docs/results/stand.md
 #   make docs      the pages under docs/ as a site, site/index.html; a link that leads nowhere is an error
@@ -173,7 +173,7 @@ accuracy: $(VENV)/.installed
 SHARE ?= 1
 gap-benchmark: $(VENV)/.installed
 	$(call say,Hidden effects)
-	PYTHONPATH=benches $(PY) -m gap --share $(SHARE)
+	PYTHONPATH=benches $(PY) -m gap --share $(SHARE) $(if $(LOG),--log $(LOG))
 
 first-steps: $(VENV)/.installed
 	$(call say,From a clone to a C header)

@@ -51,6 +51,14 @@ def chosen(share: float, only: dict[str, list[str]], quick: bool) -> list[int]:
     ]
 
 
+def answered(log: Path | None) -> list[Mark]:
+    """What a run that was broken off has left."""
+    if log is None or not log.is_file():
+        return []
+    rows = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    return [Mark(**{**row, "scores": tuple(row["scores"])}) for row in rows]
+
+
 def _few(share: float, group: str, count: int = 1) -> list[int]:
     mine = [i for i, case in enumerate(suite(share)) if case.group == group and case.level != "1x"]
     return mine[:: max(1, len(mine) // count)][:count]
@@ -69,7 +77,14 @@ def main() -> int:
     )
     arguments.add_argument("--no-baselines", action="store_true")
     arguments.add_argument("--processes", type=int, default=2)
-    arguments.add_argument("--log", type=Path, help="append each case as it is done, one JSON object a line")
+    arguments.add_argument(
+        "--log",
+        type=Path,
+        help="append each case as it is done, one JSON object a line; what is in it is not asked again",
+    )
+    arguments.add_argument(
+        "--most", type=int, help="ask so many at the most; the page says how many there are"
+    )
     arguments.add_argument("--output", type=Path, default=REPORT)
     given = arguments.parse_args()
     share = QUICK_SHARE if given.quick else given.share
@@ -77,7 +92,9 @@ def main() -> int:
     # Mixed, so that a run that is broken off has seen a bit of everything.
     numbers = sorted(chosen(share, only, given.quick), key=lambda i: suite(share)[i].mixed)
     work = partial(job, share, not given.no_baselines)
-    marks: list[Mark] = []
+    marks = answered(given.log)
+    known = {mark.key for mark in marks}
+    numbers = [number for number in numbers if suite(share)[number].key not in known][: given.most]
     with ProcessPoolExecutor(given.processes) as pool:
         jobs = [pool.submit(work, number) for number in numbers]
         for finished in track(as_completed(jobs), "asking", total=len(jobs), disable=given.quick):

@@ -12,12 +12,12 @@ from gap.gates import blocks, gates, scores, verdicts
 from gap.judge import Mark
 from gap.rates import Rate
 from gap.sizes import SIZES, typical
-from gap.suite import TOOL
+from gap.suite import TOOL, suite
 
 LEVELS = ("1x", "2x", "5x", "10x", "typical")
 INTRODUCTION = """# Finding hidden effects
 
-Written by `make gap-benchmark`: {cases} cases in which something was hidden, or nothing, by named seeds. The
+Written by `make gap-benchmark`: {cases} in which something was hidden, or nothing, by named seeds. The
 tool gets a recording and a control recording, which has other moves and other noise; the answer is sealed
 until it has spoken. Unit, noise and program are the paper's: 46 rests, 320 s, 100 Hz.
 
@@ -35,7 +35,7 @@ until it has spoken. Unit, noise and program are the paper's: 46 rests, 320 s, 1
 def page(marks: Sequence[Mark]) -> str:
     mine = [mark for mark in marks if mark.tool == TOOL]
     sections = [
-        INTRODUCTION.format(cases=len(mine)),
+        INTRODUCTION.format(cases=_how_many(len(mine))),
         _gates(mine),
         _tools(marks),
         _effects(mine),
@@ -45,6 +45,11 @@ def page(marks: Sequence[Mark]) -> str:
         _times(marks),
     ]
     return "\n".join(sections)
+
+
+def _how_many(cases: int) -> str:
+    whole = len(suite(1.0))
+    return f"{cases} cases" if cases >= whole else f"{cases} of {whole} cases, taken in a mixed order,"
 
 
 def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
