@@ -162,6 +162,7 @@ bench: $(VENV)/.installed
 	$(PY) benches/compare.py
 	$(PY) benches/start.py
 	$(PY) benches/scaling.py
+	$(PY) benches/gap_speed.py
 	$(PY) benches/simulate.py
 	$(PY) benches/allan.py
 

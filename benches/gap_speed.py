@@ -25,11 +25,12 @@ import numpy as np
 import gap.scene
 import imucal
 import scipy_peer
-from compare import OTHERS, machine_name, program_of_others
+from compare import OTHERS, REPORT, machine_name, program_of_others
 from gap.case import generator
 from gap.outside import magnetic_coupling
 from gap.scene import Scene, record
 from gap.sizes import SIZES, drawn
+from sections import write_section
 
 RATE_HZ: Final = 200.0
 HOLD_S, MOVE_S = 5.26, 2.03
@@ -195,7 +196,8 @@ def lines() -> list[str]:
 
 
 def main() -> None:
-    print("\n".join(lines()))
+    heading, *body = lines()
+    write_section(REPORT, "Speed", heading.removeprefix("## "), "\n".join(body))
 
 
 if __name__ == "__main__":
