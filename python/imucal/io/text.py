@@ -11,6 +11,8 @@ __all__ = ["first_fields", "read_headed", "read_headerless"]
 
 # A column is integers only if all of it is: the types are inferred from the whole file, up to Arrow's limit.
 LARGEST_BLOCK = 2**31 - 1
+# A text of so many bytes takes longer to read than threads to start.
+WORTH_THREADS = 1 << 24
 
 
 def first_fields(name: str, start: bytes) -> list[str]:
@@ -69,10 +71,12 @@ def _read(file: File, content: bytes, skip: int, names: list[str]) -> Table:
 
     parse_options = csv.ParseOptions(delimiter=delimiter.decode())
     column_names = [str(index) for index in range(len(names))]
+    # A process that ends at once may be aborted by Arrow's threads that are just starting.
+    options = csv.ReadOptions(column_names=column_names, use_threads=len(rest) > WORTH_THREADS)
     try:
-        # By all processors, the types of the columns taken from the first block. Where these do not fit what
-        # follows, or a row is bad, the file is read once more with care.
-        table = csv.read_csv(pa.BufferReader(rest), csv.ReadOptions(column_names=column_names), parse_options)
+        # The types of the columns are taken from the first block. Where these do not fit what follows, or a
+        # row is bad, the file is read once more with care.
+        table = csv.read_csv(pa.BufferReader(rest), options, parse_options)
         return Table(file.name, names, table.columns, place)
     except pa.ArrowException:
         pass
