@@ -118,8 +118,8 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights but for a stand's: where a search linearises next. `width` is that
-/// of the prior of an effect of which the recordings show some directions and not all.
+/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights but for a stand's: where a search linearises
+/// next. `width` is that of the prior of an effect of which the recordings show some directions and not all.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,

@@ -74,16 +74,24 @@ pub(crate) struct Ends {
 impl Ends {
     /// Two rows across the direction of gravity after the move.
     pub(crate) fn across(&self) -> Matrix2x3<f64> {
-        let u = self.after;
-        let smallest = u.iamin();
-        let first = Vector3::from_fn(|i, _| f64::from(u8::from(i == smallest))).cross(&u).normalize();
-        Matrix2x3::from_rows(&[first.transpose(), u.cross(&first).transpose()])
+        rows_across(&self.after)
     }
 
     /// The residual in rad: components of the carried minus the measured direction.
     pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
         self.across() * (rotation.tr_mul(&self.before) - self.after)
     }
+}
+
+/// Two directions across this one.
+pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
+    let first = Vector3::ith(up.iamin(), 1.0).cross(up).normalize();
+    [first, up.cross(&first)]
+}
+
+/// The same as rows.
+pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
+    Matrix2x3::from_rows(&across(up).map(|direction| direction.transpose()))
 }
 
 /// A stretch between two rests that cannot be used, and why (a reason code).

@@ -54,26 +54,18 @@ pub fn linearise(
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
 ) -> Result<Linearised, Error> {
-    let mut hunt = Hunt::new(recordings, candidates, user_fields);
-    let open = hunt.with_columns(recordings, candidates);
-    Checked::try_new(recordings, options)?.prepare(
-        recordings,
-        options,
-        hunt.kinds,
-        |prepared, accelerometer, gyroscope| {
-            let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
-            let Design { columns, model, candidates, .. } = &stage.design;
-            let take = |range: std::ops::Range<usize>| {
-                (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
-            };
-            let last = columns.ncols() - 1;
-            Ok(Linearised {
-                residual: (0..columns.nrows()).map(|i| columns[(i, last)]).collect(),
-                base: take(0..model.len()),
-                candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
-            })
-        },
-    )
+    at_start(recordings, options, candidates, user_fields, |_, stage| {
+        let Design { columns, model, candidates, .. } = &stage.design;
+        let take = |range: std::ops::Range<usize>| {
+            (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
+        };
+        let last = columns.ncols() - 1;
+        Linearised {
+            residual: (0..columns.nrows()).map(|i| columns[(i, last)]).collect(),
+            base: take(0..model.len()),
+            candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
+        }
+    })
 }
 
 /// The smallest rms size of each effect that is seen with 90 % probability, with its unit; and the names of those that are not seen at
@@ -89,19 +81,28 @@ pub fn smallest_visible(
     options: &Options<'_>,
     candidates: &[EffectChoice],
 ) -> Result<Visible, Error> {
-    let mut hunt = Hunt::new(recordings, candidates, &[]);
+    at_start(recordings, options, candidates, &[], |mut hunt, stage| {
+        let judged = judge(stage);
+        hunt.left_out.extend(judged.blind);
+        (judged.visible, hunt.left_out)
+    })
+}
+
+/// What a search has in hand at its start: the model without effects, and what is left out already.
+fn at_start<T>(
+    recordings: &[Recording<'_>],
+    options: &Options<'_>,
+    candidates: &[EffectChoice],
+    user_fields: &[UserField<'_>],
+    work: impl FnOnce(Hunt<'_>, &Stage) -> T,
+) -> Result<T, Error> {
+    let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
-    Checked::try_new(recordings, options)?.prepare(
-        recordings,
-        options,
-        hunt.kinds,
-        |prepared, accelerometer, gyroscope| {
-            let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
-            let judged = judge(&stage);
-            hunt.left_out.extend(judged.blind);
-            Ok((judged.visible, hunt.left_out.clone()))
-        },
-    )
+    let kinds = hunt.kinds;
+    Checked::try_new(recordings, options)?.prepare(recordings, options, kinds, |prepared, accelerometer, gyroscope| {
+        let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
+        Ok(work(hunt, &stage))
+    })
 }
 
 /// What stays the same through a search.

@@ -234,8 +234,9 @@ fn projected(gram: &Gram, model: &[Column], candidate: &Candidate, scales: &[f64
 }
 
 /// The residual of the rests, or against the stand, that scatters most beyond noise, if chance does not explain it. Moves are not
-/// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts: a real unit has more than one thing that is not quite as in the model, and of a large effect a
-/// small remainder is left. `before` are the scales without effects.
+/// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts: a real unit
+/// has more than one thing that is not quite as in the model, and of a large effect a small remainder is left. `before` are the
+/// scales without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),

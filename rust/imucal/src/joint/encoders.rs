@@ -17,13 +17,13 @@ use imucal_core::effects::{Sensor, StandState, State, Surroundings};
 use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::inside::{self, EndDirection, Filter};
+use super::inside::{self, EndDirection, Filter, InsideNoise};
 use super::model::BASE;
 use super::pass::Pass;
 use super::terms::{Sample, Terms};
 use crate::correct::slopes;
 use crate::error::Error;
-use crate::moves::{Ends, Move, UnitRest};
+use crate::moves::{Move, UnitRest, across, rows_across};
 use crate::recording::Recording;
 use crate::simulate::stand::Stand;
 use crate::stats::{median, quantile};
@@ -201,7 +201,7 @@ pub(crate) fn rest_rows(
     measured: &EndDirection,
 ) -> [Vec<f64>; 2] {
     let body_from_world = stand.attitude(&angles.angle_rad[0]).inverse();
-    let across = Ends { before: measured.up, after: measured.up, sigma_rad: 1.0 }.across();
+    let across = rows_across(&measured.up);
     let residual = across * (body_from_world * Vector3::z() - measured.up);
     // R <- exp(turn) R, so R^T e_z changes by R^T (e_z x turn).
     let columns: Vec<_> = angles
@@ -299,19 +299,6 @@ fn readings<'a>(recording: &Recording<'a>) -> Result<&'a [[f64; 3]], Error> {
     })
 }
 
-/// Variances of one move.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct EncoderNoise {
-    /// Of one reading of the encoders, rad^2.
-    pub(crate) reading: f64,
-    /// Growth of the gyroscope's attitude error, rad^2/s.
-    pub(crate) walk: f64,
-    /// Of the direction of gravity at the start, rad^2.
-    pub(crate) start: f64,
-    /// Of the force of a block times its length, (m/s^2)^2 s; `None` if the force takes no part.
-    pub(crate) force: Option<f64>,
-}
-
 /// What a white residual inside a move is about.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum About {
@@ -334,12 +321,13 @@ pub(crate) fn count(pass: &Pass) -> usize {
 
 impl EncoderMove<'_> {
     /// Hands every white residual to `push`: its derivative by every parameter, and the residual itself as the last number.
+    /// `reading` is the variance of one reading of the encoders, rad^2.
     pub(crate) fn innovations(
         &self,
         pass: &Pass,
         terms: &Terms<'_>,
         start: &EndDirection,
-        noise: &EncoderNoise,
+        (noise, reading): (&InsideNoise, f64),
         gravity_mps2: f64,
         mut push: impl FnMut(About, &[f64]),
     ) {
@@ -369,7 +357,7 @@ impl EncoderMove<'_> {
                 (mean, jacobian)
             })
             .collect();
-        let [side, other] = inside::across(&start.up);
+        let [side, other] = across(&start.up);
         // The walk is minus the gyroscope's turn x, which moves the carried gravity u by x cross u: along `side` by x . other,
         // along `other` by -x . side. The force along gravity does not see it.
         let mut z = vec![0.0; n + 1];
@@ -386,11 +374,11 @@ impl EncoderMove<'_> {
                 // A mean over n steps of a walk varies less than the walk in their middle, by (n - 1/n) / 6 of a step.
                 let count = block.samples.len() as f64;
                 let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
-                filter.innovate(&mut z, [1.0, 0.0], noise.reading / count - smoothed);
+                filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);
                 push(About::Stand, &z);
-                if let Some(force) = noise.force {
+                if terms.kinds.in_motion {
                     inside::force(block, start, gravity_mps2, &(along / gravity_mps2), &mut z);
-                    filter.innovate(&mut z, [look, look], force / block.duration_s / gravity_mps2.powi(2));
+                    filter.innovate(&mut z, [look, look], noise.force / block.duration_s / gravity_mps2.powi(2));
                     push(About::Force, &z);
                 }
             }

@@ -17,7 +17,7 @@ use super::pass::{Block, Pass, Route};
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
-use crate::moves::{Ends, Move};
+use crate::moves::{Move, rows_across};
 
 /// A short stretch of a move.
 pub(crate) struct Stretch {
@@ -174,7 +174,7 @@ impl Joint<'_> {
 /// What a turn at the end of a move does to its two residuals.
 fn across(at_move: &AtMove) -> Matrix2x3<f64> {
     let AtMove { pass, before, after } = at_move;
-    let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
+    let across = rows_across(&after.up);
     across * pass.rotation.transpose() * before.up.cross_matrix()
 }
 

@@ -11,6 +11,7 @@
 use nalgebra::Vector3;
 
 use super::pass::{Block, Pass};
+use crate::moves::across;
 
 /// Variances of one move.
 #[derive(Clone, Copy, Debug)]
@@ -73,12 +74,6 @@ pub(crate) fn innovations(
             push(&z);
         }
     }
-}
-
-/// Two directions across this one.
-pub(super) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
-    let first = Vector3::ith(up.iamin(), 1.0).cross(up).normalize();
-    [first, up.cross(&first)]
 }
 
 /// The residual of a block along `d`, m/s^2, after its derivatives.

@@ -14,7 +14,7 @@ use super::pass::{Pass, Route};
 use super::terms::{Kinds, Terms};
 use super::wander::Wander;
 use crate::error::Error;
-use crate::moves::{Carried, End, Ends, Move, UnitRest};
+use crate::moves::{Carried, End, Move, UnitRest, rows_across};
 use crate::recording::Recording;
 use crate::segment::NoiseDensity;
 
@@ -280,8 +280,8 @@ impl Prepared<'_> {
     /// Components of the carried minus the measured direction, across the latter.
     fn move_lines(&self, index: usize, at_move: &AtMove, rests: &[Option<AtRest>]) -> [Line; 2] {
         let m = &self.moves[index];
-        let AtMove { pass, before, after } = at_move;
-        let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
+        let AtMove { pass, after, .. } = at_move;
+        let across = rows_across(&after.up);
         let (residual, columns) = move_direction(at_move);
         let by_mean = |rest: usize, end: &End| -> Option<Matrix3<f64>> {
             let at_rest = rests[rest].as_ref().filter(|_| end.steady)?;
@@ -333,7 +333,7 @@ impl Prepared<'_> {
 pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
     let AtMove { pass, before, after } = at_move;
     let carried = pass.rotation.tr_mul(&before.up);
-    let across = Ends { before: before.up, after: after.up, sigma_rad: 1.0 }.across();
+    let across = rows_across(&after.up);
     let columns = (0..before.jacobian.len()).map(|p| {
         let by_turn = pass.rotation.tr_mul(&before.up.cross(&pass.turn[p]));
         across * (by_turn + pass.rotation.tr_mul(&before.jacobian[p]) - after.jacobian[p])

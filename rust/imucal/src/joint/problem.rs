@@ -318,12 +318,14 @@ impl Joint<'_> {
                 push(About::Stand, &z, self.weights.stand_sigma_rad);
             }
         }
-        for ((m, at_move), noise) in prepared.moves.iter().zip(linear.moves.iter()).zip(&self.weights.encoders) {
+        for ((m, at_move), noise) in prepared.moves.iter().zip(linear.moves.iter()).zip(&self.weights.inside) {
             let angles = encoders.in_move(&prepared.recordings[m.recording], m, &model.values, terms);
             let rest = encoders.at_rest(m.from, &prepared.rests[m.from], &model.values, terms);
             let seen = EncoderMove { angles: &angles, rest: &rest, stand: &stand };
             let (pass, start) = (&at_move.pass, &at_move.before);
-            seen.innovations(pass, terms, start, noise, prepared.gravity_mps2, |about, z| push(about, z, 1.0));
+            seen.innovations(pass, terms, start, (noise, self.weights.reading), prepared.gravity_mps2, |about, z| {
+                push(about, z, 1.0)
+            });
         }
     }
 }

@@ -7,7 +7,7 @@
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
-use super::encoders::{EncoderNoise, Encoders};
+use super::encoders::Encoders;
 use super::inside::InsideNoise;
 use super::linear::{Linear, Prepared, Source};
 use super::model::Model;
@@ -37,8 +37,8 @@ pub(crate) struct Weights {
     pub(crate) inside: Vec<InsideNoise>,
     /// Standard deviation of the stand's direction of gravity against the measured one, rad, for each rest.
     pub(crate) stand_sigma_rad: f64,
-    /// One for each move.
-    pub(crate) encoders: Vec<EncoderNoise>,
+    /// Variance of one reading of the encoders, rad^2.
+    pub(crate) reading: f64,
     /// Standard deviation of each component of a move's direction that noise explains, rad.
     pub(crate) move_sigma_rad: Vec<f64>,
     pub(crate) scales: Scales,
@@ -108,9 +108,13 @@ impl Weights {
             whitening: Whitening::new(&own, &shares, 3 * prepared.rests.len()),
             rates,
             bias_instability,
-            inside: if terms.kinds.in_motion { inside_noise(prepared, model, &scales) } else { Vec::new() },
+            inside: if linear.sees_inside() || terms.kinds.encoders {
+                inside_noise(prepared, model, &scales)
+            } else {
+                Vec::new()
+            },
             stand_sigma_rad: stand_sigma_rad(prepared, &scales),
-            encoders: encoder_noise(prepared, model, &scales, terms.kinds.in_motion),
+            reading: reading_variance(prepared, &scales),
             move_sigma_rad: (0..prepared.moves.len()).map(|k| move_sigma_rad(prepared, model, k)).collect(),
             scales,
         }
@@ -219,17 +223,10 @@ fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     (median(&mut shared) + reading + FINEST_RAD * FINEST_RAD).sqrt() * scales.stand_rests
 }
 
-/// The noise of the encoders inside each move, and of the force if it takes part.
-fn encoder_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales, with_force: bool) -> Vec<EncoderNoise> {
-    let Some(encoders) = &prepared.encoders else { return Vec::new() };
-    let reading = (encoders.reading_variance() + FINEST_RAD * FINEST_RAD) * scales.stand_moves * scales.stand_moves;
-    let noise = |inside: InsideNoise| EncoderNoise {
-        reading,
-        walk: inside.walk,
-        start: inside.start,
-        force: with_force.then_some(inside.force),
-    };
-    inside_noise(prepared, model, scales).into_iter().map(noise).collect()
+/// Variance of one reading of the encoders in motion, rad^2; zero without any.
+fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
+    let variance = |encoders: &Encoders| encoders.reading_variance() + FINEST_RAD * FINEST_RAD;
+    prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
 impl Scales {
