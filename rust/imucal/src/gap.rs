@@ -17,6 +17,7 @@ mod generic;
 mod path;
 mod pattern;
 mod predict;
+mod projection;
 mod revise;
 mod score;
 mod smooth;

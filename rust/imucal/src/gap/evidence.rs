@@ -10,8 +10,10 @@
 //! noise, and not alike in all groups: s_g is what they scatter by under the model that is judged. Under a model that is
 //! complete in a simulation it is one, and the evidence is the Laplace approximation with the noise as it is.
 
+use std::ops::Range;
+
 use faer::Mat;
-use faer::linalg::solvers::Solve;
+use faer::linalg::solvers::{DenseSolveCore, Solve};
 
 /// `[J r]^T [J r]` of each group, and its number of residuals.
 pub(crate) struct Gram {
@@ -167,7 +169,7 @@ impl Gram {
             });
             let factor = normal.llt(faer::Side::Lower).ok()?;
             let delta = factor.solve(&right);
-            let inverse = factor.solve(Mat::<f64>::identity(n, n));
+            let inverse = factor.inverse();
             let mut settled = true;
             let mut chi2 = vec![0.0; parts.len()];
             for (g, part) in parts.iter().enumerate() {
@@ -227,6 +229,26 @@ impl Gram {
         let wanted = Mat::from_fn(n, own.len(), |i, k| f64::from(u8::from(i == own[k])));
         let solved = normal.llt(faer::Side::Lower).ok()?.solve(&wanted);
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
+    }
+
+    /// Sums over the groups, each over its scale: of the first `count` places with those at `columns`.
+    pub(crate) fn at_scales(
+        &self,
+        scales: &[f64],
+        place: impl Fn(usize) -> usize,
+        count: usize,
+        columns: Range<usize>,
+    ) -> Mat<f64> {
+        let mut all = Mat::<f64>::zeros(count, columns.len());
+        let places: Vec<usize> = (0..count).map(place).collect();
+        for (sum, scale) in self.sums.iter().zip(scales) {
+            for (c, column) in columns.clone().enumerate() {
+                let from = sum.col_as_slice(places[column]);
+                let to = all.col_as_slice_mut(c).iter_mut();
+                to.zip(&places).for_each(|(to, &place)| *to += from[place] / scale);
+            }
+        }
+        all
     }
 
     fn total(&self, place: usize) -> f64 {

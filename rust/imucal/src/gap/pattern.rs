@@ -7,6 +7,7 @@ use nalgebra::Vector3;
 use super::design::{Design, Generic};
 use super::evidence::Column;
 use super::path::Hunt;
+use super::projection::Projection;
 use super::score::contradiction_of_stand;
 use super::stage::{Beside, Member, Stage};
 use super::{Block, GenericFinding, Kernel, Scattering};
@@ -19,6 +20,8 @@ const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
 /// A generic hypothesis has to explain this much more than the path, and this much at all.
 const LEAD: f64 = 3.0;
 const LEAST: f64 = 8.0;
+/// With less than this at the scales of the model it comes nowhere near.
+const WORTH_ASKING: f64 = 2.0;
 /// With so much that it explains on top of the path, the path is not all.
 const NOT_ALL: f64 = 12.0;
 /// Share of what a path explains that large effects may leave, being more than a line.
@@ -37,18 +40,32 @@ pub(super) struct BestGeneric {
 
 /// The generic hypothesis with the largest evidence beside a model, of the blocks that are asked about.
 pub(super) fn best_generic(stage: &Stage, asked: impl Fn(Block) -> bool) -> Option<BestGeneric> {
-    let Design { model, generics, .. } = &stage.design;
+    let Design { gram, model, generics, .. } = &stage.design;
+    let projection = Projection::new(gram, model, &stage.evidence.scales)?;
     let mut best: Option<(f64, &Generic, Vec<f64>)> = None;
     for generic in generics.iter().filter(|generic| asked(generic.block)) {
-        for width in WIDTHS {
+        let with = |width: f64| {
             let precision = 1.0 / (width * generic.typical).powi(2);
             let own = generic.columns.clone().map(|place| Column { place, precision, value: 0.0 });
             let columns: Vec<Column> = model.iter().copied().chain(own).collect();
-            let Some(evidence) = generic.gram.evidence(&columns) else { continue };
-            let log_bayes_factor = evidence.log - stage.evidence.log;
-            if best.as_ref().is_none_or(|(most, ..)| log_bayes_factor > *most) {
-                best = Some((log_bayes_factor, generic, evidence.theta[model.len()..].to_vec()));
-            }
+            generic.gram.evidence(&columns)
+        };
+        let best_at = |projection: &Projection<'_>| {
+            projection.left(&generic.gram, &generic.columns, |_| generic.typical).best_width(&WIDTHS)
+        };
+        // What gains next to nothing at the scales of the model gains no more by narrowing them.
+        let Some((first, _)) = best_at(&projection).filter(|(_, gain)| *gain > WORTH_ASKING) else { continue };
+        let Some(mut evidence) = with(first) else { continue };
+        // What explains much narrows the scales, and is the larger for it.
+        let again = Projection::new(&generic.gram, model, &evidence.scales).as_ref().and_then(best_at);
+        if let Some((width, _)) = again.filter(|(width, _)| *width != first)
+            && let Some(other) = with(width).filter(|other| other.log > evidence.log)
+        {
+            evidence = other;
+        }
+        let log_bayes_factor = evidence.log - stage.evidence.log;
+        if best.as_ref().is_none_or(|(most, ..)| log_bayes_factor > *most) {
+            best = Some((log_bayes_factor, generic, evidence.theta[model.len()..].to_vec()));
         }
     }
     let (log_bayes_factor, generic, weights) = best?;

@@ -11,6 +11,7 @@ use super::design::{Candidate, Design};
 use super::detect::visible_noncentrality;
 use super::evidence::{Column, Gram};
 use super::predict::Gain;
+use super::projection::Projection;
 use super::stage::Stage;
 use super::{Score, Trace};
 use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
@@ -51,12 +52,22 @@ pub(super) struct Judgement {
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    let mut spectra = Vec::new();
-    for candidate in candidates {
-        // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
-        let spectrum = projected(gram, model, candidate, &vec![1.0; stage.evidence.scales.len()]);
-        spectra.push(spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>());
-    }
+    // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
+    let unwidened = vec![1.0; stage.evidence.scales.len()];
+    let left_at = |scales: &[f64], candidate: &Candidate| {
+        let projection = Projection::new(gram, model, scales)?;
+        Some(projection.left(gram, &candidate.columns, |k| candidate.typical[k]))
+    };
+    let (of_noise, widened) =
+        (Projection::new(gram, model, &unwidened), Projection::new(gram, model, &stage.evidence.scales));
+    let left = |projection: &Option<Projection<'_>>, candidate: &Candidate| {
+        projection.as_ref().map(|projection| projection.left(gram, &candidate.columns, |k| candidate.typical[k]))
+    };
+    let spectrum = |candidate: &Candidate| {
+        let all = left(&of_noise, candidate).map_or_else(Vec::new, |left| left.spectrum());
+        all.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>()
+    };
+    let spectra: Vec<Vec<f64>> = candidates.iter().map(spectrum).collect();
     let tests = {
         let mut seen: Vec<&str> =
             candidates.iter().zip(&spectra).filter(|(_, s)| !s.is_empty()).map(|(c, _)| c.name.as_str()).collect();
@@ -74,8 +85,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         }
         let dof = spectrum.len();
         let noncentrality = *noncentralities.entry(dof).or_insert_with(|| visible_noncentrality(dof, tests));
-        let widened: f64 = projected(gram, model, candidate, &stage.evidence.scales).iter().sum();
-        let size = (noncentrality / widened).sqrt() * candidate.typical[0];
+        let change = left(&widened, candidate).map_or(0.0, |left| left.trace());
+        let size = (noncentrality / change).sqrt() * candidate.typical[0];
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
             Some(entry) => entry.1 = entry.1.min(size),
             None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
@@ -84,11 +95,13 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
             let columns: Vec<Column> = model.iter().copied().chain(candidate.columns(width)).collect();
             gram.evidence(&columns)
         };
-        let best = WIDTHS
-            .iter()
-            .filter_map(|&width| Some((with(width)?.log - stage.evidence.log, width)))
-            .max_by(|a, b| a.0.total_cmp(&b.0));
-        let (Some((log_bayes_factor, width)), Some(free)) = (best, with(NO_PRIOR)) else { continue };
+        let Some(free) = with(NO_PRIOR) else { continue };
+        // The scales hardly depend on the width, and the best one not at all on what little they do.
+        let Some((width, _)) = left_at(&free.scales, candidate).and_then(|left| left.best_width(&WIDTHS)) else {
+            continue;
+        };
+        let Some(best) = with(width) else { continue };
+        let log_bayes_factor = best.log - stage.evidence.log;
         let statistic = (stage.evidence.deviance - free.deviance).max(0.0);
         let score = Score {
             name: candidate.name.clone(),
@@ -209,28 +222,6 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
     });
     let left: Vec<f64> = left.collect();
     Some((left, given))
-}
-
-/// What each direction of an effect's parameters, at typical size, moves chi2 by, after projection of the model.
-fn projected(gram: &Gram, model: &[Column], candidate: &Candidate, scales: &[f64]) -> Vec<f64> {
-    let sum = |i: usize, j: usize| gram.sums.iter().zip(scales).map(|(g, s)| g[(i, j)] / s).sum::<f64>();
-    let n = model.len();
-    let size: Vec<f64> = model.iter().map(|c| sum(c.place, c.place).sqrt().max(1e-300)).collect();
-    let normal = Mat::from_fn(n, n, |i, j| {
-        let jitter = if i == j { 1e-12 } else { 0.0 };
-        sum(model[i].place, model[j].place) / (size[i] * size[j]) + jitter
-    });
-    let p = candidate.typical.len();
-    let place = |k: usize| candidate.columns.start + k;
-    let cross = Mat::from_fn(n, p, |i, k| sum(model[i].place, place(k)) / size[i] * candidate.typical[k]);
-    let own = Mat::from_fn(p, p, |a, b| sum(place(a), place(b)) * candidate.typical[a] * candidate.typical[b]);
-    let Ok(factor) = normal.llt(faer::Side::Lower) else { return Vec::new() };
-    let left = own - cross.transpose() * factor.solve(&cross);
-    let symmetric = Mat::from_fn(p, p, |a, b| (left[(a, b)] + left[(b, a)]) / 2.0);
-    let Ok(eigen) = symmetric.self_adjoint_eigen(faer::Side::Lower) else { return Vec::new() };
-    // What is below the rounding of what was subtracted is nothing.
-    let rounding = 1e-9 * (0..p).map(|k| sum(place(k), place(k)) * candidate.typical[k].powi(2)).sum::<f64>();
-    (0..p).map(|k| eigen.S()[k]).map(|value| if value > rounding { value } else { 0.0 }).collect()
 }
 
 /// The residual of the rests, or against the stand, that scatters most beyond noise, if chance does not explain it. Moves are not
