@@ -14,6 +14,8 @@ mod design;
 mod detect;
 mod evidence;
 mod generic;
+mod known;
+mod moments;
 mod path;
 mod pattern;
 mod predict;

@@ -85,8 +85,16 @@ impl Ends {
 
 /// Two directions across this one.
 pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
-    let first = Vector3::ith(up.iamin(), 1.0).cross(up).normalize();
+    let first = Vector3::ith(axis_aside(up), 1.0).cross(up).normalize();
     [first, up.cross(&first)]
+}
+
+/// The axis that directions across this one are made with: one that is well aside, and stays the same for a direction that is close,
+/// where the smallest of three components may change between two that are both zero.
+pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
+    const ASIDE: f64 = 0.6;
+    // The smallest of three components of a unit vector is below 0.58.
+    up.iter().position(|component| component.abs() < ASIDE).unwrap_or(0)
 }
 
 /// The same as rows.

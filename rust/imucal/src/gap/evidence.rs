@@ -50,85 +50,29 @@ pub(crate) struct Evidence {
 /// Scales and parameters depend on each other; the last round is taken as it is.
 const SCALE_ROUNDS: usize = 20;
 
-/// Columns that stand beside many others, in groups of rows.
-pub(crate) struct Known {
-    groups: Vec<KnownGroup>,
-}
-
-struct KnownGroup {
-    group: usize,
-    rows: Vec<usize>,
-    /// Their part of the columns, the residual last.
-    columns: Mat<f64>,
-    /// `[J r]^T [J r]`.
-    sum: Mat<f64>,
-}
-
-impl Known {
-    pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
-        let count = group_of_row.iter().max().map_or(0, |last| last + 1);
-        let of_group = |group: usize| {
-            let rows: Vec<usize> = (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
-            let columns = part(columns, &rows);
-            let sum = columns.transpose() * &columns;
-            (!rows.is_empty()).then_some(KnownGroup { group, rows, columns, sum })
-        };
-        Self { groups: (0..count).filter_map(of_group).collect() }
-    }
-
-    /// The sums with more columns, which come before the residual.
-    pub(crate) fn with(&self, more: &Mat<f64>) -> Gram {
-        let (known, width) = (self.count(), more.ncols());
-        let joined = |KnownGroup { rows, columns, sum, .. }: &KnownGroup| {
-            let own = part(more, rows);
-            let (cross, own) = (columns.transpose() * &own, own.transpose() * &own);
-            // Places of the known columns, of the others, and of the residual.
-            let place = |i: usize| (i < known || i == known + width).then(|| i.min(known));
-            Mat::from_fn(known + width + 1, known + width + 1, |i, j| match (place(i), place(j)) {
-                (Some(i), Some(j)) => sum[(i, j)],
-                (Some(i), None) => cross[(i, j - known)],
-                (None, Some(j)) => cross[(j, i - known)],
-                (None, None) => own[(i - known, j - known)],
-            })
-        };
-        let sums = self.groups.iter().map(joined).collect();
-        self.gram(sums, known + width)
-    }
-
-    /// The sums of these columns alone.
-    pub(crate) fn alone(self) -> Gram {
-        self.gram(self.groups.iter().map(|known| known.sum.clone()).collect(), self.count())
-    }
-
-    /// How many columns there are beside the residual.
-    fn count(&self) -> usize {
-        self.groups.first().map_or(0, |known| known.sum.ncols().saturating_sub(1))
-    }
-
-    fn gram(&self, sums: Vec<Mat<f64>>, residual: usize) -> Gram {
-        Gram {
-            sums,
-            rows: self.groups.iter().map(|known| known.rows.len() as f64).collect(),
-            groups: self.groups.iter().map(|known| known.group).collect(),
-            residual,
-        }
-    }
-}
-
-/// Some rows of a matrix.
-fn part(columns: &Mat<f64>, rows: &[usize]) -> Mat<f64> {
-    let mut part = Mat::zeros(rows.len(), columns.ncols());
-    for j in 0..columns.ncols() {
-        let from = columns.col_as_slice(j);
-        part.col_as_slice_mut(j).iter_mut().zip(rows).for_each(|(to, &row)| *to = from[row]);
-    }
-    part
-}
-
 impl Gram {
     #[cfg(test)]
     pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
-        Known::new(columns, group_of_row).alone()
+        let last = columns.ncols() - 1;
+        super::known::Known::new(&columns.subcols(0, last).to_owned(), columns.col_as_slice(last), group_of_row).gram()
+    }
+
+    /// The same columns with another residual.
+    pub(crate) fn with_residual(&self, columns: &Mat<f64>, residual: &[f64], group_of_row: &[usize]) -> Self {
+        let mut sums = self.sums.clone();
+        let of_group = |wanted: usize| {
+            let own = residual.iter().zip(group_of_row);
+            own.map(|(value, group)| if *group == wanted { *value } else { 0.0 }).collect::<Vec<f64>>()
+        };
+        for (sum, &group) in sums.iter_mut().zip(&self.groups) {
+            let own = of_group(group);
+            for j in 0..columns.ncols() {
+                let product = dot(columns.col_as_slice(j), &own);
+                (sum[(j, self.residual)], sum[(self.residual, j)]) = (product, product);
+            }
+            sum[(self.residual, self.residual)] = dot(&own, &own);
+        }
+        Self { sums, rows: self.rows.clone(), groups: self.groups.clone(), residual: self.residual }
     }
 
     /// The evidence of a model with these columns; `None` where it is not determined.

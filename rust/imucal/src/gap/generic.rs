@@ -146,6 +146,7 @@ pub(crate) struct Moments {
 }
 
 /// A block that varies in a pattern.
+#[derive(Clone)]
 pub(crate) struct Hypothesis {
     pub(crate) block: Block,
     pub(crate) kernel: Kernel,
@@ -153,6 +154,7 @@ pub(crate) struct Hypothesis {
     gravity_mps2: f64,
 }
 
+#[derive(Clone)]
 enum Shape {
     /// With what the kernel knows of a moment; the spread of the temperatures sets its length.
     Varies(Smooth<Moment>, f64),
@@ -173,10 +175,15 @@ const LAG_S: f64 = 0.1;
 const MOST_WAVES: usize = 20;
 const MOST: usize = 12;
 
-/// All hypotheses that the recordings can tell of.
-pub(crate) fn hypotheses(moments: &Moments, inside: bool, gravity_mps2: f64) -> Vec<Hypothesis> {
+/// All hypotheses about the blocks that are asked about and that the recordings can tell of.
+pub(crate) fn hypotheses(
+    moments: &Moments,
+    inside: bool,
+    gravity_mps2: f64,
+    asked: impl Fn(Block) -> bool,
+) -> Vec<Hypothesis> {
     let pairs: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
-    let made = pairs.iter().filter_map(|&(block, kernel)| {
+    let made = pairs.iter().filter(|(block, _)| asked(*block)).filter_map(|&(block, kernel)| {
         let shape = shape(block, kernel, moments, gravity_mps2)?;
         Some(Hypothesis { block, kernel, shape, gravity_mps2 })
     });

@@ -1,6 +1,7 @@
 //! The forward path: score, add, refit; then leave out again what the others have made superfluous.
 
 use std::cell::RefCell;
+use std::rc::Rc;
 
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
@@ -55,13 +56,13 @@ pub fn linearise(
     user_fields: &[UserField<'_>],
 ) -> Result<Linearised, Error> {
     at_start(recordings, options, candidates, user_fields, |_, stage| {
-        let Design { columns, model, candidates, .. } = &stage.design;
+        let Design { rows, model, candidates, residual, .. } = &*stage.design;
+        let columns = &rows.columns;
         let take = |range: std::ops::Range<usize>| {
             (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
         };
-        let last = columns.ncols() - 1;
         Linearised {
-            residual: (0..columns.nrows()).map(|i| columns[(i, last)]).collect(),
+            residual: residual.clone(),
             base: take(0..model.len()),
             candidates: candidates.iter().map(|c| (c.name.clone(), take(c.columns.clone()))).collect(),
         }
@@ -114,6 +115,8 @@ pub(super) struct Hunt<'a> {
     pub(super) samples: Vec<usize>,
     /// Fits that have been made: several stages stand at the same model.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
+    /// The model without effects and all candidates beside it, once it is known.
+    pub(super) ground: RefCell<Option<Rc<Design>>>,
 }
 
 impl<'a> Hunt<'a> {
@@ -126,6 +129,7 @@ impl<'a> Hunt<'a> {
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
             fits: RefCell::new(Vec::new()),
+            ground: RefCell::new(None),
         }
     }
 
@@ -275,7 +279,9 @@ impl<'a> Hunt<'a> {
                 !blind
             });
         }
-        Ok((self.stage(prepared, triads, &open, &[], Beside::Candidates)?, open))
+        let stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
+        *self.ground.borrow_mut() = Some(Rc::clone(&stage.design));
+        Ok((stage, open))
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.

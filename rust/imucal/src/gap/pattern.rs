@@ -4,8 +4,10 @@ use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
 
-use super::design::{Design, Generic};
 use super::evidence::Column;
+use super::generic::Hypothesis;
+use super::known::{Known, Others};
+use super::moments::Setting;
 use super::path::Hunt;
 use super::projection::Projection;
 use super::score::contradiction_of_stand;
@@ -13,7 +15,7 @@ use super::stage::{Beside, Member, Stage};
 use super::{Block, GenericFinding, Kernel, Scattering};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
-use crate::joint::{Kinds, Prepared};
+use crate::joint::{Kinds, Prepared, Terms};
 
 /// Prior widths in units of the typical bias.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
@@ -38,40 +40,69 @@ pub(super) struct BestGeneric {
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// The generic hypothesis with the largest evidence beside a model, of the blocks that are asked about.
-pub(super) fn best_generic(stage: &Stage, asked: impl Fn(Block) -> bool) -> Option<BestGeneric> {
-    let Design { gram, model, generics, .. } = &stage.design;
-    let projection = Projection::new(gram, model, &stage.evidence.scales)?;
-    let mut best: Option<(f64, &Generic, Vec<f64>)> = None;
-    for generic in generics.iter().filter(|generic| asked(generic.block)) {
+/// The best hypothesis so far beside a model.
+struct Best<'a> {
+    stage: &'a Stage,
+    known: Known,
+    found: Option<(f64, Hypothesis, Vec<f64>)>,
+}
+
+impl<'a> Best<'a> {
+    fn new(stage: &'a Stage) -> Self {
+        Self { stage, known: stage.design.known(), found: None }
+    }
+
+    /// Takes a hypothesis with its columns if it explains more.
+    fn ask(&mut self, hypothesis: &Hypothesis, others: &Others, width: usize) {
+        let (model, before) = (&self.stage.design.model, &self.stage.evidence);
+        let (gram, typical) = (self.known.with(others), hypothesis.typical());
+        let own = model.len()..model.len() + width;
         let with = |width: f64| {
-            let precision = 1.0 / (width * generic.typical).powi(2);
-            let own = generic.columns.clone().map(|place| Column { place, precision, value: 0.0 });
-            let columns: Vec<Column> = model.iter().copied().chain(own).collect();
-            generic.gram.evidence(&columns)
+            let precision = 1.0 / (width * typical).powi(2);
+            let own = own.clone().map(|place| Column { place, precision, value: 0.0 });
+            gram.evidence(&model.iter().copied().chain(own).collect::<Vec<Column>>())
         };
-        let best_at = |projection: &Projection<'_>| {
-            projection.left(&generic.gram, &generic.columns, |_| generic.typical).best_width(&WIDTHS)
+        let best_width = |scales: &[f64]| {
+            let projection = Projection::new(&gram, model, scales)?;
+            projection.left(&gram, &own, |_| typical).best_width(&WIDTHS)
         };
         // What gains next to nothing at the scales of the model gains no more by narrowing them.
-        let Some((first, _)) = best_at(&projection).filter(|(_, gain)| *gain > WORTH_ASKING) else { continue };
-        let Some(mut evidence) = with(first) else { continue };
+        let Some((first, _)) = best_width(&before.scales).filter(|(_, gain)| *gain > WORTH_ASKING) else { return };
+        let Some(mut evidence) = with(first) else { return };
         // What explains much narrows the scales, and is the larger for it.
-        let again = Projection::new(&generic.gram, model, &evidence.scales).as_ref().and_then(best_at);
-        if let Some((width, _)) = again.filter(|(width, _)| *width != first)
-            && let Some(other) = with(width).filter(|other| other.log > evidence.log)
+        if let Some((again, _)) = best_width(&evidence.scales).filter(|(width, _)| *width != first)
+            && let Some(other) = with(again).filter(|other| other.log > evidence.log)
         {
             evidence = other;
         }
-        let log_bayes_factor = evidence.log - stage.evidence.log;
-        if best.as_ref().is_none_or(|(most, ..)| log_bayes_factor > *most) {
-            best = Some((log_bayes_factor, generic, evidence.theta[model.len()..].to_vec()));
+        let log_bayes_factor = evidence.log - before.log;
+        if self.found.as_ref().is_none_or(|(most, ..)| log_bayes_factor > *most) {
+            self.found = Some((log_bayes_factor, hypothesis.clone(), evidence.theta[model.len()..].to_vec()));
         }
     }
-    let (log_bayes_factor, generic, weights) = best?;
-    let sum = |columns: &[Vector3<f64>]| columns.iter().zip(&weights).map(|(column, weight)| column * *weight).sum();
-    let wrong = generic.shares.iter().map(|(place, columns)| (*place, sum(columns))).collect();
-    Some(BestGeneric { block: generic.block, kernel: generic.kernel, log_bayes_factor, wrong })
+
+    fn finish(self, setting: &Setting<'_>) -> Option<BestGeneric> {
+        let (log_bayes_factor, hypothesis, weights) = self.found?;
+        let sum = |columns: Vec<Vector3<f64>>| columns.iter().zip(&weights).map(|(c, weight)| c * *weight).sum();
+        let wrong = setting.shares(&hypothesis).into_iter().map(|(place, columns)| (place, sum(columns))).collect();
+        Some(BestGeneric { block: hypothesis.block, kernel: hypothesis.kernel, log_bayes_factor, wrong })
+    }
+}
+
+/// The generic hypotheses with the largest evidence beside each of the models, of the blocks that are asked about.
+fn best_generics<const N: usize>(
+    setting: &Setting<'_>,
+    stages: [&Stage; N],
+    asked: impl Fn(Block) -> bool,
+) -> [Option<BestGeneric>; N] {
+    let mut all = stages.map(Best::new);
+    for hypothesis in setting.hypotheses(asked) {
+        let columns = setting.columns(&hypothesis);
+        // Rows are in the same groups beside all of these.
+        let Some(others) = all.first().map(|best| best.known.others(&columns)) else { continue };
+        all.iter_mut().for_each(|best| best.ask(&hypothesis, &others, columns.ncols()));
+    }
+    all.map(|best| best.finish(setting))
 }
 
 /// Logarithms of Bayes factors on the same residuals.
@@ -158,7 +189,7 @@ impl Hunt<'_> {
         let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
         let seen: Vec<EffectChoice> =
             inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
-        let without = self.stage(prepared, triads, &[], &[], Beside::Generics)?;
+        let without = self.stage(prepared, triads, &[], &[], Beside::Nothing)?;
         // What the motion shows, rests and moves may show a little, or not at all.
         let with = [inertial, seen].into_iter().find_map(|choices| {
             let own = |m: &&Member| {
@@ -168,11 +199,26 @@ impl Hunt<'_> {
             if members.is_empty() {
                 return None;
             }
-            self.stage(prepared, triads, &choices, &members, Beside::Generics).ok()
+            self.stage(prepared, triads, &choices, &members, Beside::Nothing).ok()
         });
         let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
-        let best = |stage| best_generic(stage, &asked);
-        let on_top = with.as_ref().and_then(best);
-        Ok((Pattern { alone: best(&without), path, on_top }, with))
+        let none = Terms::try_new(&[], &[], &self.samples, self.kinds)?;
+        let setting = Setting::new(prepared, &none, &without.model)?;
+        let (alone, on_top) = match &with {
+            Some(with) if setting.has_axes(with.design.axes()) => {
+                let [alone, on_top] = best_generics(&setting, [&without, with], &asked);
+                (alone, on_top)
+            }
+            with => {
+                let [alone] = best_generics(&setting, [&without], &asked);
+                let beside = |with: &Stage| -> Result<Option<BestGeneric>, Error> {
+                    let setting = Setting::new(prepared, &none, &with.model)?;
+                    let [on_top] = best_generics(&setting, [with], &asked);
+                    Ok(on_top)
+                };
+                (alone, with.as_ref().map(beside).transpose()?.flatten())
+            }
+        };
+        Ok((Pattern { alone, path, on_top }, with))
     }
 }

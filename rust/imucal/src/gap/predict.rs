@@ -37,8 +37,9 @@ impl Gain {
 
 /// Residuals to be predicted.
 pub(crate) struct Held<'a> {
-    /// All columns of a design, the residual last.
+    /// All columns of a design, and the residual.
     pub(crate) columns: &'a Mat<f64>,
+    pub(crate) residual: &'a [f64],
     pub(crate) gram: &'a Gram,
     /// The group of each row, and the item, in order of time.
     pub(crate) groups: &'a [usize],
@@ -60,7 +61,6 @@ impl Held<'_> {
     /// Of each item that there is, as all folds but its own predict it.
     fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
-        let last = self.columns.ncols() - 1;
         let scale_of = |group: usize| {
             let place = self.gram.groups.iter().position(|g| *g == group).unwrap_or(0);
             scales[place]
@@ -75,8 +75,8 @@ impl Held<'_> {
             })
             .collect();
         let whole = Mat::from_fn(scale.len(), n + 1, |row, c| {
-            let (place, size) = if c < n { (columns[c].place, size[c]) } else { (last, 1.0) };
-            self.columns[(row, place)] / (size * scale[row].sqrt())
+            let value = if c < n { self.columns[(row, columns[c].place)] / size[c] } else { self.residual[row] };
+            value / scale[row].sqrt()
         });
         let items = self.items.iter().max().map_or(0, |last| last + 1);
         let rows_of = |fold: usize| -> Vec<usize> {
@@ -124,7 +124,8 @@ mod tests {
         let base = [Column { place: 0, precision: 0.0, value: 0.0 }];
         let more = [base[0], Column { place: 1, precision: 1e-4, value: 0.0 }];
         let scales = |model: &[Column]| gram.evidence(model).unwrap().scales;
-        let held = Held { columns: &columns, gram: &gram, groups: &groups, items: &items };
+        let residual = columns.col_as_slice(2);
+        let held = Held { columns: &columns, residual, gram: &gram, groups: &groups, items: &items };
         held.gain((&base, &scales(&base)), (&more, &scales(&more))).unwrap()
     }
 

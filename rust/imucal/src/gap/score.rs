@@ -50,7 +50,7 @@ pub(super) struct Judgement {
 
 /// Scores all candidates beside the model of a stage.
 pub(super) fn judge(stage: &Stage) -> Judgement {
-    let Design { gram, model, candidates, .. } = &stage.design;
+    let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
@@ -125,7 +125,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
 /// What a candidate gains on rests and moves held out; `None` where noise explains what it leaves, for its p-value is that of
 /// chance then.
 pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
-    let Design { gram, model, candidates, .. } = &stage.design;
+    let Design { gram, model, candidates, .. } = &*stage.design;
     let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
     let candidate = candidates.iter().find(same)?;
     let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
@@ -172,7 +172,7 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
         "stand_rest",
         "stand_move",
     ];
-    let Design { gram, model, candidates, .. } = &stage.design;
+    let Design { gram, model, candidates, .. } = &*stage.design;
     let mut traces: Vec<Trace> = Vec::new();
     for candidate in candidates {
         let Some((left, given)) = left_in_groups(gram, model, candidate) else { continue };

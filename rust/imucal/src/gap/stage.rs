@@ -1,5 +1,7 @@
 //! A model on the path: fitted, and linearised with what stands beside it.
 
+use std::rc::Rc;
+
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 
@@ -15,7 +17,7 @@ const SHAPE_WIDTH: f64 = 3.0;
 
 /// A model on the path.
 pub(super) struct Stage {
-    pub(super) design: Design,
+    pub(super) design: Rc<Design>,
     pub(super) evidence: Evidence,
     /// The fit.
     pub(super) model: Model,
@@ -52,7 +54,6 @@ pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Beside {
     Candidates,
-    Generics,
     Nothing,
 }
 
@@ -103,26 +104,12 @@ impl Hunt<'_> {
             }
         };
 
-        let rest: Vec<EffectChoice> =
-            open.iter().filter(|c| beside == Beside::Candidates && !is_member(c.effect.name)).copied().collect();
-        let (timed, plain): (Vec<_>, Vec<_>) = rest.into_iter().partition(|choice| choice.effect.shape.is_some());
-        let free = self.user_fields.iter().filter(|f| beside == Beside::Candidates && !is_member(f.name));
-        let all_fields: Vec<UserField<'_>> = fields.iter().chain(free).cloned().collect();
-        let choices: Vec<EffectChoice> = own.iter().chain(&plain).copied().collect();
-        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, self.kinds)?;
-        let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
-        for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
-            all.push_frozen(choice.effect, share * longest_s)?;
-        }
-        let mut values = vec![0.0; all.count];
-        for term in &terms.all {
-            if let Some(same) = all.all.iter().find(|other| other.name() == term.name()) {
-                let own = &model.values[term.first..term.first + term.count()];
-                values[same.first..same.first + same.count()].copy_from_slice(own);
-            }
-        }
-        let generics = beside == Beside::Generics;
-        let design = design(prepared, (&terms, &precisions), (&all, &values), &model, generics)?;
+        let ground = self.ground.borrow().clone().filter(|_| beside == Beside::Candidates);
+        let joined = ground.and_then(|ground| ground.joined(prepared, (&terms, &precisions), &model).transpose());
+        let design = match joined {
+            Some(joined) => joined?,
+            None => self.linearised(prepared, (&terms, &precisions), &model, open, beside)?,
+        };
         let evidence = design
             .gram
             .evidence(&design.model)
@@ -136,6 +123,40 @@ impl Hunt<'_> {
         let sensors = terms.all.iter().map(|term| term.sensor).collect();
         let place = |t: &Term<'_>| (t.name().to_owned(), BASE + t.first..BASE + t.first + t.count());
         let places = terms.all.iter().map(place).collect();
-        Ok(Stage { design, evidence, members, model, sensors, places })
+        Ok(Stage { design: Rc::new(design), evidence, members, model, sensors, places })
+    }
+
+    /// A model and what is beside it, linearised there.
+    fn linearised(
+        &self,
+        prepared: &Prepared<'_>,
+        (terms, precisions): (&Terms<'_>, &[f64]),
+        model: &Model,
+        open: &[EffectChoice],
+        beside: Beside,
+    ) -> Result<Design, Error> {
+        let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
+        let of_catalogue = |term: &Term<'_>| open.iter().find(|choice| choice.effect.name == term.name()).copied();
+        let own: Vec<EffectChoice> = terms.all.iter().filter_map(of_catalogue).collect();
+        let rest: Vec<EffectChoice> =
+            open.iter().filter(|c| beside == Beside::Candidates && !is_member(c.effect.name)).copied().collect();
+        let (timed, plain): (Vec<_>, Vec<_>) = rest.into_iter().partition(|choice| choice.effect.shape.is_some());
+        let fields = self.user_fields.iter().filter(|f| is_member(f.name));
+        let free = self.user_fields.iter().filter(|f| beside == Beside::Candidates && !is_member(f.name));
+        let all_fields: Vec<UserField<'_>> = fields.chain(free).cloned().collect();
+        let choices: Vec<EffectChoice> = own.iter().chain(&plain).copied().collect();
+        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, self.kinds)?;
+        let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
+        for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
+            all.push_frozen(choice.effect, share * longest_s)?;
+        }
+        let mut values = vec![0.0; all.count];
+        for term in &terms.all {
+            if let Some(same) = all.all.iter().find(|other| other.name() == term.name()) {
+                let own = &model.values[term.first..term.first + term.count()];
+                values[same.first..same.first + same.count()].copy_from_slice(own);
+            }
+        }
+        design(prepared, (terms, precisions), (&all, &values), model)
     }
 }

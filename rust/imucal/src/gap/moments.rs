@@ -1,0 +1,121 @@
+//! Where generic hypotheses are put: rests and moves of a linearisation, and the columns of a hypothesis there.
+
+use std::rc::Rc;
+
+use faer::Mat;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+
+use super::design::axes_of;
+use super::generic::{Block, Hypothesis, Moment, Moments, hypotheses};
+use crate::error::Error;
+use crate::joint::{Field, Joint, Linear, Model, Prepared, Terms, Way, ways};
+
+/// Of the blocks inside a move one in so many is enough for what changes slowly.
+const EVERY: usize = 5;
+
+/// A linearisation with the moments that kernels know of.
+pub(crate) struct Setting<'a> {
+    prepared: &'a Prepared<'a>,
+    problem: Joint<'a>,
+    linear: Rc<Linear>,
+    ways: Vec<Way>,
+    moments: Moments,
+}
+
+impl<'a> Setting<'a> {
+    /// `none` are no terms at all: what a model's effects change is nothing beside how coarse a pattern is.
+    pub(crate) fn new(prepared: &'a Prepared<'a>, none: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
+        let plain = Model { values: Vec::new(), stand: Vec::new(), ..model.clone() };
+        let linear = Rc::new(prepared.linearise(none, &plain.parameters())?);
+        let problem = Joint::of_noise(prepared, none, Rc::clone(&linear))?;
+        let ways = ways(prepared, &linear.model, if linear.sees_inside() { 1 } else { EVERY })?;
+        let moments = moments(prepared, &linear, &ways);
+        Ok(Self { prepared, problem, linear, ways, moments })
+    }
+
+    /// Hypotheses about the blocks that are asked about.
+    pub(crate) fn hypotheses(&self, asked: impl Fn(Block) -> bool) -> Vec<Hypothesis> {
+        hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
+    }
+
+    /// Whether its rows belong with those that have these axes.
+    pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
+        axes_of(&self.linear) == axes
+    }
+
+    /// Whitened columns of a hypothesis.
+    pub(crate) fn columns(&self, hypothesis: &Hypothesis) -> Mat<f64> {
+        let at = |moment: &Moment| hypothesis.columns(moment);
+        let mut rests = vec![Vec::new(); self.prepared.rests.len()];
+        for (k, moment) in &self.moments.rests {
+            rests[*k] = at(moment);
+        }
+        let width = self.moments.rests.first().map_or(0, |(k, _)| rests[*k].len());
+        let moves = self.moments.moves.iter().map(|way| way.iter().map(at).collect()).collect();
+        let field = Field { sensor: hypothesis.block.sensor(), width, rests, moves };
+        self.problem.by_field(&self.linear, &self.ways, &field)
+    }
+
+    /// Each rest, or the rest before each move, and what is wrong there for each column of a hypothesis.
+    pub(crate) fn shares(&self, hypothesis: &Hypothesis) -> Vec<(usize, Vec<Vector3<f64>>)> {
+        if hypothesis.is_of_moves() {
+            let middle = |(m, way): (usize, &Vec<Moment>)| {
+                Some((self.prepared.moves[m].from, hypothesis.shares(way.get(way.len() / 2)?)))
+            };
+            self.moments.moves.iter().enumerate().filter_map(middle).collect()
+        } else {
+            self.moments.rests.iter().map(|(k, moment)| (*k, hypothesis.shares(moment))).collect()
+        }
+    }
+}
+
+/// What the kernels need to know of the rests that take part and of the moves between them.
+fn moments(prepared: &Prepared<'_>, linear: &Linear, ways: &[Way]) -> Moments {
+    let mut attitude = UnitQuaternion::identity();
+    let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];
+    let mut moves = Vec::with_capacity(ways.len());
+    for ((m, at_move), way) in prepared.moves.iter().zip(linear.moves.iter()).zip(ways) {
+        let quaternion = |m: &_| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m));
+        let whole = quaternion(&at_move.pass.rotation);
+        let (start, turn) = (arrived[m.from].map_or(attitude, |(attitude, _)| attitude), whole.scaled_axis());
+        let recording = &prepared.recordings[m.recording];
+        let rate_and_time = |k: usize| (way.stretches[k].rate, way.stretches[k].time_s);
+        let moment = |k: usize| {
+            let stretch = &way.stretches[k];
+            let here = quaternion(&stretch.attitude);
+            let ((w0, t0), (w1, t1)) =
+                (rate_and_time(k.saturating_sub(1)), rate_and_time((k + 1).min(way.stretches.len() - 1)));
+            Moment {
+                recording: m.recording,
+                time_s: stretch.time_s,
+                up: here.inverse() * at_move.before.up,
+                ahead: (start * here).inverse() * Vector3::x(),
+                temperature_degc: recording.temperature_degc.map(|t| t[stretch.sample]),
+                turn,
+                rate: stretch.rate,
+                acceleration: if t1 > t0 { (w1 - w0) / (t1 - t0) } else { Vector3::zeros() },
+            }
+        };
+        moves.push((0..way.stretches.len()).map(moment).collect());
+        attitude = start * whole;
+        arrived[m.to] = Some((attitude, turn));
+    }
+    let at_rest = |k: usize, up: &Vector3<f64>| {
+        let rest = &prepared.rests[k];
+        let recording = &prepared.recordings[rest.recording];
+        let (attitude, turn) = arrived[k].unwrap_or((UnitQuaternion::identity(), Vector3::zeros()));
+        let range = rest.rest.first..rest.rest.end;
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        Moment {
+            recording: rest.recording,
+            time_s: f64::midpoint(rest.rest.start_s, rest.rest.end_s) - recording.time_s[0],
+            up: *up,
+            ahead: attitude.inverse() * Vector3::x(),
+            temperature_degc: recording.temperature_degc.map(|t| mean(&t[range])),
+            turn,
+            rate: Vector3::zeros(),
+            acceleration: Vector3::zeros(),
+        }
+    };
+    Moments { rests: linear.directions().map(|(k, up)| (k, at_rest(k, up))).collect(), moves }
+}
