@@ -12,6 +12,7 @@
 //! the result from the weights, so both are repeated until neither changes.
 
 mod attitude;
+mod corrected;
 mod encoders;
 mod fields;
 mod held_out;
@@ -21,6 +22,7 @@ mod misfit;
 mod model;
 mod outliers;
 mod pass;
+mod planes;
 mod prior;
 mod problem;
 mod report;

@@ -18,17 +18,16 @@
 
 use std::ops::Range;
 
-use imucal_core::effects::{Need, Sensor};
-use imucal_core::integrate::increment;
 use imucal_core::sensor::Triad;
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
-use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters, surroundings};
-use super::terms::{Sample, Terms};
+use super::corrected::Corrected;
+use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters};
+use super::planes::{Planes, Sum};
+use super::terms::Terms;
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
 use crate::carry::{Pace, Path, Sums};
-use crate::correct::{SLOPE_STEP_S, slopes};
 use crate::moves::Move;
 use crate::recording::Recording;
 
@@ -62,41 +61,23 @@ pub(crate) struct Block {
     pub(crate) jacobian: Vec<Vector3<f64>>,
 }
 
-/// Running sums of d_turn_d_p.
-#[derive(Clone)]
-struct TurnSums {
-    base: Sums,
-    effects: Vec<Vector3<f64>>,
-}
-
-impl TurnSums {
-    fn zero(count: usize) -> Self {
-        Self { base: Sums::zero(), effects: vec![Vector3::zeros(); count] }
-    }
-
-    fn add(&mut self, other: &Self) {
-        self.base.add(&other.base);
-        for (sum, term) in self.effects.iter_mut().zip(&other.effects) {
-            *sum += term;
+/// d_turn_d_p for every parameter: the base ones from sums, divided by `count`, and those of effects on the rate.
+fn turn(base: &Sums, count: f64, effects: Option<(&Sum, &Planes)>, model: &Model, total: usize) -> Vec<Vector3<f64>> {
+    let (inverse, sensitivity) = (model.gyroscope.inverse(), base.sensitivity());
+    let mut turn = vec![Vector3::zeros(); total];
+    for i in 0..3 {
+        let column = inverse.column(i) / -count;
+        turn[GYRO_BIAS.start + i] = base.bias * column;
+        for j in 0..3 {
+            turn[GYRO_SENSITIVITY.start + 3 * i + j] = sensitivity[j] * column;
         }
     }
-
-    /// d_turn_d_p for every parameter, divided by `count`.
-    fn turn(&self, model: &Model, terms: &Terms<'_>, count: f64) -> Vec<Vector3<f64>> {
-        let (inverse, sensitivity) = (model.gyroscope.inverse(), self.base.sensitivity());
-        let mut turn = vec![Vector3::zeros(); terms.total()];
-        for i in 0..3 {
-            let column = inverse.column(i) / -count;
-            turn[GYRO_BIAS.start + i] = self.base.bias * column;
-            for j in 0..3 {
-                turn[GYRO_SENSITIVITY.start + 3 * i + j] = sensitivity[j] * column;
-            }
+    if let Some((sum, on_rate)) = effects {
+        for (k, p) in on_rate.parameters().iter().enumerate() {
+            turn[BASE + p] = -sum.column(k);
         }
-        for (p, sum) in self.effects.iter().enumerate() {
-            turn[BASE + p] = sum / -count;
-        }
-        turn
     }
+    turn
 }
 
 /// Where a pass goes, and what it is to give.
@@ -108,145 +89,140 @@ pub(crate) struct Route<'a> {
     pub(crate) with_blocks: bool,
 }
 
+/// A pass on its way.
+struct Walk {
+    rotation: Matrix3<f64>,
+    /// Running sums of d_turn_d_p.
+    base: Sums,
+    effects: Sum,
+    /// What each sample's columns add to the sum at the end of a stretch, and to their mean over it.
+    weights: Vec<[Matrix3<f64>; 2]>,
+    blocks: Vec<Block>,
+    attitudes: Vec<Matrix3<f64>>,
+}
+
+/// Steps that are taken together where no blocks are wanted.
+const TOGETHER: usize = 64;
+
 /// A block in the making.
 struct Gathered {
-    first: usize,
-    samples: usize,
     force: Vector3<f64>,
-    by_parameters: nalgebra::SMatrix<f64, 3, 9>,
-    effects: Vec<Vector3<f64>>,
-    sums: TurnSums,
-    start_s: f64,
+    by_parameters: SMatrix<f64, 3, 9>,
+    /// Sum of the running sums after each step.
+    base: Sums,
 }
-
-impl Gathered {
-    fn new(count: usize, first: usize, start_s: f64) -> Self {
-        Self {
-            first,
-            samples: 0,
-            force: Vector3::zeros(),
-            by_parameters: nalgebra::SMatrix::zeros(),
-            effects: vec![Vector3::zeros(); count],
-            sums: TurnSums::zero(count),
-            start_s,
-        }
-    }
-
-    fn finish(&self, model: &Model, terms: &Terms<'_>, end_s: f64, move_start_s: f64) -> Block {
-        let count = self.samples as f64;
-        let force = self.force / count;
-        // Turning the start of the move by phi moves the force by phi x force.
-        let turn = self.sums.turn(model, terms, count);
-        let mut jacobian: Vec<Vector3<f64>> = turn.iter().map(|turn| turn.cross(&force)).collect();
-        for p in ACCEL {
-            jacobian[p] = self.by_parameters.column(p) / count;
-        }
-        for (p, column) in self.effects.iter().enumerate() {
-            if terms.sensors[p] == Sensor::Accelerometer {
-                jacobian[BASE + p] = column / -count;
-            }
-        }
-        Block {
-            time_s: (self.start_s + end_s) / 2.0 - move_start_s,
-            duration_s: end_s - self.start_s,
-            samples: self.first..self.first + self.samples,
-            turn,
-            force,
-            jacobian,
-        }
-    }
-}
-
-/// The samples of a move after correction, with one more on either side.
-struct Corrected {
-    rate: Vec<Vector3<f64>>,
-    /// Empty where neither blocks nor effects need it.
-    force: Vec<Vector3<f64>>,
-    seen_rate: Vec<Vector3<f64>>,
-    seen_force: Vec<Vector3<f64>>,
-    /// One after the other, as many for each sample as there are parameters of effects.
-    columns: Vec<Vector3<f64>>,
-}
-
-/// The place of a step among the samples that are corrected.
-#[derive(Clone, Copy)]
-struct Step {
-    /// The sample before it.
-    before: usize,
-    /// Whether samples further off are there and as far from each other: else the rate goes straight.
-    smooth: bool,
-}
-
-impl Step {
-    /// Mean over the step, `value(k)` being that of sample k.
-    #[inline(always)]
-    fn mean(self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
-        let k = self.before;
-        let inner = value(k) + value(k + 1);
-        if self.smooth { (inner * 13.0 - (value(k - 1) + value(k + 2))) / 24.0 } else { inner / 2.0 }
-    }
-}
-
-/// Where steps differ by more than this share, straight lines are safer.
-const UNEVEN: f64 = 0.01;
-/// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
-/// delay of the gyroscope over the time in which the rate changes, a fiftieth, and adds noise where the delay is long.
-const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
-        let (recording, span) = (self.recording, self.span);
+        let span = self.span;
         let (first, last) = (span.first, span.last);
         if terms.count == 0
             && !self.with_blocks
             && let Some((rotation, base)) = self.carried(&model.gyroscope)
         {
-            let sums = TurnSums { base, effects: Vec::new() };
-            return Pass { rotation, turn: sums.turn(model, terms, 1.0), blocks: Vec::new(), attitudes: Vec::new() };
+            let turn = turn(&base, 1.0, None, model, terms.total());
+            return Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
         }
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
         let corrected = self.correct(model, terms);
-        let mut rotation = Matrix3::identity();
-        let mut sums = TurnSums::zero(terms.count);
-        let mut blocks = Vec::new();
-        let block_samples = ((BLOCK_S * (last - first) as f64 / span.duration_s).round() as usize).max(1);
-        let start_s = recording.time_s[first];
-        let mut gathered = Gathered::new(terms.count, 1, start_s);
-        let mut attitudes = if self.with_blocks { vec![rotation] } else { Vec::new() };
-        for i in first..last {
-            let h = recording.time_s[i + 1] - recording.time_s[i];
+        let mut walk = Walk {
+            rotation: Matrix3::identity(),
+            base: Sums::zero(),
+            effects: Sum::zero(&corrected.on_rate),
+            weights: Vec::new(),
+            blocks: Vec::new(),
+            attitudes: if self.with_blocks { vec![Matrix3::identity()] } else { Vec::new() },
+        };
+        let of_block = ((BLOCK_S * (last - first) as f64 / span.duration_s).round() as usize).max(1);
+        let mut start = first;
+        while start < last {
+            let end = (start + if self.with_blocks { of_block } else { TOGETHER }).min(last);
+            // Steps that do not fill a block belong to none.
+            let is_block = self.with_blocks && end - start == of_block;
+            self.walk(start..end, &corrected, model, terms, is_block, &mut walk);
+            start = end;
+        }
+        let turn = turn(&walk.base, 1.0, Some((&walk.effects, &corrected.on_rate)), model, terms.total());
+        Pass { rotation: walk.rotation, turn, blocks: walk.blocks, attitudes: walk.attitudes }
+    }
+
+    /// Takes these steps, and makes a block of them if they are one.
+    fn walk(
+        &self,
+        steps: Range<usize>,
+        corrected: &Corrected,
+        model: &Model,
+        terms: &Terms<'_>,
+        is_block: bool,
+        walk: &mut Walk,
+    ) {
+        let (time, count) = (self.recording.time_s, steps.len());
+        let k_first = self.step(steps.start).before;
+        // From one sample before the first step to one after the last, where there are any.
+        let reached = k_first.saturating_sub(1)..(k_first + count + 2).min(corrected.rate.len());
+        walk.weights.clear();
+        walk.weights.resize(reached.len(), [Matrix3::zeros(); 2]);
+        let mut turned = Vec::with_capacity(count);
+        let mut gathered = Gathered { force: Vector3::zeros(), by_parameters: SMatrix::zeros(), base: Sums::zero() };
+        for (j, i) in steps.clone().enumerate() {
+            let h = time[i + 1] - time[i];
             let step = self.step(i);
             let (k0, k1) = (step.before, step.before + 1);
             let (w0, w1) = (corrected.rate[k0], corrected.rate[k1]);
             let turn = step.mean(|k| corrected.rate[k]) * h;
             let seen = step.mean(|k| corrected.seen_rate[k]) * h;
-            let a = sums.base.step(&mut rotation, h, [&w0, &w1], &turn, &seen);
-            let coning = h * h / 12.0;
-            for (p, sum) in sums.effects.iter_mut().enumerate() {
-                if terms.sensors[p] == Sensor::Gyroscope {
-                    let column = |k: usize| corrected.columns[k * terms.count + p];
-                    *sum += a * (step.mean(column) * h + (w0.cross(&column(k1)) - w1.cross(&column(k0))) * coning);
-                }
-            }
+            let a = walk.base.step(&mut walk.rotation, h, [&w0, &w1], &turn, &seen);
+            // A mean over the block has this share of what the step adds.
+            let share = (count - j) as f64 / count as f64;
+            step.weigh(&a, h, [&w0, &w1], |k, weight| {
+                let [end, mean] = &mut walk.weights[k - reached.start];
+                *end += weight;
+                *mean += weight * share;
+            });
             if self.with_blocks {
-                attitudes.push(rotation);
-                let seen = force_by_parameters(&model.accelerometer, &corrected.seen_force[k1]);
-                gathered.samples += 1;
-                gathered.force += rotation * corrected.force[k1];
-                gathered.by_parameters += rotation * seen;
-                let columns = &corrected.columns[k1 * terms.count..(k1 + 1) * terms.count];
-                for (sum, column) in gathered.effects.iter_mut().zip(columns) {
-                    *sum += rotation * column;
-                }
-                gathered.sums.add(&sums);
-                if gathered.samples == block_samples {
-                    blocks.push(gathered.finish(model, terms, recording.time_s[i + 1], start_s));
-                    gathered = Gathered::new(terms.count, i + 2 - first, recording.time_s[i + 1]);
-                }
+                walk.attitudes.push(walk.rotation);
+            }
+            if is_block {
+                gathered.force += walk.rotation * corrected.force[k1];
+                gathered.by_parameters +=
+                    walk.rotation * force_by_parameters(&model.accelerometer, &corrected.seen_force[k1]);
+                gathered.base.add(&walk.base);
+                turned.push([walk.rotation]);
             }
         }
-        Pass { rotation, turn: sums.turn(model, terms, 1.0), blocks, attitudes }
+        if !is_block {
+            let weights: Vec<[Matrix3<f64>; 1]> = walk.weights.iter().map(|[end, _]| [*end]).collect();
+            let [end] = corrected.on_rate.weighted(reached.start, &weights);
+            walk.effects.add(&end);
+            return;
+        }
+        let [end, mean] = corrected.on_rate.weighted(reached.start, &walk.weights);
+        let mut mean_turn = walk.effects.clone();
+        mean_turn.add(&mean);
+        walk.effects.add(&end);
+        let [on_force] = corrected.on_force.weighted(k_first + 1, &turned);
+
+        let n = count as f64;
+        let force = gathered.force / n;
+        let turn = turn(&gathered.base, n, Some((&mean_turn, &corrected.on_rate)), model, terms.total());
+        // Turning the start of the move by phi moves the force by phi x force.
+        let mut jacobian: Vec<Vector3<f64>> = turn.iter().map(|turn| turn.cross(&force)).collect();
+        for p in ACCEL {
+            jacobian[p] = gathered.by_parameters.column(p) / n;
+        }
+        for (k, p) in corrected.on_force.parameters().iter().enumerate() {
+            jacobian[BASE + p] = on_force.column(k) / -n;
+        }
+        let first = self.span.first;
+        walk.blocks.push(Block {
+            time_s: f64::midpoint(time[steps.start], time[steps.end]) - time[first],
+            duration_s: time[steps.end] - time[steps.start],
+            samples: steps.start + 1 - first..steps.end + 1 - first,
+            turn,
+            force,
+            jacobian,
+        });
     }
 
     /// Rotation and sums without effects, as the kernel takes them; `None` where steps differ.
@@ -267,74 +243,5 @@ impl Route<'_> {
             rotation *= turn;
         }
         Some((rotation, sums))
-    }
-
-    /// The samples that are corrected: those of the move, and one on either side where there is one.
-    fn reach(&self) -> Range<usize> {
-        self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
-    }
-
-    /// The step after sample `i`.
-    fn step(&self, i: usize) -> Step {
-        let reach = self.reach();
-        let time = &self.recording.time_s;
-        let before = i - reach.start;
-        if i == 0 || i + 2 >= reach.end {
-            return Step { before, smooth: false };
-        }
-        let h = time[i + 1] - time[i];
-        let even = |step: f64| (step - h).abs() <= UNEVEN * h;
-        Step { before, smooth: even(time[i] - time[i - 1]) && even(time[i + 2] - time[i + 1]) }
-    }
-
-    /// The samples of the reach, freed of the effects.
-    fn correct(&self, model: &Model, terms: &Terms<'_>) -> Corrected {
-        let reach = self.reach();
-        let corrected = |triad: &Triad<f64>, rows: &[[f64; 3]]| -> Vec<Vector3<f64>> {
-            rows.iter().map(|row| triad.correct(Vector3::from(*row))).collect()
-        };
-        let seen_rate = corrected(&model.gyroscope, &self.recording.angular_rate[reach.clone()]);
-        let is_force_needed = self.with_blocks || terms.count > 0;
-        let forces = if is_force_needed { &self.recording.specific_force[reach.clone()] } else { &[] };
-        let seen_force = corrected(&model.accelerometer, forces);
-        let mut all = Corrected {
-            rate: seen_rate.clone(),
-            force: seen_force.clone(),
-            seen_rate,
-            seen_force,
-            columns: vec![Vector3::zeros(); reach.len() * terms.count],
-        };
-        if terms.count == 0 {
-            return all;
-        }
-        let passes = if terms.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
-        for _ in 0..passes {
-            let slopes = if passes > 1 {
-                slopes(&self.recording.time_s[reach.clone()], &all.rate, SLOPE_STEP_S)
-            } else {
-                vec![]
-            };
-            self.correct_once(&mut all, &slopes, model, terms);
-        }
-        all
-    }
-
-    fn correct_once(&self, all: &mut Corrected, slopes: &[Vector3<f64>], model: &Model, terms: &Terms<'_>) {
-        let mut attitude = self.rotation_world_from_start;
-        for (k, index) in self.reach().enumerate() {
-            let mut around = surroundings(self.recording, index);
-            around.angular_acceleration = slopes.get(k).copied();
-            if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
-                let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
-                // Without its own rate yet, the sample takes the seen one less what the effects were just before.
-                let rate = all.seen_rate[k] - (all.seen_rate[k - 1] - all.rate[k - 1]);
-                *attitude *= UnitQuaternion::from_scaled_axis(increment(&all.rate[k - 1], &rate, h));
-            }
-            around.rotation_world_from_body = attitude;
-            let sample = Sample { recording: self.span.recording, index };
-            let columns = &mut all.columns[k * terms.count..(k + 1) * terms.count];
-            let (seen_rate, seen_force) = (all.seen_rate[k], all.seen_force[k]);
-            (all.rate[k], all.force[k]) = terms.remove(&model.values, seen_rate, seen_force, &around, sample, columns);
-        }
     }
 }

@@ -261,8 +261,15 @@ impl<'a> Terms<'a> {
         BASE + self.count + if self.kinds.encoders { STAND_PARAMETERS } else { 0 }
     }
 
-    /// True rate and force of what the sensors see, and the columns at that state.
-    pub(crate) fn remove(
+    /// Those of these parameters that add anything at these values.
+    pub(crate) fn active(&self, values: &[f64]) -> Self {
+        let is_active =
+            |term: &&Term<'_>| values[term.first..term.first + term.linear].iter().any(|value| *value != 0.0);
+        Self { all: self.all.iter().filter(is_active).cloned().collect(), ..self.clone() }
+    }
+
+    /// The true state behind what the sensors see.
+    pub(crate) fn settle(
         &self,
         values: &[f64],
         seen_rate: Vector3<f64>,
@@ -270,8 +277,11 @@ impl<'a> Terms<'a> {
         surroundings: &Surroundings<f64>,
         sample: Sample,
         columns: &mut [Vector3<f64>],
-    ) -> (Vector3<f64>, Vector3<f64>) {
+    ) -> State<f64> {
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
+        if self.all.is_empty() {
+            return state;
+        }
         for _ in 0..MOST_PASSES {
             self.columns_at(values, &state, sample, columns);
             let (on_rate, on_force) = self.sums(values, columns);
@@ -282,7 +292,7 @@ impl<'a> Terms<'a> {
                 break;
             }
         }
-        (state.angular_rate, state.specific_force)
+        state
     }
 
     /// Mean columns over a rest, where the rate is zero and the force does not change, and that force.
