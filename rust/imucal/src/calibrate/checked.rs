@@ -26,6 +26,8 @@ pub struct Checked {
     gyroscope: Gyroscope,
     /// Where the joint fit without effects has ended, and what it is made of.
     plain: OnceLock<([Triad<f64>; 2], Selection)>,
+    /// Set once a search finds that a hand carried the unit, whatever effects may explain; fewer effects explain no more.
+    pub(crate) carried: OnceLock<()>,
 }
 
 impl Checked {
@@ -39,7 +41,7 @@ impl Checked {
         if options.is_joint() {
             data.free_of_tremor(&accelerometer.triad, &gyroscope.fit.triad);
         }
-        Ok(Self { data: data.of(&[]), accelerometer, moves, unusable, gyroscope, plain: OnceLock::new() })
+        Ok(Self { data: data.of(&[]), accelerometer, moves, unusable, gyroscope, plain: OnceLock::new(), carried: OnceLock::new() })
     }
 
     /// As [`calibrate`](super::calibrate()).

@@ -40,9 +40,14 @@ pub fn search(
 ) -> Result<Search, Error> {
     let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
-    checked.prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
+    hunt.is_carried = checked.carried.get().is_some();
+    let found = checked.prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
         hunt.run(prepared, [accelerometer, gyroscope], open)
-    })
+    });
+    if hunt.is_carried {
+        checked.carried.get_or_init(|| ());
+    }
+    found
 }
 
 /// The whitened residuals of the model without effects, and what they depend on: for other ways to choose effects.
@@ -109,6 +114,8 @@ fn at_start<T>(
 /// What stays the same through a search.
 pub(super) struct Hunt<'a> {
     pub(super) kinds: Kinds,
+    /// Whether a hand carried the unit, as far as is known.
+    is_carried: bool,
     /// Effects that cannot be seen, and what they need.
     left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
@@ -125,6 +132,7 @@ impl<'a> Hunt<'a> {
             && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
         Self {
             kinds: Kinds { in_motion: true, encoders },
+            is_carried: false,
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
@@ -266,7 +274,8 @@ impl<'a> Hunt<'a> {
         triads: [&Triad<f64>; 2],
         mut open: Vec<EffectChoice>,
     ) -> Result<(Stage, Vec<EffectChoice>), Error> {
-        if self.is_carried(prepared, triads, &open)? {
+        if self.is_carried || self.looks_carried(prepared, triads, &open)? {
+            self.is_carried = true;
             self.kinds.in_motion = false;
             open.retain(|choice| {
                 let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
@@ -285,7 +294,7 @@ impl<'a> Hunt<'a> {
     }
 
     /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.
-    fn is_carried(
+    fn looks_carried(
         &self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],

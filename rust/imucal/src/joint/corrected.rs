@@ -99,7 +99,7 @@ impl Route<'_> {
         let is_force_needed = self.with_blocks || terms.count > 0;
         let forces = if is_force_needed { &self.recording.specific_force[reach.clone()] } else { &[] };
         let seen_force = corrected(&model.accelerometer, forces);
-        let planes = |sensor: Sensor| Planes::zero(&terms.sensors, sensor, reach.len());
+        let planes = |sensor: Sensor| Planes::new(&terms.sensors, sensor, reach.len());
         let mut all = Corrected {
             rate: seen_rate.clone(),
             force: seen_force.clone(),
@@ -148,8 +148,8 @@ impl Route<'_> {
             (all.rate[k], all.force[k]) = (state.angular_rate, state.specific_force);
             if with_columns {
                 terms.columns_at(&model.values, &state, sample, &mut columns);
-                all.on_rate.set(k, &columns);
-                all.on_force.set(k, &columns);
+                all.on_rate.push(&columns);
+                all.on_force.push(&columns);
             }
         }
     }

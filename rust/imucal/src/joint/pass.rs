@@ -173,13 +173,17 @@ impl Route<'_> {
             let turn = step.mean(|k| corrected.rate[k]) * h;
             let seen = step.mean(|k| corrected.seen_rate[k]) * h;
             let a = walk.base.step(&mut walk.rotation, h, [&w0, &w1], &turn, &seen);
-            // A mean over the block has this share of what the step adds.
-            let share = (count - j) as f64 / count as f64;
-            step.weigh(&a, h, [&w0, &w1], |k, weight| {
-                let [end, mean] = &mut walk.weights[k - reached.start];
-                *end += weight;
-                *mean += weight * share;
-            });
+            if !corrected.on_rate.parameters().is_empty() {
+                // A mean over the block has this share of what the step adds.
+                let share = (count - j) as f64 / count as f64;
+                step.weigh(&a, h, [&w0, &w1], |k, weight| {
+                    let [end, mean] = &mut walk.weights[k - reached.start];
+                    *end += weight;
+                    if is_block {
+                        *mean += weight * share;
+                    }
+                });
+            }
             if self.with_blocks {
                 walk.attitudes.push(walk.rotation);
             }

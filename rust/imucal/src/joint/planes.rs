@@ -3,6 +3,8 @@
 //! A sample has three planes, x, y and z, of one number for each parameter, so that as many parameters as a register has lanes take
 //! part in each multiplication.
 
+use std::ops::Range;
+
 use imucal_core::effects::Sensor;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
@@ -14,18 +16,20 @@ const MOST_LANES: usize = 8;
 pub(super) struct Planes {
     /// Places of the parameters among those of all terms.
     parameters: Vec<usize>,
+    /// The same, as many together as stand side by side.
+    runs: Vec<Range<usize>>,
     /// Length of a plane: full registers.
     width: usize,
     numbers: Vec<f64>,
 }
 
 impl Planes {
-    /// Nothing yet, for so many samples; `sensors` has the sensor of each parameter.
-    pub(super) fn zero(sensors: &[Sensor], own: Sensor, samples: usize) -> Self {
+    /// No sample yet, with room for so many; `sensors` has the sensor of each parameter.
+    pub(super) fn new(sensors: &[Sensor], own: Sensor, samples: usize) -> Self {
         let parameters: Vec<usize> = (0..sensors.len()).filter(|&p| sensors[p] == own).collect();
         let width = parameters.len().next_multiple_of(MOST_LANES);
-        let numbers = vec![0.0; samples * 3 * width];
-        Self { parameters, width, numbers }
+        let runs = parameters.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[0] + run.len()).collect();
+        Self { parameters, runs, width, numbers: Vec::with_capacity(samples * 3 * width) }
     }
 
     /// Places of the parameters among those of all terms.
@@ -33,13 +37,13 @@ impl Planes {
         &self.parameters
     }
 
-    /// Takes the columns of all terms at a sample.
-    pub(super) fn set(&mut self, sample: usize, columns: &[Vector3<f64>]) {
-        let (start, width) = (sample * 3 * self.width, self.width);
-        let (x, yz) = self.numbers[start..start + 3 * width].split_at_mut(width);
-        let (y, z) = yz.split_at_mut(width);
-        for (((p, x), y), z) in self.parameters.iter().zip(x).zip(y).zip(z) {
-            (*x, *y, *z) = (columns[*p].x, columns[*p].y, columns[*p].z);
+    /// Takes the columns of all terms at the next sample.
+    pub(super) fn push(&mut self, columns: &[Vector3<f64>]) {
+        for axis in 0..3 {
+            for run in &self.runs {
+                self.numbers.extend(columns[run.clone()].iter().map(|column| column[axis]));
+            }
+            self.numbers.extend(std::iter::repeat_n(0.0, self.width - self.parameters.len()));
         }
     }
 
@@ -126,9 +130,9 @@ mod tests {
         let sensors: Vec<Sensor> =
             (0..21).map(|p| if p % 3 == 1 { Sensor::Accelerometer } else { Sensor::Gyroscope }).collect();
         let column = |k: usize, p: usize| Vector3::new((k + p) as f64, (k * p) as f64, 1.0 / (1 + k + p) as f64);
-        let mut planes = Planes::zero(&sensors, Sensor::Gyroscope, 7);
+        let mut planes = Planes::new(&sensors, Sensor::Gyroscope, 7);
         for k in 0..7 {
-            planes.set(k, &(0..sensors.len()).map(|p| column(k, p)).collect::<Vec<_>>());
+            planes.push(&(0..sensors.len()).map(|p| column(k, p)).collect::<Vec<_>>());
         }
         let weight = |k: usize, m: usize| Matrix3::from_fn(|r, c| ((k + 3 * r) as f64 - (m * c) as f64).sin());
         let weights: Vec<[Matrix3<f64>; 2]> = (2..6).map(|k| [weight(k, 1), weight(k, 2)]).collect();

@@ -246,8 +246,13 @@ impl<'a> Terms<'a> {
     /// What the terms of a sensor together add.
     #[inline]
     pub(super) fn sum_of(&self, sensor: Sensor, values: &[f64], columns: &[Vector3<f64>]) -> Vector3<f64> {
-        let own = self.all.iter().filter(|term| term.sensor == sensor).map(|term| term.first..term.first + term.linear);
-        own.flatten().map(|p| columns[p] * values[p]).sum()
+        let mut sum = Vector3::zeros();
+        for term in self.all.iter().filter(|term| term.sensor == sensor) {
+            for p in term.first..term.first + term.linear {
+                sum += columns[p] * values[p];
+            }
+        }
+        sum
     }
 
     /// What all terms together add to the rate and to the force.
