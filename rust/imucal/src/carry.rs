@@ -125,7 +125,7 @@ impl Sums {
 
 /// `m [v]x`.
 #[inline(always)]
-fn times_hat(m: &Matrix3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
+pub(crate) fn times_hat(m: &Matrix3<f64>, v: &Vector3<f64>) -> Matrix3<f64> {
     let (x, y, z) = (m.column(0), m.column(1), m.column(2));
     Matrix3::from_columns(&[y * v.z - z * v.y, z * v.x - x * v.z, x * v.y - y * v.x])
 }

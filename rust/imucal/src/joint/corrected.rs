@@ -11,6 +11,7 @@ use super::model::{Model, surroundings};
 use super::pass::Route;
 use super::planes::Planes;
 use super::terms::{Sample, Terms};
+use crate::carry::times_hat;
 use crate::correct::{SLOPE_STEP_S, slopes};
 
 /// The samples of a move after correction, with one more on either side.
@@ -55,11 +56,12 @@ impl Step {
         let k = self.before;
         let (mean, coning) = (a * h, a * (h * h / 12.0));
         let inner = if self.smooth { mean * (13.0 / 24.0) } else { mean * 0.5 };
-        add(k, inner - coning * w1.cross_matrix());
-        add(k + 1, inner + coning * w0.cross_matrix());
+        add(k, inner - times_hat(&coning, w1));
+        add(k + 1, inner + times_hat(&coning, w0));
         if self.smooth {
-            add(k - 1, mean / -24.0);
-            add(k + 2, mean / -24.0);
+            let outer = mean * (-1.0 / 24.0);
+            add(k - 1, outer);
+            add(k + 2, outer);
         }
     }
 }
