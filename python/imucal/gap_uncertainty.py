@@ -85,16 +85,17 @@ def slopes(calibration: Calibration, recording: Recording, known: Known) -> Floa
     for slope, name, step in zip(changed, known.names, known.sigma, strict=True):
         for entry in _entries(name, known.names):
             if entry in of:
-                axes, column = of[entry]
-                slope[:, axes] += step * column
+                axes, derivative = of[entry]
+                slope[:, axes] += step * derivative
     return changed
 
 
 def _entries(name: str, names: Sequence[str]) -> Iterator[str]:
     """The places that a parameter stands in: two where the matrix is symmetric."""
     yield name
-    mirrored = name[:-2] + name[:-3:-1]
-    if "_sensitivity_" in name and name[-1] != name[-2] and mirrored not in names:
+    of_triad = name.startswith(("accel_sensitivity_", "gyro_sensitivity_"))
+    mirrored = name[:-2] + name[-1] + name[-2]
+    if of_triad and mirrored != name and mirrored not in names:
         yield mirrored
 
 
