@@ -103,6 +103,21 @@ def test_nothing_stands_out_where_nothing_is_hidden():
     assert gap.corrected_error is None
 
 
+def worth(name, values, figure, seed, simulate=simulated):
+    """What is claimed of a corrected control run, and by which factor its true error shrinks."""
+    run = simulate(2 * seed, effects={name: values}).recording
+    control = simulate(2 * seed + 1, effects={name: values})
+    gap = imucal.find_gap(run, control=control.recording)
+    assert [effect["name"] for effect in gap.effects] == [name]
+    before, after = (
+        slow_errors(calibration.apply_recording(control.recording), control.truth)[figure]
+        for calibration in (gap.fits["before"].calibration, gap.calibration)
+    )
+    claimed = gap.corrected_error[figure]
+    assert claimed["factor"] == pytest.approx(claimed["before"] / claimed["after"])
+    return claimed, before / after
+
+
 @pytest.mark.parametrize(
     ("name", "figure"),
     [
@@ -113,16 +128,38 @@ def test_nothing_stands_out_where_nothing_is_hidden():
 )
 def test_the_error_of_corrected_signals_shrinks_as_claimed(name, figure):
     for seed in (1, 2, 3):
-        run = simulated(2 * seed, effects={name: "typical"}).recording
-        control = simulated(2 * seed + 1, effects={name: "typical"})
-        gap = imucal.find_gap(run, control=control.recording)
-        claimed = gap.corrected_error[figure]
-        before, after = (
-            slow_errors(calibration.apply_recording(control.recording), control.truth)[figure]
-            for calibration in (gap.fits["before"].calibration, gap.calibration)
-        )
-        assert before / after > 1.5
-        assert claimed["before"] / claimed["after"] == pytest.approx(before / after, rel=0.1)
+        claimed, true = worth(name, "typical", figure, seed)
+        assert true > 1.5
+        assert claimed["factor"] == pytest.approx(true, rel=0.1)
+
+
+def with_encoders(seed, **arguments):
+    return imucal.simulate("random", seed=seed, rate_hz=RATE_HZ, **arguments)
+
+
+# Fifteen numbers of which the recording hardly shows some, a fifth of what is typical.
+FAINT = (2.2e-5 * np.array([1, -1, 1, 1, -1, -1, 1, 1, -1, -1, -1, 1, 1, -1, 1])).tolist()
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "simulate", "seeds", "width"),
+    [
+        # Noise of the control run over 1 s, and of its estimate, leave 4 % to chance.
+        ("accel_scale_quadratic", "typical", simulated, range(1, 9), 1.2),
+        # Here what is left after it is half noise, half errors of a few parameters: 15 %.
+        ("accel_cross_axis_quadratic", FAINT, with_encoders, range(1, 9), 2.0),
+    ],
+)
+def test_where_chance_decides_the_claim_is_right_on_average_and_its_interval_holds(
+    name, values, simulate, seeds, width
+):
+    found = [worth(name, values, "specific_force_rms_mps2", seed, simulate) for seed in seeds]
+    ratios = [claimed["factor"] / true for claimed, true in found]
+    assert np.exp(np.mean(np.log(ratios))) == pytest.approx(1.0, abs=0.1)
+    held = [claimed["factor_low"] <= true <= claimed["factor_high"] for claimed, true in found]
+    # Of eight intervals of 95 % three fail once in two hundred times.
+    assert sum(held) >= len(held) - 2
+    assert np.median([claimed["factor_high"] / claimed["factor_low"] for claimed, _ in found]) < width
 
 
 def test_the_improved_calibration_is_what_apply_uses(command, tmp_path):

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 import imucal
-from gap.scene import Scene, cycle, record
+from gap.scene import Scene, cycle, record, simulated
 
 BENCHMARK_SEED: Final = 20240
 
@@ -60,6 +60,13 @@ class Sealed:
             )
         return record(scene, seed, program, name="advised")
 
+    def truth(self, said: object, seed: int) -> imucal.Truth:
+        """What the unit underwent in the run of this seed."""
+        if said is None:
+            raise ValueError("the truth is sealed until the tool has answered")
+        truth: imucal.Truth = simulated(self.__scene, seed).truth
+        return truth
+
 
 @dataclass(frozen=True)
 class Case:
@@ -88,6 +95,10 @@ class Case:
         return seed_of(self.group, self.label, self.level, self.index)
 
     @property
+    def control_seed(self) -> int:
+        return self.seed + 1
+
+    @property
     def key(self) -> tuple[str, str, str, str, int]:
         """What tells it from all others."""
         return self.group, self.label, self.level, self.kind, self.index
@@ -100,7 +111,7 @@ class Case:
     def pose(self) -> tuple[imucal.Recording, imucal.Recording, Sealed]:
         """The recording, the control recording, and the sealed answer."""
         measured = record(self.scene, self.seed)
-        control = record(self.scene, self.seed + 1, name="control")
+        control = record(self.scene, self.control_seed, name="control")
         return measured, control, Sealed(self.answer, self.scene)
 
 

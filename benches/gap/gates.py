@@ -7,6 +7,7 @@ import numpy as np
 from gap.judge import INTERVAL_95, Mark
 from gap.rates import Rate
 from gap.sizes import SIZES, typical
+from gap.worth import is_held, is_near, judged
 from gate import Gate
 
 
@@ -35,7 +36,7 @@ def gates(marks: Sequence[Mark]) -> list[Gate]:
         _least("aliases: as the data allow", 0.95, verdicts(marks, "alias")),
         _least("solved by the advised motion", 0.95, [m.solved_by_advice for m in marks]),
     ]
-    return [*found, *_closed(marks), _coverage(marks)]
+    return [*found, *_closed(marks), _coverage(marks), *_worth(marks)]
 
 
 def usual(marks: Sequence[Mark]) -> list[bool | None]:
@@ -91,3 +92,19 @@ def _coverage(marks: Sequence[Mark]) -> Gate:
     rate = Rate.count(bool(abs(score) <= INTERVAL_95) for score in scores(marks))
     met = bool(rate.of) and 0.92 <= rate.value <= 0.98
     return Gate("95 % intervals of named effects hold the truth", "92 to 98 %", str(rate), met, rate.of)
+
+
+def _worth(marks: Sequence[Mark]) -> list[Gate]:
+    """Of the corrected signal that the hidden effect disturbs."""
+    claims = [figures for _, figures in judged(marks)]
+    held = Rate.count(map(is_held, claims))
+    return [
+        _least("claimed factor within 10 % of the true one", 0.95, [is_near(figures) for figures in claims]),
+        Gate(
+            "95 % intervals of the claimed factor hold the true one",
+            "92 to 98 %",
+            str(held),
+            bool(held.of) and 0.92 <= held.value <= 0.98,
+            held.of,
+        ),
+    ]

@@ -16,6 +16,7 @@ import numpy as np
 import imucal
 from gap.case import Answer, Case, Sealed
 from gap.said import Said
+from gap.worth import Worth
 from imucal.effects import named_numbers
 
 CERTAIN = ("named", "data_fault")
@@ -44,6 +45,7 @@ class Mark:
     figures: dict[str, float | None] = field(default_factory=dict)
     solved_by_advice: bool | None = None
     advised: dict[str, Any] | None = None
+    worth: Worth = field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, str, str, str, int]:
@@ -58,6 +60,7 @@ def judge(
     sealed: Sealed,
     figures: dict[str, float | None] | None = None,
     advised: Said | None = None,
+    claims: Worth | None = None,
 ) -> Mark:
     """Compare; the seal opens here."""
     answer = sealed.open(said)
@@ -84,6 +87,7 @@ def judge(
         figures=figures or {},
         solved_by_advice=None if advised is None else bool(advised.names) and set(advised.names) == truth,
         advised=None if advised is None else asdict(advised),
+        worth=claims or {},
     )
 
 

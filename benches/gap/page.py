@@ -13,6 +13,7 @@ from gap.judge import Mark
 from gap.rates import Rate
 from gap.sizes import SIZES, typical
 from gap.suite import TOOL, suite
+from gap.worth import rows as rows_of_worth
 
 LEVELS = ("1x", "2x", "5x", "10x", "typical")
 INTRODUCTION = """# Finding hidden effects
@@ -39,6 +40,7 @@ def page(marks: Sequence[Mark]) -> str:
         _gates(mine),
         _tools(marks),
         _effects(mine),
+        _worth(mine),
         _confusion(mine),
         _clean(mine),
         _other(mine),
@@ -114,6 +116,24 @@ def _effects(marks: Sequence[Mark]) -> str:
         "limit by the tool / predicted: A / A' / C",
     )  # fmt: skip
     return "## Effect by effect\n\n" + table(heading, rows)
+
+
+def _worth(marks: Sequence[Mark]) -> str:
+    """Claimed errors of the corrected control recording beside the true ones."""
+    rows = rows_of_worth(marks)
+    if not rows:
+        return ""
+    words = (
+        "Rms error of the corrected control recording against the truth of the simulation, means over 1 s,\n"
+        "of the signal that the effect disturbs, SI units; at 5 and 10 times the limit, where something was\n"
+        "named. The factor is the error with the plain calibration over that with the improved one; the\n"
+        "tool claims one, and an interval that is to hold the true one in 95 %.\n\n"
+    )
+    heading = (
+        "", "claims", "true error, median", "true factor, median", "claimed / true, median", "5 % to 95 %",
+        "within 10 %", "interval holds",
+    )  # fmt: skip
+    return "## What the correction is worth\n\n" + words + table(heading, rows)
 
 
 def _limit(marks: Sequence[Mark], name: str, kind: str) -> str:

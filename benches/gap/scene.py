@@ -78,6 +78,24 @@ def record(
     scene: Scene, seed: int, program: imucal.Program | None = None, name: str = "measured"
 ) -> imucal.Recording:
     """One run of the scene; only what the kind of data says is recorded."""
+    recording = simulated(scene, seed, program).recording
+    jitter = np.random.default_rng([seed, 2]).normal(scale=scene.stamp_jitter_s, size=len(recording.time_s))
+    return imucal.Recording(
+        # Stamps of a busy computer: late and early, never in another order.
+        np.maximum.accumulate(recording.time_s + jitter) + 1e-7 * np.arange(len(jitter))
+        if scene.stamp_jitter_s
+        else recording.time_s,
+        recording.specific_force,
+        recording.angular_rate,
+        temperature_degc=recording.temperature_degc if scene.has_temperature else None,
+        stand_rad=recording.stand_rad if scene.has_encoders else None,
+        auxiliary=recording.auxiliary,
+        name=name,
+    )
+
+
+def simulated(scene: Scene, seed: int, program: imucal.Program | None = None) -> Any:
+    """One run of the scene with its truth."""
     motion = (
         program
         or scene.motion
@@ -88,7 +106,7 @@ def record(
     if not isinstance(motion, imucal.Program):
         stand = None
     own, values = _additions(scene, motion, stand, temperature, seed)
-    recording = imucal.simulate(
+    return imucal.simulate(
         motion,
         seed=seed,
         unit=unit_of(scene.unit),
@@ -102,19 +120,6 @@ def record(
         temperature=temperature,
         filter_hz=scene.filter_hz,
         averaging=scene.averaging,
-    ).recording
-    jitter = np.random.default_rng([seed, 2]).normal(scale=scene.stamp_jitter_s, size=len(recording.time_s))
-    return imucal.Recording(
-        # Stamps of a busy computer: late and early, never in another order.
-        np.maximum.accumulate(recording.time_s + jitter) + 1e-7 * np.arange(len(jitter))
-        if scene.stamp_jitter_s
-        else recording.time_s,
-        recording.specific_force,
-        recording.angular_rate,
-        temperature_degc=recording.temperature_degc if scene.has_temperature else None,
-        stand_rad=recording.stand_rad if scene.has_encoders else None,
-        auxiliary=recording.auxiliary,
-        name=name,
     )
 
 

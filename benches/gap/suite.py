@@ -12,6 +12,7 @@ from gap.named import aliases, confounded, left_out, ones_own, other_data, sever
 from gap.noise import clean
 from gap.outside import off_form, outside
 from gap.said import Said, find_gap, part
+from gap.worth import LEVELS, Worth, worth
 
 TOOL = "imucal"
 # The textbook ways are asked, too.
@@ -61,5 +62,8 @@ def run(case: Case, with_baselines: bool = True) -> list[Mark]:
     ):
         names = tuple(effect.name for effect in truth)
         figures = control_figures(measured, control, part(gap, "calibration"), names)
-    marks = [judge(TOOL, case, said, sealed, figures, again)]
+    claims: Worth = {}
+    if case.group == "single" and case.level in LEVELS:
+        claims = worth(gap, control, sealed.truth(said, case.control_seed))
+    marks = [judge(TOOL, case, said, sealed, figures, again, claims)]
     return marks + [judge(name, case, other, sealed) for name, other in others.items()]

@@ -1,22 +1,22 @@
 """How wrong corrected signals are without and with what joined the model, predicted without any truth.
 
-    after^2  = noise^2 + parameters^2,   before^2 = after^2 + rms(before - after)^2
+    after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          docs/model.md (35)
 
-all averaged over 1 s: white noise of density N leaves N / sqrt(1 s), the parameters what draws from their
-covariance leave, and what the plain calibration misses is its difference from the better one.
+all averaged over 1 s: white noise of density N leaves N / sqrt(1 s), e are the errors that the parameters may
+have, D what these do to the corrected signals, and d what the two calibrations differ by.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucal.calibration import Triad
-from imucal.effects import EffectValues
+from imucal.correction import left_in_data
 from imucal.gap_residuals import noise_densities
+from imucal.gap_uncertainty import AVERAGED_S, Known, as_large_as_seen, means, slopes
 
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray
@@ -26,34 +26,122 @@ if TYPE_CHECKING:
 
 __all__ = ["predicted_error"]
 
-AVERAGED_S: Final = 1.0
+# What calibrations differ by is as slow as the motion: means over a tenth of a second show it.
 BRIEF_S: Final = 0.1
-# Draws of all parameters: their squares are a small part of the error.
-DRAWS: Final = 8
+SIGNALS: Final = ("angular_rate_rms_radps", "specific_force_rms_mps2")
+# Draws of what may be behind these recordings, for the interval of the factor.
+DRAWS: Final = 1000
 SEED: Final = 1
+INTERVAL: Final = (0.025, 0.975)
+# Relative variance of a mean density squared, times seconds of rest: it is half the mean square of
+# differences of means over 0.25 s on three axes, docs/model.md (10).
+NOISE_KNOWN_S: Final = 0.25
 
 
 def predicted_error(
     before: Calibration, after: CalibrationResult, recordings: Sequence[Recording]
 ) -> dict[str, dict[str, float]]:
-    """Rms over samples and axes of the error of corrected rate and force, averaged over 1 s."""
+    """Rms over samples and axes of the error of corrected rate and force, averaged over 1 s.
+
+    By signal: before and after, rad/s and m/s^2; factor, before over after; and factor_low and factor_high,
+    between which the factor of these recordings is with 95 % probability.
+    """
+    better = after.calibration
+    brief = [_brief(recording) for recording in recordings]
+    missed = np.concatenate([_slow(before, run) - _slow(better, run) for run in brief])
+    known = Known.of(better)
+    moved = np.concatenate([slopes(better, run, known) for run in brief], axis=1)
+    off, covariance = as_large_as_seen(better, known)
+    root = _root(covariance)
+    rest_s = sum(rest["end_s"] - rest["start_s"] for rest in after.rests)
+    found = {}
+    for name, noise, axes in zip(SIGNALS, _noise(after), (slice(0, 3), slice(3, 6)), strict=True):
+        columns = np.vstack((moved[:, :, axes].reshape(len(moved), -1), missed[:, axes].reshape(1, -1)))
+        columns = columns[:, np.isfinite(columns).all(axis=0)]
+        gram, count = columns @ columns.T / columns.shape[1], columns.shape[1]
+        found[name] = _Signal(noise, gram, off, root, count, NOISE_KNOWN_S / rest_s).claim()
+    return found
+
+
+@dataclass(frozen=True)
+class _Signal:
+    """One sensor on these recordings.
+
+    noise     mean square of an average over 1 s
+    gram      (P+1, P+1) mean products of what each parameter's standard deviation changes, and of what the
+              calibrations differ by, which is last
+    off       (P,) how far the parameters are expected to be off, in standard deviations
+    root      (P, P) a factor of the covariance of that
+    count     how many averages there are
+    unsure    relative variance of `noise`
+    """
+
+    noise: float
+    gram: FloatArray
+    off: FloatArray
+    root: FloatArray
+    count: int
+    unsure: float
+
+    def claim(self) -> dict[str, float]:
+        unsure = float(np.sum(self.gram[:-1, :-1] * (self.root @ self.root.T)))
+        before, after = (
+            float(np.sqrt(self.noise + at @ self.gram @ at + unsure))
+            for at in (np.append(self.off, 1.0), np.append(self.off, 0.0))
+        )
+        low, high = np.quantile(self._factors(), INTERVAL)
+        return {
+            "before": before,
+            "after": after,
+            "factor": before / after,
+            "factor_low": float(low),
+            "factor_high": float(high),
+        }
+
+    def _factors(self) -> FloatArray:
+        """Of so many units and runs that may be behind these recordings."""
+        random = np.random.default_rng(SEED)
+        off = self.off + random.standard_normal((DRAWS, len(self.off))) @ self.root.T
+        # The mean product of noise with each of the columns, and of noise with itself.
+        crossed = random.standard_normal((DRAWS, len(self.gram))) @ _root(self.gram).T
+        crossed *= np.sqrt(self.noise / self.count)
+        chance = np.sqrt(2.0 / self.count + self.unsure) * random.standard_normal(DRAWS)
+        noise = self.noise * np.maximum(1.0 + chance, 0.1)
+
+        def mean_square(missed: float) -> FloatArray:
+            at = np.column_stack((off, np.full(DRAWS, missed)))
+            of: FloatArray = np.sum((at @ self.gram + 2.0 * crossed) * at, axis=1) + noise
+            return of
+
+        least = 0.1 * self.noise
+        before, after = (np.maximum(mean_square(missed), least) for missed in (1.0, 0.0))
+        factors: FloatArray = np.sqrt(before / after)
+        return factors
+
+
+def _noise(after: CalibrationResult) -> tuple[float, float]:
+    """Mean squares over 1 s of what no correction takes away, of rate and of force.
+
+    The rate of the Earth stays in the rate; what it is about an axis of the unit changes with the attitude.
+    """
     better = after.calibration
     accel, gyro = noise_densities(better)
     instability = after.fit.get("bias_instability_radps")
-    wander = 0.0 if instability is None else np.mean(np.square(instability))
-    noise = np.array([np.mean(gyro**2) / AVERAGED_S + wander, np.mean(accel**2) / AVERAGED_S])
-    best = [_slow(better, recording) for recording in recordings]
-    missed = _mean_square([_slow(before, recording) for recording in recordings], best)
-    # What an error of a parameter does is as slow as the motion: means over a tenth of a second show it.
-    brief = [_brief(recording) for recording in recordings]
-    middle = [_slow(better, recording) for recording in brief]
-    drawn = [[_slow(draw, recording) for recording in brief] for draw in _draws(better)]
-    unsure = np.mean([_mean_square(draw, middle) for draw in drawn], axis=0) if drawn else np.zeros(2)
-    left = noise + unsure
-    return {
-        name: {"before": float(np.sqrt(left[k] + missed[k])), "after": float(np.sqrt(left[k]))}
-        for k, name in enumerate(("angular_rate_rms_radps", "specific_force_rms_mps2"))
-    }
+    wander = 0.0 if instability is None else float(np.mean(np.square(instability)))
+    left = left_in_data(better)
+    stays = sum(
+        float(np.mean(np.square(effect.values)))
+        for effect in better.effects
+        if effect.name in left and better.definition(effect).sensor == "gyroscope"
+    )
+    return float(np.mean(gyro**2)) / AVERAGED_S + wander + stays, float(np.mean(accel**2)) / AVERAGED_S
+
+
+def _root(covariance: FloatArray) -> FloatArray:
+    """A factor F with F F^T the covariance, which may be singular."""
+    values, vectors = np.linalg.eigh(covariance)
+    factor: FloatArray = vectors * np.sqrt(np.maximum(values, 0.0))
+    return factor
 
 
 def _brief(recording: Recording) -> Recording:
@@ -80,71 +168,4 @@ def _brief(recording: Recording) -> Recording:
 def _slow(calibration: Calibration, recording: Recording) -> FloatArray:
     """Corrected rate and force averaged over 1 s, (n, 6)."""
     corrected = calibration.apply_recording(recording)
-    both = np.hstack((corrected.angular_rate, corrected.specific_force))
-    edges = np.arange(recording.time_s[0], recording.time_s[-1], AVERAGED_S)
-    at = np.searchsorted(recording.time_s, edges)
-    counts = np.diff(np.append(at, len(both)))
-    slow: FloatArray = (np.add.reduceat(both, at) / counts[:, None])[counts > 1]
-    return slow
-
-
-def _mean_square(these: Sequence[FloatArray], others: Sequence[FloatArray]) -> FloatArray:
-    """Of the differences in rate and in force."""
-    difference = np.concatenate([a - b for a, b in zip(these, others, strict=True)])
-    return np.array([np.nanmean(difference[:, :3] ** 2), np.nanmean(difference[:, 3:] ** 2)])
-
-
-def _draws(calibration: Calibration) -> list[Calibration]:
-    """The calibration with parameters drawn from their covariance."""
-    if calibration.covariance is None:
-        return []
-    size = np.sqrt(np.diag(calibration.covariance))
-    known = size > 0
-    scaled = calibration.covariance[np.ix_(known, known)] / np.outer(size[known], size[known])
-    values, vectors = np.linalg.eigh(scaled)
-    factor = vectors * np.sqrt(np.maximum(values, 0.0))
-    numbers = {parameter.name: parameter.value for parameter in calibration.parameters}
-    names = [name for name, is_known in zip(calibration.covariance_names, known, strict=True) if is_known]
-    random = np.random.default_rng(SEED)
-    draws = []
-    for _ in range(DRAWS):
-        moved = size[known] * (factor @ random.standard_normal(factor.shape[1]))
-        draws.append(
-            _with(calibration, numbers | {n: numbers[n] + m for n, m in zip(names, moved, strict=True)})
-        )
-    return draws
-
-
-def _with(calibration: Calibration, numbers: Mapping[str, float]) -> Calibration:
-    """The calibration with other numbers for its parameters."""
-
-    def triad(sensor: str) -> Triad:
-        old: Triad = calibration.accelerometer if sensor == "accel" else calibration.gyroscope
-        bias = [numbers[f"{sensor}_bias_{axis}"] for axis in "xyz"]
-        sensitivity = old.sensitivity.copy()
-        for i, row in enumerate("xyz"):
-            for j, column in enumerate("xyz"):
-                # The accelerometer's is symmetric: one number stands in two places.
-                for name in (f"{sensor}_sensitivity_{row}{column}", f"{sensor}_sensitivity_{column}{row}"):
-                    if name in numbers:
-                        sensitivity[i, j] = numbers[name]
-                        break
-        return Triad(sensitivity, np.array(bias))
-
-    effects = []
-    for values in calibration.effects:
-        definition = calibration.definition(values)
-        own = [numbers[f"{values.name}_{p.name}"] for p in definition.parameters[: len(values.values)]]
-        shape = values.shape
-        if definition.shape is not None and shape is not None:
-            # A time constant that is hardly known must stay one.
-            shape = max(numbers[f"{values.name}_{definition.shape.name}"], 0.1 * shape)
-        effects.append(EffectValues(values.name, np.array(own), shape))
-    return replace(
-        calibration,
-        accelerometer=triad("accel"),
-        gyroscope=triad("gyro"),
-        effects=tuple(effects),
-        covariance=None,
-        covariance_names=(),
-    )
+    return means(recording, np.hstack((corrected.angular_rate, corrected.specific_force)))

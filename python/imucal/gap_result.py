@@ -36,8 +36,9 @@ class Gap:
     gap                metric, before, after, floor, closed, on recordings that no fit has seen
     where              where measurement and model disagree: channels, depends, rests, moves, turns_about
                        (docs/gap.md); None for refused recordings
-    corrected_error    predicted error of the corrected signals, averaged over 1 s, before and after:
-                       angular_rate_rms_radps and specific_force_rms_mps2; None if nothing joined
+    corrected_error    predicted error of the corrected signals, averaged over 1 s: angular_rate_rms_radps and
+                       specific_force_rms_mps2, each with before, after, factor (before over after), and
+                       factor_low and factor_high, its 95 % interval; None if nothing joined
     traces             by effect, `times_noise` by kind of residual at its typical size, and the share of it
                        that the 21 parameters take up
     calibration_set, control_set   figures before and after

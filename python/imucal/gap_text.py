@@ -53,6 +53,7 @@ SEEN_AS: Final = {"move_direction": "direction after moves", "move_force": "forc
 # Fewer times noise than this are not worth a word.
 WORTH_SAYING: Final = 0.05
 MOST_CHANNELS: Final = 4
+WORTH_CLAIMING: Final = 1.05
 
 
 def for_people(value: float, unit: str) -> tuple[float, str]:
@@ -181,7 +182,11 @@ def _size(effect: Mapping[str, Any]) -> str:
 
 def _change(change: Mapping[str, float], unit: str) -> str:
     (before, name), (after, _) = for_people(change["before"], unit), for_people(change["after"], unit)
-    return f"{before:.2g} -> {after:.2g} {name}"
+    words = f"{before:.2g} -> {after:.2g} {name}"
+    # Where chance may be all of it there is no more to say.
+    if change["factor_low"] < WORTH_CLAIMING:
+        return words
+    return f"{words} ({change['factor_low']:.2g} to {change['factor_high']:.2g} times less)"
 
 
 def where_in_words(gap: Gap) -> Iterator[str]:

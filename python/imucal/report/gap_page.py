@@ -175,11 +175,11 @@ def _change(gap: Gap) -> Iterator[Shown | str]:
     error = getattr(gap, "corrected_error", None)
     if error:
         yield heading("Predicted error of the corrected signals, averaged over 1 s")
+        figures = ("before", "after", "factor", "factor_low", "factor_high")
         rows = [
-            [words, *(f"{error[name][when]:.3g}" for when in ("before", "after"))]
-            for name, words in SIGNALS.items()
+            [words, *(f"{error[name][figure]:.3g}" for figure in figures)] for name, words in SIGNALS.items()
         ]
-        yield table(["", "before", "after"], rows)
+        yield table(["", "before", "after", "times less", "95 % interval from", "to"], rows)
 
 
 def _visible(gap: Gap) -> Iterator[str]:
