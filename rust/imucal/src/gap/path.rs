@@ -269,7 +269,9 @@ impl<'a> Hunt<'a> {
         if self.is_carried(prepared, triads, &open)? {
             self.kinds.in_motion = false;
             open.retain(|choice| {
-                let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
+                // What it does to the gyroscope turns with the unit, and does not add up to nothing from rest to rest.
+                let of_force = choice.effect.sensor == Sensor::Accelerometer;
+                let blind = of_force && choice.effect.needs.contains(&Need::AngularAcceleration);
                 if blind {
                     self.left_out.push((
                         choice.effect.name.to_owned(),
