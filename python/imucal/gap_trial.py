@@ -188,7 +188,7 @@ def _squares_of_rates(
     """
     if result.control is None or judges is None:
         return {}
-    squares = {}
+    squares: dict[tuple[str, int], float] = {}
     for recording in judges:
         rate = result.calibration.apply_recording(recording).angular_rate
         rests = [
