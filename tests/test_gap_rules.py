@@ -87,3 +87,45 @@ def test_noise_that_is_louder_in_moves():
     )
     said = faults(without_encoders(run(unit=loud)))
     assert said == {"noise_grows_in_motion": pytest.approx(2.0, rel=0.1)}
+
+
+def test_samples_that_jump_in_moves_are_no_noise_of_moves():
+    recording = without_encoders(run())
+    random = np.random.default_rng(RUN_SEED)
+    moving = np.linalg.norm(recording.angular_rate, axis=1) > np.radians(5.0)
+    jumps = moving & (random.uniform(size=len(moving)) < 3e-3)
+    noise = unit_of("paper").gyroscope.noise_density * 10.0
+    rate = recording.angular_rate + jumps[:, None] * random.normal(scale=20.0 * noise, size=(len(moving), 3))
+    gap = imucal.find_gap(dataclasses.replace(recording, angular_rate=rate))
+    assert gap.verdict == "nothing_missing", gap.summary()
+
+
+def test_spoilt_samples_are_said_before_what_no_effect_explains():
+    drift = {"accel_bias_drift": 5e-4}
+    others = ("gyro_g_sensitivity", "gyro_scale_quadratic")
+    unknown = imucal.find_gap(without_encoders(run(effects=drift)), candidates=others)
+    assert unknown.verdict == "stochastic", unknown.summary()
+    spoilt = without_encoders(run(effects={**drift, "samples_duplicated": 0.005}))
+    gap = imucal.find_gap(spoilt, candidates=others)
+    assert [effect["name"] for effect in gap.effects] == ["samples_duplicated"], gap.summary()
+    assert gap.verdict == "data_fault"
+
+
+@pytest.mark.parametrize("backlash_deg", [0.02, 0.05, 0.2])
+def test_backlash_is_named_though_each_motor_turns_back_at_one_sample(backlash_deg):
+    signs = np.radians(backlash_deg) * np.array([1.0, -1.0, 1.0])
+    effects = [imucal.EffectValues("encoder_backlash", signs)]
+    gap = imucal.find_gap(run(stand=FIRM, effects=effects))
+    assert [effect["name"] for effect in gap.effects] == ["encoder_backlash"], gap.summary()
+    for parameter, sign in zip(gap.effects[0]["parameters"], signs, strict=True):
+        assert abs(parameter["value"] - sign) < 4.0 * parameter["std"], gap.summary()
+
+
+def test_what_angular_acceleration_does_to_the_gyroscope_shows_in_moves_by_hand():
+    hand = imucal.Tumble(RUN_SEED, poses=46, hold_s=5.0, move_s=2.0)
+    # Not a multiple of the identity: that is a delay, and no move from rest to rest shows it.
+    lag = 7e-4 * np.array([[0.0, 1.0, -1.0], [1.0, 0.0, 1.0], [-1.0, 1.0, 0.0]])
+    effects = [imucal.EffectValues("gyro_angular_acceleration", lag.ravel())]
+    gap = imucal.find_gap(imucal.simulate(hand, seed=RUN_SEED, rate_hz=100.0, effects=effects).recording)
+    assert [effect["name"] for effect in gap.effects] == ["gyro_angular_acceleration"], gap.summary()
+    assert "gyro_time_offset" in {item["name"] for item in gap.not_observable}

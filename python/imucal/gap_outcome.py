@@ -65,7 +65,9 @@ def outcome(
     if any(fault.code == "clock_irregular" for fault in faults):
         # With such a clock long steps say nothing of lost samples.
         faults = [fault for fault in faults if fault.code != "samples_missing"]
-    if slips:
+    disturbing = [fault for fault in faults if fault.code in spoilt]
+    if slips or (found.generic is not None and disturbing):
+        # What no effect explains where samples are spoilt, they may.
         verdict, effects = "data_fault", data_fault([*slips, *faults]).effects
     elif found.generic is not None:
         verdict = "stochastic" if found.generic.kernel == "random_walk" else "unknown"

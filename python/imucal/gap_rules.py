@@ -20,6 +20,8 @@ from imucal.finding import Finding
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
     from imucal.arrays import FloatArray
     from imucal.calibration_result import CalibrationResult
     from imucal.recording import Recording
@@ -234,7 +236,7 @@ def _noise(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterat
 class _Moves:
     """Fourth differences inside the moves, as if they were noise of samples, all three axes in a row.
 
-    noise      of the rate, in units of that at rest
+    noise      of the rate, in units of that at rest, without what jumps
     slopes     of the rate, in the same units, per second
     stamps_s   of the time stamps
     """
@@ -251,14 +253,26 @@ class _Moves:
             own = [i for i in items if i["recording"] == recording.name and i["excluded"] is None]
             return [k for item in own for k in range(item["first"], item[last] - 4, APART)]
 
-        at_rest, inside = stretches(result.rests, "end"), stretches(result.moves, "last")
-        # A sample that jumps is no noise: it counts for no more than is clearly beyond it.
-        typical = np.median(np.abs(noise[at_rest]), axis=0) / MEDIAN if at_rest else np.ones(3)
-        noise = np.clip(noise, -JUMP * typical, JUMP * typical)
-        sigma = np.sqrt(np.mean(noise[at_rest] ** 2, axis=0)) if at_rest else np.ones(3)
-        self.noise = (noise[inside] / sigma).ravel()
-        self.slopes = (smooth[inside] / sigma).ravel()
-        self.stamps_s = np.repeat(np.diff(recording.time_s, n=4)[inside] / FOURTH, 3)
+        at_rest, inside = noise[stretches(result.rests, "end")], stretches(result.moves, "last")
+        sigma = np.sqrt(np.mean(at_rest**2, axis=0, where=_is_noise(at_rest))) if len(at_rest) else np.ones(3)
+        known = _is_noise(noise[inside])
+        self.noise = (noise[inside] / sigma)[known]
+        self.slopes = (smooth[inside] / sigma)[known]
+        self.stamps_s = np.repeat(np.diff(recording.time_s, n=4)[inside, None] / FOURTH, 3, axis=1)[known]
+
+
+def _is_noise(differences: FloatArray) -> NDArray[np.bool_]:
+    """Which are no jumps of a sample, as far as the others show, (K, 3).
+
+    A rest is where samples do not jump: those in moves would count for noise that rests do not have.
+    """
+    if len(differences) == 0:
+        return np.ones(differences.shape, dtype=bool)
+    size = np.abs(differences)
+    typical = np.median(size, axis=0) / MEDIAN
+    # Where most differences are zero, counts are so coarse that jumps are all the noise there is.
+    within: NDArray[np.bool_] = size <= np.where(typical > 0, JUMP * typical, np.inf)
+    return within
 
 
 def _log_likelihood(squares: FloatArray, variance: FloatArray) -> float:

@@ -150,7 +150,9 @@ class Trial:
         value, least = self.unseen_chi2(trial), self.unseen_chi2(best)
         if value <= least * (1 + SAME):
             return False
-        ours, theirs = _squares(trial), _squares(best)
+        ours, theirs = (
+            {**_squares(result), **_squares_of_rates(result, self.judges)} for result in (trial, best)
+        )
         change = np.array([ours[item] - theirs[item] for item in ours.keys() & theirs.keys()])
         chance = SURE * np.sqrt(len(change)) * np.std(change)
         return bool(value > least * (1 + ONLY_CHANCE) or np.sum(change) > chance)
@@ -175,6 +177,32 @@ def _squares(result: CalibrationResult) -> dict[tuple[str, int], float]:
         for k, (error, move) in enumerate(zip(turns, moves, strict=False))
     ]
     return {item: (error / sigma) ** 2 for item, error, sigma in known if error is not None and sigma}
+
+
+def _squares_of_rates(
+    result: CalibrationResult, judges: Sequence[Recording] | None
+) -> dict[tuple[str, int], float]:
+    """chi2 of the mean rate of each rest of the control recordings about the mean of all of them.
+
+    Some effects of the gyroscope, an isotropic g-sensitivity say, show there alone.
+    """
+    if result.control is None or judges is None:
+        return {}
+    squares: dict[tuple[str, int], float] = {}
+    for recording in judges:
+        rate = result.calibration.apply_recording(recording).angular_rate
+        rests = [
+            (k, rate[rest["first"] : rest["end"]])
+            for k, rest in enumerate(result.control.rests)
+            if rest["recording"] == recording.name and rest["excluded"] is None
+        ]
+        if not rests:
+            continue
+        means = np.array([samples.mean(axis=0) for _, samples in rests])
+        sigma = np.array([samples.std(axis=0) / np.sqrt(len(samples)) for _, samples in rests])
+        chi2 = np.sum(((means - means.mean(axis=0)) / sigma) ** 2, axis=1)
+        squares |= {("rate", k): float(value) for (k, _), value in zip(rests, chi2, strict=True)}
+    return squares
 
 
 def _floors(result: CalibrationResult) -> dict[str, tuple[float, int]]:

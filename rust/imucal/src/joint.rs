@@ -13,6 +13,7 @@
 
 mod attitude;
 mod corrected;
+mod directions;
 mod encoders;
 mod fields;
 mod held_out;

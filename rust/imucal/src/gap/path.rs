@@ -25,6 +25,8 @@ const CARRIED: f64 = 5.0;
 const MOST_EFFECTS: usize = 6;
 /// Width of the narrowest prior, in typical sizes.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
+/// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
+const ADDS_UP: [&str; 1] = ["gyro_angular_acceleration"];
 const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
 /// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
@@ -278,7 +280,8 @@ impl<'a> Hunt<'a> {
             self.is_carried = true;
             self.kinds.in_motion = false;
             open.retain(|choice| {
-                let blind = choice.effect.needs.contains(&Need::AngularAcceleration);
+                let blind =
+                    choice.effect.needs.contains(&Need::AngularAcceleration) && !ADDS_UP.contains(&choice.effect.name);
                 if blind {
                     self.left_out.push((
                         choice.effect.name.to_owned(),

@@ -17,6 +17,7 @@ use imucal_core::effects::{Sensor, StandState, State, Surroundings};
 use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::directions::directions;
 use super::inside::{self, EndDirection, Filter, InsideNoise};
 use super::model::BASE;
 use super::pass::Pass;
@@ -26,7 +27,7 @@ use crate::error::Error;
 use crate::moves::{Move, UnitRest, across, rows_across};
 use crate::recording::Recording;
 use crate::simulate::stand::Stand;
-use crate::stats::{median, quantile};
+use crate::stats::median;
 
 /// Mount rotation, base tilt and the angles between the axes.
 pub(crate) const STAND_PARAMETERS: usize = 7;
@@ -34,8 +35,6 @@ pub(crate) const STAND_PARAMETERS: usize = 7;
 const STEP_RAD: f64 = 1e-4;
 /// No encoder has finer counts; smaller changes are rounding of the numbers.
 const LEAST_COUNT_RAD: f64 = 1e-11;
-/// So many of the rests are ordinary ones.
-const ORDINARY: f64 = 0.9;
 /// A time offset's field is that of the true rate of the motors: passes of the correction.
 const PASSES: usize = 3;
 
@@ -103,39 +102,6 @@ pub(crate) struct Angles {
     angle_rad: Vec<Vector3<f64>>,
     /// Columns of the effects, as many for each sample as there are parameters.
     columns: Vec<Vector3<f64>>,
-}
-
-/// Which way each motor went last, for every sample. `still_rad` is the largest step that is no motion.
-///
-/// A motor turns at a sample if it does so before and after it; the step after it says which way, for the step before the
-/// first sample of a turn may be the backlash itself.
-fn directions(stand_rad: &[[f64; 3]], still_rad: f64) -> Vec<Vector3<f64>> {
-    let step = |i: usize, motor: usize| {
-        let ends = stand_rad.get(i).zip(stand_rad.get(i + 1));
-        ends.map_or(0.0, |(from, to)| to[motor] - from[motor])
-    };
-    let mut last = Vector3::zeros();
-    (0..stand_rad.len())
-        .map(|i| {
-            for motor in 0..3 {
-                let (before, after) = (if i > 0 { step(i - 1, motor) } else { 0.0 }, step(i, motor));
-                if before.abs() > still_rad && after.abs() > still_rad {
-                    last[motor] = after.signum();
-                }
-            }
-            last
-        })
-        .collect()
-}
-
-/// The largest step between samples of an ordinary rest: what is no motion.
-fn still_rad(stand_rad: &[[f64; 3]], rests: &[std::ops::Range<usize>]) -> f64 {
-    let largest = |rest: &std::ops::Range<usize>| {
-        let steps = stand_rad[rest.clone()].windows(2).map(|w| (Vector3::from(w[1]) - Vector3::from(w[0])).amax());
-        steps.fold(0.0, f64::max)
-    };
-    let mut largest: Vec<f64> = rests.iter().map(largest).collect();
-    1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
 /// What one count of the encoders is: the smallest change between two samples. Next to nothing where they do not count.
@@ -232,7 +198,7 @@ impl Encoders {
             let readings = readings(recording)?;
             let ranges: Vec<_> =
                 rests.iter().filter(|r| r.recording == index).map(|r| r.rest.first..r.rest.end).collect();
-            Ok(directions(readings, still_rad(readings, &ranges)))
+            Ok(directions(recording.time_s, readings, &ranges))
         });
         let at_rest = |r: &UnitRest| {
             let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
