@@ -1,4 +1,4 @@
-//! Sums of products of columns and residuals, group by group: of those of a model, and with others beside them.
+//! Sums of products of columns and residuals, group by group: of a model's columns, and with others beside them.
 
 use faer::Mat;
 
@@ -52,19 +52,26 @@ impl Known {
     pub(crate) fn with(&self, others: &Others) -> Gram {
         let known = self.count();
         let width = others.parts.first().map_or(0, |(part, _)| part.ncols());
+        let last = known + width;
         let joined = |(Group { columns, sum, .. }, (part, own)): (&Group, &(Mat<f64>, Mat<f64>))| {
             let cross = columns.transpose() * part;
-            // Places of the known columns, of the others, and of the residual.
-            let place = |i: usize| (i < known || i == known + width).then(|| i.min(known));
-            Mat::from_fn(known + width + 1, known + width + 1, |i, j| match (place(i), place(j)) {
-                (Some(i), Some(j)) => sum[(i, j)],
-                (Some(i), None) => cross[(i, j - known)],
-                (None, Some(j)) => cross[(j, i - known)],
-                (None, None) => own[(i - known, j - known)],
-            })
+            let mut all = Mat::zeros(last + 1, last + 1);
+            for i in 0..=known {
+                let to = all.col_as_slice_mut(if i < known { i } else { last });
+                to[..known].copy_from_slice(&sum.col_as_slice(i)[..known]);
+                to[known..last].iter_mut().enumerate().for_each(|(j, to)| *to = cross[(i, j)]);
+                to[last] = sum[(known, i)];
+            }
+            for j in 0..width {
+                let to = all.col_as_slice_mut(known + j);
+                to[..known].copy_from_slice(&cross.col_as_slice(j)[..known]);
+                to[known..last].copy_from_slice(own.col_as_slice(j));
+                to[last] = cross[(known, j)];
+            }
+            all
         };
         let sums = self.groups.iter().zip(&others.parts).map(joined).collect();
-        self.gram_of(sums, known + width)
+        self.gram_of(sums, last)
     }
 
     /// The sums of these columns alone.
