@@ -15,6 +15,8 @@ use std::ops::Range;
 use faer::Mat;
 use faer::linalg::solvers::{DenseSolveCore, Solve};
 
+use crate::stats::dot;
+
 /// `[J r]^T [J r]` of each group, and its number of residuals.
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
@@ -198,19 +200,6 @@ impl Gram {
     fn total(&self, place: usize) -> f64 {
         self.sums.iter().map(|sum| sum[(place, place)]).sum()
     }
-}
-
-/// Four sums side by side: one would wait for itself at each step.
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
-    let mut sums = [0.0; 4];
-    for (a, b) in a.zip(b) {
-        for k in 0..4 {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
 #[cfg(test)]

@@ -14,6 +14,7 @@ use faer::linalg::solvers::Solve;
 use super::linear::{Linear, Source, move_direction};
 use super::outliers::by_means;
 use super::problem::Joint;
+use crate::stats::dot;
 
 /// A column that the others leave less of than this share of its length is a sum of them.
 const LEAST: f64 = 1e-6;
@@ -122,7 +123,7 @@ impl Parts {
             // Twice is enough.
             for _ in 0..2 {
                 for known in &basis {
-                    let along: f64 = known.iter().zip(&direction).map(|(a, b)| a * b).sum();
+                    let along = dot(known, &direction);
                     direction.iter_mut().zip(known).for_each(|(d, k)| *d -= along * k);
                 }
             }
@@ -153,5 +154,5 @@ impl Parts {
 }
 
 fn norm(values: &[f64]) -> f64 {
-    values.iter().map(|v| v * v).sum::<f64>().sqrt()
+    dot(values, values).sqrt()
 }
