@@ -100,16 +100,24 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
 
 /// Weighted normal equations for the entries of P, row by row.
 fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
-    let mut normal = SMatrix::<f64, 9, 9>::zeros();
-    let mut right = SVector::<f64, 9>::zeros();
+    // With the rows of a pair in one matrix, [ubar]x (x) s, its part of the normal matrix is [ubar]x^T [ubar]x (x) s s^T.
+    let mut blocks = [[Matrix3::<f64>::zeros(); 3]; 3];
+    let mut right = [Vector3::zeros(); 3];
     for (pair, weight) in pairs.iter().zip(weights) {
-        let cross = imucal_core::so3::hat(&pair.up);
-        for row in 0..3 {
-            let gradient = SVector::<f64, 9>::from_fn(|p, _| cross[(row, p / 3)] * pair.turn[p % 3] / size);
-            normal.ger(*weight, &gradient, &gradient, 1.0);
-            right.axpy(weight * pair.change[row], &gradient, 1.0);
+        let turn = pair.turn / size;
+        let squares = turn * turn.transpose() * *weight;
+        let across = Matrix3::from_diagonal_element(pair.up.norm_squared()) - pair.up * pair.up.transpose();
+        let seen = pair.change.cross(&pair.up) * *weight;
+        for i in 0..3 {
+            right[i] += turn * seen[i];
+            for j in 0..=i {
+                blocks[i][j] += squares * across[(i, j)];
+            }
         }
     }
+    // The factorisation reads what is on and below the diagonal.
+    let normal = SMatrix::<f64, 9, 9>::from_fn(|row, column| blocks[row / 3][column / 3][(row % 3, column % 3)]);
+    let right = SVector::<f64, 9>::from_fn(|row, _| right[row / 3][row % 3]);
     // A trace of damping: an axis that never turned keeps a zero column, which the caller sees as singular.
     let damping = 1e-9 * normal.trace();
     let factor = (normal + SMatrix::identity() * damping).cholesky()?;

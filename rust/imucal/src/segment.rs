@@ -20,9 +20,9 @@ use nalgebra::{Matrix3, Vector3, Vector6};
 use crate::error::Error;
 use crate::recording::{RawUnit, Recording};
 use crate::stats::quantile_of;
-use blocks::{Block, Blocks, merge, noise_variance, sum_blocks};
+use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
-use steadiness::{Steadiness, wanders};
+use steadiness::{Steadiness, Stretch, wanders};
 use threshold::{Levels, choose_threshold, window_statistic};
 
 /// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
@@ -133,29 +133,34 @@ impl Segments {
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks))
             .filter(|range| !range.is_empty() && !wanders(&blocks[range.clone()], gravity))
             .collect();
-        let (mut long, short): (Vec<_>, Vec<_>) =
+        let (long, short): (Vec<_>, Vec<_>) =
             still.iter().cloned().zip(around(&still, blocks.len())).partition(|(range, _)| range.len() >= min_blocks);
         if long.is_empty() {
             return Err(no_rest(recording, min_rest_s));
         }
-        let settled = Steadiness::of(blocks, &statistic, &ranges(&long));
+        let stretch = |range: &Range<usize>| Stretch::of(range, blocks, &statistic);
+        let mut stretches: Vec<Stretch> = long.iter().map(|(range, _)| stretch(range)).collect();
+        let settled = Steadiness::of(stretches.iter());
         // Where a hand holds the unit, no end is sharper than its tremor.
-        for (range, within) in long.iter_mut().filter(|(range, _)| settled.unsteadiness(range) < UNSTEADY) {
-            *range = onset(range.clone(), within, blocks);
+        for (rest, (_, within)) in stretches.iter_mut().zip(&long) {
+            if settled.unsteadiness(rest) < UNSTEADY {
+                let range = onset(rest.blocks.clone(), within, blocks);
+                if range != rest.blocks {
+                    *rest = stretch(&range);
+                }
+            }
         }
-        let long = ranges(&long);
-        let steadiness = Steadiness::of(blocks, &statistic, &long);
-        let rests: Vec<Rest> = long
+        let steadiness = Steadiness::of(stretches.iter());
+        let rests: Vec<Rest> = stretches
             .iter()
-            .map(|range| Rest {
-                unsteadiness: steadiness.unsteadiness(range),
-                ..rest(recording, &blocks[range.clone()], range.start, steadiness.colour(range))
+            .map(|stretch| Rest {
+                unsteadiness: steadiness.unsteadiness(stretch),
+                ..rest(recording, stretch, block_samples, steadiness.colour(stretch))
             })
             .collect();
         let sample_variance = floor * averaged;
-        let density = noise_variance(blocks, &steadiness.steady, &steadiness.steady_colour)
-            .unwrap_or(sample_variance)
-            .map(|variance| (variance * dt_s).sqrt());
+        let density =
+            steadiness.noise_variance(&stretches).unwrap_or(sample_variance).map(|variance| (variance * dt_s).sqrt());
         let samples = |r: Range<usize>| r.start * block_samples..r.end * block_samples;
         Ok(Self {
             noise_density: NoiseDensity {
@@ -213,7 +218,13 @@ impl Segments {
 
 /// Median time between samples, s; NaN for fewer than two.
 pub fn sample_interval_s(time_s: &[f64]) -> f64 {
-    quantile_of(time_s.len().saturating_sub(1), |i| time_s[i + 1] - time_s[i], 0.5)
+    quantile_of(time_s.len().saturating_sub(1), |k, to| steps_s(&time_s[k..], to), 0.5)
+}
+
+/// The first steps in time, s.
+pub(crate) fn steps_s(time_s: &[f64], to: &mut [f64]) {
+    let times = time_s.iter().zip(&time_s[1..]);
+    to.iter_mut().zip(times).for_each(|(to, (before, after))| *to = after - before);
 }
 
 /// From the end of the stretch before each to the start of the one after it.
@@ -223,11 +234,6 @@ fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<u
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Without what is around them.
-fn ranges(stretches: &[(Range<usize>, Range<usize>)]) -> Vec<Range<usize>> {
-    stretches.iter().map(|(range, _)| range.clone()).collect()
-}
-
 /// Size of gravity in raw units, or a number that is certainly not much smaller: counts may have an offset.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
@@ -235,7 +241,7 @@ fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     }
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for window in blocks.chunks_exact(WINDOW_BLOCKS) {
-        let force: Vector3<f64> = merge(window).mean().fixed_rows::<3>(3).into();
+        let force: Vector3<f64> = mean(window).fixed_rows::<3>(3).into();
         low = low.inf(&force);
         high = high.sup(&force);
     }
@@ -251,10 +257,9 @@ fn no_rest(recording: &Recording<'_>, min_rest_s: f64) -> Error {
     ))
 }
 
-fn rest(recording: &Recording<'_>, blocks: &[Block], first_block: usize, colour: &Vector6<f64>) -> Rest {
-    let sum = merge(blocks);
-    let block_samples = blocks.first().map_or(0, Block::count);
-    let first = first_block * block_samples;
+fn rest(recording: &Recording<'_>, stretch: &Stretch, block_samples: usize, colour: &Vector6<f64>) -> Rest {
+    let sum = &stretch.whole;
+    let first = stretch.blocks.start * block_samples;
     let end = first + sum.count();
     let mean = sum.mean();
     let variance_of_mean = sum.variance().component_mul(colour) / sum.count() as f64;

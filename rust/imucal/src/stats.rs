@@ -1,5 +1,6 @@
 //! Tails of chi2, and robust statistics of small samples.
 
+use pulp::{Arch, Simd, WithSimd};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`; 1 for none.
@@ -25,12 +26,20 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
 }
 
 /// [`quantile`] of `count` values that are computed when they are needed instead of being kept; NaN is passed over.
+/// `write(k, to)` writes those from place `k` on.
 ///
 /// A few of them, evenly spread, say between which two values the quantile very likely lies; only what lies there is kept.
 /// Where the few are misleading all values are (after Floyd and Rivest, Communications of the ACM 18, 1975, 165-172).
-pub(crate) fn quantile_of(count: usize, value: impl Fn(usize) -> f64, q: f64) -> f64 {
+pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
     const FEWEST: usize = 2000;
-    let taken = |step: usize| -> Vec<f64> { (0..count).step_by(step).map(&value).filter(|v| !v.is_nan()).collect() };
+    let taken = |step: usize| -> Vec<f64> {
+        let value = |k: usize| {
+            let mut one = [f64::NAN];
+            write(k, &mut one);
+            one[0]
+        };
+        (0..count).step_by(step).map(value).filter(|v| !v.is_nan()).collect()
+    };
     if count < FEWEST {
         return quantile(&mut taken(1), q);
     }
@@ -44,28 +53,74 @@ pub(crate) fn quantile_of(count: usize, value: impl Fn(usize) -> f64, q: f64) ->
     let mut at = |share: f64| *sample.select_nth_unstable_by((share * last) as usize, f64::total_cmp).1;
     let low = if q <= margin { f64::NEG_INFINITY } else { at(q - margin) };
     let high = if q >= 1.0 - margin { f64::INFINITY } else { at(q + margin) };
-    // Ties are counted, for a clock has hardly any other steps.
-    let (mut below, mut at_low, mut up_to_high, mut all, mut inside) = (0, 0, 0, 0, Vec::new());
-    for v in (0..count).map(&value) {
-        below += usize::from(v < low);
-        at_low += usize::from(v == low);
-        up_to_high += usize::from(v <= high);
-        all += usize::from(!v.is_nan());
-        if v > low && v < high {
-            inside.push(v);
-        }
-    }
-    let position = q * (all - 1) as f64;
+    let Census { below, up_to_low, up_to_high, all, mut inside } =
+        Arch::new().dispatch(Counting { count, write: &write, low, high });
+    let position = q * all.saturating_sub(1) as f64;
     let rank = position.floor() as usize;
     if rank < below || rank + 1 >= up_to_high {
         return quantile(&mut taken(1), q);
     }
-    let mut ranked = |rank: usize| match rank.checked_sub(below + at_low) {
+    let mut ranked = |rank: usize| match rank.checked_sub(up_to_low) {
         None => low,
         Some(k) if k < inside.len() => *inside.select_nth_unstable_by(k, f64::total_cmp).1,
         Some(_) => high,
     };
     between(ranked(rank), ranked(rank + 1), position - rank as f64)
+}
+
+/// How values lie about two of them. Ties are counted, for a clock has hardly any other steps.
+struct Census {
+    below: usize,
+    up_to_low: usize,
+    up_to_high: usize,
+    all: usize,
+    /// The values between.
+    inside: Vec<f64>,
+}
+
+/// Takes the [`Census`] with the widest vectors that the processor has.
+struct Counting<'a, W> {
+    count: usize,
+    write: &'a W,
+    low: f64,
+    high: f64,
+}
+
+impl<W: Fn(usize, &mut [f64])> WithSimd for Counting<'_, W> {
+    type Output = Census;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Census {
+        const PART: usize = 64;
+        let Self { count, write, low, high } = self;
+        let mut census = Census { below: 0, up_to_low: 0, up_to_high: 0, all: 0, inside: Vec::new() };
+        for start in (0..count).step_by(PART) {
+            let mut values = [f64::NAN; PART];
+            write(start, &mut values[..PART.min(count - start)]);
+            let (mut below, mut up_to_low, mut below_high, mut up_to_high, mut all) = (0, 0, 0, 0, 0);
+            for v in values {
+                below += u64::from(v < low);
+                up_to_low += u64::from(v <= low);
+                below_high += u64::from(v < high);
+                up_to_high += u64::from(v <= high);
+                all += u64::from(!v.is_nan());
+            }
+            census.below += below as usize;
+            census.up_to_low += up_to_low as usize;
+            census.up_to_high += up_to_high as usize;
+            census.all += all as usize;
+            if below_high > up_to_low {
+                // Without a branch, which would often be foretold wrongly.
+                let (mut inside, mut kept) = ([0.0; PART], 0);
+                for v in values {
+                    inside[kept % PART] = v;
+                    kept += usize::from((v > low) & (v < high));
+                }
+                census.inside.extend_from_slice(&inside[..kept]);
+            }
+        }
+        census
+    }
 }
 
 fn between(low: f64, high: f64, share: f64) -> f64 {
@@ -149,18 +204,22 @@ mod tests {
             |i| if i.is_multiple_of(10) { f64::NAN } else { (i % 1000) as f64 },
             |i| if i.is_multiple_of(1000) { f64::INFINITY } else { -((i % 3) as f64) },
         ];
+        let of = |count: usize, value: &dyn Fn(usize) -> f64, q: f64| {
+            let write = |k: usize, to: &mut [f64]| to.iter_mut().enumerate().for_each(|(i, to)| *to = value(k + i));
+            quantile_of(count, write, q)
+        };
         for (k, sequence) in sequences.into_iter().enumerate() {
             let value = |i: usize| sequence((i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 11);
             let mut kept: Vec<f64> = (0..50_000).map(value).filter(|v| !v.is_nan()).collect();
             for q in [0.0, 0.05, 0.1, 0.5, 0.51, 0.9, 0.999, 1.0] {
-                assert_eq!(quantile_of(50_000, value, q), quantile(&mut kept, q), "{k} {q}");
+                assert_eq!(of(50_000, &value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
         // In time with the sample, which sees one value alone.
         let value = |i: usize| if i.is_multiple_of(50) { 7.0 } else { i as f64 };
-        assert_eq!(quantile_of(50_000, value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
-        assert!(quantile_of(0, |_| 1.0, 0.5).is_nan());
-        assert!(quantile_of(9_000, |_| f64::NAN, 0.5).is_nan());
+        assert_eq!(of(50_000, &value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
+        assert!(of(0, &|_| 1.0, 0.5).is_nan());
+        assert!(of(9_000, &|_| f64::NAN, 0.5).is_nan());
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::survey::{Part, Survey};
 use super::{Tally, names};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
+use crate::segment::steps_s;
 use crate::stats::quantile_of;
 
 /// Fewer samples than this hold no rest, no move and no noise level.
@@ -41,9 +42,9 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     if steps.positive < 2 {
         return findings;
     }
-    let forward_s = |i: usize| {
-        let step_s = recording.time_s[i + 1] - recording.time_s[i];
-        if step_s > 0.0 && step_s.is_finite() { step_s } else { f64::NAN }
+    let forward_s = |k: usize, to: &mut [f64]| {
+        steps_s(&recording.time_s[k..], to);
+        to.iter_mut().for_each(|step_s| *step_s = if *step_s > 0.0 && step_s.is_finite() { *step_s } else { f64::NAN });
     };
     let of_steps = |q: f64| quantile_of(recording.len() - 1, forward_s, q);
     let median_s = of_steps(0.5);
@@ -84,9 +85,19 @@ impl Default for Steps {
 }
 
 impl Steps {
+    #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let first = part.samples.start.max(1);
-        for (i, pair) in (first..).zip(part.recording.time_s[first - 1..part.samples.end].windows(2)) {
+        let time_s = &part.recording.time_s[first - 1..part.samples.end];
+        // The usual case: all of them lead forwards.
+        let [shortest_s, longest_s] = shortest_and_longest_s(time_s);
+        if shortest_s > 0.0 && longest_s.is_finite() {
+            self.positive += time_s.len() - 1;
+            self.shortest_s = self.shortest_s.min(shortest_s);
+            self.longest_s = self.longest_s.max(longest_s);
+            return;
+        }
+        for (i, pair) in (first..).zip(time_s.windows(2)) {
             let step_s = pair[1] - pair[0];
             if step_s > 0.0 && step_s.is_finite() {
                 self.positive += 1;
@@ -149,6 +160,31 @@ impl Steps {
             ..kind("samples_duplicated", recording.name)
         })
     }
+}
+
+/// The shortest and the longest step, several taken side by side; NaN if one is.
+#[inline(always)]
+fn shortest_and_longest_s(time_s: &[f64]) -> [f64; 2] {
+    const LANES: usize = 8;
+    let (mut shortest_s, mut longest_s, mut sum) = ([f64::INFINITY; LANES], [0.0; LANES], [0.0; LANES]);
+    let mut take = |lane: usize, step_s: f64| {
+        shortest_s[lane] = if step_s < shortest_s[lane] { step_s } else { shortest_s[lane] };
+        longest_s[lane] = if step_s > longest_s[lane] { step_s } else { longest_s[lane] };
+        sum[lane] += step_s;
+    };
+    let (before, after) = (&time_s[..time_s.len() - 1], &time_s[1..]);
+    let (fulls, others) = before.as_chunks::<LANES>();
+    let (next_fulls, next_others) = after.as_chunks::<LANES>();
+    for (before, after) in fulls.iter().zip(next_fulls) {
+        (0..LANES).for_each(|lane| take(lane, after[lane] - before[lane]));
+    }
+    for (before, after) in others.iter().zip(next_others) {
+        take(0, after - before);
+    }
+    if sum.iter().any(|sum| sum.is_nan()) {
+        return [f64::NAN; 2];
+    }
+    [shortest_s.into_iter().fold(f64::INFINITY, f64::min), longest_s.into_iter().fold(0.0, f64::max)]
 }
 
 fn too_short(recording: &Recording) -> Option<Finding> {

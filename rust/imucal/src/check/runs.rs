@@ -1,4 +1,4 @@
-//! Runs of equal samples in one channel.
+//! Runs of equal samples in one channel: three or more, for two are nothing unusual.
 
 use super::plateau::PLATEAU;
 use super::survey::Part;
@@ -6,7 +6,9 @@ use crate::recording::Recording;
 
 /// The runs of each channel, accelerometer first.
 pub(super) struct Runs {
-    /// Channels that are in a run, one bit each, and since when.
+    /// Channels of which the last sample has the value of the one before, one bit each.
+    equal: u8,
+    /// Channels that are in a run, and since when.
     going_on: u8,
     start: [usize; 6],
     longest: [(usize, usize); 6],
@@ -15,19 +17,27 @@ pub(super) struct Runs {
 
 impl Default for Runs {
     fn default() -> Self {
-        Self { going_on: 0, start: [0; 6], longest: [(0, 0); 6], held: [[f64::INFINITY, f64::NEG_INFINITY]; 6] }
+        Self {
+            equal: 0,
+            going_on: 0,
+            start: [0; 6],
+            longest: [(0, 0); 6],
+            held: [[f64::INFINITY, f64::NEG_INFINITY]; 6],
+        }
     }
 }
 
 impl Runs {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         for (i, equal) in part.equal() {
-            if equal == self.going_on {
+            let in_run = equal & self.equal;
+            self.equal = equal;
+            if in_run == self.going_on {
                 continue;
             }
-            channels(equal & !self.going_on).for_each(|channel| self.start[channel] = i - 1);
-            channels(self.going_on & !equal).for_each(|channel| self.end(part.recording, channel, i));
-            self.going_on = equal;
+            channels(in_run & !self.going_on).for_each(|channel| self.start[channel] = i - 2);
+            channels(self.going_on & !in_run).for_each(|channel| self.end(part.recording, channel, i));
+            self.going_on = in_run;
         }
     }
 

@@ -5,6 +5,8 @@
 
 use std::ops::Range;
 
+use pulp::{Arch, Simd, WithSimd};
+
 use super::clock::Steps;
 use super::repeats::Repeats;
 use super::runs::Runs;
@@ -40,7 +42,20 @@ pub(super) const ALL_EQUAL: u8 = 0b11_1111;
 impl Survey {
     /// The columns must be of one length.
     pub(super) fn of(recording: &Recording<'_>) -> Self {
-        let mut survey = Self {
+        Arch::new().dispatch(Surveying(recording))
+    }
+}
+
+/// The pass, made with the widest vectors that the processor has.
+struct Surveying<'a>(&'a Recording<'a>);
+
+impl WithSimd for Surveying<'_> {
+    type Output = Survey;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Survey {
+        let Self(recording) = self;
+        let mut survey = Survey {
             not_finite: NotFinite::default(),
             steps: Steps::default(),
             repeats: Repeats::default(),
@@ -63,18 +78,20 @@ impl Survey {
 }
 
 impl<'a> Part<'a> {
+    #[inline(always)]
     fn new(recording: &'a Recording<'a>, samples: Range<usize>) -> Self {
         let (force, rate) = (&recording.specific_force[samples.clone()], &recording.angular_rate[samples.clone()]);
         let is_finite = all_finite(&recording.time_s[samples.clone()])
             && all_finite(force.as_flattened())
             && all_finite(rate.as_flattened());
-        let mut equal = [0; PART];
         let first = samples.start.max(1);
-        let rows = recording.specific_force[first - 1..samples.end]
-            .windows(2)
-            .zip(recording.angular_rate[first - 1..samples.end].windows(2));
-        for (bits, (force, rate)) in equal[first - samples.start..].iter_mut().zip(rows) {
-            *bits = same(force) | same(rate) << 3;
+        let before = first - 1..samples.end;
+        let force = same(recording.specific_force[before.clone()].as_flattened());
+        let rate = same(recording.angular_rate[before].as_flattened());
+        let mut equal = [0; PART];
+        let bits = force.as_chunks::<3>().0.iter().zip(rate.as_chunks::<3>().0);
+        for (equal, ([fx, fy, fz], [wx, wy, wz])) in equal[first - samples.start..].iter_mut().zip(bits) {
+            *equal = fx | fy << 1 | fz << 2 | wx << 3 | wy << 4 | wz << 5;
         }
         Self { recording, samples, is_finite, equal }
     }
@@ -91,12 +108,17 @@ impl<'a> Part<'a> {
     }
 }
 
-fn same(pair: &[[f64; 3]]) -> u8 {
-    let bit = |k: usize| u8::from(pair[0][k] == pair[1][k]) << k;
-    bit(0) | bit(1) | bit(2)
+/// One for each number of some rows that is that of the row before, zero for others and beyond their end.
+#[inline(always)]
+fn same(numbers: &[f64]) -> [u8; 3 * PART] {
+    let mut same = [0; 3 * PART];
+    let pairs = numbers.iter().zip(&numbers[3..]);
+    same.iter_mut().zip(pairs).for_each(|(same, (before, after))| *same = u8::from(before == after));
+    same
 }
 
 /// Without a branch for each, which lets the compiler look at several at once.
+#[inline(always)]
 fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |all, value| all & value.is_finite())
 }

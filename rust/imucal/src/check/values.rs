@@ -122,6 +122,7 @@ impl Default for Extremes {
 }
 
 impl Extremes {
+    #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         for (ends, rows) in self.ends.iter_mut().zip(part.triads()) {
             // Four rows side by side: without NaN in them the compiler takes several values at once.

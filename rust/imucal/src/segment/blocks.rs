@@ -1,18 +1,21 @@
 //! Block sums of a recording and what their scatter says about its noise.
 
-use std::ops::Range;
-
 use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
+use pulp::{Arch, Simd, WithSimd};
 
 use crate::recording::Recording;
-use crate::stats::median;
 
 /// Sums over [`BLOCK_S`](super::BLOCK_S) of samples, six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
 /// A block has this many means at least, if it has as many samples (0.005 s each).
 const MEANS: usize = 10;
+
+/// Samples that are looked at while they are near, in whole blocks.
+const PART: usize = 256;
+/// Rows of a triad side by side: full registers.
+const ROWS: usize = 8;
 
 /// Blocks that are averaged before neighbours are compared, to see noise at low frequency (0.25 s).
 const GROUP_BLOCKS: usize = 5;
@@ -38,37 +41,68 @@ impl Blocks {
 
 /// One pass over the samples, and at high rates a second one for the means.
 pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blocks {
-    let averaged = (block_samples / MEANS).max(1);
-    let mut steps = Vector6::repeat(f64::INFINITY);
-    let mut last = Vector6::repeat(f64::NAN);
-    let mut means = Vec::new();
-    let samples = recording
-        .angular_rate
-        .chunks_exact(block_samples)
-        .zip(recording.specific_force.chunks_exact(block_samples))
-        .map(|(rates, forces)| {
-            let mut block = Block::new();
-            for (w, f) in rates.iter().zip(forces) {
-                let sample = Vector6::new(w[0], w[1], w[2], f[0], f[1], f[2]);
-                for channel in 0..6 {
-                    let step = (sample[channel] - last[channel]).abs();
-                    if step > 0.0 && step < steps[channel] {
-                        steps[channel] = step;
-                    }
+    Arch::new().dispatch(Summing { recording, block_samples })
+}
+
+/// The passes, made with the widest vectors that the processor has.
+struct Summing<'a> {
+    recording: &'a Recording<'a>,
+    block_samples: usize,
+}
+
+impl WithSimd for Summing<'_> {
+    type Output = Blocks;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Blocks {
+        let Self { recording, block_samples } = self;
+        let averaged = (block_samples / MEANS).max(1);
+        let count = recording.len() / block_samples;
+        let mut samples = Vec::with_capacity(count);
+        let mut means = Vec::with_capacity(if averaged > 1 { count } else { 0 });
+        let mut steps = [[f64::INFINITY; 3 * ROWS]; 2];
+        let part = (PART / block_samples).max(1) * block_samples;
+        for start in (0..count * block_samples).step_by(part) {
+            let end = (start + part).min(count * block_samples);
+            let (rates, forces) = (&recording.angular_rate[start..end], &recording.specific_force[start..end]);
+            for (steps, rows) in steps.iter_mut().zip([recording.angular_rate, recording.specific_force]) {
+                smallest_steps(&rows[start.saturating_sub(1)..end], steps);
+            }
+            for (rates, forces) in rates.chunks_exact(block_samples).zip(forces.chunks_exact(block_samples)) {
+                let mut block = Block::new();
+                rates.iter().zip(forces).for_each(|(w, f)| block.push(Vector3::from(*w), Vector3::from(*f)));
+                samples.push(block);
+                if averaged > 1 {
+                    means.push(sum_means(rates, forces, averaged));
                 }
-                last = sample;
-                block.push(Vector3::from(*w), Vector3::from(*f));
             }
-            if averaged > 1 {
-                means.push(sum_means(rates, forces, averaged));
-            }
-            block
-        })
-        .collect();
-    Blocks { samples, means, averaged, steps }
+        }
+        let smallest = |k: usize| steps[k / 3].iter().skip(k % 3).step_by(3).copied().fold(f64::INFINITY, f64::min);
+        Blocks { samples, means, averaged, steps: Vector6::from_fn(|channel, _| smallest(channel)) }
+    }
+}
+
+/// Lessens `steps`, those of some rows side by side, to the smallest steps from one row to the next.
+#[inline(always)]
+fn smallest_steps(rows: &[[f64; 3]], steps: &mut [f64; 3 * ROWS]) {
+    let lessen = |smallest: &mut f64, before: &f64, after: &f64| {
+        let step = (after - before).abs();
+        let step = if step > 0.0 { step } else { f64::INFINITY };
+        *smallest = if step < *smallest { step } else { *smallest };
+    };
+    let after = rows[1..].as_flattened();
+    let (fulls_before, before) = rows.as_flattened()[..after.len()].as_chunks::<{ 3 * ROWS }>();
+    let (fulls_after, after) = after.as_chunks::<{ 3 * ROWS }>();
+    for (before, after) in fulls_before.iter().zip(fulls_after) {
+        (0..3 * ROWS).for_each(|k| lessen(&mut steps[k], &before[k], &after[k]));
+    }
+    for (smallest, (before, after)) in steps.iter_mut().zip(before.iter().zip(after)) {
+        lessen(smallest, before, after);
+    }
 }
 
 /// Sums of the means of `averaged` samples each.
+#[inline(always)]
 fn sum_means(rates: &[[f64; 3]], forces: &[[f64; 3]], averaged: usize) -> Block {
     let mean = |rows: &[[f64; 3]]| rows.iter().map(|&row| Vector3::from(row)).sum::<Vector3<f64>>() / averaged as f64;
     let mut block = Block::new();
@@ -85,29 +119,47 @@ pub(super) fn merge(blocks: &[Block]) -> Block {
     })
 }
 
-/// By how much the variance of a mean exceeds that of white noise: half the mean squared difference of neighbouring
-/// 0.25 s means (an Allan variance) over what the scatter of single samples predicts.
-pub(super) fn colour_factor(blocks: &[Block], rests: &[Range<usize>]) -> Vector6<f64> {
-    let mut sum = Vector6::zeros();
-    let mut count = 0.0;
-    for range in rests {
-        let variance = merge(&blocks[range.clone()]).variance();
-        let groups: Vec<Block> = blocks[range.clone()].chunks_exact(GROUP_BLOCKS).map(merge).collect();
-        for pair in groups.windows(2) {
-            count += 1.0;
-            let difference = pair[1].mean() - pair[0].mean();
-            let samples = pair[0].count() as f64;
-            sum += difference.zip_map(&variance, |d, v| if v > 0.0 { 0.5 * d * d * samples / v } else { 0.0 });
-        }
-    }
-    // With fewer than 20 pairs the estimate says nothing: white noise is assumed.
-    sum.map(|total| if count >= 20.0 && total > 0.0 { total / count } else { 1.0 })
+/// Mean of blocks of one length.
+pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
+    blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
-/// Variance of one sample of white noise with the same density at low frequency; `None` without rests.
-pub(super) fn noise_variance(blocks: &[Block], rests: &[Range<usize>], colour: &Vector6<f64>) -> Option<Vector6<f64>> {
-    let variances: Vec<Vector6<f64>> = rests.iter().map(|range| merge(&blocks[range.clone()]).variance()).collect();
-    let typical =
-        |channel: usize| median(&mut variances.iter().map(|variance| variance[channel]).collect::<Vec<f64>>());
-    (!rests.is_empty()).then(|| Vector6::from_fn(|channel, _| typical(channel) * colour[channel]))
+/// What says by how much the variance of a mean exceeds that of white noise: half the squared differences of neighbouring 0.25 s
+/// means (an Allan variance) over what the scatter of single samples predicts.
+#[derive(Clone, Copy)]
+pub(super) struct Colour {
+    sum: Vector6<f64>,
+    pairs: f64,
+}
+
+impl Colour {
+    pub(super) fn none() -> Self {
+        Self { sum: Vector6::zeros(), pairs: 0.0 }
+    }
+
+    /// Of a rest in which single samples have this variance.
+    pub(super) fn of(blocks: &[Block], variance: &Vector6<f64>) -> Self {
+        let mut colour = Self::none();
+        let mut before = None;
+        for group in blocks.chunks_exact(GROUP_BLOCKS) {
+            let samples = group.iter().map(Block::count).sum::<usize>() as f64;
+            let now = mean(group);
+            if let Some(before) = before.replace(now) {
+                let excess = |d: f64, v: f64| if v > 0.0 { 0.5 * d * d * samples / v } else { 0.0 };
+                colour.sum += (now - before).zip_map(variance, excess);
+                colour.pairs += 1.0;
+            }
+        }
+        colour
+    }
+
+    pub(super) fn add(&mut self, other: &Self) {
+        self.sum += other.sum;
+        self.pairs += other.pairs;
+    }
+
+    /// The factor; with fewer than 20 pairs the estimate says nothing, and white noise is assumed.
+    pub(super) fn factor(&self) -> Vector6<f64> {
+        self.sum.map(|total| if self.pairs >= 20.0 && total > 0.0 { total / self.pairs } else { 1.0 })
+    }
 }

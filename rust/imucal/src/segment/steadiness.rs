@@ -4,51 +4,87 @@ use std::ops::Range;
 
 use nalgebra::{Vector3, Vector6};
 
-use super::blocks::{Block, colour_factor, merge};
+use super::blocks::{Block, Colour, mean, merge};
 use super::{UNSTEADY, WINDOW_BLOCKS};
 use crate::stats::median;
 
-/// What the rests of a recording have in common. A table and a hand have noise of different kinds.
-pub(super) struct Steadiness<'a> {
-    blocks: &'a [Block],
-    statistic: &'a [f64],
-    /// Rests without tremor.
-    pub(super) steady: Vec<Range<usize>>,
-    /// Colour of the noise in them, and in all others.
+/// A rest and what its blocks say of it.
+#[derive(Clone)]
+pub(super) struct Stretch {
+    pub(super) blocks: Range<usize>,
+    /// Sums of all its samples.
+    pub(super) whole: Block,
+    /// Those of the first and the last third, if there are so many blocks.
+    thirds: Option<[Block; 2]>,
+    /// Median statistic of its windows.
+    scatter: f64,
+    colour: Colour,
+}
+
+impl Stretch {
+    pub(super) fn of(range: &Range<usize>, blocks: &[Block], statistic: &[f64]) -> Self {
+        let own = &blocks[range.clone()];
+        let third = own.len() / 3;
+        let parts = [&own[..third], &own[third..own.len() - third], &own[own.len() - third..]].map(merge);
+        let whole = merge(&parts);
+        Self {
+            blocks: range.clone(),
+            thirds: (third > 0).then_some([parts[0], parts[2]]),
+            scatter: unsteadiness(range, statistic),
+            colour: Colour::of(own, &whole.variance()),
+            whole,
+        }
+    }
+
+    /// Whether it is without tremor.
+    pub(super) fn is_steady(&self) -> bool {
+        self.scatter < UNSTEADY
+    }
+
+    /// Change of gravity from the first to the last third of a rest over what noise explains at most (chi2 / 15, so that
+    /// noise alone exceeds 2 once in 10^6 rests).
+    fn drift(&self, colour: &Vector6<f64>) -> f64 {
+        let Some([first, last]) = &self.thirds else { return 0.0 };
+        let change = last.mean() - first.mean();
+        let variance = (first.variance() + last.variance()).component_mul(colour) / first.count() as f64;
+        (3..6).filter(|&c| variance[c] > 0.0).map(|c| change[c] * change[c] / variance[c]).sum::<f64>() / 15.0
+    }
+}
+
+/// Colour of the noise that the rests of a recording have in common. A table and a hand have noise of different kinds.
+pub(super) struct Steadiness {
+    /// That of rests without tremor, and of all others.
     pub(super) steady_colour: Vector6<f64>,
     held_colour: Vector6<f64>,
 }
 
-impl<'a> Steadiness<'a> {
-    pub(super) fn of(blocks: &'a [Block], statistic: &'a [f64], rests: &[Range<usize>]) -> Self {
-        let (steady, held): (Vec<_>, Vec<_>) =
-            rests.iter().cloned().partition(|range| unsteadiness(range, statistic) < UNSTEADY);
-        let (steady_colour, held_colour) = (colour_factor(blocks, &steady), colour_factor(blocks, &held));
-        Self { blocks, statistic, steady, steady_colour, held_colour }
+impl Steadiness {
+    pub(super) fn of<'a>(rests: impl Iterator<Item = &'a Stretch>) -> Self {
+        let (mut steady, mut held) = (Colour::none(), Colour::none());
+        for rest in rests {
+            if rest.is_steady() { &mut steady } else { &mut held }.add(&rest.colour);
+        }
+        Self { steady_colour: steady.factor(), held_colour: held.factor() }
     }
 
     /// Colour of the noise in a rest.
-    pub(super) fn colour(&self, range: &Range<usize>) -> &Vector6<f64> {
-        if unsteadiness(range, self.statistic) < UNSTEADY { &self.steady_colour } else { &self.held_colour }
+    pub(super) fn colour(&self, rest: &Stretch) -> &Vector6<f64> {
+        if rest.is_steady() { &self.steady_colour } else { &self.held_colour }
     }
 
     /// See [`Rest::unsteadiness`](super::Rest::unsteadiness).
-    pub(super) fn unsteadiness(&self, range: &Range<usize>) -> f64 {
-        unsteadiness(range, self.statistic).max(drift(&self.blocks[range.clone()], self.colour(range)))
+    pub(super) fn unsteadiness(&self, rest: &Stretch) -> f64 {
+        rest.scatter.max(rest.drift(self.colour(rest)))
     }
-}
 
-/// Change of gravity from the first to the last third of a rest over what noise explains at most (chi2 / 15, so that
-/// noise alone exceeds 2 once in 10^6 rests).
-fn drift(blocks: &[Block], colour: &Vector6<f64>) -> f64 {
-    let third = blocks.len() / 3;
-    if third == 0 {
-        return 0.0;
+    /// Variance of one sample of white noise with the same density at low frequency as in the steady rests; `None` without any.
+    pub(super) fn noise_variance(&self, rests: &[Stretch]) -> Option<Vector6<f64>> {
+        let variances: Vec<Vector6<f64>> =
+            rests.iter().filter(|rest| rest.is_steady()).map(|rest| rest.whole.variance()).collect();
+        let typical =
+            |channel: usize| median(&mut variances.iter().map(|variance| variance[channel]).collect::<Vec<f64>>());
+        (!variances.is_empty()).then(|| Vector6::from_fn(|channel, _| typical(channel) * self.steady_colour[channel]))
     }
-    let (first, last) = (merge(&blocks[..third]), merge(&blocks[blocks.len() - third..]));
-    let change = last.mean() - first.mean();
-    let variance = (first.variance() + last.variance()).component_mul(colour) / first.count() as f64;
-    (3..6).filter(|&c| variance[c] > 0.0).map(|c| change[c] * change[c] / variance[c]).sum::<f64>() / 15.0
 }
 
 /// Median statistic of the windows inside a rest.
@@ -60,7 +96,7 @@ pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
 /// Whether gravity goes astray by more than 5 % of `size` (3 deg) within a rest: an even tumble has no quieter windows
 /// to be told from, but no rest either.
 pub(super) fn wanders(blocks: &[Block], size: f64) -> bool {
-    let force = |blocks: &[Block]| -> Vector3<f64> { merge(blocks).mean().fixed_rows::<3>(3).into() };
+    let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
     let whole = force(blocks);
     blocks.chunks_exact(WINDOW_BLOCKS).any(|window| (force(window) - whole).norm() > 0.05 * size)
 }

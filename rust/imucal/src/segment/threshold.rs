@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use imucal_core::rest::statistic_of;
 use nalgebra::Vector6;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::WINDOW_BLOCKS;
 use super::blocks::Block;
@@ -12,25 +12,29 @@ use crate::stats::quantile_of;
 
 /// The statistic of every window (one per block it may start at) and the noise floor (variances).
 pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f64>, Vector6<f64>) {
-    let variances = window_variances(blocks);
+    let variances = Arch::new().dispatch(Windows(blocks));
     // A coarse converter may read one number throughout a rest: its floor is that of the rounding. A channel that
     // never changes has no step at all and no say.
     let rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
     let mut floor = Vector6::from_fn(|channel, _| {
-        quantile_of(variances.len(), |k| variances[k][channel], 0.05).max(rounding[channel])
+        let of_channel = &variances[channel];
+        let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&of_channel[k..k + to.len()]);
+        quantile_of(of_channel.len(), write, 0.05).max(rounding[channel])
     });
-    let mut statistic = vec![0.0; variances.len()];
+    let mut statistic = vec![0.0; variances[0].len()];
     // The floor of each channel is that of the windows that are quiet in all channels together.
     for _ in 0..4 {
-        for (statistic, variance) in statistic.iter_mut().zip(&variances) {
-            *statistic = statistic_of(variance, &floor);
-        }
-        let quiet = 2.0 * quantile_of(statistic.len(), |k| statistic[k], 0.05);
-        let in_quiet: Vec<&Vector6<f64>> =
-            variances.iter().zip(&statistic).filter(|(_, s)| **s <= quiet).map(|(v, _)| v).collect();
+        Arch::new().dispatch(Ratios { variances: &variances, floor: &floor, statistic: &mut statistic });
+        let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
+        let quiet = 2.0 * quantile_of(statistic.len(), write, 0.05);
         let before = floor;
         floor = Vector6::from_fn(|channel, _| {
-            quantile_of(in_quiet.len(), |k| in_quiet[k][channel], 0.5).max(rounding[channel])
+            let in_quiet = |k: usize, to: &mut [f64]| {
+                let windows = variances[channel][k..].iter().zip(&statistic[k..]);
+                let in_quiet = windows.map(|(variance, s)| if *s <= quiet { *variance } else { f64::NAN });
+                to.iter_mut().zip(in_quiet).for_each(|(to, variance)| *to = variance);
+            };
+            quantile_of(statistic.len(), in_quiet, 0.5).max(rounding[channel])
         });
         if floor == before {
             break;
@@ -39,30 +43,64 @@ pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f
     (statistic, floor)
 }
 
-/// The variance in every window.
+/// The mean over the six channels of variance over noise floor, as [`imucal_core::rest::statistic_of`], of every window.
+struct Ratios<'a> {
+    variances: &'a [Vec<f64>; 6],
+    floor: &'a Vector6<f64>,
+    statistic: &'a mut [f64],
+}
+
+impl WithSimd for Ratios<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let weights = self.floor.map(|floor| 1.0 / (6.0 * floor));
+        let [a, b, c, d, e, f] = self.variances;
+        let channels = a.iter().zip(b).zip(c).zip(d).zip(e).zip(f);
+        for (statistic, (((((a, b), c), d), e), f)) in self.statistic.iter_mut().zip(channels) {
+            let (rate, force) = ([a, b, c], [d, e, f]);
+            *statistic = (0..3).map(|k| rate[k] * weights[k] + force[k] * weights[3 + k]).sum();
+        }
+    }
+}
+
+/// The variance of each channel in every window, made with the widest vectors that the processor has.
 ///
 /// The windows that begin in one stretch of their length are what is left of it and what has come of the next: three
 /// merges for a window instead of ten.
-fn window_variances(blocks: &[Block]) -> Vec<Vector6<f64>> {
-    let mut variances = Vec::with_capacity((blocks.len() + 1).saturating_sub(WINDOW_BLOCKS));
-    let mut ahead = blocks;
-    while let Some((stretch, next)) = ahead.split_first_chunk::<WINDOW_BLOCKS>() {
-        let mut left = *stretch;
-        for k in (0..WINDOW_BLOCKS - 1).rev() {
-            let after = left[k + 1];
-            left[k].merge(&after);
+struct Windows<'a>(&'a [Block]);
+
+impl WithSimd for Windows<'_> {
+    type Output = [Vec<f64>; 6];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [Vec<f64>; 6] {
+        let count = (self.0.len() + 1).saturating_sub(WINDOW_BLOCKS);
+        let mut variances = [(); 6].map(|()| Vec::with_capacity(count));
+        let mut push = |window: &Block| {
+            let variance = window.variance();
+            variances.iter_mut().zip(&variance).for_each(|(of_channel, v)| of_channel.push(*v));
+        };
+        let mut ahead = self.0;
+        while let Some((stretch, next)) = ahead.split_first_chunk::<WINDOW_BLOCKS>() {
+            let mut left = *stretch;
+            for k in (0..WINDOW_BLOCKS - 1).rev() {
+                let after = left[k + 1];
+                left[k].merge(&after);
+            }
+            push(&left[0]);
+            let mut come = Block::new();
+            for (left, block) in left[1..].iter().zip(next) {
+                come.merge(block);
+                let mut window = *left;
+                window.merge(&come);
+                push(&window);
+            }
+            ahead = next;
         }
-        variances.push(left[0].variance());
-        let mut come = Block::new();
-        for (left, block) in left[1..].iter().zip(next) {
-            come.merge(block);
-            let mut window = *left;
-            window.merge(&come);
-            variances.push(window.variance());
-        }
-        ahead = next;
+        variances
     }
-    variances
 }
 
 /// The threshold in the widest range (on a logarithmic scale) that always finds the same number of rests, and that range.
@@ -157,10 +195,11 @@ mod tests {
             })
             .collect();
         for count in [0, 9, 10, 11, 19, 20, 21, 47] {
-            let found = window_variances(&blocks[..count]);
+            let found = Arch::new().dispatch(Windows(&blocks[..count]));
             let expected: Vec<_> = blocks[..count].windows(WINDOW_BLOCKS).map(|w| merge(w).variance()).collect();
-            assert_eq!(found.len(), expected.len());
-            for (found, expected) in found.iter().zip(&expected) {
+            assert!(found.iter().all(|of_channel| of_channel.len() == expected.len()));
+            for (k, expected) in expected.iter().enumerate() {
+                let found = Vector6::from_fn(|channel, _| found[channel][k]);
                 assert!((found - expected).norm() < 1e-9 * (1.0 + expected.norm()), "{count}: {found} {expected}");
             }
         }
