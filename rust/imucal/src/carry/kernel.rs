@@ -100,8 +100,17 @@ impl Stretch<'_> {
         let time_tiles: [&[[f64; TILE]]; MOST_LANES] =
             stamps.map(|stamps| if EVEN { &[][..] } else { stamps[known..].as_chunks().0 });
         let nothing = [run.zero; 3];
-        let no_term =
-            Term { twice: [nothing; 3], s: nothing, q: nothing, straight: nothing, slope: nothing, h: run.zero };
+        let no_term = Term {
+            vector: nothing,
+            scalar: run.zero,
+            curved: nothing,
+            twice: [nothing; 3],
+            s: nothing,
+            q: nothing,
+            straight: nothing,
+            slope: nothing,
+            h: run.zero,
+        };
         let mut terms = [no_term; TILE];
         let mut totals = Totals { entries: [[run.zero; 6]; 3], coning: nothing, bias: [nothing; 3] };
         for t in 0..steps / TILE {
@@ -110,16 +119,17 @@ impl Stretch<'_> {
             if EVEN {
                 for k in 0..TILE {
                     let a = correct(&map, [0, 1, 2].map(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
-                    run.step::<EVEN, CUBIC, SUMS>(a, run.zero, &mut terms[k]);
+                    run.take_step::<EVEN, CUBIC, SUMS>(a, run.zero, &mut terms[k]);
                 }
             } else {
                 let times: [&[f64; TILE]; MOST_LANES] = time_tiles.map(|tiles| &tiles[t]);
                 for k in 0..TILE {
                     let a = correct(&map, [0, 1, 2].map(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
                     let time = Lanes::from_fn(simd, |l| times[l][k]);
-                    run.step::<EVEN, CUBIC, SUMS>(a, time, &mut terms[k]);
+                    run.take_step::<EVEN, CUBIC, SUMS>(a, time, &mut terms[k]);
                 }
             }
+            run.turn::<SUMS>(&mut terms);
             if SUMS {
                 totals.add::<EVEN>(&terms);
             }
@@ -128,8 +138,9 @@ impl Stretch<'_> {
         for (place, k) in (samples - rest..samples).enumerate() {
             let a = correct(&map, [0, 1, 2].map(|c| Lanes::from_fn(simd, |l| raw[l][k][c])));
             let time = if EVEN { run.zero } else { Lanes::from_fn(simd, |l| stamps[l][k]) };
-            run.step::<EVEN, CUBIC, SUMS>(a, time, &mut terms[place]);
+            run.take_step::<EVEN, CUBIC, SUMS>(a, time, &mut terms[place]);
         }
+        run.turn::<SUMS>(&mut terms[..rest]);
         if SUMS {
             totals.add::<EVEN>(&terms[..rest]);
         }
@@ -165,10 +176,19 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
     coefficients
 }
 
-/// What the sums need of a step, without the factor of 3.
+/// What is made of a step in turn: its quaternion, the rotation after it, and what the sums need, without the factor of 3.
+///
+/// Each is made for all steps of a tile before the next one: a step depends on the one before in the product of quaternions alone,
+/// and a processor that has that between the steps looks at no other meanwhile.
 #[derive(Clone, Copy)]
+#[repr(align(64))] // A register that crosses a line of the cache takes twice as long to store and to load.
 struct Term<S: Simd> {
-    /// Columns of twice A.
+    /// Parts of its quaternion; without sums the vector part alone, over the scalar one.
+    vector: Three<S>,
+    scalar: Lanes<S>,
+    /// `6 k p`
+    curved: Three<S>,
+    /// Rows of twice A.
     twice: [Three<S>; 3],
     s: Three<S>,
     q: Three<S>,
@@ -180,6 +200,7 @@ struct Term<S: Simd> {
 }
 
 /// Sums of all lanes.
+#[repr(align(64))]
 struct Totals<S: Simd> {
     /// Twice `A_c s_j - A_j q_c` for the entries, row by row, and twice `A q`, without a factor of 3.
     entries: [[Lanes<S>; 6]; 3],
@@ -196,8 +217,8 @@ impl<S: Simd> Totals<S> {
             let mut entries = self.entries[r];
             let mut coning = self.coning[r];
             let mut bias = self.bias[r];
-            for Term { twice, s, q, straight, slope, h } in terms {
-                let [x, y, z] = [twice[0][r], twice[1][r], twice[2][r]];
+            for Term { twice, s, q, straight, slope, h, .. } in terms {
+                let [x, y, z] = twice[r];
                 entries = [
                     x.times_plus(straight[0], entries[0]),
                     y.times_from(q[0], x.times_plus(s[1], entries[1])),
@@ -206,16 +227,13 @@ impl<S: Simd> Totals<S> {
                     z.times_from(q[1], y.times_plus(s[2], entries[4])),
                     z.times_plus(straight[2], entries[5]),
                 ];
-                coning = x.times_plus(q[0], y.times_plus(q[1], z.times_plus(q[2], coning)));
-                let flat = if EVEN {
-                    [bias[0] + x, bias[1] + y, bias[2] + z]
-                } else {
-                    [x.times_plus(*h, bias[0]), y.times_plus(*h, bias[1]), z.times_plus(*h, bias[2])]
-                };
+                // What is added to a sum comes first: a sum is not to wait for more than one addition.
+                coning = coning + x.times_plus(q[0], y.times_plus(q[1], z * q[2]));
+                let flat = if EVEN { [x, y, z] } else { [x * *h, y * *h, z * *h] };
                 bias = [
-                    z.times_from(slope[1], y.times_plus(slope[2], flat[0])),
-                    x.times_from(slope[2], z.times_plus(slope[0], flat[1])),
-                    y.times_from(slope[0], x.times_plus(slope[1], flat[2])),
+                    bias[0] + z.times_from(slope[1], y.times_plus(slope[2], flat[0])),
+                    bias[1] + x.times_from(slope[2], z.times_plus(slope[0], flat[1])),
+                    bias[2] + y.times_from(slope[0], x.times_plus(slope[1], flat[2])),
                 ];
             }
             self.entries[r] = entries;
@@ -226,6 +244,7 @@ impl<S: Simd> Totals<S> {
 }
 
 /// Where all lanes are.
+#[repr(align(64))]
 struct Running<S: Simd> {
     zero: Lanes<S>,
     half: Lanes<S>,
@@ -235,8 +254,8 @@ struct Running<S: Simd> {
     times: [Lanes<S>; 3],
     /// Scalar part first.
     quaternion: [Lanes<S>; 4],
-    /// Columns of the rotation matrix.
-    columns: [Three<S>; 3],
+    /// Rows of the rotation matrix.
+    rows: [Three<S>; 3],
     /// Largest y.
     largest: Lanes<S>,
 }
@@ -252,7 +271,7 @@ impl<S: Simd> Running<S> {
             a: [[zero; 3]; 3],
             times: [zero; 3],
             quaternion: [one, zero, zero, zero],
-            columns: [[one, zero, zero], [zero, one, zero], [zero, zero, one]],
+            rows: [[one, zero, zero], [zero, one, zero], [zero, zero, one]],
             largest: zero,
         }
     }
@@ -269,9 +288,9 @@ impl<S: Simd> Running<S> {
         coefficients[..N - 1].iter().rev().fold(splat(coefficients[N - 1]), |sum, c| sum.times_plus(y, splat(*c)))
     }
 
-    /// Takes the next sample, which ends a step or, for a cubic, comes after its end; writes what the sums need of the step.
+    /// Takes the next sample, which ends a step or, for a cubic, comes after its end; writes what is known of the step by itself.
     #[inline(always)]
-    fn step<const EVEN: bool, const CUBIC: bool, const SUMS: bool>(
+    fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool>(
         &mut self,
         next: Three<S>,
         next_time: Lanes<S>,
@@ -302,32 +321,50 @@ impl<S: Simd> Running<S> {
         let y = p[0].times_plus(p[0], p[1].times_plus(p[1], p[2] * p[2]));
         self.largest = self.largest.max(y);
         if SUMS {
-            let sine = self.polynomial(&SINE, y);
-            let cosine = self.polynomial(&COSINE, y);
-            let q0 = self.quaternion.map(|part| part * cosine);
-            self.quaternion = turned(&self.quaternion, q0, p.map(|p| p * sine));
-            let curve = self.polynomial(&CURVE, y);
-            let twice = self.turn_columns(p.map(|p| p * curve));
+            let (sine, curve) = (self.polynomial(&SINE, y), self.polynomial(&CURVE, y));
+            term.vector = p.map(|p| p * sine);
+            term.scalar = self.polynomial(&COSINE, y);
+            term.curved = p.map(|p| p * curve);
             let factor = if EVEN { self.half } else { sixth * sixth * splat(3.0) };
-            let slope = [0, 1, 2].map(|c| (a0[c] - a1[c]) * factor);
-            let straight = [0, 1, 2].map(|c| s[c] - q[c]);
-            *term = Term { twice, s, q, straight, slope, h };
+            term.slope = [0, 1, 2].map(|c| (a0[c] - a1[c]) * factor);
+            term.straight = [0, 1, 2].map(|c| s[c] - q[c]);
+            (term.s, term.q) = (s, q);
+            if !EVEN {
+                term.h = h;
+            }
         } else {
             // Of any length: what the cosine would take off is taken off at the end.
             let tangent = self.polynomial(&TANGENT, y);
-            self.quaternion = turned(&self.quaternion, self.quaternion, p.map(|p| p * tangent));
+            term.vector = p.map(|p| p * tangent);
         }
         self.take(next, next_time);
     }
 
-    /// Makes the rotation matrix of the quaternion; twice A of the step is what it gives, `curved` being `6 k p`.
+    /// Takes the turns of some steps, one after the other.
     #[inline(always)]
-    fn turn_columns(&mut self, curved: Three<S>) -> [Three<S>; 3] {
-        let after = columns(&self.quaternion, self.simd);
-        let before = std::mem::replace(&mut self.columns, after);
-        let change = [0, 1, 2].map(|c| [0, 1, 2].map(|r| after[c][r] - before[c][r]));
-        let both = [0, 1, 2].map(|c| [0, 1, 2].map(|r| after[c][r] + before[c][r]));
-        times_hat_plus(&change, &curved, both)
+    fn turn<const SUMS: bool>(&mut self, terms: &mut [Term<S>]) {
+        for term in terms {
+            if SUMS {
+                let scaled = self.quaternion.map(|part| part * term.scalar);
+                self.quaternion = turned(&self.quaternion, scaled, term.vector);
+                self.turn_rows(term);
+            } else {
+                self.quaternion = turned(&self.quaternion, self.quaternion, term.vector);
+            }
+        }
+    }
+
+    /// Makes the rotation matrix of the quaternion, and twice A of the step, row by row: there are more rows than registers.
+    #[inline(always)]
+    fn turn_rows(&mut self, term: &mut Term<S>) {
+        let one = Lanes::splat(self.simd, 1.0);
+        for r in 0..3 {
+            let after = row(&self.quaternion, r, one);
+            let before = std::mem::replace(&mut self.rows[r], after);
+            let change = [0, 1, 2].map(|c| after[c] - before[c]);
+            let both = [0, 1, 2].map(|c| after[c] + before[c]);
+            term.twice[r] = times_hat_plus(&change, &term.curved, &both);
+        }
     }
 
     #[inline(always)]
@@ -380,27 +417,21 @@ fn turned<S: Simd>(q: &[Lanes<S>; 4], start: [Lanes<S>; 4], v: Three<S>) -> [Lan
     ]
 }
 
-/// Columns of the rotation matrix of a unit quaternion.
+/// Row `r` of the rotation matrix of a unit quaternion.
 #[inline(always)]
-fn columns<S: Simd>(q: &[Lanes<S>; 4], simd: S) -> [Three<S>; 3] {
+fn row<S: Simd>(q: &[Lanes<S>; 4], r: usize, one: Lanes<S>) -> Three<S> {
     let [w, x, y, z] = *q;
-    let one = Lanes::splat(simd, 1.0);
     let (x2, y2, z2) = (x + x, y + y, z + z);
-    let (xy, xz, yz) = (x * y2, x * z2, y * z2);
-    [
-        [z.times_from(z2, y.times_from(y2, one)), w.times_plus(z2, xy), w.times_from(y2, xz)],
-        [w.times_from(z2, xy), z.times_from(z2, x.times_from(x2, one)), w.times_plus(x2, yz)],
-        [w.times_plus(y2, xz), w.times_from(x2, yz), y.times_from(y2, x.times_from(x2, one))],
-    ]
+    match r {
+        0 => [z.times_from(z2, y.times_from(y2, one)), w.times_from(z2, x * y2), w.times_plus(y2, x * z2)],
+        1 => [w.times_plus(z2, x * y2), z.times_from(z2, x.times_from(x2, one)), w.times_from(x2, y * z2)],
+        _ => [w.times_from(y2, x * z2), w.times_plus(x2, y * z2), y.times_from(y2, x.times_from(x2, one))],
+    }
 }
 
-/// `m [v]x + sum`, all of them as columns.
+/// `row [v]x + sum`.
 #[inline(always)]
-fn times_hat_plus<S: Simd>(m: &[Three<S>; 3], v: &Three<S>, sum: [Three<S>; 3]) -> [Three<S>; 3] {
-    let part = |y: usize, z: usize, r: usize, sum: Lanes<S>| m[z][r].times_from(v[y], m[y][r].times_plus(v[z], sum));
-    [
-        [0, 1, 2].map(|r| part(1, 2, r, sum[0][r])),
-        [0, 1, 2].map(|r| part(2, 0, r, sum[1][r])),
-        [0, 1, 2].map(|r| part(0, 1, r, sum[2][r])),
-    ]
+fn times_hat_plus<S: Simd>(row: &Three<S>, v: &Three<S>, sum: &Three<S>) -> Three<S> {
+    let part = |y: usize, z: usize, x: usize| row[z].times_from(v[y], row[y].times_plus(v[z], sum[x]));
+    [part(1, 2, 0), part(2, 0, 1), part(0, 1, 2)]
 }
