@@ -12,6 +12,7 @@
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
+use pulp::{Arch, Simd, WithSimd};
 
 use crate::lsq::by_chance;
 use crate::moves::{Carried, UnitRest, variance_per_axis};
@@ -237,13 +238,40 @@ fn common_wandering(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>
 fn white_noise(rows: &[[f64; 3]], rests: &[&Rest]) -> Vector3<f64> {
     let (mut sum, mut count) = (Vector3::zeros(), 0.0);
     for rest in rests {
-        for window in rows[rest.first..rest.end].windows(DIFFERENCE.len()) {
-            let difference: Vector3<f64> = window.iter().zip(DIFFERENCE).map(|(row, c)| Vector3::from(*row) * c).sum();
-            sum += difference.component_mul(&difference);
-            count += 1.0;
-        }
+        let rows = &rows[rest.first..rest.end];
+        sum += Arch::new().dispatch(SquaredDifferences(rows));
+        count += (rows.len() + 1).saturating_sub(DIFFERENCE.len()) as f64;
     }
     (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)
+}
+
+/// Sum of the squared fourth differences of some rows, taken with the widest vectors that the processor has.
+struct SquaredDifferences<'a>(&'a [[f64; 3]]);
+
+impl WithSimd for SquaredDifferences<'_> {
+    type Output = Vector3<f64>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Vector3<f64> {
+        // Numbers of eight rows side by side.
+        const LANES: usize = 24;
+        let count = 3 * (self.0.len() + 1).saturating_sub(DIFFERENCE.len());
+        let numbers = self.0.as_flattened();
+        let parts: [_; DIFFERENCE.len()] =
+            std::array::from_fn(|i| numbers.get(3 * i..3 * i + count).unwrap_or(&[]).as_chunks::<LANES>());
+        let mut squares = [0.0; LANES];
+        for k in 0..parts[0].0.len() {
+            for lane in 0..LANES {
+                let difference: f64 = (0..DIFFERENCE.len()).map(|i| DIFFERENCE[i] * parts[i].0[k][lane]).sum();
+                squares[lane] += difference * difference;
+            }
+        }
+        for lane in 0..parts[0].1.len() {
+            let difference: f64 = (0..DIFFERENCE.len()).map(|i| DIFFERENCE[i] * parts[i].1[lane]).sum();
+            squares[lane] += difference * difference;
+        }
+        squares.as_chunks::<3>().0.iter().map(|row| Vector3::from(*row)).sum()
+    }
 }
 
 #[cfg(test)]

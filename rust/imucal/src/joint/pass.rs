@@ -116,10 +116,8 @@ impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
         let span = self.span;
         let (first, last) = (span.first, span.last);
-        if terms.count == 0
-            && !self.with_blocks
-            && let Some((rotation, base)) = self.carried(&model.gyroscope)
-        {
+        if terms.count == 0 && !self.with_blocks {
+            let (rotation, base) = self.carried(&model.gyroscope);
             let turn = turn(&base, 1.0, None, model, terms.total());
             return Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
         }
@@ -229,23 +227,24 @@ impl Route<'_> {
         });
     }
 
-    /// Rotation and sums without effects, as the kernel takes them; `None` where steps differ.
-    fn carried(&self, gyroscope: &Triad<f64>) -> Option<(Matrix3<f64>, Sums)> {
+    /// Rotation and sums without effects, as the kernel takes them: steps in a row that are alike together.
+    fn carried(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let (time, rates) = (self.recording.time_s, self.recording.angular_rate);
-        let (first, last) = (self.span.first, self.span.last);
-        // The first and the last step of a recording have no sample beyond them.
-        let (start, end) = (first.max(1), last.min(time.len() - 2));
-        if end < start || !(start..end).all(|i| self.step(i).smooth) {
-            return None;
-        }
-        let straight = |from: usize, to: usize| Path::of(self.recording, from, to).sums(gyroscope);
-        let (mut rotation, mut sums) = straight(first, start);
-        let pace = Pace::of(&time[start - 1..=end + 1]);
-        let middle = Path::cubic(&rates[start - 1..=end + 1], pace).sums(gyroscope);
-        for (turn, added) in [middle, straight(end, last)] {
+        let (mut rotation, mut sums) = (Matrix3::identity(), Sums::zero());
+        let (mut start, last) = (self.span.first, self.span.last);
+        while start < last {
+            let smooth = self.step(start).smooth;
+            let end = (start + 1..last).find(|&i| self.step(i).smooth != smooth).unwrap_or(last);
+            let (turn, added) = if smooth {
+                let around = start - 1..end + 2;
+                Path::cubic(&rates[around.clone()], Pace::of(&time[around])).sums(gyroscope)
+            } else {
+                Path::of(self.recording, start, end).sums(gyroscope)
+            };
             sums.add_after(&rotation, &added);
             rotation *= turn;
+            start = end;
         }
-        Some((rotation, sums))
+        (rotation, sums)
     }
 }

@@ -94,9 +94,12 @@ impl BiasWander {
     fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);
-        Mat::from_fn(rests.len(), rests.len(), |i, j| {
-            self.covariance(axis, rests[i], rests[j]) - with_whole[i] - with_whole[j] + all
-        })
+        let mut own = Mat::zeros(rests.len(), rests.len());
+        for (i, j) in (0..rests.len()).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            own[(i, j)] = self.covariance(axis, rests[i], rests[j]) - with_whole[i] - with_whole[j] + all;
+            own[(j, i)] = own[(i, j)];
+        }
+        own
     }
 }
 
