@@ -223,7 +223,7 @@ pub fn sample_interval_s(time_s: &[f64]) -> f64 {
 
 /// The first steps in time, s.
 pub(crate) fn steps_s(time_s: &[f64], to: &mut [f64]) {
-    let times = time_s.iter().zip(&time_s[1..]);
+    let times = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
     to.iter_mut().zip(times).for_each(|(to, (before, after))| *to = after - before);
 }
 

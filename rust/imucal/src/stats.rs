@@ -32,20 +32,24 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
 /// Where the few are misleading all values are (after Floyd and Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
     const FEWEST: usize = 2000;
-    let taken = |step: usize| -> Vec<f64> {
-        let value = |k: usize| {
-            let mut one = [f64::NAN];
-            write(k, &mut one);
-            one[0]
-        };
-        (0..count).step_by(step).map(value).filter(|v| !v.is_nan()).collect()
+    let of_all = || {
+        let mut all = vec![f64::NAN; count];
+        write(0, &mut all);
+        all.retain(|v| !v.is_nan());
+        quantile(&mut all, q)
     };
     if count < FEWEST {
-        return quantile(&mut taken(1), q);
+        return of_all();
     }
-    let mut sample = taken((count as f64).cbrt() as usize);
+    let value = |k: usize| {
+        let mut one = [f64::NAN];
+        write(k, &mut one);
+        one[0]
+    };
+    let step = (count as f64).cbrt() as usize;
+    let mut sample: Vec<f64> = (0..count).step_by(step).map(value).filter(|v| !v.is_nan()).collect();
     if sample.is_empty() {
-        return quantile(&mut taken(1), q);
+        return of_all();
     }
     // Four standard deviations of a rank among so many.
     let last = (sample.len() - 1) as f64;
@@ -58,7 +62,7 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     let position = q * all.saturating_sub(1) as f64;
     let rank = position.floor() as usize;
     if rank < below || rank + 1 >= up_to_high {
-        return quantile(&mut taken(1), q);
+        return of_all();
     }
     let mut ranked = |rank: usize| match rank.checked_sub(up_to_low) {
         None => low,

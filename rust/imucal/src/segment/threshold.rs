@@ -78,10 +78,6 @@ impl WithSimd for Windows<'_> {
     fn with_simd<S: Simd>(self, _: S) -> [Vec<f64>; 6] {
         let count = (self.0.len() + 1).saturating_sub(WINDOW_BLOCKS);
         let mut variances = [(); 6].map(|()| Vec::with_capacity(count));
-        let mut push = |window: &Block| {
-            let variance = window.variance();
-            variances.iter_mut().zip(&variance).for_each(|(of_channel, v)| of_channel.push(*v));
-        };
         let mut ahead = self.0;
         while let Some((stretch, next)) = ahead.split_first_chunk::<WINDOW_BLOCKS>() {
             let mut left = *stretch;
@@ -89,13 +85,16 @@ impl WithSimd for Windows<'_> {
                 let after = left[k + 1];
                 left[k].merge(&after);
             }
-            push(&left[0]);
             let mut come = Block::new();
-            for (left, block) in left[1..].iter().zip(next) {
-                come.merge(block);
+            for (k, left) in left.iter().enumerate() {
+                if k > 0 {
+                    let Some(block) = next.get(k - 1) else { break };
+                    come.merge(block);
+                }
                 let mut window = *left;
                 window.merge(&come);
-                push(&window);
+                let variance = window.variance();
+                variances.iter_mut().zip(&variance).for_each(|(of_channel, v)| of_channel.push(*v));
             }
             ahead = next;
         }
