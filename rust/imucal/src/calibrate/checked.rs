@@ -41,7 +41,15 @@ impl Checked {
         if options.is_joint() {
             data.free_of_tremor(&accelerometer.triad, &gyroscope.fit.triad);
         }
-        Ok(Self { data: data.of(&[]), accelerometer, moves, unusable, gyroscope, plain: OnceLock::new(), carried: OnceLock::new() })
+        Ok(Self {
+            data: data.of(&[]),
+            accelerometer,
+            moves,
+            unusable,
+            gyroscope,
+            plain: OnceLock::new(),
+            carried: OnceLock::new(),
+        })
     }
 
     /// As [`calibrate`](super::calibrate()).
