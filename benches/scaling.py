@@ -48,7 +48,8 @@ def now_bytes() -> int:
 def simulate(folder: Path, samples: int, rate_hz: float, moves: int, parquet: bool) -> dict[str, float]:
     import imucal
 
-    hold_s = samples / rate_hz / (moves + 1) - MOVE_S * moves / (moves + 1)
+    # One sample more than there are intervals, and no program of more samples than can be simulated.
+    hold_s = ((samples - 1) / rate_hz - MOVE_S * moves) / (moves + 1)
     program = imucal.Program.random(seed=1, moves=moves, max_rate_dps=60.0, move_s=MOVE_S, hold_s=hold_s)
     recording = imucal.simulate(program, rate_hz=rate_hz, seed=1).recording
     if parquet:
