@@ -133,7 +133,8 @@ impl Route<'_> {
         with_columns: bool,
     ) {
         let mut attitude = self.rotation_world_from_start;
-        let mut columns = vec![Vector3::zeros(); terms.count];
+        let mut columns = terms.room();
+        let all_active = active.all.len() == terms.all.len();
         for (k, index) in self.reach().enumerate() {
             let mut around = surroundings(self.recording, index);
             around.angular_acceleration = slopes.get(k).copied();
@@ -149,7 +150,10 @@ impl Route<'_> {
             let state = active.settle(&model.values, seen_rate, seen_force, &around, sample, &mut columns);
             (all.rate[k], all.force[k]) = (state.angular_rate, state.specific_force);
             if with_columns {
-                terms.columns_at(&model.values, &state, sample, &mut columns);
+                // Else the last pass has just made them.
+                if !all_active {
+                    terms.columns_at(&model.values, &state, sample, &mut columns);
+                }
                 all.on_rate.push(&columns);
                 all.on_force.push(&columns);
             }

@@ -123,19 +123,20 @@ impl Angles {
     ) -> Self {
         let seen: Vec<Vector3<f64>> = readings.iter().map(|r| Vector3::from(*r)).collect();
         let mut all = Self { angle_rad: seen.clone(), columns: vec![Vector3::zeros(); seen.len() * terms.count] };
+        let mut room = terms.room();
         for _ in 0..PASSES {
             let rates =
                 if seen.len() > 1 { slopes(time_s, &all.angle_rad, 0.0) } else { vec![Vector3::zeros(); seen.len()] };
             for k in 0..seen.len() {
-                let columns = &mut all.columns[k * terms.count..(k + 1) * terms.count];
                 let stand = StandState { angle_rad: all.angle_rad[k], rate_radps: rates[k], direction: directions[k] };
                 let state = State {
                     angular_rate: Vector3::zeros(),
                     specific_force: Vector3::zeros(),
                     surroundings: Surroundings { stand: Some(stand), ..Surroundings::unknown() },
                 };
-                terms.columns_at(values, &state, Sample { index: sample.index + k, ..sample }, columns);
-                all.angle_rad[k] = seen[k] - terms.sum_of(Sensor::Encoder, values, columns);
+                terms.columns_at(values, &state, Sample { index: sample.index + k, ..sample }, &mut room);
+                all.angle_rad[k] = seen[k] - terms.sum_of(Sensor::Encoder, values, &room);
+                all.columns[k * terms.count..(k + 1) * terms.count].copy_from_slice(&room[..terms.count]);
             }
         }
         all

@@ -39,11 +39,18 @@ impl Planes {
 
     /// Takes the columns of all terms at the next sample.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>]) {
-        for axis in 0..3 {
-            for run in &self.runs {
-                self.numbers.extend(columns[run.clone()].iter().map(|column| column[axis]));
+        let (start, width) = (self.numbers.len(), self.width);
+        self.numbers.resize(start + 3 * width, 0.0);
+        let (x, yz) = self.numbers[start..].split_at_mut(width);
+        let (y, z) = yz.split_at_mut(width);
+        let mut k = 0;
+        for run in &self.runs {
+            let own = k..k + run.len();
+            let to = x[own.clone()].iter_mut().zip(&mut y[own.clone()]).zip(&mut z[own]);
+            for (((x, y), z), column) in to.zip(&columns[run.clone()]) {
+                (*x, *y, *z) = (column.x, column.y, column.z);
             }
-            self.numbers.extend(std::iter::repeat_n(0.0, self.width - self.parameters.len()));
+            k += run.len();
         }
     }
 

@@ -212,33 +212,31 @@ impl<'a> Terms<'a> {
         Ok(())
     }
 
-    /// Sets one column for each parameter, at a true state.
+    /// Room for the columns of all terms: a field sets those of its full form, and the next term sets its own over what is too many.
+    pub(super) fn room(&self) -> Vec<Vector3<f64>> {
+        vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
+    }
+
+    /// Sets one column for each parameter, at a true state; `room` is from [`Self::room`], and what is behind the columns means nothing.
     #[inline]
-    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, columns: &mut [Vector3<f64>]) {
-        let mut room: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
         for term in &self.all {
-            let own = &mut columns[term.first..term.first + term.count()];
+            let own = &mut room[term.first..term.first + MAX_PARAMETERS];
             match term.kind {
                 Kind::User(field) => {
                     let p = term.linear;
                     let row = &field.columns[sample.recording][3 * p * sample.index..3 * p * (sample.index + 1)];
-                    for (k, column) in own.iter_mut().enumerate() {
+                    for (k, column) in own[..p].iter_mut().enumerate() {
                         *column = Vector3::new(row[k], row[p + k], row[2 * p + k]);
                     }
                 }
-                Kind::Frozen(effect, shape) => {
-                    effect.field(state, shape, &mut room);
-                    own.copy_from_slice(&room[..term.linear]);
+                Kind::Frozen(effect, shape) => set_field(effect, state, shape, own),
+                Kind::Catalogue(effect) if effect.shape.is_some() => {
+                    let (linear, shape) = values[term.first..=term.first + term.linear].split_at(term.linear);
+                    set_field(effect, state, shape[0], own);
+                    own[term.linear] = shape_column(effect, linear, shape[0], state);
                 }
-                Kind::Catalogue(effect) => {
-                    let shape = if effect.shape.is_some() { values[term.first + term.linear] } else { 1.0 };
-                    effect.field(state, shape, &mut room);
-                    own[..term.linear].copy_from_slice(&room[..term.linear]);
-                    if effect.shape.is_some() {
-                        let linear = &values[term.first..term.first + term.linear];
-                        own[term.linear] = shape_column(effect, linear, shape, state);
-                    }
-                }
+                Kind::Catalogue(effect) => set_field(effect, state, 1.0, own),
             }
         }
     }
@@ -313,7 +311,7 @@ impl<'a> Terms<'a> {
         columns: &mut [Vector3<f64>],
     ) -> (Vector3<f64>, Vector3<f64>) {
         let mut force = seen_force;
-        let mut one = vec![Vector3::zeros(); self.count];
+        let mut one = self.room();
         let step = (range.len() / moments.len().max(1)).max(1);
         let mut on_rate = Vector3::zeros();
         for _ in 0..MOST_PASSES {
@@ -362,6 +360,14 @@ impl<'a> Terms<'a> {
     /// Whether any term depends on what `need` names.
     pub(crate) fn needs(&self, need: Need) -> bool {
         self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.needs.contains(&need)))
+    }
+}
+
+/// Sets the columns of an effect where there is room for any.
+#[inline]
+fn set_field(effect: &Effect<f64>, state: &State<f64>, shape: f64, room: &mut [Vector3<f64>]) {
+    if let Some(columns) = room.first_chunk_mut() {
+        effect.field(state, shape, columns);
     }
 }
 
