@@ -54,6 +54,8 @@ pub(crate) use terms::{Kinds, Term, Terms};
 pub(crate) use wander::Wander;
 pub use wander::{BiasWander, UnitWander};
 
+use std::rc::Rc;
+
 use faer::Mat;
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -121,14 +123,14 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights but for a stand's: where a search linearises
-/// next. `width` is that of the prior of an effect of which the recordings show some directions and not all.
+/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights but for a stand's, with the linearisation there:
+/// what a search goes on from. `width` is that of the prior of an effect of which the recordings show some directions and not all.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
     start: &Model,
     width: impl Fn(&Term<'_>) -> Option<f64>,
-) -> Result<Model, Error> {
+) -> Result<Rc<Linear>, Error> {
     let parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
@@ -138,7 +140,7 @@ pub(crate) fn fit_for_search(
         problem.weigh_by(&found)?;
         found = minimize(&problem, &found.parameters, SEARCH)?;
     }
-    Model::of(&found.parameters, terms)
+    problem.linear(&found.parameters)
 }
 
 fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Solution, Error> {

@@ -10,7 +10,7 @@ use super::evidence::{Column, Gram};
 use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
-use crate::joint::{BASE, Joint, Kinds, Linear, Model, Prepared, Source, Term, Terms};
+use crate::joint::{BASE, Joint, Kinds, Linear, Prepared, Source, Term, Terms};
 use crate::moves::axis_aside;
 
 /// One effect in the design.
@@ -45,28 +45,21 @@ pub(crate) struct Rows {
     axes: Vec<usize>,
 }
 
-/// Columns at a model: `own` are its effects with the precisions of their priors, `all` these and the candidates beside
-/// them, with their values.
+/// Columns at a model: `own` are its effects with the precisions of their priors, `all` these and the candidates beside them,
+/// linearised there.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),
-    (all, values): (&Terms<'_>, &[f64]),
-    model: &Model,
+    all: &Terms<'_>,
+    linear: &Rc<Linear>,
 ) -> Result<Design, Error> {
-    let parameters = model.parameters();
-    // One pass serves all: the columns of the candidates are those of the corrected state.
-    let full: Vec<f64> =
-        parameters[..BASE].iter().chain(values).chain(&parameters[BASE + own.count..]).copied().collect();
-    let linear = Rc::new(prepared.linearise(all, &full)?);
-    let problem = Joint::of_noise(prepared, all, Rc::clone(&linear))?;
-    let (residual, jacobian) = problem.whiten(&linear);
+    let (residual, jacobian) = Joint::of_noise(prepared, all, Rc::clone(linear))?.whiten(linear);
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
-    let of_own = own.all.iter().map(|term| {
-        let first = BASE + place_in_all(term.name());
-        first..first + term.count()
-    });
-    let mut parts: Vec<_> = once(0..BASE).chain(of_own).chain(once(BASE + all.count..full.len())).collect();
-    let mut width = parameters.len();
+    let of_own: Vec<_> = own.all.iter().map(|t| (place_in_all(t.name()), t.count())).map(|(p, n)| p..p + n).collect();
+    let values: Vec<f64> = of_own.iter().flat_map(|places| &linear.model.values[places.clone()]).copied().collect();
+    let of_own = of_own.into_iter().map(|places| BASE + places.start..BASE + places.end);
+    let mut parts: Vec<_> = once(0..BASE).chain(of_own).chain(once(BASE + all.count..all.total())).collect();
+    let mut width = own.total();
     let mut candidates = Vec::new();
     for term in all.all.iter().filter(|term| !own.all.iter().any(|own| own.name() == term.name())) {
         parts.push(BASE + term.first..BASE + term.first + term.linear);
@@ -82,28 +75,28 @@ pub(crate) fn design(
     for (to, from) in parts.into_iter().flatten().enumerate() {
         columns.col_as_slice_mut(to).copy_from_slice(jacobian.col_as_slice(from));
     }
-    let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, &linear, own.kinds));
-    let rows = Rows { columns, groups, items, axes: axes_of(&linear) };
+    let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, linear, own.kinds));
+    let rows = Rows { columns, groups, items, axes: axes_of(linear) };
     let residual = residual.col_as_slice(0).to_vec();
     Ok(Design {
         gram: Known::new(&rows.columns, &residual, &rows.groups).gram(),
-        model: columns_of(own, precisions, &parameters, 0..parameters.len()),
+        model: columns_of(own, precisions, &values, 0..own.total()),
         candidates,
         residual,
         rows: Rc::new(rows),
     })
 }
 
-/// The columns of a model that are at these places.
+/// The columns of a model that are at these places; the values are those of its effects.
 fn columns_of(
     own: &Terms<'_>,
     precisions: &[f64],
-    parameters: &[f64],
+    values: &[f64],
     places: impl Iterator<Item = usize>,
 ) -> Vec<Column> {
     let column = |(p, place): (usize, usize)| {
         let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
-        let (precision, value) = effect.map_or((0.0, 0.0), |effect| (precisions[effect], parameters[p]));
+        let (precision, value) = effect.map_or((0.0, 0.0), |effect| (precisions[effect], values[effect]));
         Column { place, precision, value }
     };
     places.enumerate().map(column).collect()
@@ -123,25 +116,23 @@ impl Design {
         &self,
         prepared: &Prepared<'_>,
         (own, precisions): (&Terms<'_>, &[f64]),
-        model: &Model,
+        linear: &Rc<Linear>,
     ) -> Result<Option<Self>, Error> {
         let of_term = |term: &Term<'_>| {
             let same = |c: &&Candidate| c.name == term.name() && c.shape.is_none() && c.columns.len() == term.count();
             self.candidates.iter().find(same).map(|candidate| candidate.columns.clone())
         };
         let Some(joining) = own.all.iter().map(of_term).collect::<Option<Vec<_>>>() else { return Ok(None) };
-        let parameters = model.parameters();
-        let linear = Rc::new(prepared.linearise(own, &parameters)?);
-        if axes_of(&linear) != self.rows.axes {
+        if axes_of(linear) != self.rows.axes {
             return Ok(None);
         }
-        let (residual, _) = Joint::of_noise(prepared, own, Rc::clone(&linear))?.whiten(&linear);
+        let (residual, _) = Joint::of_noise(prepared, own, Rc::clone(linear))?.whiten(linear);
         let residual = residual.col_as_slice(0).to_vec();
         let places = (0..BASE).chain(joining.into_iter().flatten()).chain(BASE..self.model.len());
         let is_left = |candidate: &&Candidate| !own.all.iter().any(|term| term.name() == candidate.name);
         Ok(Some(Self {
             gram: self.gram.with_residual(&self.rows.columns, &residual, &self.rows.groups),
-            model: columns_of(own, precisions, &parameters, places),
+            model: columns_of(own, precisions, &linear.model.values, places),
             candidates: self.candidates.iter().filter(is_left).cloned().collect(),
             residual,
             rows: Rc::clone(&self.rows),

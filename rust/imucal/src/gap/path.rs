@@ -15,7 +15,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{INSIDE, Kinds, Model, Prepared};
+use crate::joint::{INSIDE, Kinds, Linear, Prepared};
 use crate::recording::Recording;
 
 /// Rivals are this close in the logarithm of the evidence.
@@ -123,7 +123,7 @@ pub(super) struct Hunt<'a> {
     pub(super) user_fields: &'a [UserField<'a>],
     pub(super) samples: Vec<usize>,
     /// Fits that have been made: several stages stand at the same model.
-    pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
+    pub(super) fits: RefCell<Vec<(FitKey, Rc<Linear>)>>,
     /// The model without effects and all candidates beside it, once it is known.
     pub(super) ground: RefCell<Option<Rc<Design>>>,
 }

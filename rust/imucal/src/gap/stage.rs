@@ -94,22 +94,26 @@ impl Hunt<'_> {
             term.effect().and(member).map(|member| member.width)
         };
         let key = (self.kinds, prepared.moves.len(), members.iter().map(|m| (m.name.clone(), m.width)).collect());
-        let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, model)| model.clone());
-        let model = match known {
-            Some(model) => model,
+        let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, linear)| Rc::clone(linear));
+        let linear = match known {
+            Some(linear) => linear,
             None => {
-                let model = joint::fit_for_search(prepared, &terms, &start, width)?;
-                self.fits.borrow_mut().push((key, model.clone()));
-                model
+                let linear = joint::fit_for_search(prepared, &terms, &start, width)?;
+                self.fits.borrow_mut().push((key, Rc::clone(&linear)));
+                linear
             }
         };
 
-        let ground = self.ground.borrow().clone().filter(|_| beside == Beside::Candidates);
-        let joined = ground.and_then(|ground| ground.joined(prepared, (&terms, &precisions), &model).transpose());
-        let design = match joined {
-            Some(joined) => joined?,
-            None => self.linearised(prepared, (&terms, &precisions), &model, open, beside)?,
+        let own = (&terms, precisions.as_slice());
+        let design = match beside {
+            Beside::Nothing => design(prepared, own, &terms, &linear)?,
+            Beside::Candidates => {
+                let ground = self.ground.borrow().clone();
+                let joined = ground.and_then(|ground| ground.joined(prepared, own, &linear).transpose());
+                joined.unwrap_or_else(|| self.with_candidates(prepared, own, &linear.model, open))?
+            }
         };
+        let model = linear.model.clone();
         let evidence = design
             .gram
             .evidence(&design.model)
@@ -126,25 +130,24 @@ impl Hunt<'_> {
         Ok(Stage { design: Rc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// A model and what is beside it, linearised there.
-    fn linearised(
+    /// A model and all candidates beside it, linearised there: one pass serves all, the columns of the candidates being those of the
+    /// corrected state.
+    fn with_candidates(
         &self,
         prepared: &Prepared<'_>,
-        (terms, precisions): (&Terms<'_>, &[f64]),
+        own: (&Terms<'_>, &[f64]),
         model: &Model,
         open: &[EffectChoice],
-        beside: Beside,
     ) -> Result<Design, Error> {
+        let (terms, _) = own;
         let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
         let of_catalogue = |term: &Term<'_>| open.iter().find(|choice| choice.effect.name == term.name()).copied();
-        let own: Vec<EffectChoice> = terms.all.iter().filter_map(of_catalogue).collect();
-        let rest: Vec<EffectChoice> =
-            open.iter().filter(|c| beside == Beside::Candidates && !is_member(c.effect.name)).copied().collect();
-        let (timed, plain): (Vec<_>, Vec<_>) = rest.into_iter().partition(|choice| choice.effect.shape.is_some());
-        let fields = self.user_fields.iter().filter(|f| is_member(f.name));
-        let free = self.user_fields.iter().filter(|f| beside == Beside::Candidates && !is_member(f.name));
-        let all_fields: Vec<UserField<'_>> = fields.chain(free).cloned().collect();
-        let choices: Vec<EffectChoice> = own.iter().chain(&plain).copied().collect();
+        let members = terms.all.iter().filter_map(of_catalogue);
+        let free = open.iter().filter(|choice| !is_member(choice.effect.name)).copied();
+        let (timed, plain): (Vec<_>, Vec<_>) = free.partition(|choice| choice.effect.shape.is_some());
+        let (fields, free): (Vec<_>, Vec<_>) = self.user_fields.iter().cloned().partition(|f| is_member(f.name));
+        let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
+        let choices: Vec<EffectChoice> = members.chain(plain).collect();
         let mut all = Terms::try_new(&choices, &all_fields, &self.samples, self.kinds)?;
         let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
         for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
@@ -157,6 +160,7 @@ impl Hunt<'_> {
                 values[same.first..same.first + same.count()].copy_from_slice(own);
             }
         }
-        design(prepared, (terms, precisions), (&all, &values), model)
+        let parameters = Model { values, ..model.clone() }.parameters();
+        design(prepared, own, &all, &Rc::new(prepared.linearise(&all, &parameters)?))
     }
 }
