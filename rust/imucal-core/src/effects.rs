@@ -121,6 +121,8 @@ pub struct Effect<F: RealField + Copy> {
     pub plain: usize,
     /// A number that the field depends on other than linearly, such as a time constant. It is positive.
     pub shape: Option<Parameter>,
+    /// Of which sensors the field depends on the true values: where these do not change, it stays as it is.
+    pub reads: &'static [Sensor],
     /// Which of the [`Surroundings`] the field depends on.
     pub needs: &'static [Need],
     /// The field times its parameters, as text.

@@ -113,6 +113,22 @@ fn sensor_by_name(effect: &Effect<f64>) -> Sensor {
 }
 
 #[test]
+fn fields_change_with_what_they_read_and_nothing_else() {
+    for effect in Effect::<f64>::catalogue() {
+        let columns = |state: &State<f64>| {
+            let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
+            effect.field(state, TAU_S, &mut columns);
+            columns
+        };
+        let other = Vector3::new(-1.5, 0.25, -4.0);
+        let changes = |state: State<f64>| columns(&state) != columns(&self::state());
+        let reads = |sensor| effect.reads.contains(&sensor);
+        assert_eq!(changes(State { angular_rate: other, ..state() }), reads(Sensor::Gyroscope), "{}", effect.name);
+        assert_eq!(changes(State { specific_force: other, ..state() }), reads(Sensor::Accelerometer), "{}", effect.name);
+    }
+}
+
+#[test]
 fn every_field_is_what_its_formula_gives_by_hand() {
     assert!(Effect::<f64>::catalogue().map(|effect| effect.name).eq(BY_HAND.iter().map(|row| row.0)));
     for (effect, (name, expected)) in Effect::catalogue().zip(BY_HAND) {

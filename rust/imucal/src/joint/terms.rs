@@ -285,13 +285,15 @@ impl<'a> Terms<'a> {
         if self.all.is_empty() {
             return state;
         }
+        let (reads_rate, reads_force) = (self.reads(Sensor::Gyroscope), self.reads(Sensor::Accelerometer));
         for _ in 0..MOST_PASSES {
             self.columns_at(values, &state, sample, columns);
             let (on_rate, on_force) = self.sums(values, columns);
             let (rate, force) = (seen_rate - on_rate, seen_force - on_force);
-            let change = (rate - state.angular_rate).amax() + (force - state.specific_force).amax();
+            let by_rate = if reads_rate { (rate - state.angular_rate).amax() } else { 0.0 };
+            let by_force = if reads_force { (force - state.specific_force).amax() } else { 0.0 };
             (state.angular_rate, state.specific_force) = (rate, force);
-            if change <= 1e-15 * (1.0 + seen_force.amax()) {
+            if by_rate + by_force <= 1e-15 * (1.0 + seen_force.amax()) {
                 break;
             }
         }
@@ -355,6 +357,11 @@ impl<'a> Terms<'a> {
                 }
             }
         }
+    }
+
+    /// Whether any term depends on the true value of a sensor.
+    fn reads(&self, sensor: Sensor) -> bool {
+        self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.reads.contains(&sensor)))
     }
 
     /// Whether any term depends on what `need` names.
