@@ -28,6 +28,7 @@ mod prior;
 mod problem;
 mod report;
 mod scatter;
+mod start;
 mod terms;
 mod wander;
 mod weights;
@@ -49,6 +50,7 @@ pub(crate) use model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 pub(crate) use outliers::{Item, outliers};
 pub(crate) use problem::Joint;
 pub(crate) use report::JointFit;
+pub(crate) use start::{Near, start_model};
 pub use report::{ResidualScales, TermEstimate};
 pub(crate) use terms::{Kinds, Term, Terms};
 pub(crate) use wander::Wander;
@@ -90,15 +92,15 @@ pub(crate) fn may_drift(options: &Options<'_>) -> bool {
     options.effects.iter().any(drifts) || !options.user_fields.is_empty()
 }
 
-/// Estimates all parameters, starting from two triads and no effects.
+/// Estimates all parameters, starting from what is near, or from two triads and no effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
-    accelerometer: &Triad<f64>,
-    gyroscope: &Triad<f64>,
+    triads: [&Triad<f64>; 2],
+    near: Option<&Near>,
 ) -> Result<JointFit, Error> {
     check_columns(prepared.recordings, terms)?;
-    let mut parameters = start_model(prepared, terms, accelerometer, gyroscope).parameters();
+    let mut parameters = start::start(prepared, terms, triads, near).parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
     begin(&mut problem, terms, &parameters, |term| term.partly.then_some(WIDE))?;
@@ -140,7 +142,7 @@ pub(crate) fn fit_for_search(
         problem.weigh_by(&found)?;
         found = minimize(&problem, &found.parameters, SEARCH)?;
     }
-    problem.linear(&found.parameters)
+    problem.linear_at_end(&found.parameters)
 }
 
 fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Solution, Error> {
@@ -149,21 +151,6 @@ fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Soluti
         return Err(Error::Fit("the joint fit left the range of numbers: leave effects out, or check units".into()));
     }
     Ok(found)
-}
-
-/// A model without effects.
-pub(crate) fn start_model(
-    prepared: &Prepared<'_>,
-    terms: &Terms<'_>,
-    accelerometer: &Triad<f64>,
-    gyroscope: &Triad<f64>,
-) -> Model {
-    Model {
-        accelerometer: *accelerometer,
-        gyroscope: *gyroscope,
-        values: start_values(terms),
-        stand: start_stand(prepared, terms, accelerometer),
-    }
 }
 
 /// Directions and rotations of moves with a model that is known.
@@ -205,30 +192,6 @@ fn largest_move(before: &[f64], found: &Solution) -> f64 {
     let covariance = lsq::covariance(&found.jacobian);
     let change = |p: usize| (found.parameters[p] - before[p]).abs() / covariance[(p, p)].sqrt();
     (0..before.len()).map(change).fold(0.0, f64::max)
-}
-
-/// How the unit is mounted on the stand; the rest of it is taken for perfect.
-fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
-    let Some(encoders) = prepared.encoders.as_ref().filter(|_| terms.kinds.encoders) else { return Vec::new() };
-    let used = (0..prepared.rests.len()).filter(|&k| prepared.used[k]);
-    let (angles, up): (Vec<_>, Vec<_>) = used
-        .map(|k| {
-            let mean = prepared.rests[k].rest.specific_force.mean;
-            (*encoders.mean(k), accelerometer.correct(mean).normalize())
-        })
-        .unzip();
-    let mut stand = vec![0.0; encoders::STAND_PARAMETERS];
-    stand[..3].copy_from_slice(encoders::mount_rotation(&angles, &up).as_slice());
-    stand
-}
-
-/// No effect at all; time constants are typical.
-fn start_values(terms: &Terms<'_>) -> Vec<f64> {
-    let mut values = vec![0.0; terms.count];
-    for term in terms.all.iter().filter(|term| term.has_shape()) {
-        values[term.first + term.linear] = term.typical()[term.linear];
-    }
-    values
 }
 
 /// An effect needs the columns that it depends on.

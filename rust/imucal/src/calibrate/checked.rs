@@ -1,6 +1,6 @@
 //! What several calibrations of the same recordings share.
 
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 
 use imucal_core::sensor::Triad;
 
@@ -12,6 +12,7 @@ use super::{Kinds, Options, Prepared};
 use crate::accelerometer::AccelerometerFit;
 use crate::check::check_gains;
 use crate::error::Error;
+use crate::joint::Near;
 use crate::moves::{Move, Unusable};
 use crate::recording::Recording;
 
@@ -28,6 +29,8 @@ pub struct Checked {
     plain: OnceLock<([Triad<f64>; 2], Selection)>,
     /// Set once a search finds that a hand carried the unit, whatever effects may explain; fewer effects explain no more.
     pub(crate) carried: OnceLock<()>,
+    /// Where the last search ended: a calibration with the effects that it found ends near to that.
+    near: Mutex<Option<Near>>,
 }
 
 impl Checked {
@@ -49,6 +52,7 @@ impl Checked {
             gyroscope,
             plain: OnceLock::new(),
             carried: OnceLock::new(),
+            near: Mutex::new(None),
         })
     }
 
@@ -60,7 +64,7 @@ impl Checked {
         let data = self.data(recordings);
         let Self { accelerometer, gyroscope, unusable, .. } = self;
         let outcome = if options.is_joint() {
-            let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options)?;
+            let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options, self.near())?;
             let triads = self.triads();
             let misfits = data.misfits(&joint, &selection, triads, options)?;
             let unseen = |folds| data.held_out(&joint, &selection, (&self.moves, triads), options, folds);
@@ -95,7 +99,7 @@ impl Checked {
             Some(plain) => plain.clone(),
             None => {
                 let Self { accelerometer, gyroscope, unusable, .. } = self;
-                let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options)?;
+                let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options, None)?;
                 ([joint.model.accelerometer, joint.model.gyroscope], selection)
             }
         };
@@ -104,6 +108,17 @@ impl Checked {
         data.prepared_for(&selection, triads, options, (kinds, true, jointly::known(options)), |prepared| {
             work(prepared, triads[0], triads[1])
         })
+    }
+
+    /// Takes where a search has ended.
+    pub(crate) fn ends_near(&self, near: Near) {
+        if let Ok(mut own) = self.near.lock() {
+            *own = Some(near);
+        }
+    }
+
+    fn near(&self) -> Option<Near> {
+        self.near.lock().ok().and_then(|near| near.clone())
     }
 
     fn data<'a>(&self, recordings: &'a [Recording<'a>]) -> UnitData<'a> {
@@ -133,13 +148,13 @@ mod tests {
         let found = checked.calibrate(&recordings, &options).unwrap().held_out.unwrap();
         let data = checked.data(&recordings);
         let Checked { accelerometer, gyroscope, unusable, moves, .. } = &checked;
-        let (_, all) = data.fit_without_outliers(accelerometer, gyroscope, unusable, &options).unwrap();
+        let (_, all) = data.fit_without_outliers(accelerometer, gyroscope, unusable, &options, None).unwrap();
         assert_eq!((all.moves.len(), found.direction_error_deg.len()), (moves.len(), moves.len()));
         for fold in 0..3 {
             let is_out = |k: &usize| k % 3 == fold;
             let (unseen, seen): (Vec<usize>, Vec<usize>) = (0..moves.len()).partition(is_out);
             let of = |places: &[usize]| Selection { moves: places.iter().map(|&k| moves[k]).collect(), ..all.clone() };
-            let fit = data.fit_jointly(&of(&seen), checked.triads(), &options).unwrap();
+            let fit = data.fit_jointly(&of(&seen), checked.triads(), &options, None).unwrap();
             for (k, (ends, rotation)) in unseen.iter().zip(data.predict(&fit, &of(&unseen), &options).unwrap()) {
                 let own = direction_error_rad(&ends, &rotation).to_degrees();
                 let sigma = ends.sigma_rad.to_degrees();
@@ -151,7 +166,7 @@ mod tests {
                 rest.rest.specific_force.variance_of_mean *= 1e4;
                 rest.rate_covariance *= 1e4;
             }
-            let fit = without.fit_jointly(&all, checked.triads(), &options).unwrap();
+            let fit = without.fit_jointly(&all, checked.triads(), &options, None).unwrap();
             for k in (0..data.rests.len()).filter(is_out) {
                 let own = fit.model.accelerometer.correct(data.rests[k].rest.specific_force.mean).norm() - 9.80665;
                 let sigma = crate::accelerometer::sigma_norm(&data.rests[k].rest, &fit.model.accelerometer);

@@ -7,7 +7,7 @@ use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, NOT_STILL, Un
 use super::{CrossValidation, Options};
 use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
-use crate::joint::{self, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, Terms, Wander};
+use crate::joint::{self, Encoders, Item, Joint, JointFit, Kinds, Misfits, Near, Prepared, Terms, Wander};
 use crate::moves::{Ends, Move, Unusable, between, direction_error_rad};
 use crate::recording::Recording;
 use crate::stats::rms;
@@ -56,7 +56,7 @@ pub(super) fn known(options: &Options<'_>) -> Wander {
 impl UnitData<'_> {
     /// The joint fit of both triads and the effects that are asked for, and what it is made of.
     ///
-    /// It starts from the two-stage fit. All rests and moves are judged by a fit without those that the last round left out,
+    /// It starts from what is near, or from the two-stage fit. All rests and moves are judged by a fit without those that the last round left out,
     /// so one that a better fit explains comes back.
     pub(super) fn fit_without_outliers(
         &self,
@@ -64,12 +64,13 @@ impl UnitData<'_> {
         gyroscope: &Gyroscope,
         unusable: &[Unusable],
         options: &Options<'_>,
+        mut near: Option<Near>,
     ) -> Result<(JointFit, Selection), Error> {
         let model = [&accelerometer.triad, &gyroscope.fit.triad];
         let all = self.everything();
         let mut selection = Selection::of_two_stages(accelerometer, gyroscope, unusable);
         for _ in 1..MOST_ROUNDS {
-            let fit = self.fit_jointly(&selection, model, options)?;
+            let fit = self.fit_jointly(&selection, model, options, near.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
             // What contradicts must not make itself likely.
             let contradicts = self.prepared(&all, model, options, known(options), |prepared| {
@@ -82,8 +83,9 @@ impl UnitData<'_> {
                 return Ok((fit, selection));
             }
             selection = next;
+            near = Some(Near::of(&self.terms(options)?, &fit.model));
         }
-        Ok((self.fit_jointly(&selection, model, options)?, selection))
+        Ok((self.fit_jointly(&selection, model, options, near.as_ref())?, selection))
     }
 
     /// All rests and moves that are no faults of the data.
@@ -136,10 +138,11 @@ impl UnitData<'_> {
         selection: &Selection,
         model: [&Triad<f64>; 2],
         options: &Options<'_>,
+        near: Option<&Near>,
     ) -> Result<JointFit, Error> {
         let wander = options.wander.map_or(Wander::Seen, Wander::Known);
         self.prepared(selection, model, options, wander, |prepared| {
-            joint::fit(prepared, &self.terms(options)?, model[0], model[1])
+            joint::fit(prepared, &self.terms(options)?, model, near)
         })
     }
 

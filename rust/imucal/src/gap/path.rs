@@ -15,7 +15,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{INSIDE, Kinds, Linear, Prepared};
+use crate::joint::{INSIDE, Kinds, Linear, Near, Prepared};
 use crate::recording::Recording;
 
 /// Rivals are this close in the logarithm of the evidence.
@@ -49,7 +49,9 @@ pub fn search(
     if hunt.is_carried {
         checked.carried.get_or_init(|| ());
     }
-    found
+    let (found, near) = found?;
+    checked.ends_near(near);
+    Ok(found)
 }
 
 /// The whitened residuals of the model without effects, and what they depend on: for other ways to choose effects.
@@ -168,12 +170,13 @@ impl<'a> Hunt<'a> {
         open
     }
 
+    /// What is found, and where the search ends.
     fn run(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: Vec<EffectChoice>,
-    ) -> Result<Search, Error> {
+    ) -> Result<(Search, Near), Error> {
         let (mut stage, open) = self.start(prepared, triads, open)?;
         let first = judge(&stage);
         let traces = traces(&stage);
@@ -256,7 +259,7 @@ impl<'a> Hunt<'a> {
                 .collect::<Vec<_>>(),
         );
         self.left_out.extend(first.blind);
-        Ok(Search {
+        let found = Search {
             path,
             ranking,
             generic: generic.map(|g| g.finding()),
@@ -266,7 +269,8 @@ impl<'a> Hunt<'a> {
             traces,
             scattering_rests: contradiction.or_else(|| scattering_rests(&stage, &plain_scales)),
             in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
-        })
+        };
+        Ok((found, stage.near()))
     }
 
     /// The model without effects, and the candidates that are left: without those of the motion if a hand carried the unit.

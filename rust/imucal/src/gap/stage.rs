@@ -10,7 +10,7 @@ use super::evidence::Evidence;
 use super::path::Hunt;
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, BASE, Kinds, Model, Prepared, SHAPE_SHARES, Term, Terms};
+use crate::joint::{self, BASE, Kinds, Model, Near, Prepared, SHAPE_SHARES, Term, Terms};
 
 /// Width of the prior of a time constant, in typical ones.
 const SHAPE_WIDTH: f64 = 3.0;
@@ -33,6 +33,11 @@ impl Stage {
     /// The parameters of a member among those of the model.
     pub(super) fn place(&self, name: &str) -> Option<std::ops::Range<usize>> {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
+    }
+
+    /// For fits of the same model.
+    pub(super) fn near(&self) -> Near {
+        Near::new(&self.model, self.places.iter().map(|(name, place)| (name.clone(), place.len())).collect())
     }
 }
 

@@ -22,6 +22,9 @@ use crate::lsq::{self, Residuals, Solution};
 /// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
 /// order in the parameters' errors, a part in 10^8 of a standard deviation for those of a good sensor.
 const NEAR: f64 = 0.01;
+/// A search that only asks what explains the residuals goes further: a part in a thousand is left out.
+const NEAR_IN_SEARCH: f64 = 3.0;
+
 /// The joint problem.
 pub(crate) struct Joint<'a> {
     pub(crate) prepared: &'a Prepared<'a>,
@@ -109,7 +112,16 @@ impl<'a> Joint<'a> {
                 return Ok(Rc::clone(&place.borrow().linear));
             }
         }
-        let Some(moved) = self.moved(parameters)? else { return self.linear_anew(parameters) };
+        self.linear_within(parameters, NEAR)
+    }
+
+    /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
+    pub(crate) fn linear_at_end(&self, parameters: &[f64]) -> Result<Rc<Linear>, Error> {
+        self.linear_within(parameters, NEAR_IN_SEARCH)
+    }
+
+    fn linear_within(&self, parameters: &[f64], distance: f64) -> Result<Rc<Linear>, Error> {
+        let Some(moved) = self.moved(parameters, distance)? else { return self.linear_anew(parameters) };
         let linear = Rc::new(moved);
         *self.near.borrow_mut() = Place { parameters: parameters.to_vec(), linear: Rc::clone(&linear) };
         Ok(linear)
@@ -124,17 +136,17 @@ impl<'a> Joint<'a> {
 
     /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
-        let is_moved = self.last.borrow().parameters != parameters && self.moved(parameters)?.is_some();
+        let is_moved = self.last.borrow().parameters != parameters && self.moved(parameters, NEAR)?.is_some();
         if is_moved {
             self.linear_anew(parameters)?;
         }
         Ok(is_moved)
     }
 
-    /// What the last linearisation makes of these parameters, if they are near and all residuals are lines.
+    /// What the last linearisation makes of these parameters, if they are within this distance and all residuals are lines.
     ///
     /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
-    fn moved(&self, parameters: &[f64]) -> Result<Option<Linear>, Error> {
+    fn moved(&self, parameters: &[f64], distance: f64) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*self.last.borrow();
         let Kinds { in_motion, encoders } = self.terms.kinds;
         if in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
@@ -147,7 +159,7 @@ impl<'a> Joint<'a> {
             let change = Vector3::from_fn(|axis, _| rates[axis].change(&change));
             (self.weights.rates[*rest] * change).norm_squared()
         });
-        let is_near = lines.squared_norm_l2() + rates.sum::<f64>() < NEAR * NEAR;
+        let is_near = lines.squared_norm_l2() + rates.sum::<f64>() < distance * distance;
         is_near.then(|| Ok(linear.moved(&change, Model::of(parameters, self.terms)?))).transpose()
     }
 

@@ -129,7 +129,7 @@ fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) 
     let recording: Recording<'_> = run.recording("run");
     let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
     prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
-        work(prepared, &terms, &crate::joint::fit(prepared, &terms, accelerometer, gyroscope)?.model);
+        work(prepared, &terms, &crate::joint::fit(prepared, &terms, [accelerometer, gyroscope], None)?.model);
         Ok(())
     })
     .unwrap();
@@ -156,7 +156,7 @@ fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let recording: Recording<'_> = run.recording("run");
     let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
     prepare(&[recording], NONE, |prepared, accelerometer, gyroscope| {
-        let fit = crate::joint::fit(prepared, &terms, accelerometer, gyroscope)?;
+        let fit = crate::joint::fit(prepared, &terms, [accelerometer, gyroscope], None)?;
         let anew = prepared.linearise(&terms, &fit.model.parameters())?;
         let lines = |linear: &Linear| -> Vec<_> {
             linear.lines.iter().chain(linear.rates.iter().flat_map(|(_, lines)| lines)).cloned().collect()

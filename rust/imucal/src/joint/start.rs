@@ -1,0 +1,88 @@
+//! Where joint fits start.
+
+use imucal_core::sensor::Triad;
+
+use super::encoders;
+use super::linear::Prepared;
+use super::model::Model;
+use super::terms::{Term, Terms};
+
+/// A model that other fits are near to: they end where they would without it, and sooner.
+#[derive(Clone)]
+pub(crate) struct Near {
+    model: Model,
+    /// Its effects and how many parameters each has.
+    effects: Vec<(String, usize)>,
+}
+
+impl Near {
+    /// `effects` are those of the model, in their order, each with the number of its parameters.
+    pub(crate) fn new(model: &Model, effects: Vec<(String, usize)>) -> Self {
+        Self { model: model.clone(), effects }
+    }
+
+    pub(crate) fn of(terms: &Terms<'_>, model: &Model) -> Self {
+        Self::new(model, effects(terms))
+    }
+
+    /// The model, if it is one of these effects. Time constants are looked for from several sides, whatever is near.
+    fn start(&self, terms: &Terms<'_>) -> Option<Model> {
+        let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
+        is_same.then(|| self.model.clone())
+    }
+}
+
+fn effects(terms: &Terms<'_>) -> Vec<(String, usize)> {
+    terms.all.iter().map(|term| (term.name().to_owned(), term.count())).collect()
+}
+
+/// What is near, or a model without effects.
+pub(super) fn start(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    [accelerometer, gyroscope]: [&Triad<f64>; 2],
+    near: Option<&Near>,
+) -> Model {
+    let plain = start_model(prepared, terms, accelerometer, gyroscope);
+    let same_stand = |model: &Model| model.stand.len() == plain.stand.len();
+    near.and_then(|near| near.start(terms)).filter(same_stand).unwrap_or(plain)
+}
+
+/// A model without effects.
+pub(crate) fn start_model(
+    prepared: &Prepared<'_>,
+    terms: &Terms<'_>,
+    accelerometer: &Triad<f64>,
+    gyroscope: &Triad<f64>,
+) -> Model {
+    Model {
+        accelerometer: *accelerometer,
+        gyroscope: *gyroscope,
+        values: start_values(terms),
+        stand: start_stand(prepared, terms, accelerometer),
+    }
+}
+
+/// How the unit is mounted on the stand; the rest of it is taken for perfect.
+fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
+    let Some(encoders) = prepared.encoders.as_ref().filter(|_| terms.kinds.encoders) else { return Vec::new() };
+    let used = (0..prepared.rests.len()).filter(|&k| prepared.used[k]);
+    let (angles, up): (Vec<_>, Vec<_>) = used
+        .map(|k| {
+            let mean = prepared.rests[k].rest.specific_force.mean;
+            (*encoders.mean(k), accelerometer.correct(mean).normalize())
+        })
+        .unzip();
+    let mut stand = vec![0.0; encoders::STAND_PARAMETERS];
+    stand[..3].copy_from_slice(encoders::mount_rotation(&angles, &up).as_slice());
+    stand
+}
+
+/// No effect at all; time constants are typical.
+fn start_values(terms: &Terms<'_>) -> Vec<f64> {
+    let mut values = vec![0.0; terms.count];
+    for term in terms.all.iter().filter(|term| term.has_shape()) {
+        values[term.first + term.linear] = term.typical()[term.linear];
+    }
+    values
+}
