@@ -124,7 +124,12 @@ fn fields_change_with_what_they_read_and_nothing_else() {
         let changes = |state: State<f64>| columns(&state) != columns(&self::state());
         let reads = |sensor| effect.reads.contains(&sensor);
         assert_eq!(changes(State { angular_rate: other, ..state() }), reads(Sensor::Gyroscope), "{}", effect.name);
-        assert_eq!(changes(State { specific_force: other, ..state() }), reads(Sensor::Accelerometer), "{}", effect.name);
+        assert_eq!(
+            changes(State { specific_force: other, ..state() }),
+            reads(Sensor::Accelerometer),
+            "{}",
+            effect.name
+        );
     }
 }
 

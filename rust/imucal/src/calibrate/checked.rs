@@ -64,7 +64,8 @@ impl Checked {
         let data = self.data(recordings);
         let Self { accelerometer, gyroscope, unusable, .. } = self;
         let outcome = if options.is_joint() {
-            let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options, self.near())?;
+            let (joint, selection) =
+                data.fit_without_outliers(accelerometer, gyroscope, unusable, options, self.near())?;
             let triads = self.triads();
             let misfits = data.misfits(&joint, &selection, triads, options)?;
             let unseen = |folds| data.held_out(&joint, &selection, (&self.moves, triads), options, folds);
@@ -99,7 +100,8 @@ impl Checked {
             Some(plain) => plain.clone(),
             None => {
                 let Self { accelerometer, gyroscope, unusable, .. } = self;
-                let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options, None)?;
+                let (joint, selection) =
+                    data.fit_without_outliers(accelerometer, gyroscope, unusable, options, None)?;
                 ([joint.model.accelerometer, joint.model.gyroscope], selection)
             }
         };

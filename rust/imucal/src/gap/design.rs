@@ -88,12 +88,7 @@ pub(crate) fn design(
 }
 
 /// The columns of a model that are at these places; the values are those of its effects.
-fn columns_of(
-    own: &Terms<'_>,
-    precisions: &[f64],
-    values: &[f64],
-    places: impl Iterator<Item = usize>,
-) -> Vec<Column> {
+fn columns_of(own: &Terms<'_>, precisions: &[f64], values: &[f64], places: impl Iterator<Item = usize>) -> Vec<Column> {
     let column = |(p, place): (usize, usize)| {
         let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
         let (precision, value) = effect.map_or((0.0, 0.0), |effect| (precisions[effect], values[effect]));
@@ -137,6 +132,12 @@ impl Design {
             residual,
             rows: Rc::clone(&self.rows),
         }))
+    }
+
+    /// Without the candidates of these names.
+    pub(crate) fn without(mut self, is_out: impl Fn(&str) -> bool) -> Self {
+        self.candidates.retain(|candidate| !is_out(&candidate.name));
+        self
     }
 
     /// Its residuals, to be predicted item by item.

@@ -3,19 +3,19 @@
 use std::cell::RefCell;
 use std::rc::Rc;
 
-use imucal_core::effects::{Need, Sensor};
+use imucal_core::effects::{Effect, Need, Sensor};
 use imucal_core::sensor::Triad;
 
-use super::design::Design;
+use super::design::{Design, design};
 use super::detect::FALSE_ALARM;
-use super::evidence::{Column, Evidence};
+use super::evidence::{Column, Evidence, Gram};
 use super::pattern::Pattern;
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{INSIDE, Kinds, Linear, Near, Prepared};
+use crate::joint::{INSIDE, Kinds, Linear, Near, Prepared, Terms};
 use crate::recording::Recording;
 
 /// Rivals are this close in the logarithm of the evidence.
@@ -284,8 +284,7 @@ impl<'a> Hunt<'a> {
             self.is_carried = true;
             self.kinds.in_motion = false;
             open.retain(|choice| {
-                let blind =
-                    choice.effect.needs.contains(&Need::AngularAcceleration) && !ADDS_UP.contains(&choice.effect.name);
+                let blind = is_blind_by_hand(choice.effect.name);
                 if blind {
                     self.left_out.push((
                         choice.effect.name.to_owned(),
@@ -300,29 +299,51 @@ impl<'a> Hunt<'a> {
         Ok((stage, open))
     }
 
-    /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it.
+    /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it. If so the candidates beside the
+    /// model of rests and moves from rest to rest are known along with that.
     fn looks_carried(
-        &self,
+        &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
     ) -> Result<bool, Error> {
-        let is_far = |stage: &Stage, columns: &[Column]| {
-            let gram = &stage.design.gram;
+        let is_far = |gram: &Gram, columns: &[Column]| {
             let inside = gram.groups.iter().position(|group| *group == INSIDE);
             let far = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
             let surely = gram.least_scale(INSIDE, columns).is_some_and(|least| least > CARRIED * CARRIED);
             surely || gram.evidence(columns).is_none_or(far)
         };
-        let plain = self.stage(prepared, triads, open, &[], Beside::Nothing)?;
+        // The insides of a hand would lead the fit astray.
+        let kinds = self.kinds;
+        self.kinds.in_motion = false;
+        let plain = self.stage(prepared, triads, open, &[], Beside::Nothing);
+        self.kinds = kinds;
+        let model = plain?.model;
+        let none = Terms::try_new(&[], &[], &self.samples, kinds)?;
+        let at_ends = Kinds { in_motion: false, ..kinds };
+        let none_at_ends = Terms { kinds: at_ends, ..none.clone() };
+        let linear = Rc::new(prepared.linearise(&none, &model.parameters())?);
+        let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // More columns only explain more.
-        if !is_far(&plain, &plain.design.model) {
+        if !is_far(&seen.gram, &seen.model) {
             return Ok(false);
         }
-        let simple: Vec<EffectChoice> = open.iter().filter(|c| c.effect.shape.is_none()).copied().collect();
-        let stage = self.stage(prepared, triads, &simple, &[], Beside::Candidates)?;
-        let explaining = stage.design.candidates.iter().flat_map(|candidate| candidate.columns(10.0));
-        let columns: Vec<Column> = stage.design.model.iter().copied().chain(explaining).collect();
-        Ok(is_far(&stage, &columns))
+        let ground = self.with_candidates(prepared, &none, &model, open, |all, linear| {
+            let seen = design(prepared, (&none, &[]), all, linear)?;
+            let explaining = seen.candidates.iter().filter(|c| c.shape.is_none()).flat_map(|c| c.columns(10.0));
+            let columns: Vec<Column> = seen.model.iter().copied().chain(explaining).collect();
+            let all = Terms { kinds: at_ends, ..all.clone() };
+            let linear = || Rc::new(prepared.without_insides(linear, &all));
+            is_far(&seen.gram, &columns).then(|| design(prepared, (&none_at_ends, &[]), &all, &linear())).transpose()
+        })?;
+        let is_carried = ground.is_some();
+        *self.ground.borrow_mut() = ground.map(|ground| Rc::new(ground.without(is_blind_by_hand)));
+        Ok(is_carried)
     }
+}
+
+/// Whether data by hand do not show an effect.
+fn is_blind_by_hand(name: &str) -> bool {
+    let effect = Effect::<f64>::find(name);
+    effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !ADDS_UP.contains(&name)
 }

@@ -10,7 +10,7 @@ use super::evidence::Evidence;
 use super::path::Hunt;
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, BASE, Kinds, Model, Near, Prepared, SHAPE_SHARES, Term, Terms};
+use crate::joint::{self, BASE, Kinds, Linear, Model, Near, Prepared, SHAPE_SHARES, Term, Terms};
 
 /// Width of the prior of a time constant, in typical ones.
 const SHAPE_WIDTH: f64 = 3.0;
@@ -115,7 +115,8 @@ impl Hunt<'_> {
             Beside::Candidates => {
                 let ground = self.ground.borrow().clone();
                 let joined = ground.and_then(|ground| ground.joined(prepared, own, &linear).transpose());
-                joined.unwrap_or_else(|| self.with_candidates(prepared, own, &linear.model, open))?
+                let design = |all: &Terms<'_>, linear: &Rc<Linear>| design(prepared, own, all, linear);
+                joined.unwrap_or_else(|| self.with_candidates(prepared, own.0, &linear.model, open, design))?
             }
         };
         let model = linear.model.clone();
@@ -137,14 +138,14 @@ impl Hunt<'_> {
 
     /// A model and all candidates beside it, linearised there: one pass serves all, the columns of the candidates being those of the
     /// corrected state.
-    fn with_candidates(
+    pub(super) fn with_candidates<T>(
         &self,
         prepared: &Prepared<'_>,
-        own: (&Terms<'_>, &[f64]),
+        terms: &Terms<'_>,
         model: &Model,
         open: &[EffectChoice],
-    ) -> Result<Design, Error> {
-        let (terms, _) = own;
+        work: impl FnOnce(&Terms<'_>, &Rc<Linear>) -> Result<T, Error>,
+    ) -> Result<T, Error> {
         let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
         let of_catalogue = |term: &Term<'_>| open.iter().find(|choice| choice.effect.name == term.name()).copied();
         let members = terms.all.iter().filter_map(of_catalogue);
@@ -153,7 +154,7 @@ impl Hunt<'_> {
         let (fields, free): (Vec<_>, Vec<_>) = self.user_fields.iter().cloned().partition(|f| is_member(f.name));
         let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
         let choices: Vec<EffectChoice> = members.chain(plain).collect();
-        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, self.kinds)?;
+        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, terms.kinds)?;
         let longest_s = prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
         for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
             all.push_frozen(choice.effect, share * longest_s)?;
@@ -166,6 +167,6 @@ impl Hunt<'_> {
             }
         }
         let parameters = Model { values, ..model.clone() }.parameters();
-        design(prepared, own, &all, &Rc::new(prepared.linearise(&all, &parameters)?))
+        work(&all, &Rc::new(prepared.linearise(&all, &parameters)?))
     }
 }

@@ -86,6 +86,7 @@ pub(crate) struct Linear {
     pub(crate) moves: Rc<Vec<AtMove>>,
     /// Direction of gravity at the rests that take part.
     pub(super) directions: Vec<(usize, EndDirection)>,
+    rests: Rc<Vec<Option<AtRest>>>,
     kinds: Kinds,
 }
 
@@ -203,7 +204,13 @@ impl Prepared<'_> {
             }
             rests[k] = Some(at_rest);
         }
-        Ok(self.lines(model, terms, &rests, moves))
+        Ok(self.lines(model, terms, Rc::new(rests), Rc::new(moves)))
+    }
+
+    /// What the same passes say of rests and moves from rest to rest alone; `terms` are those of the linearisation without the
+    /// residuals inside the moves.
+    pub(crate) fn without_insides(&self, linear: &Linear, terms: &Terms<'_>) -> Linear {
+        self.lines(linear.model.clone(), terms, Rc::clone(&linear.rests), Rc::clone(&linear.moves))
     }
 
     /// A direction at the last (`at_end`) or first sample of a rest, had its samples been carried there with the bias of the
@@ -251,7 +258,7 @@ impl Prepared<'_> {
         AtRest { force, force_jacobian, by_mean: *model.accelerometer.inverse(), on_rate, columns }
     }
 
-    fn lines(&self, model: Model, terms: &Terms<'_>, rests: &[Option<AtRest>], moves: Vec<AtMove>) -> Linear {
+    fn lines(&self, model: Model, terms: &Terms<'_>, rests: Rc<Vec<Option<AtRest>>>, moves: Rc<Vec<AtMove>>) -> Linear {
         let n = terms.total();
         let mut directions = Vec::new();
         let (mut lines, mut rates) = (Vec::new(), Vec::new());
@@ -267,14 +274,14 @@ impl Prepared<'_> {
             });
             while self.moves.get(next_move).is_some_and(|m| m.from == k) {
                 if !terms.kinds.in_motion && !terms.kinds.encoders {
-                    lines.extend(self.move_lines(next_move, &moves[next_move], rests));
+                    lines.extend(self.move_lines(next_move, &moves[next_move], &rests));
                 }
                 next_move += 1;
             }
             directions.push((k, at_rest.direction()));
             rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
         }
-        Linear { model, lines, rates, moves: Rc::new(moves), directions, kinds: terms.kinds }
+        Linear { model, lines, rates, moves, directions, rests, kinds: terms.kinds }
     }
 
     /// Components of the carried minus the measured direction, across the latter.
