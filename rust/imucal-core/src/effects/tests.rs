@@ -279,6 +279,7 @@ fn a_row_of_ones_own_is_an_effect_like_the_others() {
         parameters: &[Parameter { name: "c", unit: "rad/s", typical: 1e-3 }],
         plain: 1,
         shape: None,
+        reads: &[Sensor::Gyroscope],
         needs: &[],
         formula: "c sign(wz) along z",
         observable: "turns about z of both signs",

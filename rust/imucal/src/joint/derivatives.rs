@@ -25,7 +25,7 @@ fn with(effects: &[&str], kinds: Kinds, work: impl FnOnce(&Prepared<'_>, &Terms<
     prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
         // Directions across gravity turn with it, and by as much as the residual is off zero the derivative with them.
         let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
-        let values = super::start_values(&terms);
+        let values = super::start::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
         work(prepared, &terms, model.parameters());
         Ok(())
@@ -55,7 +55,7 @@ fn derivatives_in_a_hand_meet_central_differences() {
     let terms = Terms::try_new(&[], &[], &[recording.len()], kinds).unwrap();
     prepare(&[recording], kinds, |prepared, accelerometer, gyroscope| {
         assert!(prepared.rests.iter().all(|rest| rest.carried.is_some()));
-        let values = super::start_values(&terms);
+        let values = super::start::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand: Vec::new() };
         let problem = Joint::new(prepared, &terms, &model.parameters()).unwrap();
         check(&problem, &terms, &model.parameters(), |_| 2e-4);

@@ -79,7 +79,7 @@ fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad
 }
 
 /// No effect at all; time constants are typical.
-fn start_values(terms: &Terms<'_>) -> Vec<f64> {
+pub(super) fn start_values(terms: &Terms<'_>) -> Vec<f64> {
     let mut values = vec![0.0; terms.count];
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         values[term.first + term.linear] = term.typical()[term.linear];
