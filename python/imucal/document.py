@@ -44,8 +44,8 @@ def plain(value: Any) -> Any:
 
 def without_nan(value: Any) -> Any:
     """`value` made plain, NaN and infinity made null: for reports, where a figure may not exist."""
-    if type(value) is float:
-        return value if math.isfinite(value) else None
+    if type(value) in _AS_THEY_ARE:
+        return None if type(value) is float and not math.isfinite(value) else value
     return _without_nan(plain(value))
 
 
@@ -54,7 +54,13 @@ def _without_nan(value: Any) -> Any:
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
         return {key: _without_nan(item) for key, item in value.items()}
-    return [_without_nan(item) for item in value] if isinstance(value, list) else value
+    if isinstance(value, list):
+        # Most lists are short ones of floats: a call for each costs more than the rest.
+        finite = math.isfinite
+        return [
+            (item if finite(item) else None) if type(item) is float else _without_nan(item) for item in value
+        ]
+    return value
 
 
 def to_json(document: Any) -> str:

@@ -260,16 +260,14 @@ impl WithSimd for SquaredDifferences<'_> {
         let parts: [_; DIFFERENCE.len()] =
             std::array::from_fn(|i| numbers.get(3 * i..3 * i + count).unwrap_or(&[]).as_chunks::<LANES>());
         let mut squares = [0.0; LANES];
-        for k in 0..parts[0].0.len() {
-            for lane in 0..LANES {
-                let difference: f64 = (0..DIFFERENCE.len()).map(|i| DIFFERENCE[i] * parts[i].0[k][lane]).sum();
-                squares[lane] += difference * difference;
+        let mut add = |of: [&[f64]; DIFFERENCE.len()]| {
+            for (lane, square) in squares.iter_mut().enumerate().take(of[0].len()) {
+                let difference: f64 = (0..DIFFERENCE.len()).map(|i| DIFFERENCE[i] * of[i][lane]).sum();
+                *square += difference * difference;
             }
-        }
-        for lane in 0..parts[0].1.len() {
-            let difference: f64 = (0..DIFFERENCE.len()).map(|i| DIFFERENCE[i] * parts[i].1[lane]).sum();
-            squares[lane] += difference * difference;
-        }
+        };
+        (0..parts[0].0.len()).for_each(|k| add(parts.map(|(full, _)| full[k].as_slice())));
+        add(parts.map(|(_, rest)| rest));
         squares.as_chunks::<3>().0.iter().map(|row| Vector3::from(*row)).sum()
     }
 }

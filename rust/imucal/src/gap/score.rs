@@ -54,17 +54,13 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
-    let left_at = |scales: &[f64], candidate: &Candidate| {
-        let projection = Projection::new(gram, model, scales)?;
-        Some(projection.left(gram, &candidate.columns, |k| candidate.typical[k]))
-    };
     let (of_noise, widened) =
         (Projection::new(gram, model, &unwidened), Projection::new(gram, model, &stage.evidence.scales));
-    let left = |projection: &Option<Projection<'_>>, candidate: &Candidate| {
-        projection.as_ref().map(|projection| projection.left(gram, &candidate.columns, |k| candidate.typical[k]))
+    let left = |projection: &Projection<'_>, candidate: &Candidate| {
+        projection.left(gram, &candidate.columns, |k| candidate.typical[k])
     };
     let spectrum = |candidate: &Candidate| {
-        let all = left(&of_noise, candidate).map_or_else(Vec::new, |left| left.spectrum());
+        let all = of_noise.as_ref().map_or_else(Vec::new, |of_noise| left(of_noise, candidate).spectrum());
         all.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>()
     };
     let spectra: Vec<Vec<f64>> = candidates.iter().map(spectrum).collect();
@@ -85,7 +81,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         }
         let dof = spectrum.len();
         let noncentrality = *noncentralities.entry(dof).or_insert_with(|| visible_noncentrality(dof, tests));
-        let change = left(&widened, candidate).map_or(0.0, |left| left.trace());
+        let change = widened.as_ref().map_or(0.0, |widened| left(widened, candidate).trace());
         let size = (noncentrality / change).sqrt() * candidate.typical[0];
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
             Some(entry) => entry.1 = entry.1.min(size),
@@ -97,9 +93,9 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         };
         let Some(free) = with(NO_PRIOR) else { continue };
         // The scales hardly depend on the width, and the best one not at all on what little they do.
-        let Some((width, _)) = left_at(&free.scales, candidate).and_then(|left| left.best_width(&WIDTHS)) else {
-            continue;
-        };
+        let at_free = Projection::new(gram, model, &free.scales);
+        let best_width = at_free.and_then(|at_free| left(&at_free, candidate).best_width(&WIDTHS));
+        let Some((width, _)) = best_width else { continue };
         let Some(best) = with(width) else { continue };
         let log_bayes_factor = best.log - stage.evidence.log;
         let statistic = (stage.evidence.deviance - free.deviance).max(0.0);

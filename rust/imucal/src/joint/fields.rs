@@ -12,7 +12,7 @@ use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
 use super::inside::{self, EndDirection};
 use super::linear::{AtMove, Linear, Prepared, Source};
-use super::model::{GYRO_BIAS, Model};
+use super::model::GYRO_BIAS;
 use super::pass::{Block, Pass, Route};
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
@@ -48,19 +48,20 @@ pub(crate) struct Field {
     pub(crate) moves: Vec<Vec<Vec<Vector3<f64>>>>,
 }
 
-/// The way of each move by the triads of a model; of the blocks inside the moves only one in `every`.
-pub(crate) fn ways(prepared: &Prepared<'_>, model: &Model, every: usize) -> Result<Vec<Way>, Error> {
+/// The way of each move at a linearisation without effects; of the blocks inside the moves only one in `every`.
+pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Result<Vec<Way>, Error> {
     let kinds = Kinds { in_motion: false, encoders: false };
     let none = Terms::try_new(&[], &[], &[], kinds)?;
-    let plain = Model { values: Vec::new(), stand: Vec::new(), ..model.clone() };
+    let model = &linear.model;
     let sensitivity = *model.gyroscope.sensitivity();
     let by_rate = |turn: &[Vector3<f64>]| {
         Matrix3::from_columns(&[0, 1, 2].map(|axis| turn[GYRO_BIAS.start + axis])) * sensitivity
     };
-    let way = |span: &Move| {
+    let way = |(span, at_move): (&Move, &AtMove)| {
         let recording = &prepared.recordings[span.recording];
         let route = Route { recording, span, rotation_world_from_start: None, with_blocks: true };
-        let pass = route.pass(&plain, &none);
+        let own = (!linear.sees_inside()).then(|| route.pass(model, &none));
+        let pass = own.as_ref().unwrap_or(&at_move.pass);
         let first = (every / 2).min(pass.blocks.len().saturating_sub(1));
         let stretch = |block: &Block| {
             let middle = usize::midpoint(block.samples.start, block.samples.end);
@@ -77,7 +78,7 @@ pub(crate) fn ways(prepared: &Prepared<'_>, model: &Model, every: usize) -> Resu
         };
         Way { stretches: pass.blocks[first..].iter().step_by(every).map(stretch).collect(), end: by_rate(&pass.turn) }
     };
-    Ok(prepared.moves.iter().map(way).collect())
+    Ok(prepared.moves.iter().zip(linear.moves.iter()).map(way).collect())
 }
 
 impl Way {
