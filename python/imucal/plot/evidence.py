@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from imucal.gap import Gap
 
-__all__ = ["before_and_after", "channel_name", "disagreement", "ranking"]
+__all__ = ["before_and_after", "channel_name", "disagreement", "figure_sets", "ranking"]
 
 CANDIDATES: Final = 15
 ROW_PX: Final = 26
@@ -28,7 +28,7 @@ CHANNELS: Final = {
     "move_direction": "direction after moves about",
     "move_force": "force in moves along",
 }
-SETS: Final = {"control_set": "control", "calibration_set": "calibration"}
+SETS: Final = {"control_set": "control", "held_out": "held out", "calibration_set": "calibration"}
 
 
 def disagreement(gap: Gap) -> Figure:
@@ -112,12 +112,17 @@ def ranking(gap: Gap) -> Figure:
     return styled(figure, 110 + ROW_PX * len(order))
 
 
+def figure_sets(gap: Gap) -> dict[str, Mapping[str, Any]]:
+    """Figures before and after by the name of what they are of, those that no fit has seen first."""
+    return {word: getattr(gap, of) for of, word in SETS.items() if getattr(gap, of) is not None}
+
+
 def before_and_after(gap: Gap) -> Figure:
-    """Figures of the control and of the calibration recordings without and with what was found.
+    """Figures of control recordings, of what was held out and of the calibration, before and after.
 
     Raises InputError if there are none, ImucalError without plotly.
     """
-    sets = {word: getattr(gap, of) for of, word in SETS.items() if getattr(gap, of) is not None}
+    sets = figure_sets(gap)
     if not sets:
         raise InputError("there are no figures: faults of the data ended the search before any fit")
     _, make_subplots = plotly()
@@ -126,7 +131,7 @@ def before_and_after(gap: Gap) -> Figure:
     for row, name in enumerate(FIGURES, start=1):
         for word, of in sets.items():
             figure.add_scatter(
-                x=[of["before"][name], of["after"][name]],
+                x=[of[when].get(name) for when in ("before", "after")],
                 y=[word, word],
                 mode="lines",
                 line={"color": GREY, "width": 2},
@@ -137,12 +142,12 @@ def before_and_after(gap: Gap) -> Figure:
             )
         for when, colour, symbol, size in looks:
             figure.add_scatter(
-                x=[of[when][name] for of in sets.values()],
+                x=[of[when].get(name) for of in sets.values()],
                 y=list(sets),
                 name=when,
                 mode="markers",
                 marker={"color": colour, "symbol": symbol, "size": size},
-                hovertemplate=f"%{{y}} recordings, {when}: %{{x:.4g}}<extra></extra>",
+                hovertemplate=f"%{{y}}, {when}: %{{x:.4g}}<extra></extra>",
                 showlegend=row == 1,
                 row=row,
                 col=1,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from imucal import plot
 from imucal.document import to_json
-from imucal.plot.evidence import FIGURES, channel_name
+from imucal.plot.evidence import FIGURES, channel_name, figure_sets
 from imucal.plot.style import shown_unit
 from imucal.report import sentences
 from imucal.report.blocks import finding_texts
@@ -65,12 +65,11 @@ def effects_table(gap: Gap) -> str:
 
 
 def gap_figures_table(gap: Gap) -> str:
-    """Figures of both sets, before and after; empty if there are none."""
-    sets = {"control": gap.control_set, "calibration": gap.calibration_set}
-    known = {name: figures for name, figures in sets.items() if figures is not None}
+    """Figures of all sets, before and after; empty if there are none."""
+    known = figure_sets(gap)
     header = ["", *(f"{name}, {when}" for name in known for when in ("before", "after"))]
     rows = [
-        [words, *(_number(of[when][key]) for of in known.values() for when in ("before", "after"))]
+        [words, *(_number(of[when].get(key)) for of in known.values() for when in ("before", "after"))]
         for key, words in FIGURES.items()
     ]
     return table(header, rows) if known else ""
@@ -166,11 +165,10 @@ def _evidence(gap: Gap) -> Iterator[Shown | str]:
 
 
 def _change(gap: Gap) -> Iterator[Shown | str]:
-    yield Shown(
-        "change",
-        plot.before_and_after(gap),
-        "The control recordings, which no fit has seen, and those of the calibration: before and after.",
-    )
+    unseen = [name for name in ("control", "held out") if name in figure_sets(gap)]
+    but = f" and not what is called {' or '.join(unseen)}" if unseen else ""
+    words = f"Without and with what was found. The fits have seen what is called calibration{but}."
+    yield Shown("change", plot.before_and_after(gap), words)
     yield gap_figures_table(gap)
     error = getattr(gap, "corrected_error", None)
     if error:
