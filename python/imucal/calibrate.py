@@ -211,8 +211,8 @@ def calibrated(
     ]
     return CalibrationResult(
         calibration=calibration,
-        rests=_with_misfits(reported(outcome.rests, REST, unit_data), outcome.rests),
-        moves=_with_misfits(reported(outcome.moves, MOVE, unit_data), outcome.moves),
+        rests=reported(outcome.rests, REST, unit_data, _misfit),
+        moves=reported(outcome.moves, MOVE, unit_data, _misfit),
         findings=(*(f for r in unit_data for f in r.findings), *outcome.findings),
         held_out=_held_out(outcome, options.folds),
         control=judged,
@@ -336,7 +336,7 @@ def _joint(outcome: _core.Outcome) -> dict[str, Any]:
     joint = {**fields_of(outcome.joint_fit, FIT), "scales": fields_of(outcome.joint_scales, SCALES)}
     return {
         "joint": joint,
-        "noise_alone": _misfit(outcome.misfit),
+        "noise_alone": _misfit(outcome),
         # Of the gyroscope, as the rates at the rests show it or as it was given; null where neither.
         "bias_instability_radps": outcome.bias_instability_radps,
         # Of a hand, about each axis; null where the unit lies on something firm.
@@ -345,15 +345,9 @@ def _joint(outcome: _core.Outcome) -> dict[str, Any]:
     }
 
 
-def _misfit(misfit: _core.Misfit | None) -> dict[str, Any]:
-    """How well noise alone explains residuals, nothing being widened."""
-    return dict.fromkeys(MISFIT) if misfit is None else fields_of(misfit, MISFIT)
-
-
-def _with_misfits(
-    reports: tuple[Mapping[str, Any], ...], items: Sequence[_core.Rest | _core.Move]
-) -> tuple[Mapping[str, Any], ...]:
-    return tuple({**report, **_misfit(item.misfit)} for report, item in zip(reports, items, strict=True))
+def _misfit(item: _core.Rest | _core.Move | _core.Outcome) -> dict[str, Any]:
+    """How well noise alone explains the residuals of a rest, of a move or of all, nothing being widened."""
+    return dict.fromkeys(MISFIT) if item.misfit is None else fields_of(item.misfit, MISFIT)
 
 
 def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) -> list[str]:

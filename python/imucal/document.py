@@ -50,16 +50,16 @@ def without_nan(value: Any) -> Any:
 
 
 def _without_nan(value: Any) -> Any:
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
     if isinstance(value, list):
-        # Most lists are short ones of floats: a call for each costs more than the rest.
+        # Most are short lists of floats: a call for each costs more than the rest.
         finite = math.isfinite
         return [
             (item if finite(item) else None) if type(item) is float else _without_nan(item) for item in value
         ]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {key: _without_nan(item) for key, item in value.items()}
     return value
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -180,10 +180,16 @@ def fields_of(item: object, names: Sequence[str]) -> dict[str, Any]:
 
 
 def reported(
-    items: Sequence[Any], names: Sequence[str], recordings: Sequence[Recording]
+    items: Sequence[Any],
+    names: Sequence[str],
+    recordings: Sequence[Recording],
+    more: Callable[[Any], Mapping[str, Any]] = lambda item: {},
 ) -> tuple[Mapping[str, Any], ...]:
-    """Rests or moves as mappings, with the name of their recording."""
-    return tuple({"recording": recordings[item.recording].name, **fields_of(item, names)} for item in items)
+    """Rests or moves as mappings, with the name of their recording, and what `more` says of each."""
+    return tuple(
+        {"recording": recordings[item.recording].name, **fields_of(item, names), **more(item)}
+        for item in items
+    )
 
 
 def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:
