@@ -15,7 +15,7 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{INSIDE, Kinds, Linear, Near, Prepared, Terms};
+use crate::joint::{INSIDE, Kinds, Linear, Model, Near, Prepared, Terms};
 use crate::recording::Recording;
 
 /// Rivals are this close in the logarithm of the evidence.
@@ -124,8 +124,10 @@ pub(super) struct Hunt<'a> {
     left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
     pub(super) samples: Vec<usize>,
-    /// Fits that have been made: several stages stand at the same model.
-    pub(super) fits: RefCell<Vec<(FitKey, Rc<Linear>)>>,
+    /// Fits that have been made.
+    pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
+    /// The last one of them. A linearisation is as large as the moves: the others are made again if they are asked for.
+    pub(super) last_fit: RefCell<Option<(FitKey, Rc<Linear>)>>,
     /// The model without effects and all candidates beside it, once it is known.
     pub(super) ground: RefCell<Option<Rc<Design>>>,
 }
@@ -141,6 +143,7 @@ impl<'a> Hunt<'a> {
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
             fits: RefCell::new(Vec::new()),
+            last_fit: RefCell::new(None),
             ground: RefCell::new(None),
         }
     }

@@ -99,16 +99,7 @@ impl Hunt<'_> {
             term.effect().and(member).map(|member| member.width)
         };
         let key = (self.kinds, prepared.moves.len(), members.iter().map(|m| (m.name.clone(), m.width)).collect());
-        let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, linear)| Rc::clone(linear));
-        let linear = match known {
-            Some(linear) => linear,
-            None => {
-                let linear = joint::fit_for_search(prepared, &terms, &start, width)?;
-                self.fits.borrow_mut().push((key, Rc::clone(&linear)));
-                linear
-            }
-        };
-
+        let linear = self.fitted(prepared, &terms, &start, width, key)?;
         let own = (&terms, precisions.as_slice());
         let design = match beside {
             Beside::Nothing => design(prepared, own, &terms, &linear)?,
@@ -134,6 +125,32 @@ impl Hunt<'_> {
         let place = |t: &Term<'_>| (t.name().to_owned(), BASE + t.first..BASE + t.first + t.count());
         let places = terms.all.iter().map(place).collect();
         Ok(Stage { design: Rc::new(design), evidence, members, model, sensors, places })
+    }
+
+    /// Where a fit ends, linearised there: several stages stand at the same model.
+    fn fitted(
+        &self,
+        prepared: &Prepared<'_>,
+        terms: &Terms<'_>,
+        start: &Model,
+        width: impl Fn(&Term<'_>) -> Option<f64>,
+        key: FitKey,
+    ) -> Result<Rc<Linear>, Error> {
+        let is_last = |(fit, linear): &(FitKey, Rc<Linear>)| (*fit == key).then(|| Rc::clone(linear));
+        if let Some(linear) = self.last_fit.borrow().as_ref().and_then(is_last) {
+            return Ok(linear);
+        }
+        let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, model)| model.parameters());
+        let linear = match known {
+            Some(parameters) => Rc::new(prepared.linearise(terms, &parameters)?),
+            None => {
+                let linear = joint::fit_for_search(prepared, terms, start, width)?;
+                self.fits.borrow_mut().push((key.clone(), linear.model.clone()));
+                linear
+            }
+        };
+        *self.last_fit.borrow_mut() = Some((key, Rc::clone(&linear)));
+        Ok(linear)
     }
 
     /// A model and all candidates beside it, linearised there: one pass serves all, the columns of the candidates being those of the
