@@ -126,8 +126,8 @@ pub(super) struct Hunt<'a> {
     pub(super) samples: Vec<usize>,
     /// Fits that have been made.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
-    /// The last one of them. A linearisation is as large as the moves: the others are made again if they are asked for.
-    pub(super) last_fit: RefCell<Option<(FitKey, Rc<Linear>)>>,
+    /// The last of them, the latest first, linearised where they ended.
+    pub(super) recent: RefCell<Vec<(FitKey, Rc<Linear>)>>,
     /// The model without effects and all candidates beside it, once it is known.
     pub(super) ground: RefCell<Option<Rc<Design>>>,
 }
@@ -143,7 +143,7 @@ impl<'a> Hunt<'a> {
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
             fits: RefCell::new(Vec::new()),
-            last_fit: RefCell::new(None),
+            recent: RefCell::new(Vec::new()),
             ground: RefCell::new(None),
         }
     }

@@ -15,6 +15,9 @@ use crate::joint::{self, BASE, Kinds, Linear, Model, Near, Prepared, SHAPE_SHARE
 /// Width of the prior of a time constant, in typical ones.
 const SHAPE_WIDTH: f64 = 3.0;
 
+/// A linearisation is as large as the moves: of more fits than this it is made again if it is asked for.
+const MOST_RECENT: usize = 3;
+
 /// A model on the path.
 pub(super) struct Stage {
     pub(super) design: Rc<Design>,
@@ -136,9 +139,8 @@ impl Hunt<'_> {
         width: impl Fn(&Term<'_>) -> Option<f64>,
         key: FitKey,
     ) -> Result<Rc<Linear>, Error> {
-        let is_last = |(fit, linear): &(FitKey, Rc<Linear>)| (*fit == key).then(|| Rc::clone(linear));
-        if let Some(linear) = self.last_fit.borrow().as_ref().and_then(is_last) {
-            return Ok(linear);
+        if let Some((_, linear)) = self.recent.borrow().iter().find(|(fit, _)| *fit == key) {
+            return Ok(Rc::clone(linear));
         }
         let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, model)| model.parameters());
         let linear = match known {
@@ -149,7 +151,9 @@ impl Hunt<'_> {
                 linear
             }
         };
-        *self.last_fit.borrow_mut() = Some((key, Rc::clone(&linear)));
+        let mut recent = self.recent.borrow_mut();
+        recent.truncate(MOST_RECENT - 1);
+        recent.insert(0, (key, Rc::clone(&linear)));
         Ok(linear)
     }
 
