@@ -22,23 +22,26 @@ pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f
         quantile_of(of_channel.len(), write, 0.05).max(rounding[channel])
     });
     let mut statistic = vec![0.0; variances[0].len()];
+    let mut before: Vec<bool> = Vec::new();
     // The floor of each channel is that of the windows that are quiet in all channels together.
     for _ in 0..4 {
         Arch::new().dispatch(Ratios { variances: &variances, floor: &floor, statistic: &mut statistic });
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
-        let quiet = 2.0 * quantile_of(statistic.len(), write, 0.05);
-        let before = floor;
+        let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
+        let quiet: Vec<bool> = statistic.iter().map(|s| *s <= limit).collect();
+        // The same windows have the same floor.
+        if quiet == before {
+            break;
+        }
         floor = Vector6::from_fn(|channel, _| {
             let in_quiet = |k: usize, to: &mut [f64]| {
-                let windows = variances[channel][k..].iter().zip(&statistic[k..]);
-                let in_quiet = windows.map(|(variance, s)| if *s <= quiet { *variance } else { f64::NAN });
+                let windows = variances[channel][k..].iter().zip(&quiet[k..]);
+                let in_quiet = windows.map(|(variance, quiet)| if *quiet { *variance } else { f64::NAN });
                 to.iter_mut().zip(in_quiet).for_each(|(to, variance)| *to = variance);
             };
             quantile_of(statistic.len(), in_quiet, 0.5).max(rounding[channel])
         });
-        if floor == before {
-            break;
-        }
+        before = quiet;
     }
     (statistic, floor)
 }
