@@ -165,9 +165,9 @@ def _evidence(gap: Gap) -> Iterator[Shown | str]:
 
 
 def _change(gap: Gap) -> Iterator[Shown | str]:
-    unseen = [name for name in ("control", "held out") if name in figure_sets(gap)]
+    *unseen, seen = figure_sets(gap)
     but = f" and not what is called {' or '.join(unseen)}" if unseen else ""
-    words = f"Without and with what was found. The fits have seen what is called calibration{but}."
+    words = f"Without and with what was found. The fits have seen what is called {seen}{but}."
     yield Shown("change", plot.before_and_after(gap), words)
     yield gap_figures_table(gap)
     error = getattr(gap, "corrected_error", None)
