@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import imucal
+from imucal.unit import unit_of
 
 PADOVA_MPS2 = 9.81744
 MPU9150 = "accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
@@ -77,6 +79,15 @@ def test_nothing_is_missing_where_nothing_is_hidden():
     # The table of what would have been seen, and what these data cannot show.
     assert gap.smallest_visible["gyro_g_sensitivity"]["unit"] == "rad/s/(m/s^2)"
     assert {"gyro_bias_temperature"} <= {item["name"] for item in gap.not_observable}
+
+
+def test_nothing_is_missing_in_many_noisy_moves():
+    # Residuals and their derivatives inside the moves must not share the noise of the same samples.
+    unit = unit_of("paper")
+    loud = replace(unit.accelerometer, noise_density=3.0 * unit.accelerometer.noise_density)
+    motion = imucal.Program.random(seed=RUN_SEED, moves=150, hold_s=3.0)
+    run = imucal.simulate(motion, seed=RUN_SEED, unit=replace(unit, accelerometer=loud), rate_hz=100.0)
+    assert imucal.find_gap(run.recording).verdict == "nothing_missing"
 
 
 @pytest.mark.parametrize("name", ["gyro_g_sensitivity", "accel_scale_quadratic", "accel_lever_arm"])

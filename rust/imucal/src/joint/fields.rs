@@ -59,7 +59,8 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
     };
     let way = |(span, at_move): (&Move, &AtMove)| {
         let recording = &prepared.recordings[span.recording];
-        let route = Route { recording, span, rotation_world_from_start: None, with_blocks: true };
+        let gravity_at_start = at_move.before.up * prepared.gravity_mps2;
+        let route = Route { recording, span, rotation_world_from_start: None, gravity_at_start, with_blocks: true };
         let own = (!linear.sees_inside()).then(|| route.pass(model, &none));
         let pass = own.as_ref().unwrap_or(&at_move.pass);
         let first = (every / 2).min(pass.blocks.len().saturating_sub(1));

@@ -186,18 +186,19 @@ impl Prepared<'_> {
             }
             while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
                 let ends = &self.ends[next_move];
-                let route = Route {
-                    recording: &self.recordings[m.recording],
-                    span: m,
-                    rotation_world_from_start: attitudes[k],
-                    with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
-                };
-                let pass = route.pass(&model, terms);
                 let direction = |rest: usize, end: &End, at_end: bool| {
                     let direction = self.at_rest(rest, &end.raw, attitudes[k], &model, terms).direction();
                     self.carried(direction, rest, at_end, &model)
                 };
                 let (before, after) = (direction(k, &ends[0], true), direction(m.to, &ends[1], false));
+                let route = Route {
+                    recording: &self.recordings[m.recording],
+                    span: m,
+                    rotation_world_from_start: attitudes[k],
+                    gravity_at_start: before.up * self.gravity_mps2,
+                    with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
+                };
+                let pass = route.pass(&model, terms);
                 attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &pass.rotation, &after.up));
                 moves.push(AtMove { pass, before, after });
                 next_move += 1;

@@ -14,7 +14,9 @@
 //! The error of a smooth motion falls with the fourth power of the sample interval; straight lines between the samples
 //! leave one of the second, for the rate's curvature does not cancel where the attitude changes.
 //!
-//! The slope of the effects with the rate itself is left out of d: it is below a per cent, and the residual is exact.
+//! The slope of the effects with the rate itself is left out of d: it is below a per cent, and the residual is exact. The force
+//! depends on the accelerometer's parameters as gravity, carried along, lets expect: at the sample itself the derivative would
+//! hold the same noise as the residual, and beside a field that holds none it would explain that noise.
 
 use std::ops::Range;
 
@@ -86,6 +88,8 @@ pub(crate) struct Route<'a> {
     pub(crate) span: &'a Move,
     /// Attitude at the start, where an effect needs it.
     pub(crate) rotation_world_from_start: Option<UnitQuaternion<f64>>,
+    /// Gravity at the start, m/s^2.
+    pub(crate) gravity_at_start: Vector3<f64>,
     pub(crate) with_blocks: bool,
 }
 
@@ -187,8 +191,9 @@ impl Route<'_> {
             }
             if is_block {
                 gathered.force += walk.rotation * corrected.force[k1];
-                gathered.by_parameters +=
-                    walk.rotation * force_by_parameters(&model.accelerometer, &corrected.seen_force[k1]);
+                let effects = corrected.seen_force[k1] - corrected.force[k1];
+                let expected = walk.rotation.tr_mul(&self.gravity_at_start) + effects;
+                gathered.by_parameters += walk.rotation * force_by_parameters(&model.accelerometer, &expected);
                 gathered.base.add(&walk.base);
                 turned.push([walk.rotation]);
             }
