@@ -158,7 +158,7 @@ def test_a_bug_is_one_screen_and_says_how_to_see_more(bug, run_csv, tmp_path, mo
     def broken(*_, **__):
         raise bug
 
-    monkeypatch.setattr("imucal.io.write", broken)
+    monkeypatch.setattr("imucal.io.write_pieces", broken)
     arguments = ["convert", str(run_csv), "-o", str(tmp_path / "out.csv")]
     assert main(arguments) == 1
     shown = capsys.readouterr().err
@@ -176,7 +176,7 @@ def test_a_file_that_fails_is_not_called_standard_output(run_csv, tmp_path, monk
     def broken(*_, **__):
         raise PermissionError(13, "Permission denied", "unit.json")
 
-    monkeypatch.setattr("imucal.io.write", broken)
+    monkeypatch.setattr("imucal.io.write_pieces", broken)
     assert main(["convert", str(run_csv), "-o", str(tmp_path / "out.csv")]) == 1
     assert capsys.readouterr().err == "imucal: unit.json: Permission denied\n"
 

@@ -196,6 +196,17 @@ class Calibration:
 
         return left_in_data(self)
 
+    @property
+    def takes_pieces(self) -> bool:
+        """Whether a recording can be corrected piece by piece.
+
+        Not where an effect depends on the angular acceleration, a derivative that reaches over the ends of a
+        piece, nor with a user's own effect, whose field takes whole columns.
+        """
+        from imucal.correction import takes_pieces
+
+        return takes_pieces(self)
+
     def apply(self, angular_rate: ArrayLike, specific_force: ArrayLike) -> tuple[FloatArray, FloatArray]:
         """Correct raw samples.
 
@@ -228,22 +239,26 @@ class Calibration:
                     "give the recording in the units that the unit was calibrated in"
                 )
 
-    def apply_recording(self, recording: Recording) -> Recording:
+    def apply_recording(self, recording: Recording, *, start_s: float | None = None) -> Recording:
         """The recording in SI units and the body frame, all effects taken away but those `left_in_data`.
 
-        Time counts from the recording's first sample, temperature from 25 degC; the angular acceleration is
-        the derivative of the rate. NaN stays NaN, and a sample is NaN where the effects are too
-        large to be undone.
+        start_s  the first time of the whole, if the recording is a piece of one; see `takes_pieces`
+
+        Time counts from the recording's first sample or from `start_s`, temperature from 25 degC; the angular
+        acceleration is the derivative of the rate. NaN stays NaN, and a sample is NaN where the effects are
+        too large to be undone.
         Raises InputError for other raw units than expected, if a column is missing that an effect depends on,
-        and without the definition of a user's effect.
+        without the definition of a user's effect, and for a piece where the whole is needed.
         """
         from imucal import _core
         from imucal.correction import remove_user_effects, require_surroundings
 
+        if start_s is not None and not self.takes_pieces:
+            raise InputError(f"{recording.name}: the effects of this calibration need the whole recording")
         self.require_raw_units(recording)
         require_surroundings(self, recording)
         without = remove_user_effects(self, recording)
-        rate, force = _core.correct_recording(self.without_user_effects(), without)
+        rate, force = _core.correct_recording(self.without_user_effects(), without, start_s)
         return replace(
             recording, angular_rate=rate, specific_force=force, accel_unit="m/s^2", gyro_unit="rad/s"
         )

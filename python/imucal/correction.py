@@ -23,7 +23,13 @@ from imucal.recording import Recording
 if TYPE_CHECKING:
     from imucal.calibration import Calibration, Triad
 
-__all__ = ["left_in_data", "remove_user_effects", "require_no_surroundings", "require_surroundings"]
+__all__ = [
+    "left_in_data",
+    "remove_user_effects",
+    "require_no_surroundings",
+    "require_surroundings",
+    "takes_pieces",
+]
 
 # Those of the library's own passes.
 MAX_PASSES: Final = 32
@@ -40,6 +46,12 @@ def left_in_data(calibration: Calibration) -> tuple[str, ...]:
         for effect in _of_catalogue(calibration)
         if effect.sensor == "encoder" or not set(effect.needs) <= set(COLUMNS)
     )
+
+
+def takes_pieces(calibration: Calibration) -> bool:
+    """Whether each sample is corrected without its neighbours, and no user's field takes whole columns."""
+    needs = {need for effect in _of_catalogue(calibration) for need in effect.needs}
+    return not calibration.user_effects and "angular_acceleration" not in needs
 
 
 def require_no_surroundings(calibration: Calibration) -> None:

@@ -120,13 +120,17 @@ class Recording:
         return len(self.time_s)
 
     def __repr__(self) -> str:
+        return self.said(len(self), self.duration_s)
+
+    def said(self, samples: int, duration_s: float) -> str:
+        """One line on it, or on the recording that it is the first piece of."""
         extras = [
             *(["temperature"] if self.temperature_degc is not None else []),
             *(["stand angles"] if self.stand_rad is not None else []),
             *self.auxiliary,
         ]
         return (
-            f"Recording({self.name!r}: {len(self)} samples, {self.duration_s:.3f} s, {self.rate_hz:.6g} Hz, "
+            f"Recording({self.name!r}: {samples} samples, {duration_s:.3f} s, {self.rate_hz:.6g} Hz, "
             f"accelerometer in {self.accel_unit}, gyroscope in {self.gyro_unit}"
             + (f", with {', '.join(extras)})" if extras else ")")
         )

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    from imucal.recording import Recording
 
 __all__ = ["convert"]
 
@@ -45,18 +49,23 @@ def convert(
 
     Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
     """
-    from imucal.io import write
+    from imucal.io import write_pieces
+    from imucal.io.pieces import Whole
 
-    with working("reading"):
-        recording = reading.one(files)
-    with working("writing"):
-        write(recording, output)
+    def written(pieces: Iterator[Recording]) -> Whole:
+        whole = Whole(pieces)
+        write_pieces(whole, output)
+        return whole
+
+    with working("converting"):
+        whole = reading.by_pieces(files, written)
+    recording = whole.first
     out = Output(json)
     out.document(
         {
             "output": str(output),
-            "samples": len(recording),
-            "duration_s": recording.duration_s,
+            "samples": whole.samples,
+            "duration_s": whole.duration_s,
             "rate_hz": recording.rate_hz if len(recording) > 1 else None,
             "accel_unit": recording.accel_unit,
             "gyro_unit": recording.gyro_unit,
@@ -64,5 +73,5 @@ def convert(
             "findings": [finding.to_dict() for finding in recording.findings],
         }
     )
-    out.line(f"{output}: {recording!r}")
+    out.line(f"{output}: {whole!r}")
     out.findings(recording.findings)

@@ -49,6 +49,11 @@ print(calibration.apply_recording(recording).angular_rate[0])
 and angular acceleration too. An effect that depends on the attitude stays in the data
 (`Calibration.left_in_data`): a gyroscope rightly measures the Earth's rate.
 
+Where `Calibration.takes_pieces`, a recording too long for memory is corrected piece by piece, `start_s` being
+its first time: `imucal.io.read_pieces` and `write_pieces` do that for CSV and Parquet, and so does
+`imucal apply`. An effect of the angular acceleration needs the whole: a derivative by time reaches over the
+ends of a piece.
+
 ## Your own
 
 A name, parameters, and a function that gives the field: what is added to the true rate (rad/s) or force

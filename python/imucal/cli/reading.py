@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -20,6 +20,7 @@ __all__ = ["Files", "Reading", "reading_options"]
 
 Files = Annotated[list[Path], typer.Argument(metavar="REC...", help="Recordings of one unit.")]
 
+T = TypeVar("T")
 _PANEL = "Other people's files"
 
 
@@ -69,7 +70,16 @@ class Reading:
         """The recording that these files make."""
         from imucal.io import read
 
-        return read(*paths, **{field.name: getattr(self, field.name) for field in fields(self)})
+        return read(*paths, **self._options())
+
+    def by_pieces(self, paths: Sequence[Path], use: Callable[[Iterator[Recording]], T]) -> T:
+        """What `use` makes of that recording piece by piece, or of the whole if it cannot be read so."""
+        from imucal.io import NotInPartsError, read_pieces
+
+        try:
+            return use(read_pieces(*paths, **self._options()))
+        except NotInPartsError:
+            return use(iter([self.one(paths)]))
 
     def each(self, paths: Sequence[Path]) -> list[Recording]:
         """The recordings in these files; formats of two files take them in pairs."""
@@ -81,6 +91,9 @@ class Reading:
                 f"{len(paths)} files are given, the format {self.format} needs {size} for each recording"
             )
         return [self.one(paths[start : start + size]) for start in range(0, len(paths), size)]
+
+    def _options(self) -> dict[str, Any]:
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
 reading_options = options_of("reading", Reading)

@@ -3,17 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from imucal.errors import InputError
-from imucal.io.canonical import write_columns
-from imucal.io.formats import FORMATS
+from imucal.io.canonical import write_columns, write_parts
+from imucal.io.formats import FORMATS, Format
 from imucal.io.recognition import recognise
+from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import NAMES, column_names
 from imucal.recording import AccelUnit, GyroUnit, Recording
 
-__all__ = ["FORMATS", "files_per_recording", "read", "write"]
+__all__ = [
+    "FORMATS",
+    "NotInPartsError",
+    "files_per_recording",
+    "read",
+    "read_pieces",
+    "write",
+    "write_pieces",
+]
 
 
 def read(
@@ -58,12 +67,34 @@ def read(
         "topic": topic,
         "instance": instance,
         "group": group,
-        "receive_time": receive_time or None,
+        "receive_time": receive_time,
         "time_unit": time_unit,
         "accel_unit": accel_unit,
         "gyro_unit": gyro_unit,
     }
-    options: dict[str, Any] = {name: value for name, value in given.items() if value is not None}
+    known, options = _chosen(paths, format, given)
+    return known.read(*paths, **options)
+
+
+def read_pieces(
+    *paths: str | os.PathLike[str], format: str | None = None, **given: Any
+) -> Iterator[Recording]:
+    """What `read` reads, with the same arguments, piece by piece; formats other than CSV and Parquet in one.
+
+    Time counts from the first piece. Raises as `read`; and NotInPartsError, a FormatError, at a later piece
+    of a CSV file that only as a whole tells what its columns are.
+    """
+    known, options = _chosen(paths, format, given)
+    if known.pieces is None:
+        return iter([known.read(*paths, **options)])
+    return known.pieces(*paths, **options)
+
+
+def _chosen(
+    paths: Sequence[str | os.PathLike[str]], format: str | None, given: Mapping[str, Any]
+) -> tuple[Format, dict[str, Any]]:
+    """The format of the files, and the options that are given for it."""
+    options = {name: value for name, value in given.items() if value is not None and value is not False}
     if not paths:
         raise InputError("no file is given: give the path of a recording")
     chosen = format or recognise(paths, options)
@@ -80,9 +111,9 @@ def read(
         raise InputError(
             f"the format {chosen} knows no option {unfit[0]}: leave it out, or give another format"
         )
-    if chosen == "columns" and columns is None:
+    if chosen == "columns" and "columns" not in options:
         raise InputError(f"the format columns needs names for the columns (columns=..., --columns): {NAMES}")
-    return known.read(*paths, **options)
+    return known, options
 
 
 def write(recording: Recording, path: str | os.PathLike[str]) -> None:
@@ -92,6 +123,11 @@ def write(recording: Recording, path: str | os.PathLike[str]) -> None:
     written whole or not at all. Raises InputError if it cannot be written.
     """
     write_columns(column_names(recording), path)
+
+
+def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> None:
+    """Write a recording that comes piece by piece, one piece at least, as `write` does."""
+    write_parts((column_names(piece) for piece in pieces), path)
 
 
 def files_per_recording(format: str | None) -> int:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import chain
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
 from imucal.arrays import FloatArray
 from imucal.atomic import write_atomically
@@ -17,11 +18,21 @@ from imucal.io.text import read_headed
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording import Recording
 
-__all__ = ["read_csv", "read_parquet", "require_ending", "write_columns"]
+__all__ = [
+    "chosen",
+    "parquet_table",
+    "read_csv",
+    "read_parquet",
+    "require_ending",
+    "write_columns",
+    "write_parts",
+]
 
 PARQUET_MAGIC = b"PAR1"
 BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
+# Parquet's usual group of rows.
+ROWS_WRITTEN = 1 << 20
 
 # Names and values, in the order in which they are written.
 Columns: TypeAlias = Sequence[tuple[str, FloatArray]]
@@ -39,7 +50,7 @@ def read_csv(
     rate_hz  sample rate, if there is no time column
     """
     file = open_file(path)
-    return recording_from_table(_chosen(read_headed(file), columns), [file.source], rate_hz)
+    return recording_from_table(chosen(read_headed(file), columns), [file.source], rate_hz)
 
 
 def read_parquet(
@@ -50,7 +61,7 @@ def read_parquet(
 ) -> Recording:
     """Read a Parquet file; the arguments are those of `read_csv`."""
     source = open_large(path)
-    return recording_from_table(_chosen(_parquet_table(path), columns), [source], rate_hz)
+    return recording_from_table(chosen(parquet_table(path), columns), [source], rate_hz)
 
 
 def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
@@ -59,8 +70,19 @@ def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
     Reading gives every number back bit for bit. Raises InputError for another ending, or if it cannot be
     written.
     """
+    write_parts([columns], path)
+
+
+def write_parts(parts: Iterable[Columns], path: str | os.PathLike[str]) -> None:
+    """The same of columns that come part by part, one part at least."""
     require_ending(path)
-    (_write_parquet if Path(path).suffix.lower() == PARQUET else _write_csv)(columns, path)
+    written = _parquet_writer if Path(path).suffix.lower() == PARQUET else _csv_writer
+    with write_atomically(path) as file:
+        tables = (table for columns in parts for table in _tables(columns))
+        first = next(tables)
+        with written(file, first.schema) as write:
+            for table in chain([first], tables):
+                write(table)
 
 
 def require_ending(path: str | os.PathLike[str]) -> None:
@@ -69,27 +91,35 @@ def require_ending(path: str | os.PathLike[str]) -> None:
         raise InputError(f"{os.fspath(path)}: a recording is written as .csv or .parquet: change the ending")
 
 
-def _write_csv(columns: Columns, path: str | os.PathLike[str]) -> None:
+def _tables(columns: Columns) -> Iterator[Any]:
+    """Arrow tables of so many rows at most that a copy of them is small."""
     import pyarrow as pa
+
+    names, rows = [name for name, _ in columns], len(columns[0][1])
+    for start in range(0, max(rows, 1), ROWS_WRITTEN):
+        part = slice(start, start + ROWS_WRITTEN)
+        yield pa.table([values[part] for _, values in columns], names=names)
+
+
+@contextmanager
+def _csv_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], None]]:
     from pyarrow import csv
 
-    table = pa.table([values for _, values in columns], names=[name for name, _ in columns])
-    with write_atomically(path) as file:
-        # The header by hand: Arrow would put it in quotes.
-        file.write((",".join(table.column_names) + "\n").encode())
-        csv.write_csv(table, file, csv.WriteOptions(include_header=False))
+    # The header by hand: Arrow would put it in quotes.
+    file.write((",".join(schema.names) + "\n").encode())
+    options = csv.WriteOptions(include_header=False)
+    yield lambda table: csv.write_csv(table, file, options)
 
 
-def _write_parquet(columns: Columns, path: str | os.PathLike[str]) -> None:
-    import pyarrow as pa
+@contextmanager
+def _parquet_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], None]]:
     from pyarrow import parquet
 
-    table = pa.table([values for _, values in columns], names=[name for name, _ in columns])
-    with write_atomically(path) as file:
-        parquet.write_table(table, file, compression="zstd")
+    with parquet.ParquetWriter(file, schema, compression="zstd") as writer:
+        yield writer.write_table
 
 
-def _chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
+def chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
     """The columns that are named, under our names."""
     if columns is None:
         return table
@@ -103,7 +133,8 @@ def _chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
     return Table(table.file, list(mapping), values, table.place)
 
 
-def _parquet_table(path: str | os.PathLike[str]) -> Table:
+def parquet_table(path: str | os.PathLike[str]) -> Table:
+    """The columns of a Parquet file, all of them still in it."""
     import pyarrow as pa
     from pyarrow import parquet
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Final
 
@@ -14,6 +14,7 @@ from imucal.io.hdf5 import read_hdf5
 from imucal.io.imu_tk import read_imu_tk
 from imucal.io.matlab import read_matlab
 from imucal.io.numpy_files import read_numpy
+from imucal.io.pieces import csv_pieces, parquet_pieces
 from imucal.io.ros import read_mcap, read_rosbag
 from imucal.io.ulog import read_ulog
 from imucal.recording import Recording
@@ -35,6 +36,7 @@ class Format:
     time      where the time stamps come from
     options   of the function
     example   the files and options of `imucal convert`
+    pieces    the function that reads it piece by piece, with the same options; None if it is read as a whole
     """
 
     read: Callable[..., Recording]
@@ -47,6 +49,7 @@ class Format:
     time: str
     options: tuple[str, ...]
     example: str
+    pieces: Callable[..., Iterator[Recording]] | None = None
 
 
 NAMED_UNITS = (
@@ -80,6 +83,7 @@ FORMATS: Final[dict[str, Format]] = {
         ("columns", "rate_hz"),
         "other.csv --columns time_ms=t,accel_x_g=ax,accel_y_g=ay,accel_z_g=az,"
         "gyro_x_dps=gx,gyro_y_dps=gy,gyro_z_dps=gz",
+        csv_pieces,
     ),
     "parquet": Format(
         read_parquet,
@@ -92,6 +96,7 @@ FORMATS: Final[dict[str, Format]] = {
         NAMED_TIME,
         ("columns", "rate_hz"),
         "run.parquet",
+        parquet_pieces,
     ),
     "columns": Format(
         read_columns,

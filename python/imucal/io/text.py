@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 from imucal.errors import FormatError
-from imucal.io.source import File, Table
+from imucal.io.source import File, Table, first_bytes
 
-__all__ = ["first_fields", "read_headed", "read_headerless"]
+__all__ = ["NotInPartsError", "first_fields", "headed_parts", "read_headed", "read_headerless"]
 
 # A column is integers only if all of it is: the types are inferred from the whole file, up to Arrow's limit.
 LARGEST_BLOCK = 2**31 - 1
+# A text that is read part by part: how much holds its header and a row, and how much is a part.
+HEAD, PART = 1 << 16, 1 << 22
 # A text of so many bytes takes longer to read than threads to start.
 WORTH_THREADS = 1 << 24
 
@@ -29,6 +34,43 @@ def read_headed(file: File) -> Table:
         raise FormatError(f"{file.name} holds blank lines only: a header line and rows are needed")
     number, header = lines[0]
     return _read(file, content, skip=number, names=_split(header))
+
+
+class NotInPartsError(FormatError):
+    """The rows of a text do not fit the columns that its first part has."""
+
+    def __init__(self, file: str) -> None:
+        super().__init__(f"{file} cannot be read piece by piece, its columns change: read it as a whole")
+
+
+def headed_parts(path: str | os.PathLike[str]) -> Iterator[Table]:
+    """What `read_headed` reads, part by part.
+
+    Raises NotInPartsError where only the whole tells the types of the columns, or what is wrong.
+    """
+    import pyarrow as pa
+    from pyarrow import csv
+
+    name = Path(path).name
+    head = _text_of(name, first_bytes(path, HEAD))
+    lines = _lines(head)
+    delimiter = _delimiter(lines[1][1].encode()) if len(lines) > 1 else b" "
+    # One space for many is made in the whole, and a short text is there at once.
+    if delimiter == b" " or len(head) < HEAD:
+        raise NotInPartsError(name)
+    number, header = lines[0]
+    names = _split(header)
+    options = csv.ReadOptions(
+        column_names=[str(index) for index in range(len(names))], block_size=PART, use_threads=False
+    )
+    try:
+        with Path(path).open("rb") as file:
+            for _ in range(number):
+                file.readline()
+            for batch in csv.open_csv(file, options, csv.ParseOptions(delimiter=delimiter.decode())):
+                yield Table(name, names, batch.columns, lambda row: f"row {row + 1}")
+    except (pa.ArrowException, OSError):
+        raise NotInPartsError(name) from None
 
 
 def read_headerless(file: File, names: list[str], skip_rows: int) -> Table:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,7 @@ from imucal.errors import FormatError, InputError
 from imucal.io.source import Table, parts
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
 
-__all__ = ["NAMES", "SKIP", "column_names", "is_canonical", "recording_from_table"]
+__all__ = ["NAMES", "SKIP", "Clock", "column_names", "is_canonical", "recording_from_table"]
 
 NAMES = (
     "time_{s,ms,us,ns}, accel_{x,y,z}_{mps2,g,mg,lsb}, gyro_{x,y,z}_{radps,dps,mdps,lsb}, temp_degc, "
@@ -68,16 +69,28 @@ def column_names(recording: Recording) -> list[tuple[str, NDArray[np.float64]]]:
     return columns
 
 
-def recording_from_table(table: Table, sources: Sequence[Source], rate_hz: float | None = None) -> Recording:
+@dataclass
+class Clock:
+    """From where the time of a recording counts; one that is read piece by piece keeps it."""
+
+    rows: int = 0
+    # The first number of a column of whole ticks.
+    first: Any = None
+
+
+def recording_from_table(
+    table: Table, sources: Sequence[Source], rate_hz: float | None = None, clock: Clock | None = None
+) -> Recording:
     """A Recording of columns with canonical names.
 
     rate_hz  sample rate, if there is no time column; the first sample is then at 0 s.
+    clock    of the pieces before, if the table is a piece
 
     Raises FormatError if a column is missing, given twice, of an unknown unit, or holds text.
     """
     _refuse_duplicates(table)
     used: set[str] = set()
-    wanted = _Wanted(table)
+    wanted = _Wanted(table, Clock() if clock is None else clock)
     accel, accel_unit = _triad(wanted, "accel", used)
     gyro, gyro_unit = _triad(wanted, "gyro", used)
     time_s = _time(wanted, used, rate_hz)
@@ -135,8 +148,9 @@ class _Wanted:
     What a file holds is so never in memory beside what is made of it.
     """
 
-    def __init__(self, table: Table) -> None:
+    def __init__(self, table: Table, clock: Clock) -> None:
         self.table = table
+        self.clock = clock
         self.rows = len(table.columns[0]) if table.columns else 0
         self._columns: list[Any] = []
         self._takers: list[Callable[[slice, Any], None]] = []
@@ -158,11 +172,9 @@ class _Wanted:
         """A column of time, counted from its first number, s."""
         import pyarrow as pa
 
-        out = np.empty(self.rows)
-        first: Any = None
+        out, clock = np.empty(self.rows), self.clock
 
         def take(where: slice, part: Any) -> None:
-            nonlocal first
             is_whole = pa.types.is_integer(part.type)
             present = np.ones(len(part), dtype=bool)
             if is_whole:
@@ -174,9 +186,9 @@ class _Wanted:
             else:
                 values = _float64(part)
                 present = np.isfinite(values)
-            if first is None and present.any():
-                first = values[present.argmax()]
-            elapsed = values if first is None else values - first
+            if clock.first is None and present.any():
+                clock.first = values[present.argmax()]
+            elapsed = values if clock.first is None else values - clock.first
             out[where] = np.where(present | (not is_whole), elapsed, math.nan) / ticks_per_s
 
         self._want(name, take)
@@ -190,6 +202,7 @@ class _Wanted:
             for take, values in zip(self._takers, part, strict=True):
                 take(where, values)
             start = where.stop
+        self.clock.rows += self.rows
 
     def _want(self, name: str, take: Callable[[slice, Any], None]) -> None:
         column = self.table.columns[self.table.names.index(name)]
@@ -254,7 +267,8 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
             )
         if not (math.isfinite(rate_hz) and rate_hz > 0):
             raise InputError(f"{table.file}: rate_hz is {rate_hz}: a positive number is needed")
-        return np.arange(wanted.rows, dtype=np.float64) / rate_hz
+        first = wanted.clock.rows
+        return np.arange(first, first + wanted.rows, dtype=np.float64) / rate_hz
     if not names:
         raise FormatError(
             f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; found: "

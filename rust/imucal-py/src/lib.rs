@@ -186,16 +186,19 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
-    /// Corrects a recording with what it says of time, temperature and angular acceleration.
+    /// Corrects a recording with what it says of time, temperature and angular acceleration; `start_s` is the first time of the
+    /// whole if it is a piece.
     #[pyfunction]
+    #[pyo3(signature = (calibration, recording, start_s = None))]
     fn correct_recording<'py>(
         py: Python<'py>,
         calibration: CalibrationArrays<'py>,
         recording: RecordingColumns<'py>,
+        start_s: Option<f64>,
     ) -> PyResult<(Rows<'py>, Rows<'py>)> {
         let calibration = calibration.calibration(py)?;
         let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
-        let (rate, force) = py.detach(|| library::correct::correct(&views[0], &calibration));
+        let (rate, force) = py.detach(|| library::correct::correct_from(start_s, &views[0], &calibration));
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 

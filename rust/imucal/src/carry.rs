@@ -13,6 +13,7 @@
 mod kernel;
 mod lanes;
 mod path;
+mod step;
 
 #[cfg(test)]
 mod tests;

@@ -31,26 +31,36 @@ const NODES: usize = 5;
 /// A sample is NaN where it was NaN before, and where the effects are too large to be undone. An effect of temperature is
 /// left out without a temperature column, and one of angular acceleration with a single sample.
 pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    correct_from(None, recording, calibration)
+}
+
+/// The same of a piece of a recording that began at `start_s`, with its own first sample if that is not given.
+pub fn correct_from(
+    start_s: Option<f64>,
+    recording: &Recording<'_>,
+    calibration: &Calibration<f64>,
+) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
+    let start_s = start_s.or(recording.time_s.first().copied()).unwrap_or(0.0);
     let accelerations = |rate: &[[f64; 3]]| angular_acceleration(recording.time_s, rate);
     if !calibration.effects.iter().any(|values| values.effect().needs.contains(&Need::AngularAcceleration)) {
-        return correct_with(recording, calibration, &[]);
+        return correct_with(start_s, recording, calibration, &[]);
     }
     let seen = |raw: &[f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(*raw)));
     let mut rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(seen).collect();
     let mut force = Vec::new();
     for _ in 0..PASSES {
-        (rate, force) = correct_with(recording, calibration, &accelerations(&rate));
+        (rate, force) = correct_with(start_s, recording, calibration, &accelerations(&rate));
     }
     (rate, force)
 }
 
 /// The correction with given angular accelerations, none if they are not known.
 fn correct_with(
+    start_s: f64,
     recording: &Recording<'_>,
     calibration: &Calibration<f64>,
     acceleration: &[[f64; 3]],
 ) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
-    let start_s = recording.time_s.first().copied().unwrap_or(0.0);
     let samples = recording.angular_rate.iter().zip(recording.specific_force).zip(recording.time_s).enumerate();
     let corrected = samples.map(|(i, ((rate, force), time_s))| {
         let temperature = recording.temperature_degc.and_then(|column| column.get(i));

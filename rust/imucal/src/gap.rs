@@ -24,6 +24,7 @@ mod revise;
 mod score;
 mod smooth;
 mod stage;
+mod start;
 
 pub use attitudes::attitudes;
 pub use generic::{Block, Kernel};

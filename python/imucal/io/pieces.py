@@ -1,0 +1,93 @@
+"""Recordings piece by piece: what is in memory does not grow with the file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
+
+from imucal.errors import FormatError
+from imucal.io.canonical import chosen, parquet_table, read_csv
+from imucal.io.source import Table, open_large, parts
+from imucal.io.text import NotInPartsError, headed_parts
+from imucal.io.vocabulary import Clock, recording_from_table
+from imucal.recording import Recording, Source
+
+__all__ = ["Whole", "csv_pieces", "parquet_pieces"]
+
+
+def csv_pieces(
+    path: str | os.PathLike[str],
+    *,
+    columns: str | Sequence[str] | None = None,
+    rate_hz: float | None = None,
+) -> Iterator[Recording]:
+    """What `read_csv` reads.
+
+    Raises NotInPartsError, at a later piece, where only the whole file tells what its columns are, or what is
+    wrong with them.
+    """
+    source, clock = open_large(path), Clock()
+    try:
+        for table in headed_parts(path):
+            yield _piece(chosen(table, columns), source, rate_hz, clock)
+    except NotInPartsError:
+        if clock.rows:
+            raise
+        yield read_csv(path, columns=columns, rate_hz=rate_hz)
+
+
+def _piece(table: Table, source: Source, rate_hz: float | None, clock: Clock) -> Recording:
+    try:
+        return recording_from_table(table, [source], rate_hz, clock)
+    except FormatError:
+        # The whole knows the line, too.
+        raise NotInPartsError(table.file) from None
+
+
+def parquet_pieces(
+    path: str | os.PathLike[str],
+    *,
+    columns: str | Sequence[str] | None = None,
+    rate_hz: float | None = None,
+) -> Iterator[Recording]:
+    """What `read_parquet` reads."""
+    source, clock = open_large(path), Clock()
+    whole = chosen(parquet_table(path), columns)
+    for part in parts(whole.columns):
+        yield recording_from_table(replace(whole, columns=part), [source], rate_hz, clock)
+    if not clock.rows:
+        yield recording_from_table(whole, [source], rate_hz)
+
+
+class Whole:
+    """Pieces that are passed on, and what is to be said of the recording that they make."""
+
+    def __init__(self, pieces: Iterable[Recording]) -> None:
+        self._pieces = pieces
+        self._first: Recording | None = None
+        self._last_s = 0.0
+        self.samples = 0
+
+    def __iter__(self) -> Iterator[Recording]:
+        for piece in self._pieces:
+            self._first = self._first or piece
+            self.samples += len(piece)
+            if len(piece):
+                self._last_s = float(piece.time_s[-1])
+            yield piece
+
+    @property
+    def first(self) -> Recording:
+        """The first piece, of those that were passed on."""
+        if self._first is None:
+            raise ValueError("no piece was passed on yet")
+        return self._first
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last, s; 0 with fewer than two samples."""
+        return self._last_s - float(self.first.time_s[0]) if self.samples > 1 else 0.0
+
+    def __repr__(self) -> str:
+        return self.first.said(self.samples, self.duration_s)

@@ -1,0 +1,95 @@
+//! Where a search starts: the model without effects, and whether a hand carried the unit.
+
+use std::rc::Rc;
+
+use imucal_core::effects::{Effect, Need};
+use imucal_core::sensor::Triad;
+
+use super::design::design;
+use super::evidence::{Column, Evidence, Gram};
+use super::path::Hunt;
+use super::stage::{Beside, Stage};
+use crate::calibrate::EffectChoice;
+use crate::error::Error;
+use crate::joint::{INSIDE, Kinds, Prepared, Terms};
+
+/// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
+const CARRIED: f64 = 5.0;
+/// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
+const ADDS_UP: [&str; 1] = ["gyro_angular_acceleration"];
+
+impl Hunt<'_> {
+    /// The model without effects, and the candidates that are left: without those of the motion if a hand carried the unit.
+    pub(super) fn start(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        mut open: Vec<EffectChoice>,
+    ) -> Result<(Stage, Vec<EffectChoice>), Error> {
+        if self.is_carried || self.looks_carried(prepared, triads, &open)? {
+            self.is_carried = true;
+            self.kinds.in_motion = false;
+            open.retain(|choice| {
+                let blind = is_blind_by_hand(choice.effect.name);
+                if blind {
+                    self.left_out.push((
+                        choice.effect.name.to_owned(),
+                        "turns on a stand: a hand carries the unit along".into(),
+                    ));
+                }
+                !blind
+            });
+        }
+        let stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
+        *self.ground.borrow_mut() = Some(Rc::clone(&stage.design));
+        Ok((stage, open))
+    }
+
+    /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it. If so the candidates beside the
+    /// model of rests and moves from rest to rest are known along with that.
+    fn looks_carried(
+        &mut self,
+        prepared: &Prepared<'_>,
+        triads: [&Triad<f64>; 2],
+        open: &[EffectChoice],
+    ) -> Result<bool, Error> {
+        let is_far = |gram: &Gram, columns: &[Column]| {
+            let inside = gram.groups.iter().position(|group| *group == INSIDE);
+            let far = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
+            let surely = gram.least_scale(INSIDE, columns).is_some_and(|least| least > CARRIED * CARRIED);
+            surely || gram.evidence(columns).is_none_or(far)
+        };
+        // The insides of a hand would lead the fit astray.
+        let kinds = self.kinds;
+        self.kinds.in_motion = false;
+        let plain = self.stage(prepared, triads, open, &[], Beside::Nothing);
+        self.kinds = kinds;
+        let model = plain?.model;
+        let none = Terms::try_new(&[], &[], &self.samples, kinds)?;
+        let at_ends = Kinds { in_motion: false, ..kinds };
+        let none_at_ends = Terms { kinds: at_ends, ..none.clone() };
+        let linear = Rc::new(prepared.linearise(&none, &model.parameters())?);
+        let seen = design(prepared, (&none, &[]), &none, &linear)?;
+        // More columns only explain more.
+        if !is_far(&seen.gram, &seen.model) {
+            return Ok(false);
+        }
+        let ground = self.with_candidates(prepared, &none, &model, open, |all, linear| {
+            let seen = design(prepared, (&none, &[]), all, linear)?;
+            let explaining = seen.candidates.iter().filter(|c| c.shape.is_none()).flat_map(|c| c.columns(10.0));
+            let columns: Vec<Column> = seen.model.iter().copied().chain(explaining).collect();
+            let all = Terms { kinds: at_ends, ..all.clone() };
+            let linear = || Rc::new(prepared.without_insides(linear, &all));
+            is_far(&seen.gram, &columns).then(|| design(prepared, (&none_at_ends, &[]), &all, &linear())).transpose()
+        })?;
+        let is_carried = ground.is_some();
+        *self.ground.borrow_mut() = ground.map(|ground| Rc::new(ground.without(is_blind_by_hand)));
+        Ok(is_carried)
+    }
+}
+
+/// Whether data by hand do not show an effect.
+fn is_blind_by_hand(name: &str) -> bool {
+    let effect = Effect::<f64>::find(name);
+    effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !ADDS_UP.contains(&name)
+}

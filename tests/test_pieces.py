@@ -1,0 +1,127 @@
+"""Recordings that are read, corrected and written piece by piece: the same numbers as of the whole."""
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.csv
+import pytest
+from pyarrow import parquet
+
+import imucal
+from imucal.io import NotInPartsError, read_pieces, write_pieces
+
+# More than a piece of either kind of file.
+ROWS = 80_000
+NAMES = [
+    *(f"accel_{axis}_lsb" for axis in "xyz"),
+    *(f"gyro_{axis}_dps" for axis in "xyz"),
+    "temp_degc",
+    "motor",
+]
+
+
+def columns_of(rows):
+    random = np.random.default_rng(3)
+    force = random.integers(-8000, 8000, (rows, 3))
+    rate = random.normal(size=(rows, 3))
+    time_ns = 1_700_000_000_123_456_789 + np.arange(rows) * 1_000_001
+    values = [time_ns, *force.T, *rate.T, 20.0 + np.arange(rows) / rows, random.normal(size=rows)]
+    return dict(zip(["time_ns", *NAMES], values, strict=True))
+
+
+def written(folder, ending, columns):
+    path = folder / f"run{ending}"
+    if ending == ".parquet":
+        parquet.write_table(pa.table(columns), path)
+    else:
+        pa.csv.write_csv(pa.table(columns), path)
+    return path
+
+
+@pytest.fixture
+def unit(tmp_path):
+    triad = imucal.Triad(np.diag([800.0, 810.0, 790.0]), np.array([30.0, -20.0, 10.0]))
+    effects = (
+        imucal.EffectValues("gyro_bias_drift", (1e-6, 2e-6, -3e-6)),
+        imucal.EffectValues("gyro_bias_temperature", (1e-4, -2e-4, 3e-4)),
+    )
+    gyro = imucal.Triad(np.eye(3), np.zeros(3))
+    calibration = imucal.Calibration(triad, gyro, accel_unit="lsb", effects=effects)
+    calibration.save(tmp_path / "unit.json")
+    return calibration
+
+
+def assert_same(one, other):
+    for name in ("time_s", "specific_force", "angular_rate", "temperature_degc"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(other, name), err_msg=name)
+    for name, values in other.auxiliary.items():
+        np.testing.assert_array_equal(one.auxiliary[name], values)
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_recording_corrected_by_pieces_is_the_whole_corrected(tmp_path, command, unit, ending):
+    path, output = written(tmp_path, ending, columns_of(ROWS)), tmp_path / f"out{ending}"
+    assert sum(1 for _ in read_pieces(path)) > 1
+    done = command("apply", tmp_path / "unit.json", path, "-o", output)
+    assert done.returncode == 0, done.stderr
+    assert f"Recording('run{ending}': {ROWS} samples, {(ROWS - 1) * 1_000_001e-9:.3f} s" in done.stdout
+    assert_same(imucal.read(output), unit.apply_recording(imucal.read(path)))
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_sample_rate_counts_on_from_piece_to_piece(tmp_path, command, ending):
+    columns = columns_of(ROWS)
+    del columns["time_ns"]
+    path, output = written(tmp_path, ending, columns), tmp_path / "out.parquet"
+    done = command("convert", path, "--rate-hz", 400, "-o", output)
+    assert done.returncode == 0, done.stderr
+    assert_same(imucal.read(output), imucal.read(path, rate_hz=400.0))
+
+
+def test_a_column_that_turns_to_fractions_after_the_first_piece_is_read_as_a_whole(tmp_path, command):
+    columns = columns_of(ROWS)
+    lines = written(tmp_path, ".csv", columns).read_text().splitlines()
+    fields = lines[-1].split(",")
+    lines[-1] = ",".join([fields[0], "0.5", *fields[2:]])
+    (tmp_path / "run.csv").write_text("\n".join(lines))
+    with pytest.raises(NotInPartsError, match="read it as a whole"):
+        list(read_pieces(tmp_path / "run.csv"))
+    done = command("convert", tmp_path / "run.csv", "-o", tmp_path / "out.parquet")
+    assert done.returncode == 0, done.stderr
+    assert_same(imucal.read(tmp_path / "out.parquet"), imucal.read(tmp_path / "run.csv"))
+
+
+def test_what_is_wrong_far_down_is_said_with_its_line_and_nothing_is_written(tmp_path, command):
+    lines = written(tmp_path, ".csv", columns_of(ROWS)).read_text().splitlines()
+    fields = lines[ROWS - 5].split(",")
+    lines[ROWS - 5] = ",".join([*fields[:2], "broken", *fields[3:]])
+    (tmp_path / "run.csv").write_text("\n".join(lines))
+    done = command("convert", tmp_path / "run.csv", "-o", tmp_path / "out.csv")
+    assert done.returncode == 1
+    assert f"line {ROWS - 4}, column accel_y_lsb: 'broken' is not a number" in done.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["run.csv"]
+
+
+@pytest.mark.parametrize("ending", [".csv", ".parquet"])
+def test_a_short_file_comes_in_one_piece(tmp_path, ending):
+    path = written(tmp_path, ending, columns_of(20))
+    (piece,) = read_pieces(path)
+    assert_same(piece, imucal.read(path))
+    write_pieces([piece, piece], tmp_path / "twice.csv")
+    assert len(imucal.read(tmp_path / "twice.csv")) == 40
+
+
+def test_a_parquet_file_without_rows_is_an_empty_recording(tmp_path, command):
+    path = written(tmp_path, ".parquet", columns_of(0))
+    done = command("convert", path, "-o", tmp_path / "out.csv")
+    assert done.returncode == 0, done.stderr
+    assert len(imucal.read(tmp_path / "out.csv")) == 0
+
+
+def test_a_derivative_by_time_takes_the_whole(unit):
+    lever_arm = imucal.EffectValues("accel_lever_arm", (0.01, 0.02, 0.03))
+    whole = imucal.Calibration(unit.accelerometer, unit.gyroscope, effects=(lever_arm,))
+    assert unit.takes_pieces
+    assert not whole.takes_pieces
+    piece = imucal.Recording(np.arange(9.0), np.ones((9, 3)), np.ones((9, 3)))
+    with pytest.raises(imucal.InputError, match="need the whole recording"):
+        whole.apply_recording(piece, start_s=0.0)
