@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from imucal.gap_paths import LEAST_CHANGE_K, Paths, Placed, means_of
 from imucal.recording import Recording
 
 if TYPE_CHECKING:
@@ -17,10 +19,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Channel", "Item", "Residuals", "noise_densities"]
 
-# Means of the force inside the moves.
-BLOCK_S: Final = 0.04
-# A temperature that changes by less says nothing.
-LEAST_CHANGE_K: Final = 0.5
 AXES: Final = "xyz"
 
 
@@ -80,12 +78,8 @@ class Residuals:
         tremors = [tremor for tremor in result.fit.get("tremor_deg", ()) if tremor is not None]
         self._tremor_rad = float(np.radians(max(tremors))) if tremors else 0.0
         self._corrected = {recording.name: calibration.apply_recording(recording) for recording in recordings}
-        self._paths = {
-            k: _Path(self._corrected[move["recording"]], move["first"], move["last"])
-            for k, move in enumerate(result.moves)
-            if _is_judged(move)
-        }
-        self.turns = {k: _vector(path.rotation) for k, path in self._paths.items()}
+        self._paths = [Paths(corrected, moves) for corrected, moves in self._judged(result.moves)]
+        self.turns = {k: _vector(turn) for paths in self._paths for k, turn in paths.turns()}
         self.rests: list[Item] = []
         self.moves: list[Item] = []
         self._by_rest = self._of_rests()
@@ -104,91 +98,104 @@ class Residuals:
                 found += [Channel(name, AXES[axis], unit, *of.column(axis)) for axis in range(3)]
         return found
 
+    def _judged(self, items: Sequence[Mapping[str, Any]]) -> Iterator[tuple[Recording, list[Placed]]]:
+        """Each recording with its rests, or moves, that are judged, and their places in the result."""
+        for name, corrected in self._corrected.items():
+            own = [
+                (k, item) for k, item in enumerate(items) if item["recording"] == name and _is_judged(item)
+            ]
+            if own:
+                yield corrected, own
+
     def _of_rests(self) -> _Table:
         table = _Table()
         moves = self._result.moves
         turns = {(moves[k]["recording"], moves[k]["to_rest"]): turn for k, turn in self.turns.items()}
-        for k, rest in enumerate(self._result.rests):
-            if not _is_judged(rest):
-                continue
-            corrected = self._corrected[rest["recording"]]
-            span = slice(rest["first"], rest["end"])
-            duration_s = rest["end_s"] - rest["start_s"]
-            force = corrected.specific_force[span].mean(axis=0)
-            norm = float(np.linalg.norm(force))
-            up = force / norm
-            rate = corrected.angular_rate[span].mean(axis=0)
-            sigma_norm = float(np.sqrt(np.sum(up**2 * self._accel**2) / duration_s))
+        for corrected, rests in self._judged(self._result.rests):
+            spans = np.array([(rest["first"], rest["end"]) for _, rest in rests])
+            duration_s = np.array([rest["end_s"] - rest["start_s"] for _, rest in rests])
+            force, rate = (
+                means_of(column, spans) for column in (corrected.specific_force, corrected.angular_rate)
+            )
+            norm = np.linalg.norm(force, axis=1)
+            up = force / norm[:, None]
+            sigma_norm = np.sqrt(up**2 @ self._accel**2 / duration_s)
             # Of a hand, what it turns by between the ends of a rest.
-            sigma_rate = np.sqrt(
-                self._gyro**2 / duration_s + self._instability**2 + 2.0 * (self._tremor_rad / duration_s) ** 2
-            )
-            values, sigma = np.array([norm - self._gravity, *rate]), np.array([sigma_norm, *sigma_rate])
-            inputs = {"time": rest["start_s"], "gravity": up, "gravity_squared": _products(up)}
-            inputs |= self._temperature(corrected, span)
-            inputs["sign_of_the_last_turn"] = np.sign(turns.get((rest["recording"], k), np.zeros(3)))
-            shared = {name: np.broadcast_to(given, (1, 4, np.size(given))) for name, given in inputs.items()}
-            table.add(k, values[None], sigma[None], shared)
-            chi2 = float(np.sum((values / sigma) ** 2))
-            self.rests.append(
-                Item(rest["recording"], k, chi2, 4, norm - self._gravity, rest["excluded"] is not None)
-            )
+            noise = self._gyro**2 / duration_s[:, None] + self._instability**2
+            sigma_rate = np.sqrt(noise + 2.0 * (self._tremor_rad / duration_s[:, None]) ** 2)
+            values = np.column_stack([norm - self._gravity, rate])
+            sigma = np.column_stack([sigma_norm, sigma_rate])
+            last_turns = [turns.get((rest["recording"], k), np.zeros(3)) for k, rest in rests]
+            inputs = {
+                "time": np.array([[rest["start_s"]] for _, rest in rests]),
+                "gravity": up,
+                "gravity_squared": _products(up),
+                "sign_of_the_last_turn": np.sign(last_turns),
+            }
+            given = corrected.temperature_degc
+            if given is not None and np.ptp(given) >= LEAST_CHANGE_K:
+                inputs["temperature"] = means_of(given[:, None], spans)
+            table.add((k for k, _ in rests), values, sigma, inputs)
+            chi2 = np.sum((values / sigma) ** 2, axis=1)
+            for (k, rest), own, error in zip(rests, chi2, values[:, 0], strict=True):
+                left_out = rest["excluded"] is not None
+                self.rests.append(Item(rest["recording"], k, float(own), 4, float(error), left_out))
         return table
 
     def _of_moves(self, inside_moves: bool) -> tuple[_Table, _Table]:
         directions, forces = _Table(), _Table()
-        for k, path in self._paths.items():
-            move = self._result.moves[k]
-            before, after = (self._up(move, end) for end in ("before", "after"))
-            carried = path.rotation.T @ before
+        for paths in self._paths:
+            moves = [move for _, move in paths.moves]
+            before, after = (np.array([self._up(move, end) for move in moves]) for end in ("before", "after"))
+            carried = np.einsum("mji,mj->mi", paths.rotation, before)
             error = np.cross(after, carried)
-            sigma = np.radians(move["direction_sigma_deg"] or 0.0)
-            if not sigma > 0.0:
-                ends = 2.0 * np.mean(self._accel**2) / self._gravity**2
-                sigma = float(np.sqrt(np.mean(self._gyro**2) * move["duration_s"] + ends))
+            sigma = np.array([self._direction_sigma(move) for move in moves])
             # A turn about gravity is not seen.
             across = np.sqrt(np.maximum(1.0 - after**2, 1e-4))
-            driven = {name: sums[None] for name, sums in path.driven().items()}
-            directions.add(k, error[None], (sigma * across)[None], driven)
-            error_deg = float(np.degrees(np.arctan2(np.linalg.norm(error), after @ carried)))
-            chi2, left_out = float(error @ error) / sigma**2, move["excluded"] is not None
-            self.moves.append(Item(move["recording"], k, chi2, 2, error_deg, left_out))
+            directions.add((k for k, _ in paths.moves), error, sigma[:, None] * across, paths.driven())
+            angle = np.arctan2(np.linalg.norm(error, axis=1), np.sum(after * carried, axis=1))
+            chi2 = np.sum(error**2, axis=1) / sigma**2
+            for (k, move), own, error_rad in zip(paths.moves, chi2, angle, strict=True):
+                left_out = move["excluded"] is not None
+                error_deg = float(np.degrees(error_rad))
+                self.moves.append(Item(move["recording"], k, float(own), 2, error_deg, left_out))
             if inside_moves:
-                self._add_inside(forces, k, path, before)
+                self._add_inside(forces, paths, before)
         return directions, forces
 
-    def _add_inside(self, table: _Table, k: int, path: _Path, before: FloatArray) -> None:
-        up = path.up(before)
-        values = path.force - self._gravity * up
-        since_s = path.time_s + path.length_s - path.time_s[0]
-        drift = (1.0 - up**2) * (self._gravity * self._gyro) ** 2 * since_s[:, None]
-        sigma = np.sqrt(self._accel**2 / path.length_s[:, None] + drift)
-        given = {
-            "angular_acceleration": path.acceleration,
-            "rate_squared": _products(path.rate),
+    def _direction_sigma(self, move: Mapping[str, Any]) -> float:
+        """What noise explains of each component of a move's direction, rad."""
+        sigma = float(np.radians(move["direction_sigma_deg"] or 0.0))
+        if sigma > 0.0:
+            return sigma
+        ends = 2.0 * np.mean(self._accel**2) / self._gravity**2
+        return float(np.sqrt(np.mean(self._gyro**2) * move["duration_s"] + ends))
+
+    def _add_inside(self, table: _Table, paths: Paths, before: FloatArray) -> None:
+        up = paths.up(before)
+        values = paths.force - self._gravity * up
+        drift = (1.0 - up**2) * (self._gravity * self._gyro) ** 2 * paths.since_s[:, None]
+        sigma = np.sqrt(self._accel**2 / paths.length_s[:, None] + drift)
+        inputs = {
+            "angular_acceleration": paths.acceleration,
+            "rate_squared": _products(paths.rate),
             "gravity_squared": _products(up),
         }
-        table.add(k, values, sigma, {name: np.repeat(of[:, None], 3, axis=1) for name, of in given.items()})
+        table.add((k for k, _ in paths.moves), values, sigma, inputs)
 
     def _up(self, move: Mapping[str, Any], end: str) -> FloatArray:
         """Direction of gravity before or after a move; of one that was left out, that of the rest."""
         known = move[f"gravity_{end}"]
-        if known is not None and all(value is not None and np.isfinite(value) for value in known):
+        if known is not None and all(value is not None and math.isfinite(value) for value in known):
             return np.array(known)
         rest = self._result.rests[move["from_rest" if end == "before" else "to_rest"]]
         force = self._corrected[rest["recording"]].specific_force[rest["first"] : rest["end"]].mean(axis=0)
         up: FloatArray = force / np.linalg.norm(force)
         return up
 
-    def _temperature(self, corrected: Recording, span: slice) -> dict[str, float]:
-        given = corrected.temperature_degc
-        if given is None or np.ptp(given) < LEAST_CHANGE_K:
-            return {}
-        return {"temperature": float(given[span].mean())}
-
 
 class _Table:
-    """Values of several axes, item after item."""
+    """Values of several axes, of items after items."""
 
     def __init__(self) -> None:
         self.items: set[int] = set()
@@ -196,9 +203,11 @@ class _Table:
         self.sigma: list[FloatArray] = []
         self.inputs: list[Mapping[str, FloatArray]] = []
 
-    def add(self, item: int, values: FloatArray, sigma: FloatArray, inputs: Mapping[str, FloatArray]) -> None:
-        """Of one item, (n, axes) each; `inputs`: name -> (n, axes, p)."""
-        self.items.add(item)
+    def add(
+        self, items: Iterable[int], values: FloatArray, sigma: FloatArray, inputs: Mapping[str, FloatArray]
+    ) -> None:
+        """Values (n, axes) of some items; `inputs`: name -> (n, p), shared by all axes, or (n, axes, p)."""
+        self.items.update(items)
         self.values.append(values)
         self.sigma.append(sigma)
         self.inputs.append(inputs)
@@ -207,66 +216,15 @@ class _Table:
         """Values, sigma, number of items and inputs of one axis."""
         shared = set.intersection(*(set(inputs) for inputs in self.inputs))
 
-        def of(parts: Sequence[FloatArray]) -> FloatArray:
+        def of(parts: Iterable[FloatArray]) -> FloatArray:
             return np.concatenate([part[:, axis] for part in parts])
 
-        inputs = {name: of([given[name] for given in self.inputs]) for name in sorted(shared)}
+        def input_of(name: str) -> FloatArray:
+            parts = [inputs[name] for inputs in self.inputs]
+            return np.concatenate([part if part.ndim == 2 else part[:, axis] for part in parts])
+
+        inputs = {name: input_of(name) for name in sorted(shared)}
         return of(self.values), of(self.sigma), len(self.items), inputs
-
-
-class _Path:
-    """A move, block by block.
-
-    time_s, length_s  start and length of the B blocks
-    rotations         from the body at the end of each block to the body at the start of the move, (B, 3, 3)
-    middle, edges     the same in the middle of each block, (B, 3, 3), and at all B + 1 edges
-    rate, force       means over the blocks, (B, 3)
-    acceleration      of the rate, (B, 3)
-    """
-
-    def __init__(self, corrected: Recording, first: int, last: int) -> None:
-        from imucal import _core
-
-        time_s, rate = corrected.time_s, corrected.angular_rate
-        step = max(2, round(BLOCK_S * (last - first) / (time_s[last] - time_s[first])))
-        at = np.array([*range(first, last - step + 1, step), last])
-        span = slice(first, last + 1)
-        both = _matrices(_core.attitudes(time_s[span], rate[span], (at - first).tolist()))
-        self.edges, self.middle = both[::2], both[1::2]
-        self.time_s, self.length_s = time_s[at[:-1]], np.diff(time_s[at])
-        self.rate = _means(time_s, rate, at)
-        self.force = _means(time_s, corrected.specific_force, at)
-        self.acceleration = np.diff(rate[at], axis=0) / self.length_s[:, None]
-        given = corrected.temperature_degc
-        self.temperature: FloatArray | None = None
-        if given is not None and np.ptp(given) >= LEAST_CHANGE_K:
-            self.temperature = given[at[:-1]] - given.mean()
-
-    @property
-    def rotation(self) -> FloatArray:
-        """From the body at the end to the body at the start."""
-        end: FloatArray = self.edges[-1]
-        return end
-
-    def up(self, before: FloatArray) -> FloatArray:
-        """Mean over each block of a direction that is `before` at the start, (B, 3)."""
-        at_edges = np.einsum("bji,j->bi", self.edges, before)
-        in_middle = np.einsum("bji,j->bi", self.middle, before)
-        mean: FloatArray = (at_edges[:-1] + 4.0 * in_middle + at_edges[1:]) / 6.0
-        return mean
-
-    def driven(self) -> dict[str, FloatArray]:
-        """What errors of the rate turn the end by: name -> (3, p), each column one kind of error."""
-        to_end = np.einsum("ji,bjk->bik", self.rotation, self.middle) * self.length_s[:, None, None]
-        sums = {
-            "time": np.einsum("bij,b->ij", to_end, self.time_s),
-            "gravity": np.einsum("bij,bk->ijk", to_end, self.force).reshape(3, 9),
-            "rate_squared": np.einsum("bij,bj->ij", to_end, self.rate**2),
-            "sign_of_the_rate": np.einsum("bij,bj->ij", to_end, np.abs(self.rate)),
-        }
-        if self.temperature is not None:
-            sums["temperature"] = np.einsum("bij,b->ij", to_end, self.temperature)
-        return sums
 
 
 def noise_densities(calibration: Calibration) -> tuple[FloatArray, FloatArray]:
@@ -285,27 +243,6 @@ def _products(v: FloatArray) -> FloatArray:
     """Squares and products of three components, (..., 6)."""
     x, y, z = np.moveaxis(v, -1, 0)
     return np.stack([x * x, y * y, z * z, x * y, x * z, y * z], axis=-1)
-
-
-def _means(time_s: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Means over the stretches between the samples `at`, by trapezoids."""
-    first, last = at[0], at[-1]
-    span = slice(first, last + 1)
-    area = 0.5 * (values[span][1:] + values[span][:-1]) * np.diff(time_s[span])[:, None]
-    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(area, axis=0)])[at - first]
-    means: FloatArray = np.diff(sums, axis=0) / np.diff(time_s[at])[:, None]
-    return means
-
-
-def _matrices(wxyz: FloatArray) -> FloatArray:
-    """Of quaternions, (n, 4), to (n, 3, 3)."""
-    w, x, y, z = wxyz.T
-    rows = [
-        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
 
 
 def _vector(rotation: FloatArray) -> FloatArray:

@@ -1,6 +1,7 @@
 //! Sums of products of columns and residuals, group by group: of a model's columns, and with others beside them.
 
-use faer::Mat;
+use faer::linalg::matmul::triangular::{self, BlockStructure};
+use faer::{Accum, Mat};
 
 use super::evidence::Gram;
 
@@ -32,7 +33,7 @@ impl Known {
             let mut columns = part(columns, &rows, 1);
             let last = columns.ncols() - 1;
             columns.col_as_slice_mut(last).iter_mut().zip(&rows).for_each(|(to, &row)| *to = residual[row]);
-            let sum = columns.transpose() * &columns;
+            let sum = squared(&columns);
             (!rows.is_empty()).then_some(Group { group, rows, columns, sum })
         };
         Self { groups: (0..count).filter_map(of_group).collect() }
@@ -42,7 +43,7 @@ impl Known {
     pub(crate) fn others(&self, columns: &Mat<f64>) -> Others {
         let of_group = |Group { rows, .. }: &Group| {
             let part = part(columns, rows, 0);
-            let own = part.transpose() * &part;
+            let own = squared(&part);
             (part, own)
         };
         Others { parts: self.groups.iter().map(of_group).collect() }
@@ -92,6 +93,31 @@ impl Known {
             residual,
         }
     }
+}
+
+/// `A^T A`: one half of it is made, the other is the same.
+fn squared(a: &Mat<f64>) -> Mat<f64> {
+    use BlockStructure::{Rectangular, TriangularLower};
+    let mut sum = Mat::zeros(a.ncols(), a.ncols());
+    let parallelism = faer::get_global_parallelism();
+    let transposed = a.transpose();
+    triangular::matmul(
+        &mut sum,
+        TriangularLower,
+        Accum::Replace,
+        transposed,
+        Rectangular,
+        a,
+        Rectangular,
+        1.0,
+        parallelism,
+    );
+    for j in 1..a.ncols() {
+        for i in 0..j {
+            sum[(i, j)] = sum[(j, i)];
+        }
+    }
+    sum
 }
 
 /// Some rows of a matrix, with room for more columns.

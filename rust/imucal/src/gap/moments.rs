@@ -3,6 +3,7 @@
 use std::rc::Rc;
 
 use faer::Mat;
+use imucal_core::effects::Sensor;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::design::axes_of;
@@ -51,8 +52,12 @@ impl<'a> Setting<'a> {
             rests[*k] = at(moment);
         }
         let width = self.moments.rests.first().map_or(0, |(k, _)| rests[*k].len());
-        let moves = self.moments.moves.iter().map(|way| way.iter().map(at).collect()).collect();
-        let field = Field { sensor: hypothesis.block.sensor(), width, rests, moves };
+        let sensor = hypothesis.block.sensor();
+        // From rest to rest the force inside the moves is not looked at.
+        let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
+        let of_move = |way: &Vec<Moment>| if on_the_way { way.iter().map(at).collect() } else { Vec::new() };
+        let moves = self.moments.moves.iter().map(of_move).collect();
+        let field = Field { sensor, width, rests, moves };
         self.problem.by_field(&self.linear, &self.ways, &field)
     }
 

@@ -2,6 +2,8 @@
 
 use faer::Mat;
 
+use crate::stats::dot;
+
 /// Eigenvalues below this share of the largest one are left out.
 const SMALLEST: f64 = 1e-3;
 
@@ -46,7 +48,7 @@ impl<T> Smooth<T> {
         let near: Vec<f64> = self.points.iter().map(|point| kernel(x, point)).collect();
         let own = near.iter().sum::<f64>() / near.len() as f64;
         let centred: Vec<f64> = near.iter().zip(&self.means).map(|(k, mean)| k - own - mean + self.mean).collect();
-        (0..self.width()).map(|c| centred.iter().enumerate().map(|(i, k)| k * self.weights[(i, c)]).sum()).collect()
+        (0..self.width()).map(|c| dot(self.weights.col_as_slice(c), &centred)).collect()
     }
 }
 
