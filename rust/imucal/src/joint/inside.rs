@@ -110,11 +110,16 @@ impl<const N: usize> Filter<N> {
             std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
         let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
         let (gain, sigma) = (shared.map(|s| s / total), total.sqrt());
-        for (k, value) in seen.iter_mut().enumerate() {
-            let innovation = *value - (0..N).map(|i| look[i] * self.states[i][k]).sum::<f64>();
-            (0..N).for_each(|i| self.states[i][k] += gain[i] * innovation);
-            *value = innovation / sigma;
+        // What is known and does not walk says nothing of what comes.
+        if shared != [0.0; N] {
+            for (state, look) in self.states.iter().zip(&look) {
+                seen.iter_mut().zip(state).for_each(|(value, state)| *value -= look * state);
+            }
+            for (state, gain) in self.states.iter_mut().zip(&gain) {
+                state.iter_mut().zip(&*seen).for_each(|(state, value)| *state += gain * value);
+            }
         }
+        seen.iter_mut().for_each(|value| *value /= sigma);
         for i in 0..N {
             for j in 0..N {
                 self.covariance[i][j] -= gain[i] * shared[j];

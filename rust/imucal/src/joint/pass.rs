@@ -21,10 +21,10 @@
 use std::ops::Range;
 
 use imucal_core::sensor::Triad;
-use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::corrected::Corrected;
-use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters};
+use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, turned_by_parameters};
 use super::planes::{Planes, Sum};
 use super::terms::Terms;
 #[cfg(test)]
@@ -108,12 +108,21 @@ struct Walk {
 /// Steps that are taken together where no blocks are wanted.
 const TOGETHER: usize = 64;
 
-/// A block in the making.
+/// A block in the making: sums over its samples.
 struct Gathered {
     force: Vector3<f64>,
-    by_parameters: SMatrix<f64, 3, 9>,
-    /// Sum of the running sums after each step.
+    /// Of the rotation, and of the rotation times each component of the expected force.
+    rotation: Matrix3<f64>,
+    by_force: [Matrix3<f64>; 3],
+    /// Of the running sums after each step.
     base: Sums,
+}
+
+impl Gathered {
+    fn nothing() -> Self {
+        let zero = Matrix3::zeros();
+        Self { force: Vector3::zeros(), rotation: zero, by_force: [zero; 3], base: Sums::zero() }
+    }
 }
 
 impl Route<'_> {
@@ -166,7 +175,7 @@ impl Route<'_> {
         walk.weights.clear();
         walk.weights.resize(reached.len(), [Matrix3::zeros(); 2]);
         let mut turned = Vec::with_capacity(count);
-        let mut gathered = Gathered { force: Vector3::zeros(), by_parameters: SMatrix::zeros(), base: Sums::zero() };
+        let mut gathered = Gathered::nothing();
         for (j, i) in steps.clone().enumerate() {
             let h = time[i + 1] - time[i];
             let step = self.step(i);
@@ -193,7 +202,8 @@ impl Route<'_> {
                 gathered.force += walk.rotation * corrected.force[k1];
                 let effects = corrected.seen_force[k1] - corrected.force[k1];
                 let expected = walk.rotation.tr_mul(&self.gravity_at_start) + effects;
-                gathered.by_parameters += walk.rotation * force_by_parameters(&model.accelerometer, &expected);
+                gathered.rotation += walk.rotation;
+                (0..3).for_each(|j| gathered.by_force[j] += walk.rotation * expected[j]);
                 gathered.base.add(&walk.base);
                 turned.push([walk.rotation]);
             }
@@ -215,8 +225,9 @@ impl Route<'_> {
         let turn = turn(&gathered.base, n, Some((&mean_turn, &corrected.on_rate)), model, terms.total());
         // Turning the start of the move by phi moves the force by phi x force.
         let mut jacobian: Vec<Vector3<f64>> = turn.iter().map(|turn| turn.cross(&force)).collect();
+        let by_parameters = turned_by_parameters(&model.accelerometer, &gathered.rotation, &gathered.by_force);
         for p in ACCEL {
-            jacobian[p] = gathered.by_parameters.column(p) / n;
+            jacobian[p] = by_parameters.column(p) / n;
         }
         for (k, p) in corrected.on_force.parameters().iter().enumerate() {
             jacobian[BASE + p] = on_force.column(k) / -n;
