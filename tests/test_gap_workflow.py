@@ -205,6 +205,15 @@ def test_the_finding_is_one_sentence():
     assert "corrected rate 0.097 -> 0.025 deg/s" in gap.summary()
 
 
+@pytest.mark.parametrize("delay_s", [3e-3, 5e-3])
+def test_a_long_delay_is_accepted(delay_s):
+    run, control = pair(effects={"gyro_time_offset": delay_s})
+    gap = imucal.find_gap(run, control=control)
+    assert [effect["name"] for effect in gap.effects] == ["gyro_time_offset"]
+    # It is the same at both ends of a move: what it explains is in between.
+    assert "explains the gap; force in moves along " in gap.summary().splitlines()[1]
+
+
 def test_a_large_effect_does_not_hide_how_small_others_would_be_seen():
     run, control = pair(effects={"accel_scale_quadratic": "typical"})
     clean, clean_control = pair()

@@ -54,6 +54,8 @@ SEEN_AS: Final = {"move_direction": "direction after moves", "move_force": "forc
 WORTH_SAYING: Final = 0.05
 MOST_CHANNELS: Final = 4
 WORTH_CLAIMING: Final = 1.05
+# Unseen rests and moves lead the finding if they gain this share of what the residuals that gain most do.
+WORTH_LEADING: Final = 0.1
 
 
 def for_people(value: float, unit: str) -> tuple[float, str]:
@@ -131,12 +133,14 @@ def _finding(gap: Gap) -> str:
         (gap.control_set, "control") if gap.control_set is not None else (gap.held_out, "held-out")
     )
     figure = gap.gap
-    # Where rests and moves are as good without it, it is inside the moves, or at the stand, that it counts.
+    row = max(gap.where["channels"], key=_drop) if gap.where else None
+    # Where rests and moves are about as good without it, it counts inside the moves or at the stand.
     if (
         figure is not None
         and unseen is not None
         and figure["before"] > 1.1 * figure["floor"]
         and figure["closed"] > 0.1
+        and (row is None or _times_noise_less(figure) > WORTH_LEADING * _drop(row))
     ):
         before, after = unseen["before"], unseen["after"]
         name, unit, words = ("gravity_direction_rms_deg", "deg", "gravity direction")
@@ -147,7 +151,6 @@ def _finding(gap: Gap) -> str:
             f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words} {before[name]:.2g} -> "
             f"{after[name]:.2g} {unit}"
         )
-    row = max(gap.where["channels"], key=_drop) if gap.where else None
     if row is None or row["times_noise_after"] is None:
         return f"{names} {explain} what the model misses"
     return (
@@ -160,6 +163,13 @@ def _ratio(before: Mapping[str, Any], after: Mapping[str, Any], name: str) -> fl
     if not before[name] or not after[name]:
         return 0.0
     return float(before[name] / after[name])
+
+
+def _times_noise_less(figure: Mapping[str, Any]) -> float:
+    """By how many times the noise the figure of the unseen rests and moves becomes less."""
+    power = 0.5 if figure["metric"] == "chi2_per_dof" else 1.0
+    before, after = ((figure[name] / max(figure["floor"], 1e-300)) ** power for name in ("before", "after"))
+    return float(before - after)
 
 
 def _drop(row: Mapping[str, Any]) -> float:

@@ -184,22 +184,25 @@ def _squares_of_rates(
 ) -> dict[tuple[str, int], float]:
     """chi2 of the mean rate of each rest of the control recordings about the mean of all of them.
 
-    Some effects of the gyroscope, an isotropic g-sensitivity say, show there alone.
+    Some effects of the gyroscope, an isotropic g-sensitivity say, show there alone. The noise is that of the
+    samples as they were recorded: to take a delay away makes them smoother, and their mean no better known.
     """
     if result.control is None or judges is None:
         return {}
     squares: dict[tuple[str, int], float] = {}
     for recording in judges:
         rate = result.calibration.apply_recording(recording).angular_rate
+        to_rate = np.linalg.inv(result.calibration.gyroscope.sensitivity).T
         rests = [
-            (k, rate[rest["first"] : rest["end"]])
+            (k, slice(rest["first"], rest["end"]))
             for k, rest in enumerate(result.control.rests)
             if rest["recording"] == recording.name and rest["excluded"] is None
         ]
         if not rests:
             continue
-        means = np.array([samples.mean(axis=0) for _, samples in rests])
-        sigma = np.array([samples.std(axis=0) / np.sqrt(len(samples)) for _, samples in rests])
+        means = np.array([rate[span].mean(axis=0) for _, span in rests])
+        recorded = [recording.angular_rate[span] @ to_rate for _, span in rests]
+        sigma = np.array([samples.std(axis=0) / np.sqrt(len(samples)) for samples in recorded])
         chi2 = np.sum(((means - means.mean(axis=0)) / sigma) ** 2, axis=1)
         squares |= {("rate", k): float(value) for (k, _), value in zip(rests, chi2, strict=True)}
     return squares
