@@ -379,7 +379,19 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
                 f"{other.name} is in {other.accel_unit} and {other.gyro_unit} but {first.name} in "
                 f"{first.accel_unit} and {first.gyro_unit}: recordings of one unit need the same raw units"
             )
-    return unit_data
+    return with_own_names(unit_data)
+
+
+def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings, each with a name that no other has: results say by name which one a rest is of."""
+    names: list[str] = []
+    for recording in recordings:
+        same = sum(other.name == recording.name for other in recordings[: len(names)])
+        names.append(f"{recording.name} ({same + 1})" if same else recording.name)
+    return [
+        recording if recording.name == name else replace(recording, name=name)
+        for recording, name in zip(recordings, names, strict=True)
+    ]
 
 
 def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:

@@ -84,11 +84,11 @@ def _require_derivative(recording: Recording, name: str) -> None:
         raise InputError(
             f"{recording.name} has one sample and {name} depends on angular acceleration: give two"
         )
-    wrong = np.flatnonzero(~(np.diff(recording.time_s) > 0))
+    wrong = np.flatnonzero(~(np.diff(recording.time_s) >= 0))
     if len(wrong):
         raise InputError(
-            f"{recording.name}: time_s does not increase from sample {wrong[0]} to {wrong[0] + 1} and {name} "
-            "depends on angular acceleration: give strictly increasing times"
+            f"{recording.name}: time_s goes back from sample {wrong[0]} to {wrong[0] + 1} and {name} "
+            "depends on angular acceleration: give times in their order"
         )
 
 

@@ -50,8 +50,8 @@ APART: Final = 5
 def mount_slips(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Steps between the attitude of the unit and the angles of the stand, that stay."""
     for recording in recordings:
-        rests = [r for r in result.rests if r["recording"] == recording.name and r["excluded"] is None]
-        if recording.stand_rad is None or len(rests) < 4 * FEWEST_RESTS:
+        rests = [rest for rest in _on_a_stand(result, recording) if rest["excluded"] is None]
+        if len(rests) < 4 * FEWEST_RESTS:
             continue
         first, turn_rad, times = _largest_step(*_against_stand(result, recording, rests))
         if times > SLIP_EXPLAINS:
@@ -69,8 +69,8 @@ def mount_slips(result: CalibrationResult, recordings: Sequence[Recording]) -> I
 def loose_mounts(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """A unit that sits another way on its mount after every move."""
     for recording in recordings:
-        rests = [r for r in result.rests if r["recording"] == recording.name]
-        if recording.stand_rad is None or len(rests) < 4 * FEWEST_RESTS:
+        rests = _on_a_stand(result, recording)
+        if len(rests) < 4 * FEWEST_RESTS:
             continue
         missed, basis, _ = _unexplained(*_against_stand(result, recording, rests))
         # Two of the three components of a direction can miss.
@@ -85,6 +85,13 @@ def loose_mounts(result: CalibrationResult, recordings: Sequence[Recording]) -> 
                 f"where a firm one misses them by less than {PLAY_DEG} deg: it has play on its mount",
                 "fasten the unit and record again",
             )
+
+
+def _on_a_stand(result: CalibrationResult, recording: Recording) -> list[Mapping[str, Any]]:
+    """The rests of a recording at which the stand's angles are known."""
+    angles = recording.stand_rad
+    own = [rest for rest in result.rests if rest["recording"] == recording.name]
+    return [] if angles is None else [r for r in own if np.isfinite(angles[r["first"] : r["end"]]).all()]
 
 
 def _against_stand(

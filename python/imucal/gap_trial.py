@@ -15,6 +15,7 @@ from imucal.calibrate import (
     fields_for_library,
     of_one_unit,
     require_other_data,
+    with_own_names,
 )
 from imucal.calibration_result import CalibrationResult
 from imucal.effects import UserEffect, catalogue
@@ -47,7 +48,8 @@ class Trial:
         user_effects: Mapping[str, UserEffect],
         stage: Callable[[str], None],
     ) -> None:
-        self.unit_data, self.judges, self.user_effects = of_one_unit(unit_data), judges, user_effects
+        self.unit_data, self.user_effects = of_one_unit(unit_data), user_effects
+        self.judges = None if judges is None else with_own_names(judges)
         require_other_data(self.unit_data, judges or ())
         self.gravity_mps2, self.min_rest_s = gravity_mps2, min_rest_s
         self.options = Options(gravity_mps2, "symmetric", min_rest_s, exclude_saturated, None, None)

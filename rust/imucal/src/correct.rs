@@ -11,6 +11,7 @@
 //! measures, stays in the data.
 
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
+use crate::segment::sample_interval_s;
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Need, Surroundings};
 use nalgebra::Vector3;
@@ -81,7 +82,7 @@ fn correct_with(
 /// It is that of the polynomial through five samples 2 ms apart, or next to each other where the interval is longer: the
 /// sample in the middle of them, but at both ends. At even steps h that is
 /// `(w(t - 2h) - 8 w(t - h) + 8 w(t + h) - w(t + 2h)) / 12h`, wrong by `h^4 / 30` times the fifth derivative; steps may be
-/// uneven. Two equal times give what is not a number.
+/// uneven. Samples at one time count once, and all of them have its slope.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
     slopes(time_s, &rate, SLOPE_STEP_S).into_iter().map(<[f64; 3]>::from).collect()
@@ -90,11 +91,27 @@ pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f
 /// The same of any three columns, with another step.
 pub(crate) fn slopes(time_s: &[f64], values: &[Vector3<f64>], step_s: f64) -> Vec<Vector3<f64>> {
     let n = time_s.len().min(values.len());
+    let is_again = |k: usize| k > 0 && time_s[k] == time_s[k - 1];
+    if !(0..n).any(is_again) {
+        return slopes_at_distinct_times(&time_s[..n], &values[..n], step_s);
+    }
+    let (times, first): (Vec<f64>, Vec<Vector3<f64>>) =
+        (0..n).filter(|k| !is_again(*k)).map(|k| (time_s[k], values[k])).unzip();
+    let distinct = slopes_at_distinct_times(&times, &first, step_s);
+    let places = (0..n).scan(0, |seen, k| {
+        *seen += usize::from(!is_again(k));
+        Some(*seen - 1)
+    });
+    places.filter_map(|place| distinct.get(place).copied()).collect()
+}
+
+fn slopes_at_distinct_times(time_s: &[f64], values: &[Vector3<f64>], step_s: f64) -> Vec<Vector3<f64>> {
+    let n = time_s.len();
     if n < 2 {
         return Vec::new();
     }
     let count = n.min(NODES);
-    let interval_s = (time_s[n - 1] - time_s[0]) / (n - 1) as f64;
+    let interval_s = sample_interval_s(time_s);
     // The cast of a NaN or a negative number is zero. Every n / count samples there is room for all nodes about each sample.
     let stride = ((step_s / interval_s).round() as usize).clamp(1, n / count);
     let derivative = |k: usize| {
@@ -128,6 +145,16 @@ mod tests {
     use imucal_core::effects::{Effect, EffectValues, State};
     use imucal_core::sensor::Triad;
     use nalgebra::Matrix3;
+
+    #[test]
+    fn samples_at_one_time_have_one_slope() {
+        let mut time_s = uneven_time(20);
+        time_s[7] = time_s[6];
+        let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0 * t, -t, 0.0]).collect();
+        for slope in angular_acceleration(&time_s, &rate) {
+            assert!((Vector3::from(slope) - Vector3::new(2.0, -1.0, 0.0)).norm() < 1e-9, "{slope:?}");
+        }
+    }
 
     /// Uneven steps between 5 and 15 ms.
     fn uneven_time(n: usize) -> Vec<f64> {
@@ -277,7 +304,6 @@ mod tests {
             parabola.iter().zip([0.0, 2.0, 6.0]).all(|(row, slope)| (row[0] - slope).abs() < 1e-14),
             "{parabola:?}"
         );
-        let same_time = angular_acceleration(&[1.0, 1.0], &[[1.0; 3], [1.0; 3]]);
-        assert!(same_time[0][0].is_nan());
+        assert!(angular_acceleration(&[1.0, 1.0], &[[1.0; 3], [1.0; 3]]).is_empty());
     }
 }

@@ -67,7 +67,6 @@ use crate::calibrate::Options;
 use crate::error::Error;
 use crate::lsq::{self, Solution, Termination};
 use crate::moves::Ends;
-use crate::recording::Recording;
 use prior::Prior;
 use weights::Weights;
 
@@ -80,6 +79,8 @@ const WIDE: f64 = 100.0;
 /// Weights and result have settled when no parameter moves by more than this share of its standard deviation.
 const SETTLED: f64 = 1e-3;
 const MOST_ROUNDS: usize = 8;
+/// Weights are far off where they take residuals for this many times larger or smaller than they are.
+const FAR: f64 = 1.5;
 /// Tolerance of a fit that is only linearised again.
 const SEARCH: f64 = 1e-5;
 /// Start values of a time constant, as shares of the recording's length.
@@ -99,7 +100,7 @@ pub(crate) fn fit(
     triads: [&Triad<f64>; 2],
     near: Option<&Near>,
 ) -> Result<JointFit, Error> {
-    check_columns(prepared.recordings, terms)?;
+    check_columns(prepared, terms)?;
     let mut parameters = start::start(prepared, terms, triads, near).parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
@@ -125,8 +126,8 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`] from a model that is near, to a part in 10^5 and without new weights but for a stand's, with the linearisation there:
-/// what a search goes on from. `width` is that of the prior of an effect of which the recordings show some directions and not all.
+/// As [`fit`] from a model that is near, to a part in 10^5 and with new weights only where those of the start were far off, with the
+/// linearisation there: what a search goes on from. `width` is that of the prior of an effect of which the recordings show some directions and not all.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -137,9 +138,19 @@ pub(crate) fn fit_for_search(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
-    if terms.kinds.encoders {
-        // A stand that is taken for straight at the start contradicts everything, and is hardly listened to.
+    // Without effects a large one is explained by no weights.
+    let rounds = if terms.all.is_empty() && !terms.kinds.encoders { 0 } else { MOST_ROUNDS };
+    for _ in 0..rounds {
+        // What the start does not explain, a large effect or a stand that is not straight, is hardly listened to.
+        let before = problem.weights.times_noise(prepared);
+        if before.iter().all(|times| *times < FAR) {
+            break;
+        }
         problem.weigh_by(&found)?;
+        let after = problem.weights.times_noise(prepared);
+        if before.iter().zip(after).all(|(before, after)| (FAR.recip()..FAR).contains(&(after / before))) {
+            break;
+        }
         found = minimize(&problem, &found.parameters, SEARCH)?;
     }
     problem.linear_at_end(&found.parameters)
@@ -195,14 +206,19 @@ fn largest_move(before: &[f64], found: &Solution) -> f64 {
 }
 
 /// An effect needs the columns that it depends on.
-fn check_columns(recordings: &[Recording<'_>], terms: &Terms<'_>) -> Result<(), Error> {
+fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error> {
+    let recordings = prepared.recordings;
     for term in &terms.all {
         let needs = |need| term.effect().is_some_and(|effect| effect.needs.contains(&need));
         if needs(Need::Temperature)
-            && let Some(recording) = recordings.iter().find(|recording| recording.temperature_degc.is_none())
+            && let Some(recording) = recordings.iter().find(|recording| !recording.has_temperature())
         {
+            let lacks = match recording.temperature_degc {
+                None => "no temp_degc column: record it",
+                Some(_) => "samples without temperature: repair the temp_degc column",
+            };
             return Err(Error::Input(format!(
-                "{} depends on temperature and {} has no temp_degc column: record it, or leave the effect out",
+                "{} depends on temperature and {} has {lacks}, or leave the effect out",
                 term.name(),
                 recording.name
             )));
@@ -211,6 +227,15 @@ fn check_columns(recordings: &[Recording<'_>], terms: &Terms<'_>) -> Result<(), 
             return Err(Error::Input(format!(
                 "{} needs the heading, which is not known from one recording to the next: give one recording",
                 term.name()
+            )));
+        }
+        if needs(Need::Attitude)
+            && let Some(lost) = prepared.heading_lost()
+        {
+            return Err(Error::Input(format!(
+                "{} needs the heading, which is lost at {:.2} s, where a move is left out: mend that move, or leave the effect out",
+                term.name(),
+                prepared.rests[lost].rest.start_s
             )));
         }
     }

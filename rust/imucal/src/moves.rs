@@ -299,9 +299,14 @@ pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, du
     (variance_per_axis(inverse, density) * duration_s).sqrt()
 }
 
-/// Mean over the axes of the variance in SI units of noise with these standard deviations or densities in raw units.
+/// Variance along each body axis, in SI units, of noise with these standard deviations or densities in raw units.
+pub(crate) fn variance_by_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> Vector3<f64> {
+    (inverse * Matrix3::from_diagonal(raw)).map(|v| v * v).column_sum()
+}
+
+/// The mean of it over the axes.
 pub(crate) fn variance_per_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> f64 {
-    (inverse * Matrix3::from_diagonal(raw)).norm_squared() / 3.0
+    variance_by_axis(inverse, raw).mean()
 }
 
 /// Error of the gravity direction after a move: the angle between carried and measured, rad.

@@ -73,6 +73,16 @@ impl<'a> Recording<'a> {
         self.time_s.is_empty()
     }
 
+    /// Whether the temperature of every sample is known.
+    pub(crate) fn has_temperature(&self) -> bool {
+        self.temperature_degc.is_some_and(|column| column.iter().all(|degc| degc.is_finite()))
+    }
+
+    /// Whether the stand's angles are known at every sample.
+    pub(crate) fn has_stand(&self) -> bool {
+        self.stand_rad.is_some_and(|rows| rows.iter().flatten().all(|angle| angle.is_finite()))
+    }
+
     /// Every column must have as many rows as there are time stamps.
     pub(crate) fn check_lengths(&self) -> Result<(), Error> {
         let n = self.len();

@@ -15,9 +15,10 @@ use std::ops::Range;
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
-use nalgebra::{Matrix3, Vector3, Vector6};
+use nalgebra::{Vector3, Vector6};
 
 use crate::error::Error;
+use crate::moves::variance_by_axis;
 use crate::recording::{RawUnit, Recording};
 use crate::stats::quantile_of;
 use blocks::{Block, Blocks, mean, sum_blocks};
@@ -196,9 +197,7 @@ impl Segments {
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let rows =
             |rows: &[[f64; 3]]| rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len() as f64;
-        let turned = |triad: &Triad<f64>, std: Vector3<f64>| {
-            (triad.inverse() * Matrix3::from_diagonal(&std)).map(|v| v * v).column_sum()
-        };
+        let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);
         for rest in &mut self.rests {
             let range = rest.first..rest.end;
             rest.specific_force.mean = rows(&corrected.specific_force[range.clone()]);

@@ -16,7 +16,7 @@ use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
 use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimate};
 use crate::lsq::FitReport;
-use crate::moves::Unusable;
+use crate::moves::{Unusable, variance_by_axis};
 use crate::segment::{NoiseDensity, Threshold};
 use crate::stats::median;
 
@@ -222,7 +222,7 @@ fn noise_density(noise: &[NoiseDensity], calibration: &Calibration<f64>) -> Nois
             median(&mut values)
         })
     };
-    let si = |raw: Vector3<f64>, triad: &Triad<f64>| raw.component_div(&triad.sensitivity().diagonal().abs());
+    let si = |raw: Vector3<f64>, triad: &Triad<f64>| variance_by_axis(triad.inverse(), &raw).map(f64::sqrt);
     NoiseDensity {
         specific_force: si(median_of(|noise| noise.specific_force), &calibration.accelerometer),
         angular_rate: si(median_of(|noise| noise.angular_rate), &calibration.gyroscope),

@@ -46,7 +46,7 @@ impl NotFinite {
     }
 }
 
-/// NaN and infinity, by column; the stand's columns are not fitted, so there it is only a warning.
+/// NaN and infinity, by column; only effects of the encoders need the stand's columns, so there it is a warning.
 pub(super) fn check_finite(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let NotFinite { bad, columns, bad_stand, stand_columns } = &survey.not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();
@@ -176,18 +176,20 @@ pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
             jumps.add(i);
         }
     }
+    let steps = jumps.samples - not_finite;
+    let jumping = (steps > 0).then(|| {
+        format!("jumps by more than {TEMPERATURE_STEP_K:.0} K {steps} times (at most {largest:.1} K), faster than a sensor warms up")
+    });
+    let empty = (not_finite > 0).then(|| format!("is not a number in {not_finite} samples"));
+    let wrong: Vec<String> = jumping.into_iter().chain(empty).collect();
     (jumps.samples > 0).then(|| Finding {
         columns: names(["temp_degc"]),
         place: jumps.place(recording),
         count: jumps.samples,
         value: largest,
         unit: "K",
-        message: format!(
-            "the temperature jumps by more than {TEMPERATURE_STEP_K:.0} K {} times (at most {largest:.1} K) and is not a number in {not_finite} samples, first {}",
-            jumps.samples - not_finite,
-            jumps.first_place(recording)
-        ),
-        way_out: "a sensor cannot warm up so fast: repair or drop the temperature column".into(),
+        message: format!("the temperature {}, first {}", wrong.join(" and "), jumps.first_place(recording)),
+        way_out: "repair the temperature column, or drop it: effects of the temperature need it without holes".into(),
         ..Finding::warning("temperature_jump", recording.name)
     })
 }

@@ -166,6 +166,8 @@ enum Shape {
 
 /// Two attitudes this far apart hardly belong together: length of the kernels, as a distance of unit vectors.
 const LENGTH: f64 = 0.6;
+/// A rotation by less about an axis is none, rad.
+const LEAST_TURN_RAD: f64 = 0.01;
 /// Length of the curve along an axis, as a share of its largest input, and points that it goes through.
 const CURVE_LENGTH: f64 = 0.5;
 const CURVE_POINTS: usize = 9;
@@ -236,13 +238,18 @@ fn covariance(kernel: Kernel, temperatures_k: f64, a: &Moment, b: &Moment) -> f6
             let difference = a.temperature_degc.zip(b.temperature_degc).map_or(0.0, |(a, b)| a - b);
             if scale > 0.0 { (-0.5 * (difference / scale).powi(2)).exp() } else { 1.0 }
         }
-        Kernel::LastMotion => (0..3).map(|axis| a.turn[axis].signum() * b.turn[axis].signum()).sum(),
+        Kernel::LastMotion => (0..3).map(|axis| direction(a.turn[axis]) * direction(b.turn[axis])).sum(),
         Kernel::Heading => {
             let side = |m: &Moment| m.up.cross(&m.ahead);
             a.ahead.dot(&b.ahead) + side(a).dot(&side(b))
         }
         Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near((a.up - b.up).norm_squared()),
     }
+}
+
+/// The sign of a turn, rad; none for what is no turn.
+fn direction(turn_rad: f64) -> f64 {
+    if turn_rad.abs() < LEAST_TURN_RAD { 0.0 } else { turn_rad.signum() }
 }
 
 impl Hypothesis {

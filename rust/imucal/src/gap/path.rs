@@ -10,7 +10,7 @@ use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::pattern::Pattern;
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
-use super::stage::{Beside, FitKey, Member, Stage};
+use super::stage::{Beside, FitKey, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
@@ -129,7 +129,7 @@ pub(super) struct Hunt<'a> {
 
 impl<'a> Hunt<'a> {
     fn new(recordings: &[Recording<'_>], candidates: &[EffectChoice], user_fields: &'a [UserField<'a>]) -> Self {
-        let encoders = recordings.iter().all(|r| r.stand_rad.is_some())
+        let encoders = recordings.iter().all(Recording::has_stand)
             && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
         Self {
             kinds: Kinds { in_motion: true, encoders },
@@ -147,10 +147,10 @@ impl<'a> Hunt<'a> {
     fn with_columns(&mut self, recordings: &[Recording<'_>], candidates: &[EffectChoice]) -> Vec<EffectChoice> {
         let lacks = |choice: &EffectChoice| {
             let effect = choice.effect;
-            if effect.needs.contains(&Need::Temperature) && recordings.iter().any(|r| r.temperature_degc.is_none()) {
-                Some(format!("a temp_degc column, and {}", effect.observable))
+            if effect.needs.contains(&Need::Temperature) && !recordings.iter().all(Recording::has_temperature) {
+                Some(format!("a temp_degc column without holes, and {}", effect.observable))
             } else if effect.sensor == Sensor::Encoder && !self.kinds.encoders {
-                Some(format!("stand_1, stand_2 and stand_3 columns, and {}", effect.observable))
+                Some(format!("stand_1, stand_2 and stand_3 columns without holes, and {}", effect.observable))
             } else if effect.needs.contains(&Need::Attitude) && recordings.len() > 1 {
                 Some("one recording: the heading is not known from one to the next".to_owned())
             } else {
@@ -189,14 +189,9 @@ impl<'a> Hunt<'a> {
             let good = |s: &&Judged| {
                 s.score.p_value < limit && s.score.log_bayes_factor > 0.0 && !skipped.contains(&s.score.name)
             };
-            let Some(pick) = judged
-                .scores
-                .iter()
-                .filter(good)
-                .max_by(|a, b| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor))
-            else {
-                break;
-            };
+            let best = |a: &&Judged, b: &&Judged| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor);
+            let Some(pick) = judged.scores.iter().filter(good).max_by(best) else { break };
+            let pick = self.fitted_best(prepared, &open, &stage, pick, judged.scores.iter().filter(good));
             if let Some(gain) = gain(&stage, pick).filter(|gain| !gain.is_sure()) {
                 skipped.push(pick.score.name.clone());
                 not_predictive.push(NotPredictive {
@@ -207,13 +202,7 @@ impl<'a> Hunt<'a> {
                 });
                 continue;
             }
-            let mut members = stage.members.clone();
-            members.push(Member {
-                name: pick.score.name.clone(),
-                width: pick.width,
-                shape: pick.shape,
-                values: Vec::new(),
-            });
+            let members = pick.beside(&stage.members);
             let near = [&stage.model.accelerometer, &stage.model.gyroscope];
             match self.stage(prepared, near, &open, &members, Beside::Candidates) {
                 Ok(next) if next.evidence.log > stage.evidence.log => {

@@ -4,12 +4,50 @@ use imucal_core::effects::Effect;
 
 use super::Score;
 use super::path::{Hunt, LEAST_WIDTH, RIVAL_NATS};
+use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::Prepared;
+use crate::stats::p_value;
+
+/// From this logarithm of a Bayes factor on what a line leaves out tells more between effects than what they are.
+const VERY_MUCH: f64 = 2000.0;
+/// Share of the best one's that a contender has.
+const CLOSE: f64 = 0.9;
+
+impl Judged {
+    /// It and the members of a model.
+    pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
+        let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
+        members.iter().cloned().chain([own]).collect()
+    }
+}
 
 impl Hunt<'_> {
+    /// Of effects that explain very much, all nearly as much as `pick`, the one that explains most when it is fitted.
+    pub(super) fn fitted_best<'j>(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        stage: &Stage,
+        pick: &'j Judged,
+        others: impl Iterator<Item = &'j Judged>,
+    ) -> &'j Judged {
+        let most = pick.score.log_bayes_factor;
+        let close: Vec<&Judged> = others.filter(|other| other.score.log_bayes_factor > CLOSE * most).collect();
+        if most < VERY_MUCH || close.len() < 2 {
+            return pick;
+        }
+        let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+        let fitted = |judged: &'j Judged| {
+            let members = judged.beside(&stage.members);
+            Some((judged, self.stage(prepared, near, open, &members, Beside::Nothing).ok()?.evidence.log))
+        };
+        let best = close.into_iter().filter_map(fitted).max_by(|a, b| a.1.total_cmp(&b.1));
+        best.map_or(pick, |(judged, _)| judged)
+    }
+
     /// Puts an alias with a time constant in the place of a member if it explains clearly more: until it is fitted its time constant is
     /// one of few. One that explains nearly as much is a rival. Says whether there was any to put.
     pub(super) fn swap(
@@ -50,14 +88,18 @@ impl Hunt<'_> {
                 columns.remove(shape);
                 let Some(at_best) = found.design.gram.evidence(&columns) else { continue };
                 let gain = at_best.log - stage.evidence.log;
+                let statistic = stage.evidence.deviance - at_best.deviance;
                 let Some(score) = path.iter_mut().find(|score| score.name == name) else { continue };
                 let other = other.effect.name.to_owned();
                 if gain > RIVAL_NATS {
+                    let statistic = score.statistic + statistic;
                     *score = Score {
                         name: other,
                         log_bayes_factor: score.log_bayes_factor + gain,
+                        statistic,
+                        dof: typical.len(),
+                        p_value: p_value(statistic, typical.len() + 1),
                         rivals: Vec::new(),
-                        ..score.clone()
                     };
                     *stage = found;
                     swapped = true;

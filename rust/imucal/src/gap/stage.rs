@@ -12,6 +12,8 @@ use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
 use crate::joint::{self, BASE, Kinds, Linear, Model, Near, Prepared, SHAPE_SHARES, Term, Terms};
 
+pub(super) const NO_EVIDENCE: &str =
+    "what is left of these recordings cannot be weighed: look for numbers that are not finite";
 /// Width of the prior of a time constant, in typical ones.
 const SHAPE_WIDTH: f64 = 3.0;
 
@@ -114,10 +116,7 @@ impl Hunt<'_> {
             }
         };
         let model = linear.model.clone();
-        let evidence = design
-            .gram
-            .evidence(&design.model)
-            .ok_or_else(|| Error::Fit("the evidence of the model cannot be computed: check the recordings".into()))?;
+        let evidence = design.gram.evidence(&design.model).ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))?;
         let mut members = members.to_vec();
         for member in &mut members {
             if let Some(term) = terms.all.iter().find(|term| term.name() == member.name) {

@@ -6,15 +6,17 @@ use imucal_core::effects::{Effect, Need};
 use imucal_core::sensor::Triad;
 
 use super::design::design;
-use super::evidence::{Column, Evidence, Gram};
+use super::evidence::{Column, Gram};
 use super::path::Hunt;
-use super::stage::{Beside, Stage};
+use super::stage::{Beside, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{INSIDE, Kinds, Prepared, Terms};
 
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
+/// Effects that turning alone shows leave less of its variance, even a long lever arm on a noisy gyroscope.
+const UNEXPLAINED: f64 = 0.003;
 /// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
 const ADDS_UP: [&str; 1] = ["gyro_angular_acceleration"];
 
@@ -40,6 +42,14 @@ impl Hunt<'_> {
                 !blind
             });
         }
+        if prepared.heading_lost().is_some() {
+            let (lost, left): (Vec<_>, Vec<_>) =
+                open.into_iter().partition(|c| c.effect.needs.contains(&Need::Attitude));
+            let names = lost.iter().map(|choice| choice.effect.name.to_owned());
+            self.left_out
+                .extend(names.map(|name| (name, "every move: behind one that is left out the heading is lost".into())));
+            open = left;
+        }
         let stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
         *self.ground.borrow_mut() = Some(Rc::clone(&stage.design));
         Ok((stage, open))
@@ -53,11 +63,12 @@ impl Hunt<'_> {
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
     ) -> Result<bool, Error> {
-        let is_far = |gram: &Gram, columns: &[Column]| {
-            let inside = gram.groups.iter().position(|group| *group == INSIDE);
-            let far = |e: Evidence| inside.is_some_and(|g| e.scales[g] > CARRIED * CARRIED);
-            let surely = gram.least_scale(INSIDE, columns).is_some_and(|least| least > CARRIED * CARRIED);
-            surely || gram.evidence(columns).is_none_or(far)
+        let inside = |gram: &Gram, columns: &[Column]| {
+            let Some(group) = gram.groups.iter().position(|group| *group == INSIDE) else { return Ok(0.0) };
+            // Where the least is far there is no need to know more.
+            let least = gram.least_scale(INSIDE, columns).filter(|least| *least > CARRIED * CARRIED);
+            let scale = least.or_else(|| gram.evidence(columns).map(|evidence| evidence.scales[group]));
+            scale.ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))
         };
         // The insides of a hand would lead the fit astray.
         let kinds = self.kinds;
@@ -71,16 +82,22 @@ impl Hunt<'_> {
         let linear = Rc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // More columns only explain more.
-        if !is_far(&seen.gram, &seen.model) {
+        let plain = inside(&seen.gram, &seen.model)?;
+        if plain <= CARRIED * CARRIED {
             return Ok(false);
         }
         let ground = self.with_candidates(prepared, &none, &model, open, |all, linear| {
             let seen = design(prepared, (&none, &[]), all, linear)?;
-            let explaining = seen.candidates.iter().filter(|c| c.shape.is_none()).flat_map(|c| c.columns(10.0));
-            let columns: Vec<Column> = seen.model.iter().copied().chain(explaining).collect();
+            let with = |is_asked: &dyn Fn(&str) -> bool| -> Vec<Column> {
+                let asked = seen.candidates.iter().filter(|c| c.shape.is_none() && is_asked(&c.name));
+                seen.model.iter().copied().chain(asked.flat_map(|c| c.columns(10.0))).collect()
+            };
+            // What turning explains so well is no hand's, however much is left.
+            let is_carried = inside(&seen.gram, &with(&|_| true))? > CARRIED * CARRIED
+                && inside(&seen.gram, &with(&is_blind_by_hand))? > UNEXPLAINED * plain;
             let all = Terms { kinds: at_ends, ..all.clone() };
             let linear = || Rc::new(prepared.without_insides(linear, &all));
-            is_far(&seen.gram, &columns).then(|| design(prepared, (&none_at_ends, &[]), &all, &linear())).transpose()
+            is_carried.then(|| design(prepared, (&none_at_ends, &[]), &all, &linear())).transpose()
         })?;
         let is_carried = ground.is_some();
         *self.ground.borrow_mut() = ground.map(|ground| Rc::new(ground.without(is_blind_by_hand)));

@@ -14,6 +14,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
+use crate::segment::sample_interval_s;
 use crate::stats::{median, quantile};
 
 /// So many of the rests are ordinary ones.
@@ -36,8 +37,7 @@ const FINEST_RAD: f64 = 1e-12;
 /// Which way each motor went last, for every sample of a recording with these rests; zero before its first motion.
 pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<usize>]) -> Vec<Vector3<f64>> {
     let mut all = vec![Vector3::zeros(); stand_rad.len()];
-    let (Some(first), Some(last)) = (time_s.first(), time_s.last()) else { return all };
-    let span = ((SPAN_S / (last - first) * time_s.len() as f64).round() as usize).max(1);
+    let span = ((SPAN_S / sample_interval_s(time_s)).round() as usize).max(1);
     for motor in 0..3 {
         let readings: Vec<f64> = stand_rad.iter().map(|row| row[motor]).collect();
         let still_rad = still_rad(&readings, span, rests);

@@ -258,9 +258,9 @@ impl Encoders {
 }
 
 fn readings<'a>(recording: &Recording<'a>) -> Result<&'a [[f64; 3]], Error> {
-    recording.stand_rad.ok_or_else(|| {
+    recording.stand_rad.filter(|_| recording.has_stand()).ok_or_else(|| {
         Error::Input(format!(
-            "{} has no stand_1, stand_2 and stand_3 columns: effects of the encoders need their angles",
+            "{} has no stand_1, stand_2 and stand_3 columns, or holes in them: effects of the encoders need their angles",
             recording.name
         ))
     })

@@ -169,6 +169,13 @@ pub(crate) const STAND_RESTS: usize = 6;
 pub(crate) const STAND_MOVES: usize = 7;
 
 impl Prepared<'_> {
+    /// The first rest behind a move that takes no part: the heading is not known from there on.
+    pub(crate) fn heading_lost(&self) -> Option<usize> {
+        let first = self.used.iter().position(|used| *used)?;
+        let is_reached = |k: usize| k == first || self.moves.iter().any(|m| m.to == k);
+        (0..self.rests.len()).find(|&k| self.used[k] && !is_reached(k))
+    }
+
     /// Residuals and derivatives at these parameters.
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
         let model = Model::of(parameters, terms)?;

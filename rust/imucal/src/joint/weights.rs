@@ -119,6 +119,20 @@ impl Weights {
             scales,
         }
     }
+
+    /// By how many times its noise each kind of residuals is taken to scatter, the mean rates last.
+    pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 6] {
+        let Scales { norms, moves, inside, stand_rests, stand_moves } = self.scales;
+        let mut rates = 1.0f64;
+        for (rest, whitening) in prepared.rests.iter().zip(&self.rates) {
+            let seen = whitening * rest.rate_covariance * whitening.transpose();
+            for axis in (0..3).filter(|&axis| seen[(axis, axis)] > 0.0) {
+                let wandering = self.bias_instability[axis].powi(2) / rest.rate_covariance[(axis, axis)];
+                rates = rates.max((seen[(axis, axis)].recip() + wandering).sqrt());
+            }
+        }
+        [norms, moves, inside, stand_rests, stand_moves, rates]
+    }
 }
 
 /// Standard deviation of each component of a move's direction that noise explains, rad.

@@ -89,8 +89,10 @@ impl Steadiness {
 
 /// Median statistic of the windows inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
-    let windows = blocks.start..(blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(blocks.start + 1);
-    median(&mut statistic[windows].to_vec())
+    // Where the record ends with a stretch of one window, what is left of it when its ends are cut starts behind the last.
+    let first = blocks.start.min(statistic.len().saturating_sub(1));
+    let end = (blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(first + 1).min(statistic.len());
+    median(&mut statistic[first..end].to_vec())
 }
 
 /// Whether gravity goes astray by more than 5 % of `size` (3 deg) within a rest: an even tumble has no quieter windows
@@ -99,4 +101,16 @@ pub(super) fn wanders(blocks: &[Block], size: f64) -> bool {
     let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
     let whole = force(blocks);
     blocks.chunks_exact(WINDOW_BLOCKS).any(|window| (force(window) - whole).norm() > 0.05 * size)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rest_that_ends_with_the_record_may_be_shorter_than_a_window() {
+        let statistic = [1.0, 2.0, 3.0];
+        assert_eq!(unsteadiness(&(1..13), &statistic), 2.5);
+        assert_eq!(unsteadiness(&(3..12), &statistic), 3.0);
+    }
 }
