@@ -8,6 +8,7 @@ import pytest
 import imucal
 from imucal import Program, Step
 from imucal.cli import main
+from imucal.stand.programs import in_another_order, ranges_deg
 
 NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
 
@@ -120,6 +121,51 @@ def test_a_second_try_leaves_the_first_one_alone(line, tmp_path):
     second = line(*serial)[1]["folder"]
     assert (first, second) == ("units/A_7_b", "units/A_7_b-2")
     assert {path.name: path.read_bytes() for path in (tmp_path / first).iterdir()} == before
+
+
+# Poses of a stand with end stops and without its outer motor.
+LIMITED = [(0, 90, 0), (0, -90, 90), (0, 45, 180), (0, -45, 270), (0, 80, -90), (0, 10, 30), (0, -70, 200)]
+
+
+def limited(path):
+    """A program file of `LIMITED`."""
+    turns = np.diff([(0, 0, 0), *LIMITED], axis=0).tolist()
+    program = Program((Step((0, 0, 0), 0, 2), *(Step(tuple(turn), 2, 2) for turn in turns)))
+    program.write(path)
+    return program
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_control_run_of_a_file_goes_where_the_file_does(seed, tmp_path):
+    program = limited(tmp_path / "limited.json")
+    control = in_another_order(program, seed)
+    path = np.cumsum([step.turn_deg for step in control.steps], axis=0)
+    # Forward and back along the path of the file: an end stop is not passed, nor a forbidden zone crossed.
+    there = [(0, 0, 0), *LIMITED]
+    assert np.allclose(path, [*there, *there[-2::-1]])
+    assert ranges_deg(control) == ranges_deg(program) == [[0, 0], [-90, 90], [-90, 270]]
+    # Every pose is held once, and the first one at both ends.
+    held = [tuple(pose) for pose, step in zip(path, control.steps, strict=True) if step.hold_s > 0]
+    assert sorted(held) == sorted([(0, 0, 0), *there])
+    assert held != [*there, (0, 0, 0)]
+    assert {step.move_s for step in control.steps if any(step.turn_deg)} == {2}
+
+
+def test_a_file_alone_decides_where_the_motors_go(line, tmp_path):
+    Program.random(seed=4, moves=24).write(tmp_path / "mine.json")
+    code, document, said = line("--program", "mine.json", "--serial-number", "1")
+    assert (code, document["verdict"]) == (0, "passed"), said
+    run, control = (np.degrees(imucal.read(f"units/1/{name}.csv").stand_rad) for name in ("run", "control"))
+    assert np.all(control.min(0) >= run.min(0) - 1e-9)
+    assert np.all(control.max(0) <= run.max(0) + 1e-9)
+    assert np.allclose(document["range_deg"]["control"], np.stack([run.min(0), run.max(0)], axis=1))
+    # Both are said before the start.
+    assert [row.split(":")[0] for row in said.splitlines()[:2]] == ["run", "control"]
+
+    Program.random(seed=5, moves=20).write(tmp_path / "other.json")
+    code, document, said = line("--program", "mine.json", "--control-program", "other.json")
+    assert document["range_deg"]["control"] == ranges_deg(Program.read("other.json")), said
+    assert document["control_program"] == "other.json"
 
 
 def test_the_control_program_is_drawn_and_said(tmp_path, monkeypatch):

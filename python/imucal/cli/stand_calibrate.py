@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,7 @@ from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output
 
 if TYPE_CHECKING:
+    from imucal.motion import Program
     from imucal.stand.line import Outcome
 
 __all__ = ["calibrate"]
@@ -21,6 +22,7 @@ NO_RESULT = 1
 EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
 # Seeds of control programs that nobody chose.
 SEEDS = 2**31
+CONTROL_MOVES = 20
 
 
 @equipment_options
@@ -40,6 +42,15 @@ def calibrate(
         ),
     ] = "random",
     seed: Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")] = 1,
+    control_program: Annotated[
+        Path | None,
+        typer.Option(
+            "--control-program",
+            metavar="FILE",
+            help="Program file of the control run. If not given it is drawn: random turns, and for a program "
+            "file its own poses in another order along its own path.",
+        ),
+    ] = None,
     control_seed: Annotated[
         int | None,
         typer.Option("--control-seed", help="Of the control program; drawn if not given, and in the result."),
@@ -64,32 +75,55 @@ def calibrate(
     Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
     """
     from imucal.limits import Limits
+    from imucal.motion import Program
     from imucal.stand.line import Order, calibrate_unit
     from imucal.stand.live import live_view
-    from imucal.stand.programs import program_named
+    from imucal.stand.programs import PROGRAMS, program_named
 
+    drawn_seed = secrets.randbelow(SEEDS) if control_seed is None else control_seed
+    control: dict[str, Any] = {}
+    if control_program is not None:
+        control = {"control": Program.read(control_program), "control_name": str(control_program)}
+    elif program in PROGRAMS:
+        control = {
+            "control": Program.random(seed=drawn_seed, moves=CONTROL_MOVES),
+            "control_name": "random",
+        }
     order = Order(
         program_named(program, seed),
         program,
         seed,
-        secrets.randbelow(SEEDS) if control_seed is None else control_seed,
+        drawn_seed,
         serial_number,
         operator,
         Limits.load(limits) if limits else None,
         tuple(export or ()),
         gravity,
+        **control,
     )
+    out = Output(json)
+    for name, steps in order.programs.items():
+        out.line(f"{name}: {_turned(steps)}: mind the cables")
     outcome = calibrate_unit(
         order,
         equipment.open,
         folder,
         view=lambda name: live_view(name, says=equipment.driver == "manual"),
     )
-    out = Output(json)
     out.document(outcome.to_dict())
     _show(out, outcome)
     if EXIT[outcome.verdict]:
         raise typer.Exit(EXIT[outcome.verdict])
+
+
+def _turned(program: Program) -> str:
+    """How far a program turns each motor."""
+    from imucal.stand.programs import ranges_deg
+
+    return ", ".join(
+        f"motor {motor} {low:.1f} to {high:.1f} deg"
+        for motor, (low, high) in enumerate(ranges_deg(program), start=1)
+    )
 
 
 def _show(out: Output, outcome: Outcome) -> None:

@@ -19,13 +19,13 @@ from imucal.limits import Limits
 from imucal.motion import Program
 from imucal.recording import STANDARD_GRAVITY_MPS2
 from imucal.stand.driver import Driver, Source
+from imucal.stand.programs import in_another_order, ranges_deg
 from imucal.stand.recorder import Done, Moment, record
 from imucal.stand.verdict import Assessment, Reason, assess
 
 __all__ = ["Order", "Outcome", "calibrate_unit"]
 
 SCHEMA: Final = "imucal.stand-result/1"
-CONTROL_MOVES: Final = 20
 MOST_FOLDERS: Final = 10_000
 
 
@@ -35,8 +35,11 @@ class Order:
 
     program       what the run is made of, and its name for the result
     seed          of the program, if it was drawn
-    control_seed  of the control program, which is drawn with it
+    control_seed  of the control program, if it was drawn
     exports       names of formats
+    control       what the control run is made of; None: the poses of `program` in an order that
+                  `control_seed` draws, along the path of `program`, for no other is known to be free
+    control_name  the name of `control` for the result
     """
 
     program: Program
@@ -48,6 +51,14 @@ class Order:
     limits: Limits | None = None
     exports: tuple[str, ...] = ()
     gravity_mps2: float = STANDARD_GRAVITY_MPS2
+    control: Program | None = None
+    control_name: str = "own poses"
+
+    @property
+    def programs(self) -> dict[str, Program]:
+        """What the stand runs, by the names of the runs: run, control."""
+        control = self.control or in_another_order(self.program, self.control_seed)
+        return {"run": self.program, "control": control}
 
     def __post_init__(self) -> None:
         for name in self.exports:
@@ -87,7 +98,9 @@ class Outcome:
             "operator": self.order.operator,
             "program": self.order.program_name,
             "seed": self.order.seed,
+            "control_program": self.order.control_name,
             "control_seed": self.order.control_seed,
+            "range_deg": {name: ranges_deg(program) for name, program in self.order.programs.items()},
             "folder": str(self.folder),
             "runs": {name: done.to_dict() for name, done in self.runs.items()},
             "calibration": None if self.calibration is None else str(self.calibration),
@@ -116,12 +129,10 @@ def calibrate_unit(
     """
     own = _folder_for(order, Path(folder))
     runs: dict[str, Done] = {}
-    programs = {
-        "run": (order.program, order.seed),
-        "control": (Program.random(seed=order.control_seed, moves=CONTROL_MOVES), order.control_seed),
-    }
+    programs = order.programs
     assessment: Assessment | None = None
-    for name, (program, seed) in programs.items():
+    for name, seed in (("run", order.seed), ("control", order.control_seed)):
+        program = programs[name]
         driver, source = equipment(program, seed)
         about = {"serial_number": order.serial_number, "operator": order.operator, "run": name, "seed": seed}
         with view(name) as watch:
@@ -136,7 +147,7 @@ def calibrate_unit(
         assessment = assess(
             recordings[0],
             recordings[1] if len(recordings) > 1 else None,
-            [program for program, _ in programs.values()],
+            list(programs.values()),
             gravity_mps2=order.gravity_mps2,
             serial_number=order.serial_number,
             limits=order.limits if len(recordings) > 1 else None,

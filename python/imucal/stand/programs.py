@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Callable
 from typing import Final
 
-from imucal.motion import Program
-from imucal.plan import plan
+import numpy as np
 
-__all__ = ["PROGRAMS", "program_named"]
+from imucal.motion import Program, Step
+from imucal.plan import plan
+from imucal.whole import check_seed
+
+__all__ = ["PROGRAMS", "in_another_order", "program_named", "ranges_deg"]
 
 # The choice of `imucal stand`: a name, and a program for a seed.
 PROGRAMS: Final[dict[str, Callable[[int], Program]]] = {
@@ -23,3 +27,39 @@ def program_named(name: str | os.PathLike[str], seed: int) -> Program:
     """One of `PROGRAMS`, or the program of a file; FormatError names the field of a file that is wrong."""
     made = PROGRAMS.get(os.fspath(name))
     return Program.read(name) if made is None else made(seed)
+
+
+def in_another_order(program: Program, seed: int) -> Program:
+    """The poses of a program in another order, along its own path: some are held on the way out, others back.
+
+    Of the stand no more is known than that it can run the program: the motors turn as they do in it, forward
+    and back, and so neither reach an end stop nor cross a forbidden zone. It ends where the first step leads.
+
+    seed  draws which poses are held on the way out; the others are passed there
+    """
+    check_seed(seed)
+    steps = program.steps
+    # One of each two neighbours: a move that passes many poses would be long, and drift in it large.
+    first = np.random.default_rng(seed).random(len(steps)) < 0.5
+    on_way_out = np.ones(len(steps), dtype=bool)
+    on_way_out[1::2] = first[1::2]
+    on_way_out[2::2] = ~first[1:-1:2]
+    on_way_out[-1] = True
+    out = [
+        step if held else dataclasses.replace(step, hold_s=0.0)
+        for step, held in zip(steps, on_way_out, strict=True)
+    ]
+    back = []
+    for number in range(len(steps) - 1, 0, -1):
+        x, y, z = (-turn for turn in steps[number].turn_deg)
+        # A rest at the end is needed for the last move to count.
+        held = number == 1 or not on_way_out[number - 1]
+        back.append(Step((x, y, z), steps[number].move_s, steps[number - 1].hold_s if held else 0.0))
+    return dataclasses.replace(program, steps=(*out, *back))
+
+
+def ranges_deg(program: Program) -> list[list[float]]:
+    """The least and the largest angle of each motor, deg, from all motors at zero."""
+    angles = np.cumsum([(0.0, 0.0, 0.0), *(step.turn_deg for step in program.steps)], axis=0)
+    ranges: list[list[float]] = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1).tolist()
+    return ranges
