@@ -1,6 +1,8 @@
 """One unit on the line: a good one passes and is exported, a hidden fault is named."""
 
 import json
+from contextlib import nullcontext
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 import imucal
 from imucal import Program, Step
 from imucal.cli import main
+from imucal.stand.line import Order, calibrate_unit
 from imucal.stand.programs import in_another_order, ranges_deg
 
 NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
@@ -190,6 +193,7 @@ def test_the_control_program_is_drawn_and_said(tmp_path, monkeypatch):
         (("--limits", "none.json"), "none.json"),
         (("--program", "none.json"), "none.json"),
         (("--fault", "fire"), "fault"),
+        (("--json", "none/result.json"), "there is no folder none"),
     ],
 )
 def test_orders_that_cannot_be_done_are_refused_before_anything_moves(
@@ -199,3 +203,26 @@ def test_orders_that_cannot_be_done_are_refused_before_anything_moves(
     assert main(["stand", "calibrate", "--driver", "simulated", "-o", "units", *options]) == 1
     assert said in capsys.readouterr().err
     assert not list(tmp_path.rglob("*.csv*"))
+
+
+def test_exports_that_raw_counts_do_not_allow_are_refused_before_anything_moves(tmp_path):
+    columns = ("time_s", *(f"{sensor}_{axis}_lsb" for sensor in ("accel", "gyro") for axis in "xyz"))
+    still = SimpleNamespace(columns=columns)
+    order = Order(Program.random(seed=1), exports=("c-header", "kalibr"))
+    with pytest.raises(imucal.InputError, match="raw counts, and kalibr corrects .* one of c-header"):
+        calibrate_unit(order, lambda *_: (still, still), tmp_path, view=nullcontext)
+
+
+def test_an_export_that_fails_leaves_the_verdict(line, tmp_path, monkeypatch):
+    def export(calibration, name):
+        if name == "kalibr":
+            raise imucal.InputError("no place for it")
+        return imucal.export(calibration, name)
+
+    monkeypatch.setattr("imucal.stand.line.export", export)
+    code, document, said = line("--export", "kalibr", "--export", "ros")
+    assert (code, document["verdict"]) == (1, "passed")
+    assert document["not_written"] == {"kalibr": "no place for it"}
+    assert [item["format"] for item in document["exports"]] == ["ros"]
+    assert "kalibr is not written: no place for it" in said
+    assert json.loads((tmp_path / "units/unit/result.json").read_text()) == document

@@ -11,6 +11,7 @@ import typer
 from imucal.cli import completion
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output
+from imucal.errors import InputError
 
 if TYPE_CHECKING:
     from imucal.motion import Program
@@ -70,7 +71,7 @@ def calibrate(
     """Run, calibrate, run a control program, judge, and export: one unit.
 
     Ends with 0 if the unit passes, with 2 if it fails, for the reasons that are named, and with 1 if there is
-    no result.
+    no result, or if a file of a unit that passes cannot be written.
 
     Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
     """
@@ -80,6 +81,8 @@ def calibrate(
     from imucal.stand.live import live_view
     from imucal.stand.programs import PROGRAMS, program_named
 
+    if json not in (None, "-") and not Path(json).parent.is_dir():
+        raise InputError(f"{json} cannot be written: there is no folder {Path(json).parent}; make it first")
     drawn_seed = secrets.randbelow(SEEDS) if control_seed is None else control_seed
     control: dict[str, Any] = {}
     if control_program is not None:
@@ -110,10 +113,12 @@ def calibrate(
         folder,
         view=lambda name: live_view(name, says=equipment.driver == "manual"),
     )
-    out.document(outcome.to_dict())
+    # The verdict first: the document may meet a full disk.
     _show(out, outcome)
-    if EXIT[outcome.verdict]:
-        raise typer.Exit(EXIT[outcome.verdict])
+    out.document(outcome.to_dict())
+    code = EXIT[outcome.verdict]
+    if code or outcome.not_written:
+        raise typer.Exit(code or NO_RESULT)
 
 
 def _turned(program: Program) -> str:
@@ -136,6 +141,8 @@ def _show(out: Output, outcome: Outcome) -> None:
         out.line(f"{path}: {written.form.title}")
         for loss in written.lost:
             out.line(f"not carried by {name}: {loss}")
+    for name, message in outcome.not_written.items():
+        out.line(f"{name} is not written: {message}")
     for reason in outcome.reasons:
         out.line(f"{reason.code}: {reason.message}")
     order, names = outcome.order, dict.fromkeys(reason.code for reason in outcome.reasons)

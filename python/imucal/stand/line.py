@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from imucal.document import write_json
 from imucal.errors import ImucalError, InputError
-from imucal.export import Export, export, find_format
+from imucal.export import FORMATS, Export, export, find_format
 from imucal.io import read
 from imucal.limits import Limits
 from imucal.motion import Program
@@ -76,6 +76,8 @@ class Outcome:
     verdict  passed, failed or no_result
     reasons  why it is not passed, by name
     folder   where everything is
+    exports  what was written, by format
+    not_written  why a file that the verdict allows could not be written, by its format or its name
     """
 
     order: Order
@@ -86,6 +88,7 @@ class Outcome:
     assessment: Assessment | None = None
     calibration: Path | None = None
     exports: Mapping[str, tuple[Path, Export]] = dataclasses.field(default_factory=dict)
+    not_written: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal stand calibrate --json`, and result.json in the folder."""
@@ -108,6 +111,7 @@ class Outcome:
                 {"format": name, "output": str(path), "lost": list(written.lost)}
                 for name, (path, written) in self.exports.items()
             ],
+            "not_written": dict(self.not_written),
             "result": None if result is None else result.to_dict(),
         }
 
@@ -125,7 +129,8 @@ def calibrate_unit(
     folder     a folder for each unit is made in it; one that is there is left alone, and another one made
     view       a live view by the name of a run
 
-    Raises ImucalError if the equipment cannot start or the disk fails.
+    Raises ImucalError if the equipment cannot start or the disk fails, InputError for exports that the unit's
+    data do not allow. What cannot be written once a unit is judged is in the outcome.
     """
     own = _folder_for(order, Path(folder))
     runs: dict[str, Done] = {}
@@ -134,6 +139,7 @@ def calibrate_unit(
     for name, seed in (("run", order.seed), ("control", order.control_seed)):
         program = programs[name]
         driver, source = equipment(program, seed)
+        _require_exports(order, source.columns)
         about = {"serial_number": order.serial_number, "operator": order.operator, "run": name, "seed": seed}
         with view(name) as watch:
             runs[name] = record(
@@ -171,18 +177,45 @@ def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[s
     )
     # Nobody must take the calibration of a unit that failed for that of one to be shipped.
     path = own / ("calibration.json" if passed else "rejected.json")
-    calibration.save(path)
+    not_written: dict[str, str] = {}
+    try:
+        calibration.save(path)
+    except ImucalError as error:
+        not_written[path.name] = str(error)
     exports: dict[str, tuple[Path, Export]] = {}
     for name in order.exports if passed else ():
-        written = export(calibration, name)
         target = own / f"{name}{find_format(name).suffix}"
-        written.save(target)
-        exports[name] = (target, written)
-    return Outcome(order, verdict, assessment.reasons, own, runs, assessment, path, exports)
+        try:
+            written = export(calibration, name)
+            written.save(target)
+        except ImucalError as error:
+            not_written[name] = str(error)
+        else:
+            exports[name] = (target, written)
+    saved = None if path.name in not_written else path
+    return Outcome(order, verdict, assessment.reasons, own, runs, assessment, saved, exports, not_written)
+
+
+def _require_exports(order: Order, columns: Sequence[str]) -> None:
+    """Refuse formats that take no raw counts for a unit that sends them: before it is run, not after it."""
+    if not any(column.endswith("_lsb") for column in columns):
+        return
+    unfit = [name for name in order.exports if not find_format(name).takes_counts]
+    if unfit:
+        fit = [name for name, form in FORMATS.items() if form.takes_counts]
+        raise InputError(
+            f"the unit sends raw counts, and {' and '.join(unfit)} "
+            f"{'corrects' if len(unfit) == 1 else 'correct'} samples that are in SI units already: leave it "
+            f"out, or export to one of {', '.join(fit)}"
+        )
 
 
 def _kept(outcome: Outcome) -> Outcome:
-    write_json(outcome.to_dict(), outcome.folder / "result.json")
+    """The outcome, with result.json in its folder; a verdict is not lost where that cannot be written."""
+    try:
+        write_json(outcome.to_dict(), outcome.folder / "result.json")
+    except ImucalError as error:
+        return dataclasses.replace(outcome, not_written={**outcome.not_written, "result.json": str(error)})
     return outcome
 
 
