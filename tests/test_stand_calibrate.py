@@ -107,14 +107,15 @@ def test_limits_decide(line, tmp_path):
     assert "limit" in said
 
 
-def test_a_run_that_determines_nothing_gives_no_result(line, tmp_path):
-    Program((Step((0, 0, 0), 0, 3), Step((20, 0, 0), 1, 3))).write(tmp_path / "short.json")
-    code, document, _ = line("--program", "short.json")
-    assert (code, document["verdict"]) == (1, "no_result")
-    assert document["reasons"][0]["code"] == "not_determined"
-    assert document["calibration"] is None
-    # There is nothing to judge, so that the control run is spared.
-    assert list(document["runs"]) == ["run"]
+def test_a_program_that_determines_too_little_is_refused_before_anything_moves(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Program((Step((0, 0, 0), 0, 3), Step((20, 0, 0), 1, 3))).write("short.json")
+    for program, missing in (("short.json", "accel_sensitivity_xx"), ("grid", "gyro_sensitivity_yx")):
+        assert main(["stand", "calibrate", "--program", program, "-o", "units"]) == 1
+        said = capsys.readouterr().err
+        assert f"the program {program} does not determine" in said
+        assert missing in said
+    assert not (tmp_path / "units").exists()
 
 
 def test_a_second_try_leaves_the_first_one_alone(line, tmp_path):
@@ -209,7 +210,7 @@ def test_exports_that_raw_counts_do_not_allow_are_refused_before_anything_moves(
     columns = ("time_s", *(f"{sensor}_{axis}_lsb" for sensor in ("accel", "gyro") for axis in "xyz"))
     still = SimpleNamespace(columns=columns)
     order = Order(Program.random(seed=1), exports=("c-header", "kalibr"))
-    with pytest.raises(imucal.InputError, match="raw counts, and kalibr corrects .* one of c-header"):
+    with pytest.raises(imucal.InputError, match=r"raw counts, and kalibr corrects .* one of c-header"):
         calibrate_unit(order, lambda *_: (still, still), tmp_path, view=nullcontext)
 
 

@@ -8,6 +8,7 @@ __all__ = [
     "effects_to_estimate",
     "effects_to_simulate",
     "formats",
+    "line_programs",
     "plans",
     "programs",
     "stand_limits",
@@ -52,6 +53,11 @@ def formats(incomplete: str) -> list[str]:
     from imucal.io import FORMATS
 
     return _starting(list(FORMATS), incomplete)
+
+
+def line_programs(incomplete: str) -> list[str]:
+    """Programs that determine all of a unit; a file is completed by the shell."""
+    return _starting(["optimal", "random"], incomplete)
 
 
 def plans(incomplete: str) -> list[str]:

@@ -33,7 +33,7 @@ ProgramName = Annotated[
     typer.Argument(
         metavar="PROGRAM",
         help="random, grid or optimal, or a program file.",
-        autocompletion=completion.programs,
+        autocompletion=completion.plans,
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")]

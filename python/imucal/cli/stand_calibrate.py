@@ -38,8 +38,8 @@ def calibrate(
         typer.Option(
             "--program",
             metavar="PROGRAM",
-            help="random, grid or optimal, or a program file.",
-            autocompletion=completion.programs,
+            help="random or optimal, or a program file.",
+            autocompletion=completion.line_programs,
         ),
     ] = "random",
     seed: Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")] = 1,

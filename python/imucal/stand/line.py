@@ -19,7 +19,7 @@ from imucal.limits import Limits
 from imucal.motion import Program
 from imucal.recording import STANDARD_GRAVITY_MPS2
 from imucal.stand.driver import Driver, Source
-from imucal.stand.programs import in_another_order, ranges_deg
+from imucal.stand.programs import in_another_order, ranges_deg, require_determined
 from imucal.stand.recorder import Done, Moment, record
 from imucal.stand.verdict import Assessment, Reason, assess
 
@@ -129,9 +129,11 @@ def calibrate_unit(
     folder     a folder for each unit is made in it; one that is there is left alone, and another one made
     view       a live view by the name of a run
 
-    Raises ImucalError if the equipment cannot start or the disk fails, InputError for exports that the unit's
-    data do not allow. What cannot be written once a unit is judged is in the outcome.
+    Raises ImucalError if the equipment cannot start or the disk fails, InputError for a program that does not
+    determine all parameters and for exports that the unit's data do not allow. What cannot be written once a
+    unit is judged is in the outcome.
     """
+    require_determined(order.program, order.program_name)
     own = _folder_for(order, Path(folder))
     runs: dict[str, Done] = {}
     programs = order.programs

@@ -9,11 +9,12 @@ from typing import Final
 
 import numpy as np
 
+from imucal.errors import InputError
 from imucal.motion import Program, Step
 from imucal.plan import plan
 from imucal.whole import check_seed
 
-__all__ = ["PROGRAMS", "in_another_order", "program_named", "ranges_deg"]
+__all__ = ["PROGRAMS", "in_another_order", "program_named", "ranges_deg", "require_determined"]
 
 # The choice of `imucal stand`: a name, and a program for a seed.
 PROGRAMS: Final[dict[str, Callable[[int], Program]]] = {
@@ -63,3 +64,14 @@ def ranges_deg(program: Program) -> list[list[float]]:
     angles = np.cumsum([(0.0, 0.0, 0.0), *(step.turn_deg for step in program.steps)], axis=0)
     ranges: list[list[float]] = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1).tolist()
     return ranges
+
+
+def require_determined(program: Program, name: str) -> None:
+    """Refuse, with InputError and names, a program that does not determine all parameters of a unit."""
+    planned = plan(program, detection_limits=False)
+    if planned.undetermined is not None:
+        unknown = [parameter.name for parameter in planned.parameters if parameter.std is None]
+        raise InputError(
+            f"the program {name} does not determine {', '.join(unknown) or 'the parameters'}, and no unit "
+            f"could be judged by it: {planned.undetermined}; or give another program, such as random"
+        )
