@@ -12,6 +12,7 @@ from imucal import Program, Step
 from imucal.cli import main
 from imucal.stand.line import Order, calibrate_unit
 from imucal.stand.programs import in_another_order, ranges_deg
+from imucal.stand.simulated import SimulatedStand
 
 NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
 
@@ -194,6 +195,7 @@ def test_the_control_program_is_drawn_and_said(tmp_path, monkeypatch):
         (("--limits", "none.json"), "none.json"),
         (("--program", "none.json"), "none.json"),
         (("--fault", "fire"), "fault"),
+        (("--serial-number", " "), "serial number is empty"),
         (("--json", "none/result.json"), "there is no folder none"),
     ],
 )
@@ -203,7 +205,7 @@ def test_orders_that_cannot_be_done_are_refused_before_anything_moves(
     monkeypatch.chdir(tmp_path)
     assert main(["stand", "calibrate", "--driver", "simulated", "-o", "units", *options]) == 1
     assert said in capsys.readouterr().err
-    assert not list(tmp_path.rglob("*.csv*"))
+    assert not list(tmp_path.glob("units/*"))
 
 
 def test_exports_that_raw_counts_do_not_allow_are_refused_before_anything_moves(tmp_path):
@@ -227,3 +229,44 @@ def test_an_export_that_fails_leaves_the_verdict(line, tmp_path, monkeypatch):
     assert [item["format"] for item in document["exports"]] == ["ros"]
     assert "kalibr is not written: no place for it" in said
     assert json.loads((tmp_path / "units/unit/result.json").read_text()) == document
+
+
+@pytest.mark.parametrize("when", ["run", "control"])
+def test_a_port_that_is_missing_leaves_no_empty_folder(when, line, tmp_path, monkeypatch):
+    opened = []
+
+    def start(stand):
+        # It is the driver and the source at once.
+        if stand not in opened:
+            opened.append(stand)
+        if len(opened) > (when == "control"):
+            raise imucal.ImucalError("the stand cannot be driven: no port")
+        stand._started_s = 0.0
+
+    monkeypatch.setattr(SimulatedStand, "start", start)
+    if when == "run":
+        assert main(["stand", "calibrate", "-o", "units"]) == 1
+        assert list((tmp_path / "units").iterdir()) == []
+        return
+    code, document, said = line()
+    assert (code, document["verdict"], document["reasons"][0]["code"]) == (1, "no_result", "run_error"), said
+    assert "no port" in document["reasons"][0]["message"]
+    assert json.loads((tmp_path / "units/unit/result.json").read_text()) == document
+
+
+def test_an_interrupt_says_how_the_recording_is_had(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    poll = SimulatedStand.poll
+
+    def interrupted(stand):
+        if stand.counts()["samples"]:
+            raise KeyboardInterrupt
+        return poll(stand)
+
+    monkeypatch.setattr(SimulatedStand, "poll", interrupted)
+    assert main(["stand", "calibrate", "--speed", "1000", "-o", "units"]) == 130
+    wanted = "imucal stand recover units/unit/run.csv.journal -o units/unit/run.csv"
+    assert wanted in capsys.readouterr().err
+    document = json.loads((tmp_path / "units/unit/result.json").read_text())
+    assert (document["verdict"], document["reasons"][0]["code"]) == ("no_result", "run_interrupted")
+    assert main(wanted.split()[1:]) == 0

@@ -66,35 +66,26 @@ def run(
 
     Example: imucal stand run grid --driver grbl --port /dev/ttyS0 --source /dev/ttyS1 --packet p -o run.csv
     """
-    from imucal.stand.live import live_view
+    from imucal.stand.live import live_view, recoverable
     from imucal.stand.programs import program_named
     from imucal.stand.progress import parse_target
-    from imucal.stand.recorder import journal_of, record
+    from imucal.stand.recorder import record
 
     targets = [parse_target(text) for text in target_sigma or ()]
     wanted = program_named(program, seed)
     with working("preparing the run"):
         driver, source = equipment.open(wanted, seed)
     about = {"program": program, "seed": seed, "driver": equipment.driver}
-    try:
-        with live_view(Path(program).name, says=equipment.driver == "manual") as watch:
-            done = record(
-                driver,
-                source,
-                output,
-                steps=len(wanted.steps),
-                about=about,
-                targets=targets,
-                watch=watch,
-            )
-    except KeyboardInterrupt:
-        if journal_of(output).exists():
-            print(
-                f"imucal: what was recorded is in {journal_of(output)}: imucal stand recover "
-                f"{journal_of(output)} -o {output}",
-                file=sys.stderr,
-            )
-        raise
+    with recoverable(output), live_view(Path(program).name, says=equipment.driver == "manual") as watch:
+        done = record(
+            driver,
+            source,
+            output,
+            steps=len(wanted.steps),
+            about=about,
+            targets=targets,
+            watch=watch,
+        )
     out = Output(json)
     out.document(done.to_dict())
     show_run(out, done)

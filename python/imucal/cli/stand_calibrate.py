@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,6 +18,7 @@ from imucal.errors import InputError
 if TYPE_CHECKING:
     from imucal.motion import Program
     from imucal.stand.line import Outcome
+    from imucal.stand.recorder import Moment
 
 __all__ = ["calibrate"]
 
@@ -78,7 +81,7 @@ def calibrate(
     from imucal.limits import Limits
     from imucal.motion import Program
     from imucal.stand.line import Order, calibrate_unit
-    from imucal.stand.live import live_view
+    from imucal.stand.live import live_view, recoverable
     from imucal.stand.programs import PROGRAMS, program_named
 
     if json not in (None, "-") and not Path(json).parent.is_dir():
@@ -107,12 +110,14 @@ def calibrate(
     out = Output(json)
     for name, steps in order.programs.items():
         out.line(f"{name}: {_turned(steps)}: mind the cables")
-    outcome = calibrate_unit(
-        order,
-        equipment.open,
-        folder,
-        view=lambda name: live_view(name, says=equipment.driver == "manual"),
-    )
+
+    @contextmanager
+    def view(recording: Path) -> Iterator[Callable[[Moment], None] | None]:
+        says = equipment.driver == "manual"
+        with recoverable(recording), live_view(recording.stem, says=says) as watch:
+            yield watch
+
+    outcome = calibrate_unit(order, equipment.open, folder, view=view)
     # The verdict first: the document may meet a full disk.
     _show(out, outcome)
     out.document(outcome.to_dict())

@@ -61,6 +61,8 @@ class Order:
         return {"run": self.program, "control": control}
 
     def __post_init__(self) -> None:
+        if self.serial_number is not None and not self.serial_number.strip():
+            raise InputError("the serial number is empty: give that of the unit, or none")
         for name in self.exports:
             if find_format(name).needs_noise:
                 raise InputError(
@@ -121,36 +123,55 @@ def calibrate_unit(
     equipment: Callable[[Program, int], tuple[Driver, Source]],
     folder: str | os.PathLike[str],
     *,
-    view: Callable[[str], AbstractContextManager[Callable[[Moment], None] | None]],
+    view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
 ) -> Outcome:
     """Take a unit through its programs and judge it.
 
     equipment  the driver and the source for a program and the seed of simulated noise
     folder     a folder for each unit is made in it; one that is there is left alone, and another one made
-    view       a live view by the name of a run
+    view       a live view of the run that is written to a file, run.csv or control.csv
 
-    Raises ImucalError if the equipment cannot start or the disk fails, InputError for a program that does not
-    determine all parameters and for exports that the unit's data do not allow. What cannot be written once a
-    unit is judged is in the outcome.
+    Raises ImucalError if the equipment cannot start, InputError for a program that does not determine all
+    parameters and for exports that the unit's data do not allow. What fails once there is a recording is in
+    the outcome, and in result.json after an interrupt, too.
     """
     require_determined(order.program, order.program_name)
     own = _folder_for(order, Path(folder))
     runs: dict[str, Done] = {}
+    try:
+        return _kept(_taken_through(order, equipment, own, runs, view))
+    except (ImucalError, KeyboardInterrupt) as error:
+        # The folder of a unit that has sent nothing would only be in the way of the next try.
+        if not any(own.iterdir()):
+            own.rmdir()
+            raise
+        if isinstance(error, KeyboardInterrupt):
+            _kept(Outcome(order, "no_result", (Reason("run_interrupted", "interrupted"),), own, runs))
+            raise
+        return _kept(Outcome(order, "no_result", (Reason("run_error", str(error)),), own, runs))
+
+
+def _taken_through(
+    order: Order,
+    equipment: Callable[[Program, int], tuple[Driver, Source]],
+    own: Path,
+    runs: dict[str, Done],
+    view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
+) -> Outcome:
+    """The runs, into `runs` as they are done, and the verdict."""
     programs = order.programs
     assessment: Assessment | None = None
     for name, seed in (("run", order.seed), ("control", order.control_seed)):
-        program = programs[name]
+        program, output = programs[name], own / f"{name}.csv"
         driver, source = equipment(program, seed)
         _require_exports(order, source.columns)
         about = {"serial_number": order.serial_number, "operator": order.operator, "run": name, "seed": seed}
-        with view(name) as watch:
-            runs[name] = record(
-                driver, source, own / f"{name}.csv", steps=len(program.steps), about=about, watch=watch
-            )
+        with view(output) as watch:
+            runs[name] = record(driver, source, output, steps=len(program.steps), about=about, watch=watch)
         if not runs[name].good or runs[name].output is None:
             message = runs[name].message or "the unit has sent no sample"
             reason = Reason(f"run_{runs[name].state}", f"{name}: {message}")
-            return _kept(Outcome(order, "no_result", (reason,), own, runs))
+            return Outcome(order, "no_result", (reason,), own, runs)
         recordings = [read(own / f"{done}.csv") for done in runs]
         assessment = assess(
             recordings[0],
@@ -164,7 +185,7 @@ def calibrate_unit(
         if assessment.result is None:
             break
     assert assessment is not None
-    return _kept(_with_files(order, assessment, own, runs))
+    return _with_files(order, assessment, own, runs)
 
 
 def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[str, Done]) -> Outcome:

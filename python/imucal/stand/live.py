@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 
     from imucal.stand.recorder import Moment
 
-__all__ = ["live_view"]
+__all__ = ["live_view", "recoverable"]
 
 EVERY_S: Final = 0.2
 # Groups of parameters, and the unit in which the largest standard deviation of each is shown.
@@ -47,6 +48,23 @@ def live_view(name: str, says: bool = False) -> Iterator[Callable[[Moment], None
                 live.update(_table(name, moment), refresh=True)
 
         yield show
+
+
+@contextmanager
+def recoverable(output: Path) -> Iterator[None]:
+    """Say how the recording of a run that is interrupted in this block can be had."""
+    from imucal.stand.recorder import journal_of
+
+    try:
+        yield
+    except KeyboardInterrupt:
+        journal = journal_of(output)
+        if journal.exists():
+            print(
+                f"imucal: what was recorded is in {journal}: imucal stand recover {journal} -o {output}",
+                file=sys.stderr,
+            )
+        raise
 
 
 class _Steps:
