@@ -147,7 +147,7 @@ def test_page_of_the_stand_prints_what_it_shows(tmp_path):
     from imucal.stand import verdict
 
     codes = re.findall(r"^([a-z_]+)(?:NAME)?  ", verdict.__doc__, re.MULTILINE)
-    assert len(codes) == 10
+    assert len(codes) == 12
     assert all(f"`{code}" in page for code in codes)
 
 

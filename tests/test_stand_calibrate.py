@@ -1,5 +1,6 @@
 """One unit on the line: a good one passes and is exported, a hidden fault is named."""
 
+import dataclasses
 import json
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -13,6 +14,7 @@ from imucal.cli import main
 from imucal.stand.line import Order, calibrate_unit
 from imucal.stand.programs import in_another_order, ranges_deg
 from imucal.stand.simulated import SimulatedStand
+from imucal.stand.verdict import assess
 
 NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
 
@@ -270,3 +272,39 @@ def test_an_interrupt_says_how_the_recording_is_had(tmp_path, monkeypatch, capsy
     document = json.loads((tmp_path / "units/unit/result.json").read_text())
     assert (document["verdict"], document["reasons"][0]["code"]) == ("no_result", "run_interrupted")
     assert main(wanted.split()[1:]) == 0
+
+
+# What becomes of a turn of the three motors.
+MOTORS = {
+    "reversed": lambda x, y, z: (x, -y, z),
+    "exchanged": lambda x, y, z: (y, x, z),
+    "stuck": lambda x, y, z: (x, y, 0),
+    "two stuck": lambda x, y, z: (0, 0, z),
+    "all stuck": lambda x, y, z: (0, 0, 0),
+}
+
+
+@pytest.mark.parametrize("fault", MOTORS)
+def test_a_fault_of_the_motors_is_not_the_units(fault):
+    told = Program.random(seed=1, moves=25)
+    steps = tuple(Step(MOTORS[fault](*step.turn_deg), step.move_s, step.hold_s) for step in told.steps)
+    options = {"seed": 3, "unit": "random:bmi088:4", "rate_hz": 100.0}
+    angles = imucal.simulate(told, **options).recording.stand_rad
+    run = imucal.simulate(Program(steps), stand="cheap:2", **options).recording
+    found = assess(dataclasses.replace(run, stand_rad=angles), None, [told], gravity_mps2=9.80665)
+    code, says = "stand_mismatch", "a motor may be stuck"
+    if fault == "all stuck":
+        code, says = "no_motion", "the stand did not move"
+    assert [reason.code for reason in found.reasons] == [code]
+    assert says in found.reasons[0].message
+    # No result, and no second run with such a stand.
+    assert (found.judged, found.result) == (False, None)
+
+
+def test_frozen_data_are_not_dead_axes():
+    program = Program.random(seed=1, moves=10)
+    run = imucal.simulate(program, seed=3, rate_hz=50.0).recording
+    still = np.ones_like(run.specific_force)
+    frozen = dataclasses.replace(run, specific_force=still, angular_rate=still)
+    found = assess(frozen, None, [program], gravity_mps2=9.80665)
+    assert ([reason.code for reason in found.reasons], found.judged) == (["no_motion"], False)

@@ -7,6 +7,8 @@ loose_mount         the unit is loose on its mount
 poor_calibration    figures of the run, or too many rests or moves that contradict the others
 poor_control        figures of the control run
 limit               a limit of the limits file is not kept
+no_motion           no axis feels anything: the stand stood still, or the data are frozen: no result
+stand_mismatch      the unit was far from where the stand's angles say, by a motor or its mount: no result
 data_NAME           a check of the recording has refused it, by the name of the check
 run_NAME            a run did not go to its end, by its state: no result
 not_determined      the run does not determine the parameters: no result
@@ -43,6 +45,13 @@ FEELS: Final = 4.0
 # Of the absolute values of normal numbers a quarter is below 0.3186.
 QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
+# More than any play: a motor is wrong, or the unit came off; and more than raw samples err.
+GROSS_DEG: Final = 5.0
+GROSS_RAW_DEG: Final = 15.0
+MOTORS: Final = (
+    "a motor may be stuck, lose steps, turn the wrong way round, or have its cables exchanged with those of "
+    "another, or the unit came off its mount: turn each motor by itself, fasten the unit, and record again"
+)
 # The variance along the least excited direction, as a share of that along the most.
 LEAST_SHARE: Final = 0.01
 IDEAL_HZ: Final = 50.0
@@ -86,18 +95,28 @@ def assess(
     """
     recordings = [run, *([] if control is None else [control])]
     pairs = zip(recordings, programs, strict=False)
-    dead = [reason for recording, program in pairs for reason in _dead_axes(recording, program)]
-    if dead:
-        return Assessment(tuple(dead), judged=True)
+    for recording, program in pairs:
+        dead = _dead_axes(recording, program)
+        if dead:
+            wrong = _not_moved(recording, list(dead))
+            return Assessment((wrong,) if wrong else tuple(dead.values()), judged=wrong is None)
     try:
         result = calibrate(run, control=control, gravity_mps2=gravity_mps2, serial_number=serial_number)
     except InputError as error:
         return _refused(error)
     except (NotEnoughMotionError, FitError) as error:
         return Assessment((Reason("not_determined", str(error)),), judged=False)
-    reasons = [*_mount(result, run)]
+    found = [*_mount(result, run)]
     if control is not None and result.control is not None:
-        reasons += _mount(replace(result, rests=result.control.rests), control)
+        found += _mount(replace(result, rests=result.control.rests), control)
+    for finding in found:
+        if finding.value > GROSS_DEG:
+            message = (
+                f"{finding.recording}: the unit was {finding.value:.0f} deg from where the stand's angles "
+                f"say; {MOTORS}"
+            )
+            return Assessment((Reason("stand_mismatch", message),), judged=False)
+    reasons = [Reason(finding.code, str(finding)) for finding in found]
     for text in result.reasons:
         reasons.append(Reason("poor_control" if text.startswith("control") else "poor_calibration", text))
     if limits is not None:
@@ -106,25 +125,62 @@ def assess(
     return Assessment(tuple(reasons), judged=True, result=result)
 
 
-def _dead_axes(recording: Recording, program: Program) -> list[Reason]:
-    """Axes that show nothing but their own noise in a program that every axis must feel."""
+def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
+    """Axes, of the six, that show nothing but their own noise in a program that every axis must feel."""
     columns = np.hstack([recording.specific_force, recording.angular_rate])
     if len(columns) < 2 or not np.isfinite(columns).all():
-        return []
+        return {}
     spread = np.std(columns, axis=0)
     # Motion is too slow to show in the difference of neighbours, white noise shows in full; the quiet quarter
     # is at rest, where the stand does not vibrate.
     quiet = np.quantile(np.abs(np.diff(columns, axis=0)), QUIET_SHARE, axis=0)
     noise = quiet / QUIET_QUANTILE / np.sqrt(2.0)
     dead = (spread <= FEELS * noise) & np.repeat(_excites(program), 3)
-    return [
-        Reason(
+    return {
+        int(axis): Reason(
             "dead_axis",
             f"{recording.name}: {AXES[axis]} changes by {spread[axis]:.3g} (1 sigma) over the run, little "
             f"more than its noise of {noise[axis]:.3g}, in a motion that every axis feels",
         )
         for axis in np.flatnonzero(dead)
-    ]
+    }
+
+
+def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
+    """Why axes show nothing though they may be sound: they were not moved."""
+    if len(dead) == len(AXES):
+        return Reason(
+            "no_motion",
+            f"{recording.name}: no axis shows more than its noise: the stand did not move, or the data of "
+            "the unit are frozen: see that the motors are powered and turn, and that the unit sends new "
+            "samples, and record again",
+        )
+    # A motor that stands still keeps gyroscope axes still; the accelerometer knows, if it feels itself.
+    missed_deg = None if min(dead) < 3 else _missed_deg(recording)
+    if missed_deg is not None and missed_deg > GROSS_RAW_DEG:
+        axes = " and ".join(AXES[axis] for axis in dead)
+        return Reason(
+            "stand_mismatch",
+            f"{recording.name}: {axes} did not turn, and gravity misses the stand's angles by "
+            f"{missed_deg:.0f} deg; {MOTORS}",
+        )
+    return None
+
+
+def _missed_deg(recording: Recording) -> float | None:
+    """How far gravity in raw samples is from where the stand's angles say, deg; None without angles."""
+    if recording.stand_rad is None:
+        return None
+    (s1, s2, s3), (c1, c2, c3) = np.sin(recording.stand_rad.T), np.cos(recording.stand_rad.T)
+    told = np.stack([s1 * s3 - c1 * s2 * c3, s1 * c3 + c1 * s2 * s3, c1 * c2], axis=1)
+    force = recording.specific_force
+    up = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-30)
+    # The mount that fits best.
+    left, _, right = np.linalg.svd(told.T @ up)
+    mount = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    cosine = np.clip(np.sum(up * (told @ mount), axis=1), -1.0, 1.0)
+    # The median: in moves the force is not gravity alone.
+    return float(np.degrees(np.median(np.arccos(cosine))))
 
 
 def _excites(program: Program) -> list[bool]:
@@ -134,10 +190,9 @@ def _excites(program: Program) -> list[bool]:
     return [bool(least > LEAST_SHARE * most) for least, _, most in spreads]
 
 
-def _mount(result: CalibrationResult, recording: Recording) -> list[Reason]:
+def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
     """A slip, or play; a slip alone would pass for play, too."""
-    found: Sequence[Finding] = [*mount_slips(result, [recording])] or [*loose_mounts(result, [recording])]
-    return [Reason(finding.code, str(finding)) for finding in found]
+    return [*mount_slips(result, [recording])] or [*loose_mounts(result, [recording])]
 
 
 def _refused(error: InputError) -> Assessment:
