@@ -9,14 +9,14 @@ serial=$1 run=$2 control=$3
 
 # A unit that comes a second time must not stay where its first verdict put it.
 mkdir -p passed rejected results || exit 1
-rm -f "$serial.json" "passed/$serial.json" "rejected/$serial.json" "results/$serial.json"
+rm -f -- "$serial.json" "passed/$serial.json" "rejected/$serial.json" "results/$serial.json" || exit 1
 
 imucal calibrate "$run" --control "$control" --serial-number "$serial" --limits limits.json \
     -o "$serial.json" --json "results/$serial.json"
 code=$?
 case $code in
-    0) mv "$serial.json" passed && echo "$serial: passed" ;;
-    2) mv "$serial.json" rejected && echo "$serial: rejected" ;;
+    0) mv -- "$serial.json" passed || exit 1; echo "$serial: passed" ;;
+    2) mv -- "$serial.json" rejected || exit 1; echo "$serial: rejected" ;;
     *) echo "$serial: no result, record again" ;;
 esac
 exit $code
