@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from contextlib import nullcontext
+from datetime import datetime
 from types import SimpleNamespace
 
 import numpy as np
@@ -62,6 +63,10 @@ def test_a_good_unit_passes_and_is_exported(line, tmp_path):
     # What the line says is in the folder, too.
     assert json.loads((folder / "result.json").read_text()) == document
     assert document["operator"] == "Ada"
+    assert document["imucal_version"] == imucal.__version__
+    made = calibration.provenance
+    named = [{"path": source.path, "sha256": source.sha256} for source in (*made.files, *made.control_files)]
+    assert document["recordings"] == named
     assert document["control_seed"] == 101
     assert "passed" in said.splitlines()[-1]
     # The unit is what it is: errors of the 21 parameters as large as they should be.
@@ -254,6 +259,9 @@ def test_a_port_that_is_missing_leaves_no_empty_folder(when, line, tmp_path, mon
     assert (code, document["verdict"], document["reasons"][0]["code"]) == (1, "no_result", "run_error"), said
     assert "no port" in document["reasons"][0]["message"]
     assert json.loads((tmp_path / "units/unit/result.json").read_text()) == document
+    # What is there of it can be found again.
+    assert [recording["path"] for recording in document["recordings"]] == ["units/unit/run.csv"]
+    assert datetime.fromisoformat(document["date"]).tzinfo is not None
 
 
 def test_an_interrupt_says_how_the_recording_is_had(tmp_path, monkeypatch, capsys):

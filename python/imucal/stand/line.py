@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Final
 
@@ -80,6 +82,8 @@ class Outcome:
     folder   where everything is
     exports  what was written, by format
     not_written  why a file that the verdict allows could not be written, by its format or its name
+    sha256   of the recordings, by their paths
+    date     when it was judged, ISO 8601
     """
 
     order: Order
@@ -91,12 +95,20 @@ class Outcome:
     calibration: Path | None = None
     exports: Mapping[str, tuple[Path, Export]] = dataclasses.field(default_factory=dict)
     not_written: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    sha256: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    date: str = dataclasses.field(
+        default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds")
+    )
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal stand calibrate --json`, and result.json in the folder."""
+        from imucal import _core
+
         result = self.assessment.result if self.assessment else None
         return {
             "schema": SCHEMA,
+            "date": self.date,
+            "imucal_version": str(_core.__version__),
             "verdict": self.verdict,
             "reasons": [dataclasses.asdict(reason) for reason in self.reasons],
             "serial_number": self.order.serial_number,
@@ -108,6 +120,7 @@ class Outcome:
             "range_deg": {name: ranges_deg(program) for name, program in self.order.programs.items()},
             "folder": str(self.folder),
             "runs": {name: done.to_dict() for name, done in self.runs.items()},
+            "recordings": [{"path": path, "sha256": digest} for path, digest in self.sha256.items()],
             "calibration": None if self.calibration is None else str(self.calibration),
             "exports": [
                 {"format": name, "output": str(path), "lost": list(written.lost)}
@@ -235,6 +248,9 @@ def _require_exports(order: Order, columns: Sequence[str]) -> None:
 
 def _kept(outcome: Outcome) -> Outcome:
     """The outcome, with result.json in its folder; a verdict is not lost where that cannot be written."""
+    paths = [done.output for done in outcome.runs.values() if done.output is not None]
+    digests = {path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths}
+    outcome = dataclasses.replace(outcome, sha256=digests)
     try:
         write_json(outcome.to_dict(), outcome.folder / "result.json")
     except ImucalError as error:
