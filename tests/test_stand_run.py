@@ -15,6 +15,7 @@ import pytest
 
 import imucal
 from imucal import Program, Step
+from imucal.cli import main
 from imucal.stand.faults import SimulatedUnit
 from imucal.stand.journal import Journal, read_journal
 from imucal.stand.progress import parse_target
@@ -104,6 +105,18 @@ def test_a_journal_that_is_there_is_never_overwritten(tmp_path, command):
     assert "imucal stand recover" in done.stderr
     assert left.read_bytes() == before
     assert command("stand", "run", "random", "-o", tmp_path / "run.txt").returncode == 1
+
+
+def test_a_recording_that_is_there_is_replaced_by_force_alone(tmp_path, capsys):
+    SHORT.write(tmp_path / "short.json")
+    output = tmp_path / "run.csv"
+    output.write_text("of an hour ago")
+    given = ["stand", "run", str(tmp_path / "short.json"), "--speed", "1000", "-o", str(output)]
+    assert main(given) == 1
+    assert "--force" in capsys.readouterr().err
+    assert output.read_text() == "of an hour ago"
+    assert main([*given, "--force"]) == 0
+    assert len(imucal.read(output)) == 1600
 
 
 # --- the journal ---

@@ -55,6 +55,7 @@ def run(
         ),
     ] = None,
     seed: Seed = 1,
+    force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT if it is there.")] = False,
     json: JsonPath = None,
 ) -> None:
     """Take a stand through a program and record the unit on it.
@@ -71,6 +72,9 @@ def run(
     from imucal.stand.progress import parse_target
     from imucal.stand.recorder import record
 
+    # Other outputs can be made again; what a unit sent cannot.
+    if output.exists() and not force:
+        raise InputError(f"{output} is there already: give another file, or --force to replace it")
     targets = [parse_target(text) for text in target_sigma or ()]
     wanted = program_named(program, seed)
     with working("preparing the run"):
