@@ -554,6 +554,15 @@ def test_formats_are_listed(files, tmp_path, capsys):
     assert all(name in out for name in FORMATS)
 
 
+def test_the_names_of_a_header_are_chosen(files, tmp_path, capsys):
+    said = tmp_path / "said.json"
+    arguments = ["--to", "c-header", "--name", "gimbal", "-o", str(tmp_path / "unit.h"), "--json", str(said)]
+    assert main(["export", str(files / "cal.json"), *arguments]) == 0
+    text = (tmp_path / "unit.h").read_text()
+    assert "imucal_" not in text and "int gimbal_correct_f64(" in text and "by gimbal_correct_f64" in text
+    assert "by gimbal_correct_f64" in json.loads(said.read_text())["formula"]
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -561,6 +570,8 @@ def test_formats_are_listed(files, tmp_path, capsys):
         (["--to", "px5"], "no format 'px5'"),
         (["--to", "gazebo"], "--noise"),
         (["--to", "ros", "--json", "-"], "-o FILE"),
+        (["--to", "ros", "--name", "b"], "the files of ros have no names to choose: leave --name out"),
+        (["--to", "c-header", "--name", "2b"], "'2b' cannot start the names of a C header"),
     ],
 )
 def test_wrong_commands_are_told_the_way_out(files, capsys, arguments, message):

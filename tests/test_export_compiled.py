@@ -1,6 +1,7 @@
 """The exports that are programs: C compiled by gcc, Rust by cargo, against `Calibration.apply`."""
 
 import ctypes
+import dataclasses
 import os
 import shutil
 import subprocess
@@ -81,9 +82,6 @@ def driver(headers):
     """A C program with a loop over samples for each header, `run_<name>_f64` and `run_<name>_f32`."""
     parts = []
     for name, path in headers.items():
-        parts.append("#undef IMUCAL_CALIBRATION_H")
-        for size in ("f64", "f32"):
-            parts += [f"#undef imucal_correct_{size}", f"#define imucal_correct_{size} {name}_{size}"]
         parts.append(f'#include "{path}"')
         passed = "".join(f" {PASSED[need]}," for need in needs_of(UNITS[name]))
         for size, real in (("f64", "double"), ("f32", "float")):
@@ -95,7 +93,7 @@ void run_{name}_{size}(int n, {real} *rate, {real} *force, const {real} *tempera
     int i;
     (void)temperature; (void)time; (void)acceleration;
     for (i = 0; i < n; ++i)
-        status[i] = {name}_{size}(rate + 3 * i, force + 3 * i,{passed} rate + 3 * i, force + 3 * i);
+        status[i] = {name}_correct_{size}(rate + 3 * i, force + 3 * i,{passed} rate + 3 * i, force + 3 * i);
 }}""")
     return "\n".join([*parts, ""])
 
@@ -114,7 +112,7 @@ def headers(tmp_path_factory):
     paths = {}
     for name, unit in UNITS.items():
         paths[name] = folder / f"{name}.h"
-        imucal.export(unit, "c-header").save(paths[name])
+        imucal.export(unit, "c-header", name=name).save(paths[name])
     return paths
 
 
@@ -234,6 +232,49 @@ def test_the_header_is_cplusplus_too(headers, tmp_path):
         ["g++", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", source], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
+
+
+def compiled(folder, *lines):
+    """What gcc says of a C file of these lines; nothing if it takes it."""
+    (folder / "main.c").write_text("\n".join([*lines, ""]))
+    options = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+    done = subprocess.run(["gcc", *options, folder / "main.c"], capture_output=True, text=True)
+    return done.stderr
+
+
+def test_two_units_in_one_program_have_two_names(tmp_path):
+    other = dataclasses.replace(UNIT, gyroscope=TRIANGULAR.accelerometer)
+    for unit, file, name in ((UNIT, "a", None), (UNIT, "again", None), (other, "b", None), (other, "c", "b")):
+        imucal.export(unit, "c-header", name=name).save(tmp_path / f"{file}.h")
+    calls = [
+        f"int main(void) {{ float v[3] = {{0, 0, 0}}; return {call}(v, v, v, v); }}"
+        for call in ("imucal_correct_f32", "b_correct_f32")
+    ]
+    include = {file: f'#include "{file}.h"' for file in ("a", "again", "b", "c")}
+    assert compiled(tmp_path, include["a"], include["a"], include["again"], calls[0]) == ""
+    assert compiled(tmp_path, include["a"], include["c"], calls[0]) == ""
+    assert compiled(tmp_path, include["a"], include["c"], calls[1]) == ""
+    said = compiled(tmp_path, include["a"], include["b"], calls[0])
+    assert "another calibration is included as imucal" in said
+    assert "imucal export --name PREFIX" in said
+
+
+@pytest.mark.parametrize("serial_number", ["0042", 'A"7\\x??/ */ µ'])
+def test_the_serial_number_is_in_the_header(tmp_path, serial_number):
+    unit = dataclasses.replace(UNIT, serial_number=serial_number)
+    imucal.export(unit, "c-header", name="gimbal").save(tmp_path / "unit.h")
+    (tmp_path / "main.c").write_text(
+        '#include "unit.h"\n#include <stdio.h>\nint main(void) { return puts(GIMBAL_SERIAL_NUMBER) < 0; }\n'
+    )
+    gcc(*GCC, tmp_path / "main.c", "-o", tmp_path / "main")
+    done = subprocess.run([tmp_path / "main"], capture_output=True, check=True)
+    assert done.stdout.decode() == serial_number + "\n"
+
+
+@pytest.mark.parametrize("name", ["", "7up", "left-imu", "_x", "é"])
+def test_a_name_that_c_cannot_have_is_refused(name):
+    with pytest.raises(imucal.InputError, match="use letters, digits and _"):
+        imucal.export(UNIT, "c-header", name=name)
 
 
 def test_every_effect_of_the_catalogue_is_in_the_header():

@@ -160,7 +160,7 @@ def test_page_of_noise_prints_what_it_shows(tmp_path):
 
 
 def test_page_of_exports_prints_what_it_shows(tmp_path):
-    assert run_page("docs/export.md", tmp_path) == 8
+    assert run_page("docs/export.md", tmp_path) == 9
 
 
 def test_page_of_reports_prints_what_it_shows(tmp_path):

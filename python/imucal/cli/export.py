@@ -37,6 +37,14 @@ def export(
         Path | None,
         typer.Option("--noise", metavar="REC", help="A raw recording at rest, for formats about noise."),
     ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            "--name",
+            metavar="PREFIX",
+            help="c-header: how its names start, instead of imucal; two units in one program need two.",
+        ),
+    ] = None,
     min_rest_s: MinRest = 1.0,
     show_formats: Annotated[
         bool, typer.Option("--list", help="List the formats, what they carry and what they lose.")
@@ -75,7 +83,7 @@ def export(
         judges = reading.each(control or [])
         figures = None if noise is None else _noise(unit, reading, noise, min_rest_s)
     with working("exporting"):
-        exported = imucal.export(unit, to, noise=figures)
+        exported = imucal.export(unit, to, noise=figures, name=name)
         residual = exported.residual(judges, min_rest_s=min_rest_s) if judges else None
     if output is None:
         print(exported.text, end="")
@@ -86,7 +94,7 @@ def export(
         {
             "format": form.name,
             "output": None if output is None else str(output),
-            "formula": form.formula,
+            "formula": exported.form.formula,
             "units": form.units,
             "lost": exported.lost,
             "control_set": None if residual is None else residual.to_dict(),

@@ -118,15 +118,24 @@ class Export:
         )
 
 
-def export(calibration: Calibration, format: str, *, noise: NoiseResult | None = None) -> Export:
+def export(
+    calibration: Calibration, format: str, *, noise: NoiseResult | None = None, name: str | None = None
+) -> Export:
     """The calibration in `format`, a name of `FORMATS`.
 
     noise   figures of a recording at rest that the calibration has corrected, for kalibr-imu and gazebo
+    name    how guard, macros and functions of a c-header start, "imucal" if not given: two units in one
+            program need two names
 
     Raises InputError for a format that is not known, for raw counts where the other program takes none, for
-    left-handed axes where it has no place for them, and for noise figures that are missing.
+    left-handed axes where it has no place for them, for noise figures that are missing, and for a name that C
+    cannot have or the format has no place for.
     """
     form = find_format(format)
+    if name is not None:
+        if form.named is None:
+            raise InputError(f"the files of {form.name} have no names to choose: leave --name out")
+        form = form.named(name)
     require_si(calibration, form)
     if form.needs_noise and noise is None:
         raise InputError(

@@ -1,17 +1,24 @@
 """The correction as a C header: `imucal_correct_f64` and `imucal_correct_f32`, effects included.
 
+Another prefix than `imucal` can be chosen, for firmware with several units. Two calibrations under one prefix
+are a compile error: their guard would otherwise drop the second one in silence.
+
 The loop is that of imucal-core, `EffectSet::remove` (docs/model.md (16)): true <- seen - effects(true) until
 nothing changes but rounding. In double it gives the numbers of `Calibration.apply`.
 """
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from imucal.calibration import Calibration
 from imucal.effects import EffectValues
+from imucal.errors import InputError
 from imucal.export.c_fields import FIELDS, WARM_UPS, product_of
 from imucal.export.format import SI, Format, Written, block_comment, number
 from imucal.export.model import FRAMES, inverse, linear, lost_effects
@@ -28,32 +35,62 @@ ARGUMENTS: Final = {
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
 MAX_PASSES: Final = 32
+PREFIX: Final = "imucal"
 
 
-def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
     """The header; effects of one's own are not in it, their fields are Python."""
     effects = [values for values in calibration.effects if values.name in FIELDS]
     needs = [need for need in ARGUMENTS if any(need in _needs(calibration, values) for values in effects)]
     includes = ["#include <float.h>", "#include <math.h>", ""] if effects else []
-    body = [
-        "#ifndef IMUCAL_CALIBRATION_H",
-        "#define IMUCAL_CALIBRATION_H",
-        "",
+    content = [
+        *_macros(calibration, prefix),
         *includes,
-        *_function(calibration, effects, needs, single=False),
+        *_function(calibration, effects, needs, prefix, single=False),
         "",
-        *_function(calibration, effects, needs, single=True),
-        "",
-        "#endif",
-        "",
+        *_function(calibration, effects, needs, prefix, single=True),
     ]
     return Written(
-        body="\n".join(body),
+        body="\n".join(_guarded(content, prefix)),
         lost=lost_effects(calibration, FIELDS),
         same_as=linear(calibration, effects),
         frame=FRAMES[calibration.frame],
         notes=_notes(calibration, effects, needs),
     )
+
+
+def _guarded(content: Sequence[str], prefix: str) -> list[str]:
+    """The file, with a macro that says which calibration it is."""
+    start = f"{prefix.upper()}_CALIBRATION"
+    # The preprocessor compares whole numbers alone; whether a name is defined it knows for any name.
+    identity = f"{start}_{hashlib.sha256(repr(content).encode()).hexdigest()[:16].upper()}"
+    return [
+        f"#ifndef {start}_H",
+        f"#define {start}_H",
+        f"#define {identity}",
+        "",
+        *content,
+        "",
+        f"#elif !defined({identity})",
+        f'#error "another calibration is included as {prefix}: export each with a name, '
+        'imucal export --name PREFIX"',
+        "#endif",
+        "",
+    ]
+
+
+def _macros(calibration: Calibration, prefix: str) -> list[str]:
+    if not calibration.serial_number:
+        return []
+    return [f"#define {prefix.upper()}_SERIAL_NUMBER {_string(calibration.serial_number)}", ""]
+
+
+def _string(text: str) -> str:
+    """A string of C; what a compiler could take for something else is in octal."""
+    # Question marks make trigraphs.
+    plain = set(range(0x20, 0x7F)) - set(b'"\\?')
+    written = "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode())
+    return f'"{written}"'
 
 
 def _needs(calibration: Calibration, values: EffectValues) -> Sequence[str]:
@@ -91,9 +128,14 @@ def _notes(
 
 
 def _function(
-    calibration: Calibration, effects: Sequence[EffectValues], needs: Sequence[str], *, single: bool
+    calibration: Calibration,
+    effects: Sequence[EffectValues],
+    needs: Sequence[str],
+    prefix: str,
+    *,
+    single: bool,
 ) -> list[str]:
-    real, name = ("float", "imucal_correct_f32") if single else ("double", "imucal_correct_f64")
+    real, name = ("float", f"{prefix}_correct_f32") if single else ("double", f"{prefix}_correct_f64")
 
     def literal(value: float) -> str:
         return number(value, single) + ("f" if single else "")
@@ -238,6 +280,19 @@ def _sums(values: EffectValues, literal: Callable[[float], str]) -> dict[int, li
     return sums
 
 
+def named(prefix: str) -> Format:
+    """The format with another prefix; InputError if C cannot have it."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
+        raise InputError(
+            f"{prefix!r} cannot start the names of a C header: use letters, digits and _, a letter first"
+        )
+    return replace(
+        C_HEADER,
+        formula=C_HEADER.formula.replace(f"{PREFIX}_", f"{prefix}_"),
+        write=partial(write, prefix=prefix),
+    )
+
+
 C_HEADER = Format(
     name="c-header",
     title="C header for firmware",
@@ -250,4 +305,5 @@ C_HEADER = Format(
     layout=block_comment,
     write=write,
     takes_counts=True,
+    named=named,
 )

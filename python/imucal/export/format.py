@@ -70,6 +70,7 @@ class Format:
     write        makes the body
     takes_counts     a calibration of raw counts can be written
     needs_noise      figures of a recording at rest are needed
+    named            the format with names that start with a prefix; None if its files have no names to choose
     """
 
     name: str
@@ -84,6 +85,7 @@ class Format:
     write: Callable[[Calibration, NoiseResult | None], Written]
     takes_counts: bool = False
     needs_noise: bool = False
+    named: Callable[[str], Format] | None = None
 
 
 def header(calibration: Calibration, form: Format, written: Written) -> list[str]:
