@@ -117,11 +117,16 @@ def test_a_parquet_file_without_rows_is_an_empty_recording(tmp_path, command):
     assert len(imucal.read(tmp_path / "out.csv")) == 0
 
 
-def test_a_derivative_by_time_takes_the_whole(unit):
+def test_a_derivative_by_time_takes_the_whole(unit, tmp_path, command):
     lever_arm = imucal.EffectValues("accel_lever_arm", (0.01, 0.02, 0.03))
-    whole = imucal.Calibration(unit.accelerometer, unit.gyroscope, effects=(lever_arm,))
+    whole = imucal.Calibration(unit.accelerometer, unit.gyroscope, accel_unit="lsb", effects=(lever_arm,))
     assert unit.takes_pieces
     assert not whole.takes_pieces
     piece = imucal.Recording(np.arange(9.0), np.ones((9, 3)), np.ones((9, 3)))
     with pytest.raises(imucal.InputError, match="need the whole recording"):
         whole.apply_recording(piece, start_s=0.0)
+    whole.save(tmp_path / "whole.json")
+    path = written(tmp_path, ".parquet", columns_of(ROWS))
+    done = command("apply", tmp_path / "whole.json", path, "-o", tmp_path / "out.parquet")
+    assert done.returncode == 0, done.stderr
+    assert_same(imucal.read(tmp_path / "out.parquet"), whole.apply_recording(imucal.read(path)))

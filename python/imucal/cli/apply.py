@@ -93,7 +93,8 @@ class _Corrected:
         for raw in pieces:
             if start_s is None and len(raw):
                 start_s = float(raw.time_s[0])
-            corrected = unit.apply_recording(raw, start_s=start_s)
+            # Without a start for effects that take the whole: then there is one piece.
+            corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
             lost = np.isnan(corrected.angular_rate[:, 0]) & np.isfinite(raw.angular_rate).all(axis=1)
             lost &= np.isfinite(raw.specific_force).all(axis=1)
             if self.first_lost is None and lost.any():
