@@ -271,6 +271,24 @@ def test_the_serial_number_is_in_the_header(tmp_path, serial_number):
     assert done.stdout.decode() == serial_number + "\n"
 
 
+def test_the_temperatures_of_the_recordings_are_in_both_programs(tmp_path):
+    effects = {effect.name: effect for effect in catalogue()}
+    warm = with_effects(typical(effects["gyro_bias_temperature"], 3))
+    unit = dataclasses.replace(warm, temperature_range_degc=(-5.5, 40.0))
+    header, module = (imucal.export(unit, name).text for name in ("c-header", "rust"))
+    (tmp_path / "unit.h").write_text(header)
+    wanted = "IMUCAL_TEMPERATURE_MAX_DEGC-IMUCAL_TEMPERATURE_MIN_DEGC == 45.5"
+    main = f"int main(void) {{ return {wanted} ? 0 : 1; }}\n"
+    (tmp_path / "main.c").write_text(f'#include "unit.h"\n{main}')
+    gcc(*GCC, tmp_path / "main.c", "-o", tmp_path / "main")
+    assert subprocess.run([tmp_path / "main"]).returncode == 0
+    assert "pub const TEMPERATURE_MIN_DEGC: f64 = -5.5;" in module
+    assert "pub const TEMPERATURE_MAX_DEGC: f64 = 40.0;" in module
+    note = "The recordings were at -5.5 to 40 degC: outside it the numbers of gyro_bias_temperature are an"
+    assert note in header and note in module
+    assert "TEMPERATURE_M" not in imucal.export(warm, "c-header").text + imucal.export(warm, "rust").text
+
+
 @pytest.mark.parametrize("name", ["", "7up", "left-imu", "_x", "é"])
 def test_a_name_that_c_cannot_have_is_refused(name):
     with pytest.raises(imucal.InputError, match="use letters, digits and _"):

@@ -1,5 +1,8 @@
 """Recordings that are read, corrected and written piece by piece: the same numbers as of the whole."""
 
+import dataclasses
+import json
+
 import numpy as np
 import pyarrow as pa
 import pyarrow.csv
@@ -7,6 +10,7 @@ import pytest
 from pyarrow import parquet
 
 import imucal
+from imucal.cli import main
 from imucal.io import NotInPartsError, read_pieces, write_pieces
 
 # More than a piece of either kind of file.
@@ -65,6 +69,41 @@ def test_a_recording_corrected_by_pieces_is_the_whole_corrected(tmp_path, comman
     assert done.returncode == 0, done.stderr
     assert f"Recording('run{ending}': {ROWS} samples, {(ROWS - 1) * 1_000_001e-9:.3f} s" in done.stdout
     assert_same(imucal.read(output), unit.apply_recording(imucal.read(path)))
+
+
+@pytest.mark.parametrize(
+    ("known", "added_degc", "said"),
+    [
+        ((20.0, 21.0), 0.0, None),
+        ((20.04, 20.96), 0.0, None),
+        (
+            (20.1, 21.0),
+            0.0,
+            "the temperature is 20 to 21 degC, the calibration has seen 20.1 to 21 degC: outs",
+        ),
+        ((15.0, 20.5), 0.0, "outside it the numbers of gyro_bias_temperature are an assumption"),
+        (
+            (15.0, 40.0),
+            273.15,
+            "the numbers of gyro_bias_temperature are an assumption: is the column in kelvin? temp_degc is",
+        ),
+    ],
+)
+def test_temperatures_that_the_calibration_has_not_seen_are_said(
+    tmp_path, capsys, unit, known, added_degc, said
+):
+    columns = columns_of(ROWS)
+    columns["temp_degc"] = columns["temp_degc"] + added_degc
+    path = written(tmp_path, ".parquet", columns)
+    dataclasses.replace(unit, temperature_range_degc=known).save(tmp_path / "unit.json")
+    files = [str(tmp_path / name) for name in ("unit.json", path.name, "out.parquet", "said.json")]
+    assert main(["apply", *files[:2], "-o", files[2], "--json", files[3]]) == 0
+    document = json.loads((tmp_path / "said.json").read_text())
+    low, high = document["temperature_range_degc"]
+    assert (low, high) == pytest.approx((20.0 + added_degc, 21.0 + added_degc), abs=1e-4)
+    shown = capsys.readouterr().out
+    assert [f"warning: {warning}" in shown for warning in document["warnings"]] == [True] * (said is not None)
+    assert said is None or said in document["warnings"][0]
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])

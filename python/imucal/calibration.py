@@ -197,6 +197,15 @@ class Calibration:
         return left_in_data(self)
 
     @property
+    def temperature_effects(self) -> tuple[str, ...]:
+        """Names of the effects of the catalogue that depend on the temperature."""
+        return tuple(
+            values.name
+            for values in self.effects
+            if "temperature" in getattr(self.definition(values), "needs", ())
+        )
+
+    @property
     def takes_pieces(self) -> bool:
         """Whether a recording can be corrected piece by piece.
 

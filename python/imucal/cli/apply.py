@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -17,6 +17,11 @@ if TYPE_CHECKING:
     from imucal.recording import Recording
 
 __all__ = ["apply"]
+
+# Share of the calibrated range that a temperature may be outside of it: there a line is still a line.
+BEYOND: Final = 0.05
+# No IMU works at it: the column is in kelvin.
+TOO_HOT_DEGC: Final = 200.0
 
 
 @reading_options
@@ -52,6 +57,7 @@ def apply(
         else:
             corrected = written(iter([reading.one(recording)]))
     removed = [effect.name for effect in unit.effects if effect.name not in unit.left_in_data]
+    warnings = [*corrected.warnings(), *_beyond(unit, corrected.temperature_range_degc)]
     out = Output(json)
     out.document(
         {
@@ -61,6 +67,8 @@ def apply(
             "effects": removed,
             "left_in_data": unit.left_in_data,
             "samples_lost": corrected.lost,
+            "temperature_range_degc": corrected.temperature_range_degc,
+            "warnings": warnings,
         }
     )
     out.line(f"{output}: {corrected.whole!r}")
@@ -68,11 +76,23 @@ def apply(
         out.line(f"effects taken away: {', '.join(removed)}")
     if unit.left_in_data:
         out.line(f"left in the data, as no error of the sensor: {', '.join(unit.left_in_data)}")
-    if corrected.lost:
-        out.line(
-            f"warning: {corrected.lost} samples are empty, the first is sample {corrected.first_lost}: the "
-            "effects are too large there to be undone"
-        )
+    for warning in warnings:
+        out.line(f"warning: {warning}")
+
+
+def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
+    """What is to be said of temperatures that the calibration has not seen."""
+    known, effects = unit.temperature_range_degc, unit.temperature_effects
+    if seen is None or known is None or not effects:
+        return []
+    margin = BEYOND * (known[1] - known[0])
+    if known[0] - margin <= seen[0] and seen[1] <= known[1] + margin:
+        return []
+    return [
+        f"the temperature is {seen[0]:.5g} to {seen[1]:.5g} degC, the calibration has seen {known[0]:.5g} to "
+        f"{known[1]:.5g} degC: outside it the numbers of {' and '.join(effects)} are an assumption"
+        + (": is the column in kelvin? temp_degc is in degC" if seen[1] > TOO_HOT_DEGC else "")
+    ]
 
 
 class _Corrected:
@@ -84,6 +104,26 @@ class _Corrected:
         self.whole = Whole(self._each(unit, pieces))
         self.lost = 0
         self.first_lost: int | None = None
+        self.temperature_range_degc: tuple[float, float] | None = None
+
+    def warnings(self) -> list[str]:
+        """What is to be said of empty samples."""
+        if not self.lost:
+            return []
+        return [
+            f"{self.lost} samples are empty, the first is sample {self.first_lost}: the "
+            "effects are too large there to be undone"
+        ]
+
+    def _see_temperature(self, raw: Recording) -> None:
+        import numpy as np
+
+        if raw.temperature_degc is None:
+            return
+        seen = raw.temperature_degc[np.isfinite(raw.temperature_degc)]
+        if len(seen):
+            low, high = self.temperature_range_degc or (np.inf, -np.inf)
+            self.temperature_range_degc = (min(low, float(seen.min())), max(high, float(seen.max())))
 
     def _each(self, unit: Calibration, pieces: Iterator[Recording]) -> Iterator[Recording]:
         import numpy as np
@@ -100,5 +140,6 @@ class _Corrected:
             if self.first_lost is None and lost.any():
                 self.first_lost = before + int(lost.argmax())
             self.lost += int(lost.sum())
+            self._see_temperature(raw)
             before += len(raw)
             yield corrected

@@ -21,7 +21,7 @@ from imucal.effects import EffectValues
 from imucal.errors import InputError
 from imucal.export.c_fields import FIELDS, WARM_UPS, product_of
 from imucal.export.format import SI, Format, Written, block_comment, number
-from imucal.export.model import FRAMES, inverse, linear, lost_effects
+from imucal.export.model import FRAMES, inverse, linear, lost_effects, temperature_note
 
 if TYPE_CHECKING:
     from imucal.noise import NoiseResult
@@ -80,9 +80,12 @@ def _guarded(content: Sequence[str], prefix: str) -> list[str]:
 
 
 def _macros(calibration: Calibration, prefix: str) -> list[str]:
-    if not calibration.serial_number:
-        return []
-    return [f"#define {prefix.upper()}_SERIAL_NUMBER {_string(calibration.serial_number)}", ""]
+    values = []
+    if calibration.serial_number:
+        values.append(f"SERIAL_NUMBER {_string(calibration.serial_number)}")
+    for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
+        values.append(f"TEMPERATURE_{end}_DEGC ({number(degc)})")
+    return [*(f"#define {prefix.upper()}_{value}" for value in values), *([""] if values else [])]
 
 
 def _string(text: str) -> str:
@@ -122,6 +125,7 @@ def _notes(
         "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
     }
     notes += [explained[need] for need in needs]
+    notes += temperature_note(calibration)
     if calibration.left_in_data:
         notes.append(f"Left in the data, as no error of the sensor: {', '.join(calibration.left_in_data)}")
     return tuple(notes)

@@ -22,6 +22,7 @@ __all__ = [
     "off_scale",
     "per_axis",
     "rotated",
+    "temperature_note",
     "turned",
 ]
 
@@ -78,6 +79,16 @@ def turned(rotation: FloatArray) -> str:
     if np.array_equal(rotation, np.eye(3)):
         return ""
     return f"; v = R v_body of the calibration, R = {rotation.tolist()}"
+
+
+def temperature_note(calibration: Calibration) -> tuple[str, ...]:
+    """At which temperatures the calibration was made, in words; nothing if it does not know."""
+    if calibration.temperature_range_degc is None:
+        return ()
+    low, high = calibration.temperature_range_degc
+    effects = calibration.temperature_effects
+    outside = f": outside it the numbers of {' and '.join(effects)} are an assumption" if effects else ""
+    return (f"The recordings were at {low:.5g} to {high:.5g} degC{outside}",)
 
 
 def per_axis(sensitivity: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration
 from imucal.export.format import SI, Format, Written, line_comments, number
-from imucal.export.model import FRAMES, linear, lost_effects
+from imucal.export.model import FRAMES, linear, lost_effects, temperature_note
 
 if TYPE_CHECKING:
     from imucal.noise import NoiseResult
@@ -47,6 +47,13 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     triads = ", ".join(
         f"triad(&{name}_SENSITIVITY, &{name}_BIAS)?" for name in ("ACCELEROMETER", "GYROSCOPE")
     )
+    for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
+        side = "Lowest" if end == "MIN" else "Highest"
+        lines += [
+            f"/// {side} temperature of the recordings, degC.",
+            "#[allow(dead_code)]",
+            f"pub const TEMPERATURE_{end}_DEGC: f64 = {number(degc)};",
+        ]
     lines.append(FUNCTION.rstrip("\n"))
     lines.append(f"    let {'mut ' if effects else ''}calibration = Calibration::new({triads});")
     for values in effects:
@@ -64,7 +71,10 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         lost=lost_effects(calibration, {values.name for values in effects}),
         same_as=linear(calibration, effects),
         frame=FRAMES[calibration.frame],
-        notes=(f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in effects) or 'none'}",),
+        notes=(
+            f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in effects) or 'none'}",
+            *temperature_note(calibration),
+        ),
     )
 
 
