@@ -445,6 +445,23 @@ def test_a_calibration_takes_effects_that_fit(values, message):
         unit(*(imucal.EffectValues(*each) for each in values), user_effects=[own])
 
 
+def test_a_calibration_carries_no_more_effects_than_the_library():
+    many = [typical(effect) for effect in effects.catalogue() if effect.sensor != "encoder"]
+    most = imucal.calibration.MAX_EFFECTS
+    own = imucal.EffectValues("gyro_bias_supply", [0.01, -0.02, 0.03])
+    calibration = unit(*many[:most], own, user_effects=(SUPPLY,))
+    message = f"a calibration carries at most {most} effects"
+    with pytest.raises(imucal.InputError, match=f"{message}, {most + 1} were given"):
+        unit(*many[: most + 1])
+    # The library takes as many, and refuses the next one.
+    row = np.ones((1, 3))
+    recording = imucal.Recording([0.0, 1.0], np.ones((2, 3)), np.ones((2, 3)), temperature_degc=[25.0, 26.0])
+    _core.correct_recording(calibration.without_user_effects(), recording, None)
+    object.__setattr__(calibration, "effects", tuple(many[: most + 1]))
+    with pytest.raises(imucal.InputError, match=message):
+        _core.correct(calibration, row, row)
+
+
 def test_a_library_function_knows_the_catalogue_alone():
     calibration = unit(
         typical(effects.find("gyro_g_sensitivity")),

@@ -31,6 +31,8 @@ ACCEL_ENTRIES: Final[dict[str, tuple[str, ...]]] = {
     "symmetric": ("xx", "yy", "zz", "xy", "xz", "yz"),
     "triangular": ("xx", "yy", "zz", "yx", "zx", "zy"),
 }
+# The fixed memory of imucal-core, MAX_EFFECTS; a user's own effects are not in it.
+MAX_EFFECTS: Final = 12
 GYRO_ENTRIES: Final = ("xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz")
 
 
@@ -137,6 +139,12 @@ class Calibration:
         for values in self.effects:
             check_values(known.get(values.name) or find(values.name), values)
         used = tuple(effect for effect in self.user_effects if effect.name in carried)
+        of_catalogue = len(self.effects) - len(used)
+        if of_catalogue > MAX_EFFECTS:
+            raise InputError(
+                f"a calibration carries at most {MAX_EFFECTS} effects, {of_catalogue} were given: leave out "
+                "those that matter least"
+            )
         object.__setattr__(self, "user_effects", used)
         names = [parameter.name for parameter in self.parameters]
         twice = next((name for name in names if names.count(name) > 1), None)
