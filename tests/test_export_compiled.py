@@ -339,6 +339,25 @@ def test_the_constants_of_fusion_compile(tmp_path):
 # --- Rust -----------------------------------------------------------------------------------------
 
 
+def test_the_rust_module_says_which_surroundings_its_effects_need():
+    effects = {effect.name: effect for effect in catalogue()}
+    names = (
+        "gyro_g_sensitivity",
+        "gyro_bias_temperature",
+        "accel_lever_arm",
+        "accel_bias_drift",
+        "earth_rate",
+    )
+    text = imucal.export(with_effects(*(typical(effects[name], 3) for name in names[1:])), "rust").text
+    said = text.replace("\n//   ", " ")
+    assert "temperature_difference_k (temperature of the sensor less REFERENCE_TEMPERATURE_DEGC)" in said
+    assert all(field in said for field in ("time_s (since", "angular_acceleration (derivative"))
+    assert "left in: gyro_bias_temperature, accel_lever_arm, accel_bias_drift\n" in said
+    assert "pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;" in text
+    text = imucal.export(with_effects(typical(effects[names[0]], 9)), "rust").text
+    assert "Surroundings" not in text and "TEMPERATURE" not in text
+
+
 def test_the_rust_module_runs_on_the_core(tmp_path):
     effects = {effect.name: effect for effect in catalogue()}
     names = ("gyro_g_sensitivity", "gyro_bias_temperature", "accel_scale_cubic")

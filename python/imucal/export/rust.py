@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
 
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration
+from imucal.effects import EffectValues
 from imucal.export.format import SI, Format, Written, line_comments, number
 from imucal.export.model import FRAMES, linear, lost_effects, temperature_note
 
@@ -13,6 +15,13 @@ if TYPE_CHECKING:
     from imucal.noise import NoiseResult
 
 __all__ = ["RUST"]
+
+# What an effect may need, as a field of the Surroundings that `correct_at` is given.
+SURROUNDINGS: Final = {
+    "temperature": "temperature_difference_k (temperature of the sensor less REFERENCE_TEMPERATURE_DEGC)",
+    "time": "time_s (since the start that the calibration is for, that of its recording)",
+    "angular_acceleration": "angular_acceleration (derivative of the corrected rate, rad/s^2)",
+}
 
 FUNCTION = """
 /// The calibration, for `correct` and `correct_at` of imucal-core.
@@ -28,6 +37,8 @@ pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The module; effects of one's own are not in it, their fields are Python."""
+    from imucal import _core
+
     own = {effect.name for effect in calibration.user_effects}
     effects = [values for values in calibration.effects if values.name not in own]
     imports = "use imucal_core::{calibration::Calibration, sensor::Triad};"
@@ -47,6 +58,12 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     triads = ", ".join(
         f"triad(&{name}_SENSITIVITY, &{name}_BIAS)?" for name in ("ACCELEROMETER", "GYROSCOPE")
     )
+    if calibration.temperature_effects:
+        lines += [
+            "/// From where temperature counts, degC.",
+            "#[allow(dead_code)]",
+            f"pub const REFERENCE_TEMPERATURE_DEGC: f64 = {number(_core.REFERENCE_TEMPERATURE_DEGC)};",
+        ]
     for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
         side = "Lowest" if end == "MIN" else "Highest"
         lines += [
@@ -73,8 +90,27 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         frame=FRAMES[calibration.frame],
         notes=(
             f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in effects) or 'none'}",
+            *_surroundings_note(calibration, effects),
             *temperature_note(calibration),
         ),
+    )
+
+
+def _surroundings_note(calibration: Calibration, effects: Sequence[EffectValues]) -> tuple[str, ...]:
+    """What the effects need besides rate and force, and which `correct` leaves in; nothing if none do."""
+    needs = {
+        values.name: [
+            need for need in SURROUNDINGS if need in getattr(calibration.definition(values), "needs", ())
+        ]
+        for values in effects
+    }
+    left_in = [name for name, needed in needs.items() if needed]
+    if not left_in:
+        return ()
+    fields = [text for need, text in SURROUNDINGS.items() if any(need in needed for needed in needs.values())]
+    return (
+        f"Use correct_at, with these Surroundings: {', '.join(fields)}",
+        f"Without them, as by correct, these effects are left in: {', '.join(left_in)}",
     )
 
 
