@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import imucal
+from imucal.cli import main
 
 SCHEMA = json.loads((Path(imucal.__file__).parent / "schema" / "calibration-1.json").read_text())
 
@@ -106,7 +107,7 @@ def test_round_trip_keeps_every_bit_of_the_effects(tmp_path):
     assert (tmp_path / "again.json").read_bytes() == path.read_bytes()
 
 
-def test_a_users_effect_can_be_read_without_its_definition_but_not_applied(tmp_path):
+def test_a_users_effect_can_be_read_without_its_definition_but_not_applied(tmp_path, capsys):
     calibration, path = with_effects(), tmp_path / "cal.json"
     calibration.save(path)
     again = imucal.Calibration.load(path)
@@ -126,6 +127,9 @@ def test_a_users_effect_can_be_read_without_its_definition_but_not_applied(tmp_p
     )
     with pytest.raises(imucal.InputError, match="gyro_bias_supply is not in the file: pass it"):
         again.apply_recording(recording)
+    imucal.write(recording, tmp_path / "run.csv")
+    assert main(["apply", str(path), str(tmp_path / "run.csv"), "-o", str(tmp_path / "out.csv")]) == 1
+    assert "gyro_bias_supply is not in the file: pass it" in capsys.readouterr().err
     whole = imucal.Calibration.load(path, user_effects=calibration.user_effects)
     np.testing.assert_array_equal(
         whole.apply_recording(recording).angular_rate, calibration.apply_recording(recording).angular_rate

@@ -106,6 +106,25 @@ def test_temperatures_that_the_calibration_has_not_seen_are_said(
     assert said is None or said in document["warnings"][0]
 
 
+def test_samples_that_the_recording_lacks_are_counted_with_the_reason(tmp_path, capsys, unit):
+    columns = columns_of(ROWS)
+    gyro, temperature = columns["gyro_y_dps"].copy(), columns["temp_degc"].copy()
+    gyro[[70_000, 70_005]] = np.nan
+    temperature[70_003:70_006] = np.nan
+    path = written(tmp_path, ".parquet", {**columns, "gyro_y_dps": gyro, "temp_degc": temperature})
+    files = [str(tmp_path / name) for name in ("unit.json", path.name, "out.parquet", "said.json")]
+    assert main(["apply", *files[:2], "-o", files[2], "--json", files[3]]) == 0
+    warnings = [
+        "2 samples are empty, the first is sample 70000: the rate or the force is not a number there",
+        "2 samples are empty, the first is sample 70003: the temperature is not a number there",
+    ]
+    said = json.loads((tmp_path / "said.json").read_text())
+    assert said["warnings"] == warnings
+    counts = [said[f"samples_{name}"] for name in ("lost", "without_temperature", "missing")]
+    assert counts == [2, 2, 2]
+    assert capsys.readouterr().out.endswith("".join(f"warning: {warning}\n" for warning in warnings))
+
+
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])
 def test_a_sample_rate_counts_on_from_piece_to_piece(tmp_path, command, ending):
     columns = columns_of(ROWS)

@@ -270,6 +270,8 @@ class Calibration:
         from imucal import _core
         from imucal.correction import remove_user_effects, require_surroundings
 
+        for effect in self.user_effects:
+            effect.required_field()
         if start_s is not None and not self.takes_pieces:
             raise InputError(f"{recording.name}: the effects of this calibration need the whole recording")
         self.require_raw_units(recording)

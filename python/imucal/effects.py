@@ -230,20 +230,25 @@ class UserEffect:
         """A user's field is linear in all parameters."""
         return
 
+    def required_field(self) -> Callable[[State], ArrayLike]:
+        """The field; InputError if the effect was read from a file, which does not have it."""
+        if self.field is None:
+            raise InputError(
+                f"the definition of the effect {self.name} is not in the file: pass it as user_effects=[...] "
+                "to Calibration.load"
+            )
+        return self.field
+
     def columns(self, state: State) -> FloatArray:
         """The field at each sample, (N, 3, p).
 
         Raises InputError if the definition is missing, and if the function gives another shape or, where the
         state is known, numbers that are not finite.
         """
-        if self.field is None:
-            raise InputError(
-                f"the definition of the effect {self.name} is not in the file: pass it as user_effects=[...] "
-                "to Calibration.load"
-            )
+        field = self.required_field()
         needed = (len(state.time_s), 3, len(self.parameters))
         try:
-            columns = np.asarray(self.field(state), dtype=np.float64)
+            columns = np.asarray(field(state), dtype=np.float64)
         except KeyError as error:
             raise InputError(
                 f"the field of {self.name} asks for {error}, the recording has the auxiliary columns "

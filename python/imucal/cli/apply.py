@@ -13,6 +13,10 @@ from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
 if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from imucal.arrays import FloatArray
     from imucal.calibration import Calibration
     from imucal.recording import Recording
 
@@ -66,7 +70,9 @@ def apply(
             "samples": corrected.whole.samples,
             "effects": removed,
             "left_in_data": unit.left_in_data,
-            "samples_lost": corrected.lost,
+            "samples_lost": corrected.lost.count + corrected.no_temperature.count,
+            "samples_without_temperature": corrected.no_temperature.count,
+            "samples_missing": corrected.missing.count,
             "temperature_range_degc": corrected.temperature_range_degc,
             "warnings": warnings,
         }
@@ -95,35 +101,53 @@ def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
     ]
 
 
+class _Empty:
+    """Samples that are empty for one reason: how many, and which is the first."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first = 0
+
+    def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
+        """The samples of a piece that `before` samples have come before."""
+        if not self.count and empty.any():
+            self.first = before + int(empty.argmax())
+        self.count += int(empty.sum())
+
+    def said(self, reason: str) -> list[str]:
+        """A warning, if there are any."""
+        if not self.count:
+            return []
+        samples = "1 sample is" if self.count == 1 else f"{self.count} samples are"
+        return [f"{samples} empty, the first is sample {self.first}: {reason}"]
+
+
 class _Corrected:
-    """Pieces of a recording, corrected as they pass, and the samples that are lost by it."""
+    """Pieces of a recording, corrected as they pass, and the samples that are empty after it.
+
+    missing         without rate or force in the recording already
+    no_temperature  lost for want of the temperature
+    lost            lost otherwise
+    """
 
     def __init__(self, unit: Calibration, pieces: Iterator[Recording]) -> None:
         from imucal.io.pieces import Whole
 
         self.whole = Whole(self._each(unit, pieces))
-        self.lost = 0
-        self.first_lost: int | None = None
+        self.missing, self.no_temperature, self.lost = _Empty(), _Empty(), _Empty()
         self.temperature_range_degc: tuple[float, float] | None = None
+        self._unit = unit
 
     def warnings(self) -> list[str]:
         """What is to be said of empty samples."""
-        if not self.lost:
-            return []
+        too_large = "the effects are too large there to be undone"
+        if self.missing.count and not self._unit.takes_pieces:
+            too_large += ", or the change of the rate is not known beside samples without one"
         return [
-            f"{self.lost} samples are empty, the first is sample {self.first_lost}: the "
-            "effects are too large there to be undone"
+            *self.missing.said("the rate or the force is not a number there"),
+            *self.no_temperature.said("the temperature is not a number there"),
+            *self.lost.said(too_large),
         ]
-
-    def _see_temperature(self, raw: Recording) -> None:
-        import numpy as np
-
-        if raw.temperature_degc is None:
-            return
-        seen = raw.temperature_degc[np.isfinite(raw.temperature_degc)]
-        if len(seen):
-            low, high = self.temperature_range_degc or (np.inf, -np.inf)
-            self.temperature_range_degc = (min(low, float(seen.min())), max(high, float(seen.max())))
 
     def _each(self, unit: Calibration, pieces: Iterator[Recording]) -> Iterator[Recording]:
         import numpy as np
@@ -135,11 +159,25 @@ class _Corrected:
                 start_s = float(raw.time_s[0])
             # Without a start for effects that take the whole: then there is one piece.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
-            lost = np.isnan(corrected.angular_rate[:, 0]) & np.isfinite(raw.angular_rate).all(axis=1)
-            lost &= np.isfinite(raw.specific_force).all(axis=1)
-            if self.first_lost is None and lost.any():
-                self.first_lost = before + int(lost.argmax())
-            self.lost += int(lost.sum())
-            self._see_temperature(raw)
+            complete = np.isfinite(np.hstack((raw.angular_rate, raw.specific_force))).all(axis=1)
+            missing = np.logical_not(complete)
+            lost = np.isnan(corrected.angular_rate[:, 0]) & ~missing
+            no_temperature = np.zeros_like(lost)
+            if raw.temperature_degc is not None:
+                known = np.isfinite(raw.temperature_degc)
+                if unit.temperature_effects:
+                    no_temperature = lost & ~known
+                self._see_temperature(raw.temperature_degc[known])
+            self.missing.add(missing, before)
+            self.no_temperature.add(no_temperature, before)
+            self.lost.add(lost & ~no_temperature, before)
             before += len(raw)
             yield corrected
+
+    def _see_temperature(self, temperature_degc: FloatArray) -> None:
+        if len(temperature_degc):
+            low, high = self.temperature_range_degc or (float("inf"), float("-inf"))
+            self.temperature_range_degc = (
+                min(low, float(temperature_degc.min())),
+                max(high, float(temperature_degc.max())),
+            )
