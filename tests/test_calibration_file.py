@@ -345,7 +345,7 @@ def test_bad_field_is_named(tmp_path, case):
     edited(tmp_path / "cal.json", change)
     with pytest.raises(imucal.FormatError, match=message) as caught:
         imucal.Calibration.load(tmp_path / "cal.json")
-    assert str(caught.value).startswith("cal.json: ")
+    assert str(caught.value).startswith(f"{tmp_path / 'cal.json'}: ")
 
 
 @pytest.mark.parametrize(

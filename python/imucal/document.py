@@ -90,9 +90,11 @@ def write_json(document: Any, path: str | os.PathLike[str]) -> None:
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document; FormatError if the file is not JSON."""
     file = open_file(path)
+    # As it was given: among many calibration.json the last part alone says nothing.
+    given = file.source.path
 
     def refuse(constant: str) -> None:
-        raise FormatError(f"{file.name}: {constant} is no JSON number: finite numbers are needed")
+        raise FormatError(f"{given}: {constant} is no JSON number: finite numbers are needed")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         # json alone would keep the last of two fields of one name and say nothing.
@@ -100,19 +102,19 @@ def read_json(path: str | os.PathLike[str]) -> Node:
         if len(found) < len(pairs):
             names = [name for name, _ in pairs]
             twice = next(name for name in names if names.count(name) > 1)
-            raise FormatError(f"{file.name}: the field {twice!r} stands twice in one object: keep one")
+            raise FormatError(f"{given}: the field {twice!r} stands twice in one object: keep one")
         return found
 
     try:
         content = json.loads(file.content, parse_constant=refuse, object_pairs_hook=once)
-        return Node(content, "$", file.name)
+        return Node(content, "$", given)
     except json.JSONDecodeError as error:
         raise FormatError(
-            f"{file.name} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}: give a JSON "
+            f"{given} is not JSON: line {error.lineno}, column {error.colno}: {error.msg}: give a JSON "
             "file here (a calibration, limits, a unit, a program), and recordings where REC stands in --help"
         ) from None
     except (UnicodeDecodeError, RecursionError):
-        raise FormatError(f"{file.name} is not JSON: it is no text in UTF-8") from None
+        raise FormatError(f"{given} is not JSON: it is no text in UTF-8") from None
 
 
 @dataclass(frozen=True)
