@@ -376,6 +376,47 @@ def test_the_table_of_a_day(tmp_path, monkeypatch, capsys):
     assert [each["judgement"]["passed"] for each in document["units"]] == [True, False, True]
 
 
+def test_a_file_that_cannot_be_read_is_a_row_and_the_others_are_judged(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    unit().save("a.json")
+    unit(gyro_bias=(0.05, 0.0, 0.0), serial_number="0043").save("c.json")
+    Path("b.json").write_text(Path("a.json").read_text()[:500])
+    limits_from_dict(tmp_path, of_parameter("gyro_bias_*", min=-0.02, max=0.02))
+    files = ["a.json", "b.json", "none.json", "c.json"]
+    assert main(["limits", "check", "limits.json", *files, "--csv", "day.csv", "--json", "day.json"]) == 1
+    shown = capsys.readouterr().out
+    assert "no result: b.json is not JSON: line" in shown
+    assert "verdict: no_result; 2 of 4 files cannot be judged; 1 of 4 units do not pass\n" in shown
+    with Path("day.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [(row["file"], row["verdict"], row["checks"]) for row in rows] == [
+        ("a.json", "good", "3"),
+        ("b.json", "no_result", "0"),
+        ("none.json", "no_result", "0"),
+        ("c.json", "poor", "3"),
+    ]
+    assert "none.json: there is no such file" in rows[2]["reasons"]
+    document = json.loads(Path("day.json").read_text())
+    assert document["verdict"] == "no_result"
+    assert [each["judgement"] is None for each in document["units"]] == [False, True, True, False]
+
+
+def test_a_unit_that_is_given_twice_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("a.json", "b.json"):
+        unit().save(name)
+    unit(serial_number="0043").save("c.json")
+    limits_from_dict(tmp_path, of_parameter("gyro_bias_*", min=-0.02, max=0.02))
+    files = ["a.json", "b.json", "c.json", str(tmp_path / "c.json")]
+    assert main(["limits", "check", "limits.json", *files, "--json", "day.json"]) == 0
+    said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning: ")]
+    assert said == [
+        f"warning: {tmp_path / 'c.json'} is given twice: it counts as two units",
+        "warning: the serial number 0042 stands in a.json and b.json: they count as 2 units",
+    ]
+    assert len(json.loads(Path("day.json").read_text())["warnings"]) == 2
+
+
 def test_a_first_limits_file_from_good_units(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     random = np.random.default_rng(5)

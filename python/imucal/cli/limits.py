@@ -13,6 +13,7 @@ import typer
 from imucal.cli.group import group
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
+from imucal.errors import ImucalError
 
 if TYPE_CHECKING:
     from imucal.calibration import Calibration
@@ -70,49 +71,92 @@ def check(
 ) -> None:
     """Judge calibration files against limits, one line for each unit.
 
+    A file that cannot be read has the verdict no_result; the others are judged, and the exit code is 1.
+
     Example: imucal limits check limits.json unit-*.json --csv day.csv
     """
     import imucal
     from imucal.atomic import write_text
 
-    loaded = []
+    loaded: list[Calibration | ImucalError] = []
     with working("reading", len(calibrations)) as stage:
         for path in calibrations:
-            loaded.append(imucal.Calibration.load(path))
+            try:
+                loaded.append(imucal.Calibration.load(path))
+            except ImucalError as error:
+                loaded.append(error)
             stage.step()
-        own = {effect.name: effect for calibration in loaded for effect in calibration.user_effects}
+        own = {
+            effect.name: effect
+            for unit in loaded
+            if not isinstance(unit, ImucalError)
+            for effect in unit.user_effects
+        }
         wanted = imucal.Limits.load(limits, user_effects=tuple(own.values()))
-    judged = [wanted.judge(calibration) for calibration in loaded]
+    judged = [None if isinstance(unit, ImucalError) else wanted.judge(unit) for unit in loaded]
     rows = [_row(*unit) for unit in zip(calibrations, loaded, judged, strict=True)]
     poor = sum(row["verdict"] == "poor" for row in rows)
+    unread = [row for row in rows if row["verdict"] == "no_result"]
+    verdict = "no_result" if unread else "poor" if poor else "good"
+    warnings = _warnings(rows)
     if csv is not None:
         write_text(csv, _csv_text(rows))
     out = Output(json)
     out.document(
         {
-            "verdict": "poor" if poor else "good",
+            "verdict": verdict,
             "units": [
-                {**row, "judgement": judgement.to_dict()} for row, judgement in zip(rows, judged, strict=True)
+                {**row, "judgement": None if judgement is None else judgement.to_dict()}
+                for row, judgement in zip(rows, judged, strict=True)
             ],
+            "warnings": warnings,
         }
     )
     out.table(
         ("serial number", "verdict", "failed", "worst check", "value", "limit", "unit"),
         [_shown(row, judgement) for row, judgement in zip(rows, judged, strict=True)],
     )
-    out.verdict("poor" if poor else "good", [f"{poor} of {len(rows)} units do not pass"] if poor else [])
+    for row in unread:
+        out.line(f"no result: {row['reasons'][0]}")
+    for warning in warnings:
+        out.line(f"warning: {warning}")
+    out.verdict(
+        verdict,
+        [
+            *([f"{len(unread)} of {len(rows)} files cannot be judged"] if unread else []),
+            *([f"{poor} of {len(rows)} units do not pass"] if poor else []),
+        ],
+    )
+    if unread:
+        raise typer.Exit(1)
 
 
-def _row(path: Path, calibration: Calibration, judgement: Judgement) -> dict[str, Any]:
-    """One unit in the table of the day."""
+def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:
+    """One unit in the table of the day; without a judgement `unit` is what is wrong with the file."""
     from imucal.evaluate import saved_reasons
 
-    reasons = [*saved_reasons(calibration), *judgement.reasons]
-    worst = judgement.by_use[0]
-    return {
-        "serial_number": calibration.serial_number,
+    row: dict[str, Any] = {
+        "serial_number": None,
         "file": str(path),
-        "date": calibration.provenance.date,
+        "date": "",
+        "verdict": "no_result",
+        "checks": 0,
+        "failed": 0,
+        "warnings": 0,
+        "worst_check": "",
+        "value": None,
+        "min": None,
+        "max": None,
+        "unit": "",
+        "reasons": [str(unit)],
+    }
+    if isinstance(unit, ImucalError) or judgement is None:
+        return row
+    reasons = [*saved_reasons(unit), *judgement.reasons]
+    worst = judgement.by_use[0]
+    return row | {
+        "serial_number": unit.serial_number,
+        "date": unit.provenance.date,
         "verdict": "poor" if reasons else "good",
         "checks": len(judgement.checks),
         "failed": len(judgement.failed),
@@ -126,7 +170,31 @@ def _row(path: Path, calibration: Calibration, judgement: Judgement) -> dict[str
     }
 
 
-def _shown(row: Mapping[str, Any], judgement: Judgement) -> list[str]:
+def _warnings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Files that are given twice, and serial numbers that stand in several."""
+    files = set()
+    units: dict[str, list[str]] = {}
+    warnings = []
+    for row in rows:
+        file = Path(row["file"]).absolute()
+        if file in files:
+            warnings.append(f"{row['file']} is given twice: it counts as two units")
+            continue
+        files.add(file)
+        if row["serial_number"]:
+            units.setdefault(row["serial_number"], []).append(row["file"])
+    for serial_number, names in units.items():
+        if len(names) > 1:
+            warnings.append(
+                f"the serial number {serial_number} stands in {' and '.join(names)}: they count as "
+                f"{len(names)} units"
+            )
+    return warnings
+
+
+def _shown(row: Mapping[str, Any], judgement: Judgement | None) -> list[str]:
+    if judgement is None:
+        return [row["file"], row["verdict"], *["-"] * 5]
     worst = judgement.by_use[0]
     return [
         row["serial_number"] or row["file"],
