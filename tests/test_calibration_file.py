@@ -1,6 +1,7 @@
 """The calibration file: every bit comes back, a bad file is named with its field, apply follows the model."""
 
 import copy
+import dataclasses
 import json
 import math
 import subprocess
@@ -186,6 +187,22 @@ def test_saved_file_follows_the_schema(tmp_path, frame):
         document = json.loads((tmp_path / "cal.json").read_text())
         jsonschema.Draft202012Validator.check_schema(SCHEMA)
         jsonschema.validate(document, SCHEMA, jsonschema.Draft202012Validator)
+
+
+def test_a_calibration_is_shown_in_one_line():
+    figures = {"chi2_per_dof": 1.25, "gravity_direction_rms_deg": 0.05, "rests": 40, "moves": 39}
+    other = {**figures, "chi2_per_dof": "large"}
+    triad = imucal.Triad(np.eye(3), np.zeros(3))
+    assert repr(imucal.Calibration(triad, triad)) == (
+        "Calibration(unit without a number, accelerometer in m/s^2, gyroscope in rad/s, no effects)"
+    )
+    shown = repr(imucal.Calibration(triad, triad, serial_number="0042", calibration_set=figures))
+    assert shown == (
+        "Calibration(unit '0042', accelerometer in m/s^2, gyroscope in rad/s, no effects, calibration set: "
+        "gravity direction per move 0.05 deg rms, chi2 per degree of freedom 1.25)"
+    )
+    shown = repr(dataclasses.replace(with_effects(), control_set=other, calibration_set=figures))
+    assert "gyroscope in lsb, 3 effects, control set: gravity direction per move 0.05 deg rms)" in shown
 
 
 def test_parameters_are_named_in_the_fixed_order():

@@ -83,7 +83,7 @@ class Provenance:
     operator: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Calibration:
     """The sensor model of one unit.
 
@@ -288,6 +288,25 @@ class Calibration:
         return replace(
             self, effects=tuple(values for values in self.effects if values.name not in own), user_effects=()
         )
+
+    def __repr__(self) -> str:
+        """One line: the unit, its raw units, how many effects it has, and what its figures were."""
+        from imucal.evaluate import figures_text
+
+        count = len(self.effects)
+        parts = [
+            f"accelerometer in {self.accel_unit}",
+            f"gyroscope in {self.gyro_unit}",
+            f"{count or 'no'} effect{'s' if count != 1 else ''}",
+        ]
+        # Files hold figures as they were written, by whatever program.
+        for name, figures in (("control set", self.control_set), ("calibration set", self.calibration_set)):
+            known = {key: value for key, value in (figures or {}).items() if isinstance(value, (int, float))}
+            if said := figures_text(known):
+                parts.append(f"{name}: {said}")
+                break
+        unit = "unit without a number" if self.serial_number is None else f"unit {self.serial_number!r}"
+        return f"Calibration({unit}, {', '.join(parts)})"
 
     def _repr_html_(self) -> str:
         """What notebooks show."""
