@@ -148,8 +148,32 @@ def evaluate(
         moves=reported(outcome.moves, MOVE, judges),
         carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
         findings=(*(f for r in judges for f in r.findings), *outcome.findings),
-        reasons=tuple(poor_figures("control set", figures)),
+        reasons=tuple(poor_figures("control set", figures, _not_corrected(calibration, judges, corrected))),
     )
+
+
+def _not_corrected(
+    calibration: Calibration, recordings: Sequence[Recording], corrected: Sequence[Recording] | None
+) -> str:
+    """Which samples have no correction, and why; empty if all that were measured have one."""
+    said = []
+    for recording, result in zip(recordings, corrected or (), strict=False):
+        raw, after = (
+            np.isfinite(np.hstack((r.angular_rate, r.specific_force))).all(axis=1)
+            for r in (recording, result)
+        )
+        lost = np.flatnonzero(raw & ~after)
+        if not len(lost):
+            continue
+        first, temperature = lost[0], recording.temperature_degc
+        why = "the effects are too large there to be undone: estimate them again, or leave them out"
+        if temperature is not None and not np.isfinite(temperature[first]):
+            why = "temp_degc is not a number there: repair it, or leave the effects of temperature out"
+        said.append(
+            f"no correction for {len(lost)} of {len(recording)} samples of {recording.name}, the first one "
+            f"{first} at {recording.time_s[first]:.2f} s: {why}"
+        )
+    return "; ".join(said)
 
 
 def as_it_comes(calibration: Calibration) -> Calibration:
@@ -192,15 +216,21 @@ def reported(
     )
 
 
-def poor_figures(name: str, figures: Mapping[str, Any]) -> list[str]:
-    """Why these figures make a verdict poor; empty if they do not."""
+def poor_figures(name: str, figures: Mapping[str, Any], not_corrected: str = "") -> list[str]:
+    """Why these figures make a verdict poor; empty if they do not.
+
+    not_corrected  which samples have no correction, and why, if that is known
+    """
     if not figures["moves"]:
         return [
             f"{name}: {figures['rests']} usable rests and no usable move: the gyroscope is not judged, "
             "record rests in different poses with moves between them"
         ]
     chi2 = figures["chi2_per_dof"]
-    if chi2 is None or chi2 <= POOR_CHI2_PER_DOF:
+    if chi2 is None:
+        why = not_corrected or "some of its samples have no correction"
+        return [f"{name}: chi2 per degree of freedom has no value, nothing is judged: {why}"]
+    if chi2 <= POOR_CHI2_PER_DOF:
         return []
     other = ", or the calibration is another unit's" if name == "control set" else ""
     return [

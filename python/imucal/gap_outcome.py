@@ -13,7 +13,7 @@ from imucal.finding import Finding
 from imucal.gap_error import predicted_error
 from imucal.gap_result import Gap
 from imucal.gap_rules import faults_without_effect, mount_slips
-from imucal.gap_trial import Trial
+from imucal.gap_trial import Trial, require_figures
 from imucal.gap_where import disagreement
 
 if TYPE_CHECKING:
@@ -86,7 +86,9 @@ def outcome(
     if calibration is not None and trial.judges is not None:
         from imucal.evaluate import evaluate
 
-        value = float(evaluate(calibration, list(trial.judges)).figures["chi2_per_dof"])
+        given = evaluate(calibration, list(trial.judges))
+        require_figures(given)
+        value = float(given.figures["chi2_per_dof"])
     closed = (value - left) / (value - floor) if value > floor else 0.0
     more = [found.in_motion_left_out] if found.in_motion_left_out else []
     return Gap(

@@ -19,13 +19,14 @@ from imucal.calibrate import (
 )
 from imucal.calibration_result import CalibrationResult
 from imucal.effects import UserEffect, catalogue
-from imucal.errors import FitError, NotEnoughMotionError
+from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.recording import Recording
 
 if TYPE_CHECKING:
     from imucal import _core
+    from imucal.evaluate import Evaluation
 
-__all__ = ["Trial"]
+__all__ = ["Trial", "require_figures"]
 
 FOLDS: Final = 3
 # Figures of two fits that differ by less than this share are the same, by less than this one perhaps.
@@ -71,7 +72,10 @@ class Trial:
         options = replace(
             self.options, effects=wanted, partly=partly, folds=FOLDS if self.judges is None else None
         )
-        return calibrated(self._checked(), self.unit_data, options, own, self.judges or ())
+        result = calibrated(self._checked(), self.unit_data, options, own, self.judges or ())
+        if result.control is not None:
+            require_figures(result.control)
+        return result
 
     def _checked(self) -> _core.Checked:
         """The recordings change as little as the options: they are checked once."""
@@ -158,6 +162,12 @@ class Trial:
         change = np.array([ours[item] - theirs[item] for item in ours.keys() & theirs.keys()])
         chance = SURE * np.sqrt(len(change)) * np.std(change)
         return bool(value > least * (1 + ONLY_CHANCE) or np.sum(change) > chance)
+
+
+def require_figures(control: Evaluation) -> None:
+    """Refuse control recordings that judge nothing, with InputError."""
+    if control.figures["chi2_per_dof"] is None:
+        raise InputError("; ".join(control.reasons))
 
 
 def _squares(result: CalibrationResult) -> dict[tuple[str, int], float]:

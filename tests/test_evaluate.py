@@ -1,0 +1,52 @@
+"""Judging on recordings that no fit has seen: what they cannot judge is never called good."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import imucal
+
+HEATED = {
+    "rate_hz": 50,
+    "temperature": imucal.Temperature.cycle(10.0, 40.0, 320.0),
+    "effects": {"gyro_bias_temperature": "typical"},
+}
+
+
+@pytest.fixture(scope="module")
+def heated():
+    """A run and a control run of a unit whose gyroscope feels the temperature, and their calibration."""
+    run, control = (imucal.simulate("random", seed=seed, **HEATED).recording for seed in (11, 12))
+    control = replace(control, name="control.csv")
+    return run, control, imucal.calibrate(run, effects=["gyro_bias_temperature"]).calibration
+
+
+def without_a_temperature(recording, sample=2500):
+    temperature = recording.temperature_degc.copy()
+    temperature[sample] = np.nan
+    return replace(recording, temperature_degc=temperature)
+
+
+def test_a_control_recording_without_figures_is_poor_and_says_why(heated):
+    run, control, calibration = heated
+    control = without_a_temperature(control)
+    judged = imucal.evaluate(calibration, control)
+    assert judged.figures["chi2_per_dof"] is None
+    assert judged.verdict == "poor"
+    assert "no correction for 1 of 16000 samples of control.csv, the first one 2500" in judged.reasons[0]
+    assert "temp_degc" in judged.reasons[0]
+    assert imucal.calibrate(run, control=control, effects=["gyro_bias_temperature"]).verdict == "poor"
+    with pytest.raises(imucal.InputError, match=r"nothing is judged: .* of control.csv"):
+        imucal.find_gap(run, control=control, candidates=["gyro_bias_temperature"])
+    with pytest.raises(imucal.InputError, match=r"nothing is judged: .* of control.csv"):
+        imucal.find_gap(run, control=control, candidates=["accel_lever_arm"], calibration=calibration)
+
+
+def test_an_effect_too_large_to_be_undone_is_poor(heated):
+    _, control, calibration = heated
+    large = imucal.EffectValues("gyro_scale_quadratic", np.array([50.0, 0.0, 0.0]))
+    calibration = replace(calibration, effects=(large,), covariance=None, covariance_names=())
+    judged = imucal.evaluate(calibration, control)
+    assert judged.verdict == "poor"
+    assert "too large there to be undone" in judged.reasons[0]
