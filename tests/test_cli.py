@@ -1,6 +1,7 @@
 """The command's frame: exit codes, messages without traceback, JSON for scripts."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -395,3 +396,44 @@ def test_apply_says_which_effects_it_took_away(tmp_path, capsys):
     said = json.loads((tmp_path / "out.json").read_text())
     assert (said["effects"], said["left_in_data"]) == (["gyro_scale_cubic"], ["earth_rate"])
     assert said["samples_lost"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ("calibrate run.csv -o run.csv", "--output run.csv would overwrite a file"),
+        ("calibrate run.csv --control control.csv --json ./control.csv", "--json ./control.csv would"),
+        ("calibrate run.csv -o cal.json --json cal.json", "--output and --json are both cal.json"),
+        ("calibrate run.csv --limits cal.json -o cal.json", "--output cal.json would"),
+        ("gap run.csv --calibration cal.json -o link.json", "--output link.json would"),
+        ("gap run.csv -o new.json --next new.json", "--output and --next are both new.json"),
+        ("evaluate cal.json run.csv --json cal.json", "--json cal.json would"),
+        ("evaluate cal.json run.csv --report run.csv", "--report run.csv would"),
+        ("inspect run.csv --json run.csv", "--json run.csv would"),
+        ("noise run.csv --kalibr run.csv", "--kalibr run.csv would"),
+        ("plan cal.json -o cal.json", "--output cal.json would"),
+        ("simulate static -o new.csv --truth new.csv", "--output and --truth are both new.csv"),
+        ("simulate cal.json -o new.csv --truth cal.json", "--truth cal.json would"),
+        ("apply cal.json run.csv -o run.csv", "--output run.csv would"),
+        ("convert run.csv -o run.csv", "--output run.csv would"),
+    ],
+)
+def test_what_is_read_is_not_overwritten(arguments, words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for name in ("run.csv", "control.csv", "cal.json"):
+        Path(name).write_text(name)
+    Path("link.json").symlink_to("cal.json")
+    assert main(arguments.split()) == 1
+    assert words in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        "cal.json",
+        "control.csv",
+        "link.json",
+        "run.csv",
+    ]
+    assert all(Path(name).read_text() == name for name in ("run.csv", "control.csv", "cal.json"))
+
+
+def test_two_outputs_may_go_to_one_device(run_csv):
+    assert main(["convert", str(run_csv), "-o", str(run_csv.with_name("y.csv")), "--json", os.devnull]) == 0
+    assert main(["simulate", "static", "-o", str(run_csv), "--truth", os.devnull, "--json", os.devnull]) == 0

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.output import JsonPath, Output, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -48,6 +48,7 @@ def apply(
     import imucal
     from imucal.io import write_pieces
 
+    require_apart([calibration, *recording], {"--output": output, "--json": json})
     unit = imucal.Calibration.load(calibration)
 
     def written(pieces: Iterator[Recording]) -> _Corrected:

@@ -21,6 +21,7 @@ from imucal.cli.output import (
     ReportPath,
     Verbose,
     prepare_report,
+    require_apart,
 )
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
@@ -89,6 +90,10 @@ def calibrate(
     """
     import imucal
 
+    require_apart(
+        [*recordings, *(control or ()), unit, limits],
+        {"--output": output, "--report": report, "--json": json},
+    )
     prepare_report(report)
     with working("reading"):
         wanted = imucal.Limits.load(limits) if limits else None

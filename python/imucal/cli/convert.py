@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.output import JsonPath, Output, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -51,6 +51,8 @@ def convert(
     """
     from imucal.io import write_pieces
     from imucal.io.pieces import Whole
+
+    require_apart(files, {"--output": output, "--json": json})
 
     def written(pieces: Iterator[Recording]) -> Whole:
         whole = Whole(pieces)

@@ -8,7 +8,16 @@ from typing import Annotated
 import typer
 
 from imucal.cli.decisions import show_rests_and_moves
-from imucal.cli.output import JsonPath, LimitsPath, MinRest, Output, ReportPath, Verbose, prepare_report
+from imucal.cli.output import (
+    JsonPath,
+    LimitsPath,
+    MinRest,
+    Output,
+    ReportPath,
+    Verbose,
+    prepare_report,
+    require_apart,
+)
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -32,6 +41,7 @@ def evaluate(
     """
     import imucal
 
+    require_apart([calibration, *recordings, limits], {"--report": report, "--json": json})
     prepare_report(report)
     with working("reading"):
         loaded = imucal.Calibration.load(calibration)

@@ -18,6 +18,7 @@ from imucal.cli.output import (
     ReportPath,
     Verbose,
     prepare_report,
+    require_apart,
 )
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
@@ -83,6 +84,10 @@ def gap(
     """
     import imucal
 
+    require_apart(
+        [*recordings, *(control or ()), calibration],
+        {"--output": output, "--next": next_program, "--report": report, "--json": json},
+    )
     prepare_report(report)
     with working("reading"):
         unit_data = reading.each(recordings)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, MinRest, Output
+from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, MinRest, Output, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -30,6 +30,7 @@ def inspect(
     """
     import imucal
 
+    require_apart(recordings, {"--json": json})
     with working("reading"):
         unit_data = reading.each(recordings)
     inspections = []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucal.cli.decisions import show_noise_fits
-from imucal.cli.output import JsonPath, MinRest, Output, ReportPath, Verbose, prepare_report
+from imucal.cli.output import JsonPath, MinRest, Output, ReportPath, Verbose, prepare_report, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -52,6 +52,10 @@ def noise(
     from imucal.atomic import write_text
     from imucal.noise_export import kalibr_yaml, unit_of_noise
 
+    require_apart(
+        recording,
+        {"--report": report, "--kalibr": kalibr, "--unit-profile": unit_profile, "--json": json},
+    )
     prepare_report(report)
     with working("reading"):
         loaded = reading.one(recording)

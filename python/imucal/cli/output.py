@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import io
+import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from imucal.errors import InputError
 
 if TYPE_CHECKING:
     from imucal.calibration import Parameter
@@ -26,6 +29,7 @@ __all__ = [
     "ReportPath",
     "Verbose",
     "prepare_report",
+    "require_apart",
 ]
 
 POOR_VERDICT = 2
@@ -55,6 +59,27 @@ ReportPath = Annotated[
     Path | None,
     typer.Option("--report", metavar="PAGE", help="HTML page with figures to write; needs plotly."),
 ]
+
+
+def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str | Path | None]) -> None:
+    """InputError if a file to write is one that is read, or two are one: before anything is lost.
+
+    inputs    files that the command reads; a name of something built in is no file
+    outputs   by option, the files that it writes; "-" is standard output
+    """
+    taken = {os.path.realpath(path): "" for path in inputs if path is not None}
+    for option, path in outputs.items():
+        if path is None or path == "-":
+            continue
+        real = os.path.realpath(path)
+        # What is written to a device or a pipe does not take the place of anything.
+        if real in taken and (Path(real).is_file() or not Path(real).exists()):
+            raise InputError(
+                f"{taken[real]} and {option} are both {path}, one would overwrite the other: give two paths"
+                if taken[real]
+                else f"{option} {path} would overwrite a file that this command reads: give another path"
+            )
+        taken.setdefault(real, option)
 
 
 def prepare_report(path: Path | None) -> None:

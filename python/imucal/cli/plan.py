@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from imucal.cli import completion
-from imucal.cli.output import POOR_VERDICT, JsonPath, Output
+from imucal.cli.output import POOR_VERDICT, JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -144,6 +144,7 @@ def plan(
         "move_s": move_s,
         "hold_s": hold_s,
     }
+    require_apart([program, unit, stand], {"--output": output, "--card": card, "--json": json})
     limits = stand_limits_of(stand)
     if card is not None and not limits.in_hand:
         raise InputError("--card shows poses to hold in a hand: add --stand hand, or leave it out")

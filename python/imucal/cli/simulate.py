@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from imucal.cli import completion
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.output import JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -196,6 +196,16 @@ def simulate(
     from imucal.motion import motion_of
     from imucal.truth import is_truth
 
+    require_apart(
+        [program, unit, stand, temperature],
+        {
+            "--output": output,
+            "--truth": truth,
+            "--truth-samples": truth_samples,
+            "--save-unit": save_unit,
+            "--json": json,
+        },
+    )
     motion_options = {
         "moves": moves,
         "max_rate_dps": max_rate_dps,
