@@ -328,3 +328,38 @@ def test_stages_are_told():
     assert stages[0] == "fitting without effects"
     assert any(stage.startswith("scoring ") for stage in stages)
     assert "fitting with gyro_g_sensitivity" in stages
+
+
+def test_nothing_is_complete_that_the_control_run_contradicts():
+    run, control = pair()
+    other = simulated(CONTROL_SEED, unit="random:bmi088:3").recording
+    gap = imucal.find_gap(run, control=other, candidates=["accel_lever_arm"])
+    assert gap.verdict == "unknown"
+    assert "another unit's, or the recording is in wrong units" in gap.summary().splitlines()[1]
+    assert gap.summary().count("another unit's") == 1
+    in_degrees = dataclasses.replace(control, angular_rate=np.degrees(control.angular_rate) / 10)
+    assert imucal.find_gap(run, control=in_degrees, candidates=["accel_lever_arm"]).verdict == "unknown"
+
+
+def test_an_effect_that_a_strange_control_run_does_not_confirm_is_not_named():
+    run = simulated(RUN_SEED, effects={"gyro_g_sensitivity": "typical"}).recording
+    other = simulated(CONTROL_SEED, unit="random:bmi088:3").recording
+    gap = imucal.find_gap(run, control=other, candidates=["gyro_g_sensitivity"])
+    assert (gap.verdict, gap.effects) == ("unknown", ())
+    assert any("gyro_g_sensitivity was found and left out" in note for note in gap.notes)
+
+
+def test_what_helps_a_control_run_that_does_not_fit_stays_named_and_it_is_said():
+    values = [1e-3, -6e-4, 2e-4, 0.0, 1.5e-3, -3e-4, 4e-4, 0.0, -8e-4]
+    run, control = pair(effects={"gyro_g_sensitivity": values})
+    control = dataclasses.replace(control, specific_force=1.0012 * control.specific_force)
+    gap = imucal.find_gap(run, control=control, candidates=["gyro_g_sensitivity"])
+    assert gap.verdict == "named"
+    assert gap.gap["after"] < 0.8 * gap.gap["before"]
+    assert "control set: residuals are" in gap.summary()
+
+
+def test_a_delay_beyond_the_search_is_not_nothing():
+    run, control = pair(effects={"gyro_time_offset": [0.06]})
+    assert imucal.find_gap(run, control=control).verdict == "unknown"
+    assert imucal.find_gap(run).verdict == "unknown"

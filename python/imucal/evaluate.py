@@ -232,7 +232,11 @@ def poor_figures(name: str, figures: Mapping[str, Any], not_corrected: str = "")
         return [f"{name}: chi2 per degree of freedom has no value, nothing is judged: {why}"]
     if chi2 <= POOR_CHI2_PER_DOF:
         return []
-    other = ", or the calibration is another unit's" if name == "control set" else ""
+    other = (
+        ", or the calibration is another unit's, or the recording is in wrong units"
+        if name == "control set"
+        else ""
+    )
     return [
         f"{name}: residuals are {chi2**0.5:.3g} times what noise explains (more than "
         f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion{other}"

@@ -9,6 +9,7 @@ from imucal.calibration import Calibration
 from imucal.calibration_result import CalibrationResult
 from imucal.disturbances import disturbances
 from imucal.effects import Effect, UserEffect, find
+from imucal.evaluate import evaluate, poor_figures
 from imucal.finding import Finding
 from imucal.gap_error import predicted_error
 from imucal.gap_result import Gap
@@ -23,6 +24,8 @@ __all__ = ["data_fault", "outcome"]
 
 # Evidence that no chance explains, nats.
 SURELY: Final = 8.0
+# An effect that leaves more of a control recording's chi2 has not explained it.
+CLEARLY_LESS: Final = 0.9
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 
 
@@ -79,18 +82,34 @@ def outcome(
         verdict = "unknown"
     else:
         verdict = "nothing_missing"
+    if verdict in ("named", "ambiguous") and _misfits(after, "control set"):
+        # A control recording that fits no better with it does not confirm it.
+        values = [trial.unseen_chi2(result) for result in (before, after)]
+        if values[1] > CLEARLY_LESS * values[0]:
+            verdict = "unknown"
+            notes = [
+                *notes,
+                f"{' and '.join(path)} was found and left out: chi2 per degree of freedom of the control "
+                f"recordings goes from {values[0]:.4g} to {values[1]:.4g}",
+            ]
     if verdict not in ("named", "ambiguous"):
         after = before
+    misfits = [*_misfits(after, "calibration set"), *_misfits(after, "control set")]
+    if verdict == "nothing_missing" and misfits:
+        verdict = "unknown"
     said = [f for f in (*slips, *faults) if f not in after.findings] if verdict == "data_fault" else []
     metric, value, left, floor = trial.metric(before, after)
     if calibration is not None and trial.judges is not None:
-        from imucal.evaluate import evaluate
-
         given = evaluate(calibration, list(trial.judges))
         require_figures(given)
         value = float(given.figures["chi2_per_dof"])
     closed = (value - left) / (value - floor) if value > floor else 0.0
     more = [found.in_motion_left_out] if found.in_motion_left_out else []
+    generic = _generic(found.generic)
+    if verdict == "unknown" and generic is None:
+        generic = _scatter(found.scattering_rests) or _not_confirmed(not_confirmed)
+        if generic is None and misfits:
+            generic, misfits = _contradiction(misfits), []
     return Gap(
         verdict,
         effects=effects if verdict in ("named", "ambiguous", "data_fault") else (),
@@ -98,9 +117,7 @@ def outcome(
         resembles=tuple(s.name for s in found.ranking[:3] if s.log_bayes_factor > 0)
         if verdict == "unknown"
         else (),
-        generic=_generic(found.generic)
-        or (_scatter(found.scattering_rests) if verdict == "unknown" else None)
-        or (_not_confirmed(not_confirmed) if verdict == "unknown" else None),
+        generic=generic,
         not_observable=tuple({"name": name, "needs": needs} for name, needs in found.not_observable),
         smallest_visible={
             name: {"value": size, "unit": unit or _unit(name, trial.user_effects)}
@@ -126,8 +143,14 @@ def outcome(
         calibration=after.calibration,
         ranking=tuple(_score(score) for score in found.ranking),
         findings=(*after.findings, *said),
-        notes=(*notes, *more, *map(str, said)),
+        notes=(*misfits, *notes, *more, *map(str, said)),
     )
+
+
+def _misfits(result: CalibrationResult, name: str) -> list[str]:
+    """Why this calibration does not describe the recordings of a set; empty if it does."""
+    figures = result.control_set if name == "control set" else result.calibration_set
+    return [] if figures is None else poor_figures(name, figures)
 
 
 def _rivals(path: Sequence[str], scores: Mapping[str, _core.EffectScore]) -> dict[str, list[str]]:
@@ -231,6 +254,10 @@ def _not_confirmed(scores: Sequence[_core.EffectScore]) -> dict[str, Any] | None
         "description": f"{names} fits these recordings by {scores[0].log_bayes_factor:.0f} nats and does not "
         "predict what no fit has seen: record more rests and moves",
     }
+
+
+def _contradiction(misfits: Sequence[str]) -> dict[str, Any]:
+    return {"block": "recordings", "kernel": "contradiction", "description": "; ".join(misfits)}
 
 
 def _figures(figures: Mapping[str, Any] | None) -> dict[str, Any]:
