@@ -363,3 +363,34 @@ def test_a_delay_beyond_the_search_is_not_nothing():
     run, control = pair(effects={"gyro_time_offset": [0.06]})
     assert imucal.find_gap(run, control=control).verdict == "unknown"
     assert imucal.find_gap(run).verdict == "unknown"
+
+
+def test_what_a_refit_changes_of_a_given_calibration_is_not_the_effects():
+    run, control = pair(effects={"gyro_g_sensitivity": "typical"})
+    fresh = imucal.calibrate(run).calibration
+    moved = dataclasses.replace(
+        fresh,
+        accelerometer=dataclasses.replace(fresh.accelerometer, bias=fresh.accelerometer.bias + 0.02),
+        gyroscope=dataclasses.replace(fresh.gyroscope, bias=fresh.gyroscope.bias + 0.02),
+    )
+    search = {"candidates": ["gyro_g_sensitivity"], "control": control}
+    plain, fits, misfits = (
+        imucal.find_gap(run, calibration=given, **search) for given in (None, fresh, moved)
+    )
+    assert plain.gap["refitted"] is None
+    assert misfits.gap["before"] > 20 * misfits.gap["refitted"]
+    assert misfits.gap["refitted"] == pytest.approx(plain.gap["before"])
+    # The finding is the effect's alone.
+    assert misfits.summary().splitlines()[1] == plain.summary().splitlines()[1]
+    words = "the given calibration does not fit the control recordings"
+    assert words in misfits.summary()
+    assert words not in fits.summary()
+    without_control = imucal.find_gap(run, calibration=moved, candidates=["gyro_g_sensitivity"])
+    assert "the given calibration does not fit these recordings" in without_control.summary()
+
+
+def test_a_given_calibration_of_other_units_is_refused():
+    run, control = pair()
+    in_counts = dataclasses.replace(imucal.calibrate(run).calibration, gyro_unit="lsb")
+    with pytest.raises(imucal.InputError, match="the calibration expects lsb"):
+        imucal.find_gap(run, control=control, calibration=in_counts)

@@ -62,6 +62,9 @@ def find_gap(
     )
     unit_data = [recordings] if isinstance(recordings, Recording) else list(recordings)
     judges = None if control is None else ([control] if isinstance(control, Recording) else list(control))
+    if calibration is not None:
+        for recording in (*unit_data, *(judges or ())):
+            calibration.require_raw_units(recording)
     named = {effect.name: effect for effect in user_effects}
     trial = Trial(unit_data, judges, gravity, min_rest_s, exclude_saturated, named, stage)
     try:

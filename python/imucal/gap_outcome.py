@@ -26,6 +26,8 @@ __all__ = ["data_fault", "outcome"]
 SURELY: Final = 8.0
 # An effect that leaves more of a control recording's chi2 has not explained it.
 CLEARLY_LESS: Final = 0.9
+# A given calibration whose chi2 exceeds that of a fit without effects by more is that of another state.
+FAR_WORSE: Final = 2.0
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
 
 
@@ -99,12 +101,14 @@ def outcome(
         verdict = "unknown"
     said = [f for f in (*slips, *faults) if f not in after.findings] if verdict == "data_fault" else []
     metric, value, left, floor = trial.metric(before, after)
-    if calibration is not None and trial.judges is not None:
-        given = evaluate(calibration, list(trial.judges))
-        require_figures(given)
-        value = float(given.figures["chi2_per_dof"])
-    closed = (value - left) / (value - floor) if value > floor else 0.0
     more = [found.in_motion_left_out] if found.in_motion_left_out else []
+    refitted = None
+    if calibration is not None:
+        given = [_chi2(trial, of) for of in (calibration, before.calibration, after.calibration)]
+        more += _refit_alone(given, trial)
+        if trial.judges is not None:
+            value, refitted = given[0], value
+    closed = (value - left) / (value - floor) if value > floor else 0.0
     generic = _generic(found.generic)
     if verdict == "unknown" and generic is None:
         generic = _scatter(found.scattering_rests) or _not_confirmed(not_confirmed)
@@ -124,7 +128,14 @@ def outcome(
             for name, size, unit in found.smallest_visible
         },
         next_motion=next_motion(trial, _rivals(path, scores), after) if verdict == "ambiguous" else None,
-        gap={"metric": metric, "before": value, "after": left, "floor": floor, "closed": closed},
+        gap={
+            "metric": metric,
+            "before": value,
+            "refitted": refitted,
+            "after": left,
+            "floor": floor,
+            "closed": closed,
+        },
         where=disagreement(before, after, trial.unit_data, found.in_motion_left_out is None),
         corrected_error=_corrected_error(trial, calibration, before, after),
         traces={
@@ -151,6 +162,30 @@ def _misfits(result: CalibrationResult, name: str) -> list[str]:
     """Why this calibration does not describe the recordings of a set; empty if it does."""
     figures = result.control_set if name == "control set" else result.calibration_set
     return [] if figures is None else poor_figures(name, figures)
+
+
+def _chi2(trial: Trial, calibration: Calibration) -> float:
+    """chi2 per degree of freedom on the control recordings, or on the recordings if there are none."""
+    judges = trial.unit_data if trial.judges is None else trial.judges
+    judged = evaluate(calibration, list(judges), min_rest_s=trial.min_rest_s)
+    require_figures(judged)
+    return float(judged.figures["chi2_per_dof"])
+
+
+def _refit_alone(chi2: Sequence[float], trial: Trial) -> list[str]:
+    """What a fit without effects changes of a calibration that was given, if that is much.
+
+    chi2  of the given calibration, of that of these recordings without effects, and with what joined
+    """
+    given, refitted, after = chi2
+    if given <= FAR_WORSE * max(refitted, 1.0):
+        return []
+    of = "these" if trial.judges is None else "the control"
+    return [
+        f"the given calibration does not fit {of} recordings: chi2 per degree of freedom {given:.4g}, "
+        f"refitted without effects {refitted:.4g}, with what was found {after:.4g}: only the second step is "
+        "the effects', and the predicted error of corrected signals has both"
+    ]
 
 
 def _rivals(path: Sequence[str], scores: Mapping[str, _core.EffectScore]) -> dict[str, list[str]]:

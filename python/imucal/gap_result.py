@@ -33,7 +33,9 @@ class Gap:
     next_motion        the motion that would decide, or None: description, program, `simulate` (the options of
                        `imucal simulate` that go with it), `on_its_own` (whether it is to be searched without
                        the recordings that are there), and chi2 by which it separates the rivals
-    gap                metric, before, after, floor, closed, on recordings that no fit has seen
+    gap                metric, before, after, floor, closed, on recordings that no fit has seen; where a
+                       calibration was given and judged on control recordings `before` is its figure, and
+                       `refitted` that of the fit without effects, else None
     where              where measurement and model disagree: channels, depends, rests, moves, turns_about
                        (docs/gap.md); None for refused recordings
     corrected_error    predicted error of the corrected signals, averaged over 1 s: angular_rate_rms_radps and

@@ -95,9 +95,12 @@ def sentences(gap: Gap) -> Iterator[str]:
     if gap.gap is not None:
         figure = gap.gap
         where = "control recordings" if gap.control_set is not None else "rests and moves held out"
+        refitted = (
+            "" if figure.get("refitted") is None else f", {figure['refitted']:.4g} refitted without effects"
+        )
         yield (
-            f"{where}: {figure['metric']} {figure['before']:.4g} before, {figure['after']:.4g} after, "
-            f"floor {figure['floor']:.3g}: "
+            f"{where}: {figure['metric']} {figure['before']:.4g} before{refitted}, "
+            f"{figure['after']:.4g} after, floor {figure['floor']:.3g}: "
             # What adds so little that chance makes up for it is not judged by these figures.
             + (
                 "no more than chance between them"
@@ -132,7 +135,7 @@ def _finding(gap: Gap) -> str:
     unseen, set_name = (
         (gap.control_set, "control") if gap.control_set is not None else (gap.held_out, "held-out")
     )
-    figure = gap.gap
+    figure = _by_the_effects(gap.gap)
     row = max(gap.where["channels"], key=_drop) if gap.where else None
     # Where rests and moves are about as good without it, it counts inside the moves or at the stand.
     if (
@@ -157,6 +160,15 @@ def _finding(gap: Gap) -> str:
         f"{names} {explain} the gap; {_channel(row)} {row['times_noise']:.3g} -> "
         f"{row['times_noise_after']:.2g} times noise"
     )
+
+
+def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    """The figure from the fit without effects on: what that changes of a given calibration is not theirs."""
+    if figure is None or figure.get("refitted") is None:
+        return figure
+    before, after, floor = figure["refitted"], figure["after"], figure["floor"]
+    closed = (before - after) / (before - floor) if before > floor else 0.0
+    return {**figure, "before": before, "closed": closed}
 
 
 def _ratio(before: Mapping[str, Any], after: Mapping[str, Any], name: str) -> float:
