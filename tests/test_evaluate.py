@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import imucal
+from imucal.cli import main
 
 HEATED = {
     "rate_hz": 50,
@@ -50,3 +51,21 @@ def test_an_effect_too_large_to_be_undone_is_poor(heated):
     judged = imucal.evaluate(calibration, control)
     assert judged.verdict == "poor"
     assert "too large there to be undone" in judged.reasons[0]
+
+
+def test_what_could_not_be_judged_is_said(heated, tmp_path, capsys, monkeypatch):
+    run, control, calibration = heated
+    limit = np.radians(80.0)
+    control = replace(control, angular_rate=np.clip(control.angular_rate, -limit, limit))
+    monkeypatch.chdir(tmp_path)
+    imucal.write(run, "run.csv")
+    imucal.write(control, "control.csv")
+    calibration.save("cal.json")
+    for words in ("evaluate cal.json control.csv", "calibrate run.csv --control control.csv"):
+        main(words.split())
+        assert "[gyro_saturation]" in capsys.readouterr().out
+    main(["gap", "run.csv", "--control", "control.csv", "--effect", "gyro_bias_temperature"])
+    assert "[gyro_saturation]" in capsys.readouterr().out
+    main(["evaluate", "cal.json", "control.csv"])
+    assert "46 rests, 3 of 45 moves judged\n" in capsys.readouterr().out
+    assert "[gyro_saturation]" in imucal.calibrate(run, control=control).summary()

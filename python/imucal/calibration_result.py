@@ -165,7 +165,8 @@ class CalibrationResult:
                 f"alone makes it larger with the probability {alone['p_value']:.2g}"
             )
         lines += self.notes
-        lines += [f"{finding.severity}: {finding}" for finding in self.findings]
+        findings = [*self.findings, *(self.control.findings if self.control else ())]
+        lines += [f"{finding.severity}: {finding}" for finding in findings]
         if self.judgement is not None:
             lines += [*(f"warning: {warning}" for warning in self.judgement.warnings), self.judgement.count]
         lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))

@@ -109,6 +109,7 @@ def outcome(
         if trial.judges is not None:
             value, refitted = given[0], value
     closed = (value - left) / (value - floor) if value > floor else 0.0
+    of_control = () if after.control is None else after.control.findings
     generic = _generic(found.generic)
     if verdict == "unknown" and generic is None:
         generic = _scatter(found.scattering_rests) or _not_confirmed(not_confirmed)
@@ -153,8 +154,8 @@ def outcome(
         fits={"before": before, "after": after},
         calibration=after.calibration,
         ranking=tuple(_score(score) for score in found.ranking),
-        findings=(*after.findings, *said),
-        notes=(*misfits, *notes, *more, *map(str, said)),
+        findings=(*after.findings, *said, *of_control),
+        notes=(*misfits, *notes, *more, *map(str, said), *(f"{f.severity}: {f}" for f in of_control)),
     )
 
 

@@ -141,7 +141,7 @@ def calibrate(
     )
     for note in result.notes:
         out.line(note)
-    out.findings(result.findings)
+    out.findings([*result.findings, *(result.control.findings if result.control else ())])
     out.judgement(result.judgement, verbose)
     out.verdict(result.verdict, result.reasons)
 

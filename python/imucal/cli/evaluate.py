@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -59,8 +60,13 @@ def evaluate(
     out.document(judged.to_dict())
     if verbose:
         show_rests_and_moves(out, judged.rests, judged.moves)
-    out.line(f"{len(judged.rests)} rests, {len(judged.moves)} moves")
+    out.line(f"{_judged(judged.rests, 'rests')}, {_judged(judged.moves, 'moves')}")
     out.figures({"uncalibrated": judged.before, "calibrated": judged.figures})
     out.findings(judged.findings)
     out.judgement(judged.judgement, verbose)
     out.verdict(judged.verdict, judged.reasons)
+
+
+def _judged(items: Sequence[Mapping[str, Any]], what: str) -> str:
+    used = sum(item["excluded"] is None for item in items)
+    return f"{used} {what}" if used == len(items) else f"{used} of {len(items)} {what} judged"
