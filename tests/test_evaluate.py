@@ -69,3 +69,17 @@ def test_what_could_not_be_judged_is_said(heated, tmp_path, capsys, monkeypatch)
     main(["evaluate", "cal.json", "control.csv"])
     assert "46 rests, 3 of 45 moves judged\n" in capsys.readouterr().out
     assert "[gyro_saturation]" in imucal.calibrate(run, control=control).summary()
+
+
+def test_the_recording_that_the_calibration_was_made_of_is_noticed(heated, tmp_path, capsys, monkeypatch):
+    run, control, _ = heated
+    monkeypatch.chdir(tmp_path)
+    imucal.write(run, "run.csv")
+    imucal.write(control, "control.csv")
+    assert main(["calibrate", "run.csv", "--effect", "gyro_bias_temperature", "-o", "cal.json"]) == 0
+    (tmp_path / "run.csv").rename("copy.csv")
+    capsys.readouterr()
+    main(["evaluate", "cal.json", "control.csv", "copy.csv"])
+    shown = capsys.readouterr().out
+    assert shown.count("this calibration was made of it") == 1
+    assert "warning: copy.csv: this calibration was made of it" in shown

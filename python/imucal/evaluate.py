@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -147,9 +147,33 @@ def evaluate(
         rests=reported(outcome.rests, REST, judges),
         moves=reported(outcome.moves, MOVE, judges),
         carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
-        findings=(*(f for r in judges for f in r.findings), *outcome.findings),
+        findings=(
+            *(f for r in judges for f in r.findings),
+            *outcome.findings,
+            *_seen_by_the_fit(calibration, judges),
+        ),
         reasons=tuple(poor_figures("control set", figures, _not_corrected(calibration, judges, corrected))),
     )
+
+
+def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Files that the calibration was made of, whatever they are called now."""
+    made_of = {source.sha256 for source in calibration.provenance.files}
+    for recording in recordings:
+        seen = sum(source.sha256 in made_of for source in recording.sources)
+        if seen:
+            yield Finding(
+                "seen_by_the_fit",
+                "warning",
+                recording.name,
+                (),
+                None,
+                seen,
+                float(seen),
+                "files",
+                "this calibration was made of it, so it says nothing about new data",
+                "judge on another recording of the unit",
+            )
 
 
 def _not_corrected(
