@@ -394,3 +394,42 @@ def test_a_given_calibration_of_other_units_is_refused():
     in_counts = dataclasses.replace(imucal.calibrate(run).calibration, gyro_unit="lsb")
     with pytest.raises(imucal.InputError, match="the calibration expects lsb"):
         imucal.find_gap(run, control=control, calibration=in_counts)
+
+
+def test_an_effect_of_ones_own_is_explained_and_may_be_looked_for_alone():
+    per_axis = tuple(imucal.EffectParameter(axis, "rad/s/(m/s^2)", 1e-4) for axis in "xyz")
+    own = imucal.UserEffect(
+        "own", "gyroscope", per_axis, lambda state: state.specific_force[:, :, None] * np.eye(3)
+    )
+    run, _ = pair()
+    gap = imucal.find_gap(run, candidates=["own"], user_effects=[own])
+    assert set(gap.smallest_visible) == {"own"}
+    assert "own is not there at a size that these recordings show" in gap.summary()
+    explained = gap.explain("own")
+    assert explained[0] == "own (gyroscope): an effect of your own, typically 0.056 deg/s per g"
+    assert any("it would have been seen from" in line for line in explained)
+    with pytest.raises(imucal.InputError, match="there is no effect 'owm'"):
+        imucal.find_gap(run, candidates=["owm"], user_effects=[own])
+
+
+@pytest.mark.parametrize(
+    ("candidates", "message"), [([], "candidates is empty"), ("accel_lever_arm", "is the string")]
+)
+def test_candidates_are_a_list_of_names(candidates, message):
+    with pytest.raises(imucal.InputError, match=message):
+        imucal.find_gap([], candidates=candidates)
+
+
+def test_what_was_asked_for_and_cannot_be_seen_is_said():
+    gap = imucal.find_gap(pair()[0], candidates=["gyro_bias_temperature"])
+    shown = gap.summary()
+    assert "these recordings cannot show any effect that was looked for" in shown
+    assert (
+        "gyro_bias_temperature was asked for and these recordings cannot show it: it needs a temp_" in shown
+    )
+
+
+def test_the_name_to_explain_is_checked_before_the_search(command):
+    done = command("gap", "not-read.csv", "--explain", "gyro_g_sensitivty")
+    assert done.returncode == 1
+    assert "is it gyro_g_sensitivity" in done.stderr

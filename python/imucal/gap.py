@@ -10,7 +10,8 @@ nothing is left. Recordings that no fit has seen decide whether an effect may st
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -49,8 +50,9 @@ def find_gap(
 
     control       recordings that only judge; without them rests and moves are held out, in three folds
     calibration   the calibration that is judged; without it one is made of the recordings
-    candidates    names of the catalogue to look for; all of them if not given
-    user_effects  effects of one's own to look for
+    candidates    names of the catalogue to look for; all of them if not given. Names of one's own effects may
+                  stand there, too: alone, nothing of the catalogue is looked for
+    user_effects  effects of one's own, which are always looked for
     stage         is told what is being done
 
     Raises as `calibrate`, but for faults of the data: those are a verdict.
@@ -66,14 +68,14 @@ def find_gap(
         for recording in (*unit_data, *(judges or ())):
             calibration.require_raw_units(recording)
     named = {effect.name: effect for effect in user_effects}
+    wanted = _wanted(candidates, named)
     trial = Trial(unit_data, judges, gravity, min_rest_s, exclude_saturated, named, stage)
     try:
         before = trial.fit(())
     except InputError as error:
         if not error.findings:
             raise
-        return data_fault(error.findings)
-    wanted = [find(name).name for name in candidates] if candidates is not None else None
+        return replace(data_fault(error.findings), user_effects=tuple(named.values()))
     found = trial.search(before, wanted)
     refused = _no_earth_rate(trial, found)
     if refused is not None:
@@ -86,7 +88,23 @@ def find_gap(
         f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
         for name, evidence, gain, std in found.not_predictive
     ]
+    notes += [
+        f"{name} was asked for and these recordings cannot show it: it needs {needs}"
+        for name, needs in found.not_observable
+        if wanted is not None or name in named
+    ]
     return outcome(trial, found, path, before, after, calibration, notes)
+
+
+def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> list[str] | None:
+    """The names of the catalogue to look for; None for all of them."""
+    if candidates is None:
+        return None
+    if isinstance(candidates, str):
+        raise InputError(f"candidates is the string {candidates!r}: give a list of names, [{candidates!r}]")
+    if not candidates:
+        raise InputError("candidates is empty, so there is nothing to look for: give names, or leave it out")
+    return [find(name).name for name in candidates if name not in own]
 
 
 def _no_earth_rate(trial: Trial, found: _core.Search) -> str | None:

@@ -156,6 +156,7 @@ def outcome(
         ranking=tuple(_score(score) for score in found.ranking),
         findings=(*after.findings, *said, *of_control),
         notes=(*misfits, *notes, *more, *map(str, said), *(f"{f.severity}: {f}" for f in of_control)),
+        user_effects=tuple(trial.user_effects.values()),
     )
 
 

@@ -12,6 +12,7 @@ from imucal.finding import Finding
 
 if TYPE_CHECKING:
     from imucal.calibration_result import CalibrationResult
+    from imucal.effects import UserEffect
 
 __all__ = ["Gap"]
 
@@ -50,6 +51,7 @@ class Gap:
     calibration        the improved calibration, or the plain one if nothing was found; None for a data fault
     ranking            all candidates against the plain model, best first
     notes              what a careful reader should know
+    user_effects       effects of one's own that were looked for
     """
 
     verdict: str
@@ -72,6 +74,7 @@ class Gap:
     ranking: tuple[Mapping[str, Any], ...] = ()
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
+    user_effects: tuple[UserEffect, ...] = ()
 
     def _repr_html_(self) -> str:
         """What notebooks show."""
@@ -107,7 +110,7 @@ class Gap:
     def explain(self, name: str) -> list[str]:
         """What an effect is, how it would look here, whether it could be seen, how large it may be unseen.
 
-        Raises InputError for a name that is not in the catalogue.
+        Raises InputError for a name that is neither in the catalogue nor in `user_effects`.
         """
         from imucal.gap_text import explanation
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.recording import STANDARD_GRAVITY_MPS2 as G
@@ -74,7 +74,7 @@ def sentences(gap: Gap) -> Iterator[str]:
     if gap.verdict == "data_fault":
         yield "faults of the data explain a disagreement before any effect does: mend them and record again"
     if gap.verdict == "nothing_missing":
-        yield f"none of {len(gap.smallest_visible)} effects is there at a size that these recordings show"
+        yield _none_of(list(gap.smallest_visible))
     if gap.generic is not None:
         yield gap.generic["description"]
     yield from where_in_words(gap)
@@ -126,6 +126,14 @@ def sentences(gap: Gap) -> Iterator[str]:
             "was left out of a fit and judged it"
         )
     yield from gap.notes
+
+
+def _none_of(names: Sequence[str]) -> str:
+    """That none of the effects that could be seen is there."""
+    if not names:
+        return "these recordings cannot show any effect that was looked for"
+    what = f"{names[0]} is not" if len(names) == 1 else f"none of {len(names)} effects is"
+    return f"{what} there at a size that these recordings show"
 
 
 def _finding(gap: Gap) -> str:
@@ -255,12 +263,16 @@ def _channel(row: Mapping[str, Any]) -> str:
 
 def explanation(gap: Gap, name: str) -> Iterator[str]:
     """What an effect is, how it would look here, whether it could be seen, and how large it may be unseen."""
-    from imucal.effects import find
+    from imucal.effects import Effect, find
 
-    effect = find(name)
+    own = next((effect for effect in gap.user_effects if effect.name == name), None)
+    effect = own or find(name)
     sizes = dict.fromkeys("{:.2g} {}".format(*for_people(p.typical, p.unit)) for p in effect.parameters)
-    yield f"{name} ({effect.sensor}): {effect.formula}"
-    yield f"typically {', '.join(sizes)}; it is seen in {effect.observable}"
+    if isinstance(effect, Effect):
+        yield f"{name} ({effect.sensor}): {effect.formula}"
+        yield f"typically {', '.join(sizes)}; it is seen in {effect.observable}"
+    else:
+        yield f"{name} ({effect.sensor}): an effect of your own, typically {', '.join(sizes)}"
     missing = next((item for item in gap.not_observable if item["name"] == name), None)
     trace = gap.traces.get(name)
     if trace is not None and missing is None:
@@ -289,7 +301,7 @@ def explanation(gap: Gap, name: str) -> Iterator[str]:
         yield f"here: it joined the model, {_size(joined)} at most, {_evidence(joined)}"
     elif score is not None:
         yield f"here: it did not join; by itself against the model without effects {_evidence(score)}"
-    for alias in effect.aliases:
+    for alias in effect.aliases if isinstance(effect, Effect) else ():
         yield f"{alias.name} looks like it; they are told apart by {alias.told_apart_by}"
 
 

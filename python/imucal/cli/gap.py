@@ -83,12 +83,15 @@ def gap(
     Example: imucal gap run.csv --explain gyro_g_sensitivity
     """
     import imucal
+    from imucal.effects import find
 
     require_apart(
         [*recordings, *(control or ()), calibration],
         {"--output": output, "--next": next_program, "--report": report, "--json": json},
     )
     prepare_report(report)
+    if explain is not None:
+        find(explain)
     with working("reading"):
         unit_data = reading.each(recordings)
         judges = reading.each(control or []) or None
