@@ -71,7 +71,8 @@ def example_of(command, tmp_path, monkeypatch):
         assert done.returncode == 0, done.stderr
         recording = imucal.read("rec.csv")
         done = command("inspect", *given)
-        assert done.returncode == 0, done.stdout + done.stderr
+        # A unit that only rests is not enough for a calibration.
+        assert done.returncode in (0, 2), done.stdout + done.stderr
         assert f"{len(recording)} samples" in done.stdout
         return recording
 

@@ -518,7 +518,7 @@ def test_inspect_shows_what_is_refused(name, tmp_path, capsys):
     code = main(["inspect", *paths, "--json", str(tmp_path / "seen.json")])
     seen = json.loads((tmp_path / "seen.json").read_text())["recordings"]
     assert code in (0, 2)
-    assert (code == 0) == all(item["usable"] for item in seen)
+    assert (code == 0) == all(item["usable"] and item["missing"] is None for item in seen)
     # What the columns and rests show is a finding; what only the fit shows is said to be missing.
     shown = capsys.readouterr().out
     assert REFUSED[name].code == "recordings_overlap" or re.search(rf"\[({REFUSED[name].code})\]", shown)

@@ -1,6 +1,7 @@
 """What a calibration tells badly is said, and `inspect` predicts how well it will tell the rest."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -186,3 +187,17 @@ def test_inspect_shows_predicted_sigmas(command, tmp_path):
     assert (first["name"], first["unit"]) == ("accel_bias_x", "m/s^2")
     assert 1e-4 < first["std"] < 1e-2
     assert f"{first['std']:.2e}" in done.stdout
+
+
+@pytest.mark.parametrize(("poses", "seed"), [(7, 1), (8, 4), (9, 3)])
+def test_inspect_predicts_nothing_for_what_it_says_is_missing(poses, seed, command, tmp_path):
+    motion = imucal.Tumble(seed, poses=poses, hold_s=3, move_s=2)
+    run = imucal.simulate(motion, seed=seed, unit="random:bmi088:3", rate_hz=100).recording
+    seen = imucal.inspect(run)
+    named = re.search(r"accelerometer's ([^:]*):", seen.missing).group(1).split(", ")
+    open_ = [p["name"] for p in seen.predicted_sigma if p["std"] is None and p["name"].startswith("accel")]
+    assert len(open_) == len(named)
+    imucal.write(run, tmp_path / "run.csv")
+    done = command("inspect", tmp_path / "run.csv")
+    assert done.returncode == 2
+    assert done.stdout.count("not determined  ") == len(open_)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -67,6 +68,7 @@ def inspect(
     from imucal import _core
 
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
+    missing = _missing(recording, gravity_mps2, min_rest_s)
     return Inspection(
         name=recording.name,
         samples=len(recording),
@@ -78,8 +80,8 @@ def inspect(
         rests=tuple({"start_s": start, "end_s": end} for start, end in seen.rests),
         threshold=None if seen.threshold is None else fields_of(seen.threshold, THRESHOLD),
         explanation=seen.explanation,
-        missing=_missing(recording, gravity_mps2, min_rest_s),
-        predicted_sigma=_predicted(recording, gravity_mps2, min_rest_s),
+        missing=missing,
+        predicted_sigma=_predicted(recording, gravity_mps2, min_rest_s, _not_determined(missing or "")),
     )
 
 
@@ -93,10 +95,23 @@ def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> st
     return None
 
 
+def _not_determined(missing: str) -> set[str]:
+    """Names of the parameters in the words of a refusal: the accelerometer's bias x, misalignment xy."""
+    names = set()
+    for sensor, listed in re.findall(r"not determine the (accel|gyro)\w*'s ([^:]*)", missing):
+        for kind, axes in re.findall(r"(bias|scale|misalignment) ([xyz]+)\b", listed):
+            name = f"bias_{axes}" if kind == "bias" else f"sensitivity_{axes if len(axes) == 2 else 2 * axes}"
+            names.add(f"{sensor}_{name}")
+    return names
+
+
 def _predicted(
-    recording: Recording, gravity_mps2: float, min_rest_s: float
+    recording: Recording, gravity_mps2: float, min_rest_s: float, not_determined: set[str]
 ) -> tuple[Mapping[str, str | float | None], ...]:
-    """The standard deviations that a calibration will have; none at all for a recording with faults."""
+    """The standard deviations that a calibration will have; none at all for a recording with faults.
+
+    What a calibration refuses to estimate has none, though theory determine it: a start may be missing.
+    """
     from imucal import _core
 
     options = Options(gravity_mps2, "symmetric", min_rest_s, True, None, None)
@@ -111,6 +126,10 @@ def _predicted(
         gyro_unit=recording.gyro_unit,
     )
     return tuple(
-        {"name": parameter.name, "std": std, "unit": parameter.unit}
+        {
+            "name": parameter.name,
+            "std": None if parameter.name in not_determined else std,
+            "unit": parameter.unit,
+        }
         for parameter, std in zip(nominal.parameters, prospect.predicted_sigma, strict=True)
     )

@@ -74,5 +74,5 @@ def inspect(
                     for p in seen.predicted_sigma
                 ),
             )
-    if not all(seen.usable for seen in inspections):
+    if not all(seen.usable and seen.missing is None for seen in inspections):
         raise typer.Exit(POOR_VERDICT)
