@@ -83,3 +83,18 @@ def test_the_recording_that_the_calibration_was_made_of_is_noticed(heated, tmp_p
     shown = capsys.readouterr().out
     assert shown.count("this calibration was made of it") == 1
     assert "warning: copy.csv: this calibration was made of it" in shown
+
+
+def test_results_are_one_line_where_they_are_shown(heated):
+    run, control, calibration = heated
+    result = imucal.calibrate(run, control=control, effects=["gyro_bias_temperature"])
+    gap = imucal.find_gap(run, control=control, candidates=["gyro_bias_temperature"])
+    for shown, begin, end in (
+        (imucal.evaluate(calibration, control), "Evaluation(good: 46 of 46 rests and 45 of 45 moves ju", ")"),
+        (result, "CalibrationResult(good: 46 of 46 rests and 45 of 45 moves used; control set: |f| - g", ")"),
+        (gap, "Gap(named, gyro_bias_temperature; chi2_per_dof ", " on what no fit has seen)"),
+    ):
+        assert repr(shown).startswith(begin)
+        assert repr(shown).endswith(end)
+        assert len(repr(shown)) < 250
+        assert "\n" not in repr(shown)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from imucal.calibration import Calibration, Parameter
 from imucal.document import without_nan
-from imucal.evaluate import Evaluation, figures_text
+from imucal.evaluate import Evaluation, figures_text, used_of
 from imucal.finding import Finding
 from imucal.judgement import Judgement
 
@@ -29,7 +29,7 @@ RESIDUALS = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CalibrationResult:
     """A calibration and all that is known about it.
 
@@ -149,8 +149,7 @@ class CalibrationResult:
         for parameter in self.parameters:
             std = "not known" if parameter.std is None else f"{parameter.std:.2e}"
             lines.append(f"{parameter.name:<24} {parameter.value:>13.7g} {std:>14}  {parameter.unit}")
-        used = [sum(item["excluded"] is None for item in items) for items in (self.rests, self.moves)]
-        lines.append(f"{used[0]} of {len(self.rests)} rests and {used[1]} of {len(self.moves)} moves used")
+        lines.append(self._used())
         for name, figures in (
             ("calibration set", self.calibration_set),
             ("held-out rests and moves", self.held_out),
@@ -171,6 +170,14 @@ class CalibrationResult:
             lines += [*(f"warning: {warning}" for warning in self.judgement.warnings), self.judgement.count]
         lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))
         return "\n".join(lines)
+
+    def __repr__(self) -> str:
+        name = "control set" if self.control_set is not None else "calibration set"
+        figures = figures_text(self.control_set or self.calibration_set or {}) or "no figures"
+        return f"CalibrationResult({self.verdict}: {self._used()}; {name}: {figures})"
+
+    def _used(self) -> str:
+        return f"{used_of(self.rests)} rests and {used_of(self.moves)} moves used"
 
     def _repr_html_(self) -> str:
         """What notebooks show."""

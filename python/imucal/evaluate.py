@@ -60,7 +60,7 @@ FIGURE_TEXT: Final = {
 }
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """A calibration judged on recordings.
 
@@ -95,6 +95,10 @@ class Evaluation:
         """
         judgement = limits.judge(calibration, control_set=self.figures)
         return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
+
+    def __repr__(self) -> str:
+        used = f"{used_of(self.rests)} rests and {used_of(self.moves)} moves judged"
+        return f"Evaluation({self.verdict}: {used}; {figures_text(self.figures) or 'no figures'})"
 
     def _repr_html_(self) -> str:
         """What notebooks show."""
@@ -281,6 +285,11 @@ def saved_reasons(calibration: Calibration) -> list[str]:
         and all(name in figures and isinstance(figures[name], (int, float, type(None))) for name in needed)
         for reason in poor_figures(name, figures)
     ]
+
+
+def used_of(items: Sequence[Mapping[str, Any]]) -> str:
+    """How many rests or moves are used, of how many."""
+    return f"{sum(item['excluded'] is None for item in items)} of {len(items)}"
 
 
 def figures_text(figures: Mapping[str, Any]) -> str:

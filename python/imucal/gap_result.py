@@ -19,7 +19,7 @@ __all__ = ["Gap"]
 SCHEMA: Final = "imucal.gap/1"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Gap:
     """What the search has found.
 
@@ -75,6 +75,13 @@ class Gap:
     findings: tuple[Finding, ...] = ()
     notes: tuple[str, ...] = ()
     user_effects: tuple[UserEffect, ...] = ()
+
+    def __repr__(self) -> str:
+        names = ", ".join([self.verdict, *(effect["name"] for effect in self.effects)])
+        if self.gap is None:
+            return f"Gap({names})"
+        figures = f"{self.gap['metric']} {self.gap['before']:.4g} -> {self.gap['after']:.4g}"
+        return f"Gap({names}; {figures} on what no fit has seen)"
 
     def _repr_html_(self) -> str:
         """What notebooks show."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -89,6 +88,7 @@ def calibrate(
     Example: imucal calibrate run.csv --control control.csv -o unit-0042.json --limits limits.json
     """
     import imucal
+    from imucal.evaluate import used_of
 
     require_apart(
         [*recordings, *(control or ()), unit, limits],
@@ -129,7 +129,7 @@ def calibrate(
         show_rests_and_moves(out, result.rests, result.moves)
     out.parameters(result.parameters)
     out.line(
-        f"{_used(result.rests)} rests and {_used(result.moves)} moves used"
+        f"{used_of(result.rests)} rests and {used_of(result.moves)} moves used"
         + (f"; calibration written to {output}" if output else "")
     )
     out.figures(
@@ -144,7 +144,3 @@ def calibrate(
     out.findings([*result.findings, *(result.control.findings if result.control else ())])
     out.judgement(result.judgement, verbose)
     out.verdict(result.verdict, result.reasons)
-
-
-def _used(items: Sequence[Mapping[str, Any]]) -> str:
-    return f"{sum(item['excluded'] is None for item in items)} of {len(items)}"

@@ -68,5 +68,7 @@ def evaluate(
 
 
 def _judged(items: Sequence[Mapping[str, Any]], what: str) -> str:
-    used = sum(item["excluded"] is None for item in items)
-    return f"{used} {what}" if used == len(items) else f"{used} of {len(items)} {what} judged"
+    from imucal.evaluate import used_of
+
+    all_used = all(item["excluded"] is None for item in items)
+    return f"{len(items)} {what}" if all_used else f"{used_of(items)} {what} judged"
