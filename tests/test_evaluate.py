@@ -1,6 +1,7 @@
 """Judging on recordings that no fit has seen: what they cannot judge is never called good."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -98,3 +99,26 @@ def test_results_are_one_line_where_they_are_shown(heated):
         assert repr(shown).endswith(end)
         assert len(repr(shown)) < 250
         assert "\n" not in repr(shown)
+
+
+def test_what_is_no_recording_or_no_calibration_is_refused_with_the_way_out(heated):
+    run, _, calibration = heated
+    result = imucal.calibrate(run)
+    for use, message in (
+        (lambda: imucal.calibrate("run.csv"), r"give a Recording, imucal.read\('run.csv'\)"),
+        (lambda: imucal.calibrate([Path("run.csv")]), r"imucal.read\('run.csv'\)"),
+        (lambda: imucal.calibrate(run, control="c.csv"), r"imucal.read\('c.csv'\)"),
+        (lambda: imucal.calibrate(imucal.simulate("grid", seed=1, rate_hz=50)), "its `recording`"),
+        (lambda: imucal.calibrate(run.specific_force), "a ndarray is given where a Recording is needed"),
+        (lambda: imucal.evaluate(run, calibration), "the calibration first"),
+        (lambda: imucal.evaluate("cal.json", run), r"imucal.Calibration.load\('cal.json'\)"),
+        (lambda: imucal.evaluate(result, run), "give its `calibration`"),
+        (lambda: imucal.evaluate(calibration, "run.csv"), r"imucal.read\('run.csv'\)"),
+        (lambda: imucal.find_gap(run, control=Path("c.csv")), r"imucal.read\('c.csv'\)"),
+        (lambda: imucal.find_gap(run, calibration="cal.json"), r"imucal.Calibration.load\('cal.json'\)"),
+        (lambda: imucal.noise([run]), "a list is given where a Recording is needed: give them one by one"),
+        (lambda: imucal.inspect("run.csv"), r"imucal.read\('run.csv'\)"),
+    ):
+        with pytest.raises(imucal.InputError, match=message):
+            use()
+    assert imucal.calibrate(r for r in [run]).calibration is not None

@@ -27,7 +27,7 @@ from imucal.evaluate import (
     poor_figures,
     reported,
 )
-from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
+from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source, as_recordings
 from imucal.unit import Unit, unit_of
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ def calibrate(
         folds=folds,
         partly=partly,
     )
-    judges = _as_list(control)
+    judges = as_recordings(control)
     require_other_data(unit_data, judges)
     return calibrated(_core.Checked(unit_data, options), unit_data, options, own, judges, serial_number)
 
@@ -361,15 +361,9 @@ def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) ->
     ]
 
 
-def _as_list(recordings: Recording | Sequence[Recording] | None) -> list[Recording]:
-    if recordings is None:
-        return []
-    return [recordings] if isinstance(recordings, Recording) else list(recordings)
-
-
 def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
     """The recordings as a list; they must agree on what the numbers are."""
-    unit_data = _as_list(recordings)
+    unit_data = as_recordings(recordings)
     if not unit_data:
         raise InputError("there is no recording: give at least one")
     first = unit_data[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
@@ -13,7 +14,7 @@ from imucal.document import without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
 from imucal.judgement import Judgement
-from imucal.recording import Recording
+from imucal.recording import Recording, as_recordings
 
 if TYPE_CHECKING:
     from imucal.limits import Limits
@@ -128,11 +129,13 @@ def evaluate(
 ) -> Evaluation:
     """Judge `calibration` on recordings of the same unit that it was not made of.
 
-    Raises InputError for recordings with faults or of other raw units, NotEnoughMotionError without any rest.
+    Raises InputError for recordings with faults or of other raw units, and for what is no Calibration or no
+    Recording; NotEnoughMotionError without any rest.
     """
     from imucal import _core
 
-    judges = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    require_calibration(calibration)
+    judges = as_recordings(recordings)
     if not judges:
         raise InputError("there is no recording to judge on: give at least one")
     for recording in judges:
@@ -202,6 +205,23 @@ def _not_corrected(
             f"{first} at {recording.time_s[first]:.2f} s: {why}"
         )
     return "; ".join(said)
+
+
+def require_calibration(given: Calibration) -> None:
+    """Refuse what is no Calibration, with InputError and the way out."""
+    if isinstance(given, Calibration):
+        return
+    if isinstance(given, (str, os.PathLike)):
+        path = os.fspath(given)
+        raise InputError(
+            f"{path!r} is the path of a file: give a Calibration, imucal.Calibration.load({path!r})"
+        )
+    hint = "imucal.calibrate makes one, imucal.Calibration.load reads one"
+    if isinstance(given, Recording):
+        hint = "give the calibration first and the recordings after it"
+    elif isinstance(getattr(given, "calibration", None), Calibration):
+        hint = "give its `calibration`"
+    raise InputError(f"a {type(given).__name__} is given where a Calibration is needed: {hint}")
 
 
 def as_it_comes(calibration: Calibration) -> Calibration:

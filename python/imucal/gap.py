@@ -19,11 +19,11 @@ import numpy as np
 from imucal.calibration import Calibration
 from imucal.effects import UserEffect, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
-from imucal.evaluate import MIN_REST_S
+from imucal.evaluate import MIN_REST_S, require_calibration
 from imucal.gap_outcome import data_fault, outcome
 from imucal.gap_result import Gap
 from imucal.gap_trial import Trial
-from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
+from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recordings
 
 if TYPE_CHECKING:
     from imucal import _core
@@ -57,13 +57,15 @@ def find_gap(
 
     Raises as `calibrate`, but for faults of the data: those are a verdict.
     """
+    if calibration is not None:
+        require_calibration(calibration)
     gravity = (
         gravity_mps2
         if gravity_mps2 is not None
         else (STANDARD_GRAVITY_MPS2 if calibration is None else calibration.gravity_mps2)
     )
-    unit_data = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    judges = None if control is None else ([control] if isinstance(control, Recording) else list(control))
+    unit_data = as_recordings(recordings)
+    judges = None if control is None else as_recordings(control)
     if calibration is not None:
         for recording in (*unit_data, *(judges or ())):
             calibration.require_raw_units(recording)

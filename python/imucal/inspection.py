@@ -15,7 +15,7 @@ from imucal.document import without_nan
 from imucal.errors import ImucalError
 from imucal.evaluate import MIN_REST_S, THRESHOLD, fields_of
 from imucal.finding import Finding
-from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
+from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recording
 
 __all__ = ["Inspection", "inspect"]
 
@@ -67,6 +67,7 @@ def inspect(
     """Check a recording, find its rests, and say what they determine; faults are findings, not errors."""
     from imucal import _core
 
+    as_recording(recording)
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
     missing = _missing(recording, gravity_mps2, min_rest_s)
     return Inspection(

@@ -10,7 +10,7 @@ from imucal.arrays import FloatArray
 from imucal.document import without_nan
 from imucal.evaluate import MIN_REST_S
 from imucal.finding import Finding
-from imucal.recording import Recording
+from imucal.recording import Recording, as_recording
 
 if TYPE_CHECKING:
     from imucal import _core
@@ -169,6 +169,7 @@ def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int 
     """
     from imucal import _core
 
+    as_recording(recording)
     found = _core.identify_noise(recording, min_rest_s, threads)
     axes = {
         f"{sensor}_{axis}": _axis(of_axis, unit)

@@ -7,7 +7,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import os
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, TypeAlias, get_args
 
@@ -18,7 +19,15 @@ from imucal.arrays import FloatArray, as_rows
 from imucal.errors import InputError
 from imucal.finding import Finding
 
-__all__ = ["STANDARD_GRAVITY_MPS2", "AccelUnit", "GyroUnit", "Recording", "Source"]
+__all__ = [
+    "STANDARD_GRAVITY_MPS2",
+    "AccelUnit",
+    "GyroUnit",
+    "Recording",
+    "Source",
+    "as_recording",
+    "as_recordings",
+]
 
 # What datasheets mean by g.
 STANDARD_GRAVITY_MPS2: Final = 9.80665
@@ -168,3 +177,28 @@ class Recording:
             sources=self.sources,
             findings=self.findings,
         )
+
+
+def as_recording(given: Recording) -> Recording:
+    """`given`; InputError, with the way out, if it is no Recording."""
+    if isinstance(given, Recording):
+        return given
+    if isinstance(given, (str, os.PathLike)):
+        path = os.fspath(given)
+        raise InputError(f"{path!r} is the path of a file: give a Recording, imucal.read({path!r})")
+    kind = type(given).__name__
+    if isinstance(getattr(given, "recording", None), Recording):
+        raise InputError(f"a {kind} is given where a Recording is needed: give its `recording`")
+    hint = "imucal.read makes one of a file, imucal.Recording of arrays"
+    if isinstance(given, (list, tuple)):
+        hint = "give them one by one"
+    raise InputError(f"a {kind} is given where a Recording is needed: {hint}")
+
+
+def as_recordings(given: Recording | Iterable[Recording] | None) -> list[Recording]:
+    """One recording or several as a list, empty for None; InputError for anything else."""
+    if given is None:
+        return []
+    if isinstance(given, (Recording, str, Mapping, np.ndarray)) or not isinstance(given, Iterable):
+        return [as_recording(given)]  # type: ignore[arg-type]
+    return [as_recording(item) for item in given]
