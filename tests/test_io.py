@@ -274,6 +274,12 @@ def test_headerless_columns_are_the_files_numbers(file, columns, rows, data_file
     np.testing.assert_array_equal(np.hstack([recording.specific_force, recording.angular_rate]), truth)
 
 
+def test_decimal_commas_without_a_header_are_named(tmp_path):
+    path = write_text(tmp_path, "0,01;1;2;3;4;5;6\n" * 3)
+    with pytest.raises(imucal.FormatError, match="line 1 has decimal commas, 0,01"):
+        imucal.read(path, columns=HEADER)
+
+
 def test_columns_can_be_left_out_and_reordered(data_file):
     path = data_file("ferraris/example_ferraris_session.csv")
     columns = "-,gyro_x_dps,gyro_y_dps,gyro_z_dps,accel_x_mps2,accel_y_mps2,accel_z_mps2"
@@ -309,6 +315,18 @@ BAD_FILES = {
     ),
     "short row": (f"{HEADER}\n{ROW}\n0,0,0\n", imucal.FormatError, "line 3 has 3 values, 7 are needed"),
     "long row": (f"{HEADER}\n{ROW},1\n", imucal.FormatError, "line 2 has 8 values, 7 are needed"),
+    "decimal commas": (
+        f"{HEADER}\n{ROW}\n".replace(",", ";").replace("0", "0,5"),
+        imucal.FormatError,
+        "line 2 has decimal commas, 0,5: write numbers with a decimal point, 0.5",
+    ),
+    "decimal commas, tabs": (
+        f"{HEADER}\n".replace(",", "\t") + "0,01\t1\t2\t3\t4\t5\t6\n",
+        imucal.FormatError,
+        "line 2 has decimal commas",
+    ),
+    "decimal commas, no header": ("0,01;1;2;3;4;5;6\n", imucal.FormatError, "line 1 has decimal commas"),
+    "one of two": ("0.0 1 2 3\n", imucal.FormatError, "an imu_tk pair: add --format imu_tk for two files"),
     "part of stand": (f"{HEADER},stand_1_rad\n{ROW},1\n", imucal.FormatError, r"stand_2_\* is missing"),
 }
 

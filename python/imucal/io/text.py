@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from imucal.errors import FormatError
 from imucal.io.source import File, Table, first_bytes
 
-__all__ = ["NotInPartsError", "first_fields", "headed_parts", "read_headed", "read_headerless"]
+__all__ = ["NotInPartsError", "first_fields", "headed_parts", "is_number", "read_headed", "read_headerless"]
 
 # A column is integers only if all of it is: the types are inferred from the whole file, up to Arrow's limit.
 LARGEST_BLOCK = 2**31 - 1
@@ -18,11 +19,13 @@ LARGEST_BLOCK = 2**31 - 1
 HEAD, PART = 1 << 16, 1 << 22
 # A text of so many bytes takes longer to read than threads to start.
 WORTH_THREADS = 1 << 24
+DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
 def first_fields(name: str, start: bytes) -> list[str]:
     """The fields of the first line that is not blank, of a file that starts so."""
     lines = _lines(_text_of(name, start))
+    _refuse_decimal_commas(name, lines[:1])
     return _split(lines[0][1]) if lines else []
 
 
@@ -33,6 +36,8 @@ def read_headed(file: File) -> Table:
     if not lines:
         raise FormatError(f"{file.name} holds blank lines only: a header line and rows are needed")
     number, header = lines[0]
+    if "," not in header:
+        _refuse_decimal_commas(file.name, _lines(content)[1:2])
     return _read(file, content, skip=number, names=_split(header))
 
 
@@ -82,9 +87,10 @@ def read_headerless(file: File, names: list[str], skip_rows: int) -> Table:
     content = _text_of(file.name, file.content)
     for number, line in _lines(content):
         fields = _split(line)
-        if number > skip_rows and all(_is_number(field) for field in fields):
+        if number > skip_rows and all(is_number(field) for field in fields):
             break
     else:
+        _refuse_decimal_commas(file.name, _lines(content))
         raise FormatError(
             f"{file.name}: no line consists of numbers only: is it the right file, and not binary?"
         )
@@ -180,6 +186,18 @@ def _lines(content: bytes, limit: int = 1000) -> list[tuple[int, str]]:
     ]
 
 
+def _refuse_decimal_commas(name: str, lines: list[tuple[int, str]]) -> None:
+    """A comma is read as a separator, and the message would be that lines have too many values."""
+    for number, line in lines:
+        fields = [field.strip(' "') for field in re.split(r"[;\t]", line)]
+        wrong = next((field for field in fields if DECIMAL_COMMA.fullmatch(field)), None)
+        if wrong is not None and len(fields) > 1:
+            raise FormatError(
+                f"{name}: line {number} has decimal commas, {wrong}: write numbers with a decimal point, "
+                f"{wrong.replace(',', '.')}, by exporting the file again or replacing each comma"
+            )
+
+
 def _line_of_row(content: bytes, row: int) -> int:
     """The number (from 1) of the row-th line (from 0) that is not blank."""
     filled = (number for number, line in enumerate(content.split(b"\n"), start=1) if line.strip())
@@ -199,7 +217,8 @@ def _split(line: str) -> list[str]:
     return [field.strip().strip('"') for field in fields]
 
 
-def _is_number(field: str) -> bool:
+def is_number(field: str) -> bool:
+    """Whether a field is a number."""
     try:
         float(field)
     except ValueError:
