@@ -244,6 +244,15 @@ def test_imu_tk_pair_is_the_files_numbers(data_file):
     assert (recording.accel_unit, recording.gyro_unit, len(recording.sources)) == ("lsb", "lsb", 2)
 
 
+@pytest.mark.parametrize(("option", "unit"), [("accel_unit", "g"), ("gyro_unit", "dps")])
+def test_imu_tk_in_other_units_is_refused(tmp_path, option, unit):
+    for name in ("accel.mat", "gyro.mat"):
+        (tmp_path / name).write_text("0.0 1 2 3\n0.1 1 2 3\n", encoding="utf-8")
+    files = [tmp_path / "accel.mat", tmp_path / "gyro.mat"]
+    with pytest.raises(imucal.InputError, match=f"{option} is '{unit}': give one of"):
+        imucal.read(*files, format="imu_tk", **{option: unit})
+
+
 def test_imu_tk_files_of_different_time_are_refused(tmp_path):
     accel = write_text(tmp_path, "0 1 2 3\n1 1 2 3\n", "acc.mat")
     with pytest.raises(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import re
 from pathlib import Path
 
@@ -297,3 +298,11 @@ def test_the_card_shows_every_pose_and_loads_nothing(tmp_path, monkeypatch):
         for found, planned in zip(result.parameters, plan["parameters"], strict=True)
     ]
     assert 0.8 < np.exp(np.log(ratio).mean()) < 1.25
+
+
+def test_a_group_has_no_parameters_of_an_effect_that_begins_like_it():
+    from imucal.plan_targets import sigma_of
+
+    parameters = [("gyro_bias_x", "rad/s"), ("gyro_bias_drift_x", "rad/s/s"), ("accel_sensitivity_xy", "1")]
+    assert sigma_of({"gyro_bias": 1e-5}, parameters) == [1e-5, math.inf, math.inf]
+    assert sigma_of({"gyro_bias_drift": 1e-6}, parameters) == [math.inf, 1e-6, math.inf]

@@ -45,6 +45,13 @@ def targets_of(given: Mapping[str, float | str], effects: Sequence[str]) -> dict
     return wishes
 
 
+def _is_of(name: str, group: str) -> bool:
+    """Whether a parameter is one of a group: effects may have names that begin as those of a group do."""
+    if group in GROUPS:
+        return re.fullmatch(f"{group}_[xyz]+", name) is not None
+    return name.startswith(f"{group}_")
+
+
 def _value(group: str, wish: float | str, unit: str) -> float:
     if not isinstance(wish, str):
         return float(wish)
@@ -58,7 +65,7 @@ def _value(group: str, wish: float | str, unit: str) -> float:
 def sigma_of(wishes: Mapping[str, float], parameters: Sequence[tuple[str, str]]) -> list[float]:
     """The wish for each parameter; infinite where there is none."""
     return [
-        next((wish for group, wish in wishes.items() if name.startswith(f"{group}_")), math.inf)
+        next((wish for group, wish in wishes.items() if _is_of(name, group)), math.inf)
         for name, _ in parameters
     ]
 
@@ -69,7 +76,7 @@ def worst_of(
     """The largest standard deviation of each group; None where one of them is not determined."""
     worst: dict[str, dict[str, Any] | None] = {}
     for group in (*GROUPS, *effects):
-        members = [p for p in parameters if p.name.startswith(f"{group}_")]
+        members = [p for p in parameters if _is_of(p.name, group)]
         sizes = [p.std for p in members if p.std is not None]
         complete = members and len(sizes) == len(members)
         worst[group] = {"value": max(sizes), "unit": members[0].unit} if complete else None

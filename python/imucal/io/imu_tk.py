@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from typing import get_args
 
 import numpy as np
 
@@ -32,6 +33,14 @@ def read_imu_tk(
     """
     if time_unit not in TICKS_PER_S:
         raise InputError(f"time_unit is {time_unit!r}: give one of {', '.join(TICKS_PER_S)}")
+    for what, unit, known in (
+        ("accel_unit", accel_unit, get_args(AccelUnit)),
+        ("gyro_unit", gyro_unit, get_args(GyroUnit)),
+    ):
+        if unit not in known:
+            raise InputError(
+                f"{what} is {unit!r}: give one of {', '.join(known)}, and convert other units first"
+            )
     accel_file, gyro_file = open_file(accel_path), open_file(gyro_path)
     accel_suffix = "lsb" if accel_unit == "lsb" else "mps2"
     gyro_suffix = "lsb" if gyro_unit == "lsb" else "radps"

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 METRICS = {
     "chi2_per_dof": "χ² per degree of freedom",
     "held_out_gravity_direction_rms_deg": "the rms error of the direction of gravity, deg,",
+    "held_out_gravity_norm_rms_mps2": "the rms error of the length of gravity, m/s²,",
 }
 # What the page says of a verdict that names no effect.
 NO_NAME = {
@@ -98,9 +99,10 @@ def _closed(gap: Gap) -> str:
     if gap.gap is None or gap.verdict not in ("named", "ambiguous"):
         return ""
     figure: Mapping[str, Any] = gap.gap
-    where = "On the control recordings" if gap.control_set is not None else "On moves held out"
+    where = "On the control recordings" if gap.control_set is not None else "On rests and moves held out"
     metric = METRICS.get(figure["metric"], figure["metric"])
+    closed = min(100.0, max(0.0, 100 * figure["closed"]))
     return (
         f"{where} {metric} goes from {figure['before']:.4g} to {figure['after']:.4g}: "
-        f"{100 * figure['closed']:.0f} % of the gap to its floor of {figure['floor']:.3g} is closed."
+        f"{closed:.0f} % of the gap to its floor of {figure['floor']:.3g} is closed."
     )
