@@ -1,5 +1,6 @@
 """The command's frame: exit codes, messages without traceback, JSON for scripts."""
 
+import contextlib
 import json
 import os
 import subprocess
@@ -116,6 +117,37 @@ def test_interrupt_ends_with_130(run_csv, tmp_path, capsys, monkeypatch):
     assert main(["convert", str(run_csv), "-o", str(tmp_path / "out.csv")]) == 130
     assert capsys.readouterr().err.strip() == "imucal: interrupted, no file is half written"
     assert list(tmp_path.iterdir()) == [run_csv]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX")
+def test_a_narrow_terminal_cuts_off_no_digits(tmp_path):
+    import pty
+
+    calibration = imucal.calibrate(imucal.simulate("random", seed=1, rate_hz=50).recording).calibration
+    calibration.save(tmp_path / "unit.json")
+    master, slave = pty.openpty()
+    command = [sys.executable, "-m", "imucal.cli", "diff", tmp_path / "unit.json", tmp_path / "unit.json"]
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "40"}
+    with subprocess.Popen(command, stdout=slave, stderr=subprocess.DEVNULL, env=environment) as child:
+        os.close(slave)
+        shown = b""
+        # A terminal whose other end is closed ends with an error.
+        with contextlib.suppress(OSError):
+            while piece := os.read(master, 65536):
+                shown += piece
+    os.close(master)
+    assert child.returncode == 0
+    assert "accel_sensitivity_xx" in shown.decode()
+    assert "…" not in shown.decode()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes are POSIX")
+def test_standard_output_may_be_named_as_a_file(run_csv, tmp_path):
+    command = (
+        f"{sys.executable} -m imucal.cli convert {run_csv} -o {tmp_path}/out.csv --json /dev/stdout | cat"
+    )
+    done = subprocess.run(command, shell=True, capture_output=True, text=True)
+    assert '"samples"' in done.stdout, done.stderr
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes are POSIX")

@@ -586,3 +586,12 @@ def test_wrong_commands_are_told_the_way_out(files, capsys, arguments, message):
 def test_the_page_has_the_table_of_the_code():
     page = (ROOT / "docs/export.md").read_text(encoding="utf-8")
     assert formats_markdown() in page, "put formats_markdown() of imucal.export into docs/export.md"
+
+
+def test_any_file_name_leaves_the_xml_well_formed():
+    from xml.etree import ElementTree
+
+    from imucal.export.format import xml_comment
+
+    text = xml_comment(["made from run---7--b.csv", "and --"], "<sdf/>")
+    assert ElementTree.fromstring(text).tag == "sdf"

@@ -26,12 +26,14 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
     Raises InputError if the file cannot be written (no folder, no permission, disk full, ...).
     """
     try:
-        # A symbolic link stays a link: the file it points to is replaced.
-        target = Path(os.path.realpath(path))
-        if target.exists() and not target.is_file() and not target.is_dir():
-            with target.open("wb") as device:
+        given = Path(path)
+        # By the path as it was given: what /dev/stdout of a pipe points to has no path of its own.
+        if given.exists() and not given.is_file() and not given.is_dir():
+            with given.open("wb") as device:
                 yield device
             return
+        # A symbolic link stays a link: the file it points to is replaced.
+        target = Path(os.path.realpath(given))
         if target.is_dir():
             raise IsADirectoryError(21, "it is a folder, give a file's name")
         descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)

@@ -123,6 +123,7 @@ class Output:
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         """A table: the first column to the left, the others to the right."""
+        from rich.measure import Measurement
         from rich.table import Table
 
         table = Table(box=None, pad_edge=False)
@@ -130,7 +131,14 @@ class Output:
             table.add_column(heading, justify="left" if index == 0 else "right", no_wrap=True)
         for row in rows:
             table.add_row(*row)
+        # A narrow terminal breaks a long line; digits that are cut off would be lost.
+        own_width = self._console.width
+        self._console.width = max(own_width, PIPE_WIDTH)
+        self._console.width = max(
+            own_width, Measurement.get(self._console, self._console.options, table).maximum
+        )
         self._console.print(table)
+        self._console.width = own_width
 
     def parameters(self, parameters: Sequence[Parameter], truth: Mapping[str, float] | None = None) -> None:
         """The table of parameters, with the truth where it is known."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -127,7 +128,9 @@ def block_comment(lines: Sequence[str], body: str) -> str:
 
 def xml_comment(lines: Sequence[str], body: str) -> str:
     """A header in one comment of XML."""
-    return "\n".join(["<!--", *(f"  {line.replace('--', '- -')}" for line in _wrapped(lines)), "-->", body])
+    # Two hyphens in a row, of a file's name say, must not stand in one.
+    kept = [re.sub("-(?=-)", "- ", line) for line in _wrapped(lines)]
+    return "\n".join(["<!--", *(f"  {line}" for line in kept), "-->", body])
 
 
 def in_json(lines: Sequence[str], body: str) -> str:

@@ -167,7 +167,7 @@ impl Threshold {
     }
 }
 
-/// How one of the two fits ended.
+/// How a fit ended.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct FitReport {
     chi2: f64,

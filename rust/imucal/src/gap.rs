@@ -93,7 +93,7 @@ pub struct NotPredictive {
     pub name: String,
     /// Logarithm of its Bayes factor on the data that it was fitted to.
     pub log_bayes_factor: f64,
-    /// Logarithm of the predictive density that it gains on rests and moves held out, tenth by tenth.
+    /// Logarithm of the predictive density that it gains on rests and moves held out, stretch by stretch.
     pub gain: f64,
     /// Standard deviation of the gain.
     pub gain_std: f64,

@@ -29,7 +29,7 @@ pub enum Termination {
     NotFinite,
 }
 
-/// How one of the two fits ended.
+/// How a fit ended.
 #[derive(Clone, Copy, Debug)]
 pub struct FitReport {
     /// Sum of the squared residuals in units of what noise explains.

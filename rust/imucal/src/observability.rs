@@ -23,7 +23,7 @@ pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
 /// No parameter is further from nominal, in units of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// A parameter that makes up less than this of no direction that is determined is open by itself.
+/// A parameter that makes up this much of the square of an open direction is open by itself.
 const BY_ITSELF: f64 = 0.95;
 /// Open parameters are traded off against each other from this correlation within the open directions on.
 const TRADED: f64 = 0.1;
