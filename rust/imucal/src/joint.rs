@@ -79,7 +79,8 @@ const WIDE: f64 = 100.0;
 /// Weights and result have settled when no parameter moves by more than this share of its standard deviation.
 const SETTLED: f64 = 1e-3;
 const MOST_ROUNDS: usize = 8;
-/// Weights are far off where they take residuals for this many times larger or smaller than they are.
+/// A start with residuals of so many times their noise misleads the weights of a fit, which are taken anew until none is off by `FAR`.
+const MISLEADING: f64 = 10.0;
 const FAR: f64 = 1.5;
 /// Tolerance of a fit that is only linearised again.
 const SEARCH: f64 = 1e-5;
@@ -138,17 +139,14 @@ pub(crate) fn fit_for_search(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
-    // Without effects a large one is explained by no weights.
-    let rounds = if terms.all.is_empty() && !terms.kinds.encoders { 0 } else { MOST_ROUNDS };
-    for _ in 0..rounds {
-        // What the start does not explain, a large effect or a stand that is not straight, is hardly listened to.
+    // What the start does not explain, a stand that is not straight or a very large effect, is hardly listened to.
+    let is_misled = !terms.all.is_empty() && problem.weights.times_noise(prepared).iter().any(|t| *t > MISLEADING);
+    let rounds = if is_misled { MOST_ROUNDS } else { usize::from(terms.kinds.encoders) };
+    for round in 0..rounds {
         let before = problem.weights.times_noise(prepared);
-        if before.iter().all(|times| *times < FAR) {
-            break;
-        }
         problem.weigh_by(&found)?;
         let after = problem.weights.times_noise(prepared);
-        if before.iter().zip(after).all(|(before, after)| (FAR.recip()..FAR).contains(&(after / before))) {
+        if round > 0 && before.iter().zip(after).all(|(b, a)| (FAR.recip()..FAR).contains(&(a / b))) {
             break;
         }
         found = minimize(&problem, &found.parameters, SEARCH)?;
