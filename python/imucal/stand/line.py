@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +16,7 @@ from imucal.document import write_json
 from imucal.errors import ImucalError, InputError
 from imucal.export import FORMATS, Export, export, find_format
 from imucal.io import read
+from imucal.io.source import open_large
 from imucal.limits import Limits
 from imucal.motion import Program
 from imucal.recording import STANDARD_GRAVITY_MPS2
@@ -249,7 +249,7 @@ def _require_exports(order: Order, columns: Sequence[str]) -> None:
 def _kept(outcome: Outcome) -> Outcome:
     """The outcome, with result.json in its folder; a verdict is not lost where that cannot be written."""
     paths = [done.output for done in outcome.runs.values() if done.output is not None]
-    digests = {path: hashlib.sha256(Path(path).read_bytes()).hexdigest() for path in paths}
+    digests = {path: open_large(path).sha256 for path in paths}
     outcome = dataclasses.replace(outcome, sha256=digests)
     try:
         write_json(outcome.to_dict(), outcome.folder / "result.json")
