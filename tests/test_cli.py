@@ -70,6 +70,7 @@ def test_help_of_a_command_has_an_example_and_json(command, capsys):
         (["simulate", "none.json", "-o", "y.csv"], "none.json: there is no such file"),
         (["simulate", "random", "--unit", "bogus", "-o", "y.csv"], "the unit 'bogus' is not known"),
         (["simulate", "random", "--seed", "-1", "-o", "y.csv"], "seed is -1"),
+        (["demo", "--seed", "7", "gap"], "options of `imucal demo gap` stand after gap"),
         (["effects", "gyro_g_sens"], "no effect 'gyro_g_sens': is it gyro_g_sensitivity"),
     ],
 )
@@ -82,6 +83,26 @@ def test_bad_input_ends_with_1_and_a_message(arguments, message, capsys, tmp_pat
     assert message in shown.err
     assert "Traceback" not in shown.err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_json_of_a_command_without_a_result_says_why(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("last.json").write_text('{"verdict": "good"}')
+    assert main(["calibrate", "none.csv", "--json", "last.json"]) == 1
+    document = json.loads(Path("last.json").read_text())
+    assert (document["schema"], document["verdict"]) == ("imucal.error/1", "no_result")
+    assert document["error"] == "InputError"
+    assert "none.csv: there is no such file" in document["reasons"][0]
+    assert document["reasons"][0] in capsys.readouterr().err
+
+    rows = (f"{i / 100},0,0,1,0,0,{'nan' if i == 7 else 180}\n" for i in range(5000))
+    Path("nan.csv").write_text(HEADER + "\n" + "".join(rows))
+    assert main(["calibrate", "nan.csv", "--json", "-"]) == 1
+    document = json.loads(capsys.readouterr().out)
+    assert "non_finite" in [finding["code"] for finding in document["findings"]]
+    # A folder that is not there must not hide what is wrong.
+    assert main(["inspect", "none.csv", "--json", "none/x.json"]) == 1
+    assert "none.csv: there is no such file" in capsys.readouterr().err
 
 
 def test_convert_with_json_file_and_stdout(run_csv, tmp_path, capsys):

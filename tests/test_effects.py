@@ -390,6 +390,17 @@ def test_a_field_that_cannot_be_used_is_named(field, message):
         calibration.apply(recording.angular_rate, recording.specific_force)
 
 
+def test_what_is_no_effect_of_ones_own_is_named():
+    own = imucal.UserEffect("own", "gyroscope", (imucal.EffectParameter("k", "1", 1.0),), None)
+    recording = measured(unit(), true_state())
+    with pytest.raises(imucal.InputError, match=r"'own' is no effect of your own: give a list of imucal\."):
+        imucal.find_gap(recording, user_effects=["own"])
+    with pytest.raises(imucal.InputError, match="the effect own is defined twice"):
+        imucal.find_gap(recording, user_effects=[own, own])
+    with pytest.raises(imucal.InputError, match="1 is no effect: give names of the catalogue, or imucal"):
+        imucal.calibrate(recording, effects=[1])
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

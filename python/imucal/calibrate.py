@@ -244,6 +244,8 @@ def asked_for(
     for effect in effects:
         if isinstance(effect, UserEffect):
             continue
+        if not isinstance(effect, str):
+            raise InputError(f"{effect!r} is no effect: give names of the catalogue, or imucal.UserEffect")
         name, colon, form = effect.partition(":")
         row = find(name)
         forms = ["full", "seen"] if row.plain < len(row.parameters) else ["seen"]

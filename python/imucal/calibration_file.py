@@ -13,7 +13,7 @@ import numpy as np
 
 from imucal.calibration import FRAMES, Calibration, Provenance, Triad, as_frame
 from imucal.document import Node, plain
-from imucal.effects import Effect, EffectParameter, EffectValues, UserEffect, catalogue
+from imucal.effects import Effect, EffectParameter, EffectValues, UserEffect, by_name, catalogue
 from imucal.errors import FormatError, InputError
 from imucal.recording import AccelUnit, GyroUnit, Source
 
@@ -98,9 +98,10 @@ def _effects_table(calibration: Calibration) -> list[dict[str, Any]]:
 
 def calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibration:
     """The calibration of a document; FormatError names the field that is wrong."""
+    own = by_name(user_effects)
     # What the fields contradict among themselves is a fault of the file.
     try:
-        return _from_node(node, {effect.name: effect for effect in user_effects})
+        return _from_node(node, own)
     except InputError as error:
         raise FormatError(f"{node.file}: {error}") from None
 

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from imucal.disturbances import Disturbance, disturbances
 from imucal.document import Node
-from imucal.effects import Effect, EffectValues, UserEffect, catalogue, check_values, find
+from imucal.effects import Effect, EffectValues, UserEffect, by_name, catalogue, check_values, find
 from imucal.errors import FormatError, InputError
 
 __all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]
@@ -76,7 +76,7 @@ def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
 
 def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
     """The effects in a list of a file, of the catalogue or the user's own; FormatError names a wrong one."""
-    own = {effect.name: effect for effect in user_effects}
+    own = by_name(user_effects)
     effects = []
     for item in node.items():
         values, shape = item.get("values"), item.mapping().get("shape")
@@ -95,10 +95,10 @@ def _definitions(user_effects: Sequence[UserEffect]) -> dict[str, Definition]:
     """All that a name may mean; a user's effect has a name of its own."""
     known: dict[str, Definition] = {row.name: row for row in catalogue()}
     known.update((row.name, row) for row in disturbances())
-    for effect in user_effects:
-        if effect.name in known:
-            raise InputError(f"the effect {effect.name} is defined twice: give each one name")
-        known[effect.name] = effect
+    for name, effect in by_name(user_effects).items():
+        if name in known:
+            raise InputError(f"the effect {name} is defined twice: give each one name")
+        known[name] = effect
     return known
 
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,17 @@ from imucal.disturbances import disturbances
 from imucal.errors import InputError
 from imucal.recording import Recording
 
-__all__ = ["Alias", "Effect", "EffectParameter", "EffectValues", "State", "UserEffect", "catalogue", "find"]
+__all__ = [
+    "Alias",
+    "Effect",
+    "EffectParameter",
+    "EffectValues",
+    "State",
+    "UserEffect",
+    "by_name",
+    "catalogue",
+    "find",
+]
 
 TRIADS: Final = ("accelerometer", "gyroscope")
 
@@ -331,11 +341,22 @@ def named_numbers(effect: Effect | UserEffect, values: EffectValues) -> list[tup
     return numbers
 
 
-def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | UserEffect]:
-    """All effects that a name may mean, by name."""
-    found: dict[str, Any] = dict(_rows())
+def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
+    """A user's own effects by name; InputError for anything else."""
+    found = {}
     for effect in user_effects:
+        if not isinstance(effect, UserEffect):
+            raise InputError(f"{effect!r} is no effect of your own: give a list of imucal.UserEffect")
         if effect.name in found:
             raise InputError(f"the effect {effect.name} is defined twice: give each one name")
         found[effect.name] = effect
     return found
+
+
+def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | UserEffect]:
+    """All effects that a name may mean, by name."""
+    rows, own = _rows(), by_name(user_effects)
+    for name in own:
+        if name in rows:
+            raise InputError(f"the effect {name} is defined twice: give each one name")
+    return {**rows, **own}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from imucal.finding import Finding
@@ -12,11 +12,7 @@ __all__ = ["FitError", "FormatError", "ImucalError", "InputError", "NotEnoughMot
 
 
 class ImucalError(Exception):
-    """Base of every error that this package raises on purpose."""
-
-
-class InputError(ImucalError, ValueError):
-    """An argument or a recording that cannot be used.
+    """Base of every error that this package raises on purpose.
 
     `findings` lists the faults of the data when the checks of a recording refused it; it is empty otherwise.
     """
@@ -24,6 +20,22 @@ class InputError(ImucalError, ValueError):
     def __init__(self, message: str, findings: Sequence[Finding] = ()) -> None:
         super().__init__(message)
         self.findings: list[Finding] = list(findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `--json`, schema imucal.error/1, of a command that came to no result."""
+        from imucal.document import without_nan
+
+        return {
+            "schema": "imucal.error/1",
+            "verdict": "no_result",
+            "error": type(self).__name__,
+            "reasons": [str(self)],
+            "findings": without_nan([finding.to_dict() for finding in self.findings]),
+        }
+
+
+class InputError(ImucalError, ValueError):
+    """An argument or a recording that cannot be used."""
 
 
 class NotEnoughMotionError(ImucalError):

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucal.calibration import Calibration
-from imucal.effects import UserEffect, catalogue, find
+from imucal.effects import UserEffect, by_name, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.evaluate import MIN_REST_S, require_calibration
 from imucal.gap_outcome import data_fault, outcome
@@ -69,7 +69,7 @@ def find_gap(
     if calibration is not None:
         for recording in (*unit_data, *(judges or ())):
             calibration.require_raw_units(recording)
-    named = {effect.name: effect for effect in user_effects}
+    named = by_name(user_effects)
     wanted = _wanted(candidates, named)
     trial = Trial(unit_data, judges, gravity, min_rest_s, exclude_saturated, named, stage)
     try:

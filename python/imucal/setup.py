@@ -13,7 +13,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.document import Node
 from imucal.effect_values import effects_of, effects_to_list
-from imucal.effects import EffectValues, UserEffect, catalogue
+from imucal.effects import EffectValues, UserEffect, by_name, catalogue
 from imucal.errors import FormatError, InputError
 from imucal.motion import Motion, Program, Tumble, motion_from, motion_to_dict
 from imucal.recording import STANDARD_GRAVITY_MPS2
@@ -143,7 +143,7 @@ class CoreSetup:
 
 def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
     """The setup in a truth file; InputError if the definition of a user's effect is missing."""
-    definitions = {effect.name: effect for effect in user_effects}
+    definitions = by_name(user_effects)
     for item in node.get("user_effects").items():
         name = item.get("name").text()
         if name not in definitions:

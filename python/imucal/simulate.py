@@ -21,7 +21,7 @@ from imucal.arrays import FloatArray, as_rows
 from imucal.disturbances import disturbances
 from imucal.document import read_json
 from imucal.effect_values import EffectInput, give_effects
-from imucal.effects import EffectValues, State, UserEffect
+from imucal.effects import EffectValues, State, UserEffect, by_name
 from imucal.errors import InputError
 from imucal.motion import Motion, Program, motion_of
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
@@ -91,7 +91,7 @@ def simulate(
     motion = _on_stand(motion_of(program, seed), stand)
     gravity_mps2, earth_rate = _place(gravity_mps2, latitude_deg, height_m, given)
     noise_and_faults = {row.name for row in disturbances()}
-    own = {effect.name: effect for effect in user_effects}
+    own = by_name(user_effects)
     setup = Setup(
         motion=motion,
         seed=seed,

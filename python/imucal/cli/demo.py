@@ -38,10 +38,14 @@ def demo(
 
     Example: imucal demo -o demo
     """
-    if context.invoked_subcommand is not None:
+    from imucal.errors import InputError
+
+    if (command := context.invoked_subcommand) is not None:
+        sources = map(context.get_parameter_source, context.params)
+        if any(source is not None and source.name == "COMMANDLINE" for source in sources):
+            raise InputError(f"options of `imucal demo {command}` stand after {command}")
         return
     import imucal
-    from imucal.errors import InputError
     from imucal.report import require_plotly, write_calibration_page
 
     require_plotly()

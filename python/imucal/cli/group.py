@@ -1,11 +1,18 @@
-"""A group of commands, whose help is plain text."""
+"""A group of commands: their help is plain text, and --json gets a document when a command fails, too."""
 
 from __future__ import annotations
 
+import contextlib
+import os
+import sys
+from collections.abc import Callable, Iterable
+from pathlib import Path
 from typing import Any
 
 import typer
-from typer.core import TyperGroup
+from typer.core import TyperCommand, TyperGroup
+
+from imucal.errors import ImucalError
 
 __all__ = ["group"]
 
@@ -26,6 +33,51 @@ class _Commands(TyperGroup):
             formatter.write_dl(rows)
 
 
+class _Command(TyperCommand):
+    """Writes what went wrong where --json asks for the result: a script must not read the last run's."""
+
+    def invoke(self, ctx: Any) -> Any:
+        try:
+            return super().invoke(ctx)
+        except ImucalError as error:
+            path = ctx.params.get("json")
+            if path == "-":
+                _print_error(error)
+            elif path is not None and not _is_read(path, ctx.params.values()):
+                _write_error(error, path)
+            raise
+
+
+class _App(typer.Typer):
+    """Its commands are of this file's kind."""
+
+    def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
+        return super().command(name, cls=_Command, **settings)
+
+
 def group(**settings: Any) -> typer.Typer:
     """A `typer.Typer`; boxes and colours would take longer to load than all that the help needs."""
-    return typer.Typer(cls=_Commands, rich_markup_mode=None, **settings)
+    return _App(cls=_Commands, rich_markup_mode=None, **settings)
+
+
+def _is_read(path: str, given: Iterable[Any]) -> bool:
+    """Whether --json names a file that stands in another place of the command line, which may be data."""
+    values = [item for value in given for item in (value if isinstance(value, (list, tuple)) else [value])]
+    named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
+    # One of them is --json itself.
+    return named.count(os.path.realpath(path)) > 1
+
+
+def _print_error(error: ImucalError) -> None:
+    from imucal.document import to_json
+
+    print(to_json(error.to_dict()))
+    sys.stdout.flush()
+
+
+def _write_error(error: ImucalError, path: str) -> None:
+    from imucal.document import write_json
+
+    # The error itself is what must be seen, not that of a second file.
+    with contextlib.suppress(ImucalError):
+        write_json(error.to_dict(), path)
