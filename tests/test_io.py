@@ -381,6 +381,15 @@ def ordinary_user():
         os.seteuid(user)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pipes with a path are POSIX")
+def test_a_pipe_is_refused_before_its_first_samples_are_lost(tmp_path):
+    pipe = tmp_path / "run.csv"
+    os.mkfifo(pipe)
+    for read in (imucal.read, imucal.io.read_pieces):
+        with pytest.raises(imucal.InputError, match=r"run\.csv is a pipe or a device: write its data to a"):
+            read(pipe)
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="file modes are POSIX")
 def test_no_permission(tmp_path):
     path, recording = tmp_path / "run.csv", random_recording(3)

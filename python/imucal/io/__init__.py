@@ -10,6 +10,7 @@ from imucal.errors import InputError
 from imucal.io.canonical import write_columns, write_parts
 from imucal.io.formats import FORMATS, Format
 from imucal.io.recognition import recognise
+from imucal.io.source import require_file
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import NAMES, column_names
 from imucal.recording import AccelUnit, GyroUnit, Recording
@@ -97,6 +98,8 @@ def _chosen(
     options = {name: value for name, value in given.items() if value is not None and value is not False}
     if not paths:
         raise InputError("no file is given: give the path of a recording")
+    for path in paths:
+        require_file(path)
     chosen = format or recognise(paths, options)
     if chosen not in FORMATS:
         raise InputError(f"the format {chosen!r} is not known: give one of {', '.join(FORMATS)}")

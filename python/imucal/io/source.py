@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import stat
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -24,6 +25,7 @@ __all__ = [
     "open_large",
     "parsing",
     "parts",
+    "require_file",
 ]
 
 HASHED_AT_ONCE = 1 << 20
@@ -110,6 +112,16 @@ def open_large(path: str | os.PathLike[str]) -> Source:
 def is_folder(path: str | os.PathLike[str]) -> bool:
     """Whether it is a folder; False for what cannot be seen, which reading it then tells."""
     return os.path.isdir(path)  # noqa: PTH112 (pathlib raises instead)
+
+
+def require_file(path: str | os.PathLike[str]) -> None:
+    """InputError for a pipe or a device: it can be read once, and a recording is looked at first."""
+    try:
+        mode = Path(path).stat().st_mode
+    except (OSError, ValueError):
+        return  # Reading it tells what is wrong.
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise InputError(f"{os.fspath(path)} is a pipe or a device: write its data to a file, and give that")
 
 
 def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
