@@ -569,6 +569,15 @@ def test_reversed_gravity_without_a_stand_is_said():
     assert [(f.code, f.severity) for f in result.findings] == [("gravity_sign", "warning")]
 
 
+def test_an_axis_in_other_counts_than_the_others_is_said():
+    in_counts = counts(simulated().recording)
+    assert not imucal.calibrate(in_counts).findings
+    result = imucal.calibrate(rate(axis(1, 0.5))(in_counts))
+    assert [(f.code, f.severity, f.columns) for f in result.findings] == [
+        ("gains_differ", "warning", ("gyro_y",))
+    ]
+
+
 def test_every_code_has_a_case():
     """A code in the checks that no table expects fails here."""
     source = "".join(

@@ -223,6 +223,20 @@ def test_a_large_effect_does_not_hide_how_small_others_would_be_seen():
         assert hidden[name]["value"] < 1.7 * nothing[name]["value"]
 
 
+def test_a_large_effect_is_told_from_what_resembles_it():
+    run, control = pair(effects={"accel_scale_quadratic": [1e-3, 3e-3, 2e-3]})
+    gap = imucal.find_gap(run, control=control)
+    assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("named", ["accel_scale_quadratic"])
+
+
+def test_effects_that_the_control_run_cannot_bear_are_a_verdict():
+    # A fifth of the force: taken away from the control run, the effect has no solution at some samples.
+    run, control = pair(effects={"accel_scale_quadratic": [0.02, 0.02, 0.02]})
+    gap = imucal.find_gap(run, control=control)
+    assert gap.verdict == "unknown"
+    assert any("too large there to be undone" in note for note in gap.notes)
+
+
 def test_a_short_run_with_a_plain_effect_is_not_called_complete():
     run, control = (
         simulated(

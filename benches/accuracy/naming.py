@@ -1,6 +1,6 @@
 """Whether what is bad was named, and what was named that is not bad.
 
-A rest or move is named if it is left out or down-weighted. A bad stretch of a rest is dealt with if
+A rest or move is named if it is left out. A bad stretch of a rest is dealt with if
 
     no rest overlaps it unnamed: the rest is named, or was not taken for one, or was cut there; or
     all moves to and from it are named: a force across gravity shows in nothing else; or
@@ -20,7 +20,6 @@ import imucal
 EDGE_S = 0.06
 # A finding that spans more than a rest and a move points at nothing.
 POINTED_S = 10.0
-WORDS = ("excluded", "down_weighted")
 
 
 @dataclass(frozen=True)
@@ -81,4 +80,4 @@ def score(result: imucal.CalibrationResult, bad: Sequence[Bad]) -> Named:
 
 
 def is_named(item: Mapping[str, Any]) -> bool:
-    return any(bool(item.get(word)) for word in WORDS)
+    return item["excluded"] is not None

@@ -1,6 +1,5 @@
 """What a tool answered, in one form for all tools."""
 
-import inspect
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -40,13 +39,9 @@ def find_gap(
     """Ask imucal; returns its answer in the common form, and as it is. It sees nothing of the case but its
     recordings and what a user would give.
     """
-    given = dict(case.given)
-    options = inspect.signature(imucal.find_gap).parameters
-    if "in_moves" in options and case.kind.startswith(("A'", "C")):
-        given["in_moves"] = True
     start = time.perf_counter()
     try:
-        gap = imucal.find_gap(measured, control=control, **given)
+        gap = imucal.find_gap(measured, control=control, **case.given)
     except BaseException as error:
         # A panic of the library is no Exception; it counts as an answer, a wrong one, and the run goes on.
         if not isinstance(error, imucal.ImucalError) and type(error).__name__ != "PanicException":

@@ -74,7 +74,13 @@ class Trial:
         )
         result = calibrated(self._checked(), self.unit_data, options, own, self.judges or ())
         if result.control is not None:
-            require_figures(result.control)
+            try:
+                require_figures(result.control)
+            except InputError as error:
+                if names:
+                    # The recordings judge the plain model: it is the effects that cannot be undone there.
+                    raise FitError(str(error)) from None
+                raise
         return result
 
     def _checked(self) -> _core.Checked:

@@ -63,7 +63,7 @@ impl Checked {
     pub fn calibrate(&self, recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
         let data = self.data(recordings);
         let Self { accelerometer, gyroscope, unusable, .. } = self;
-        let outcome = if options.is_joint() {
+        let mut outcome = if options.is_joint() {
             let (joint, selection) =
                 data.fit_without_outliers(accelerometer, gyroscope, unusable, options, self.near())?;
             let triads = self.triads();
@@ -83,7 +83,9 @@ impl Checked {
             let held_out = options.folds.map(unseen).transpose()?;
             Outcome { held_out, ..Outcome::new(data, accelerometer, gyroscope, unusable, options)? }
         };
-        refuse_errors(&check_gains(&recordings[0], &outcome.calibration))?;
+        let gains = check_gains(&recordings[0], &outcome.calibration);
+        refuse_errors(&gains)?;
+        outcome.findings.extend(gains);
         Ok(outcome)
     }
 

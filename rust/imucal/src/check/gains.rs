@@ -1,10 +1,10 @@
 //! The calibration itself: one axis in another unit than its column's name says.
 //!
 //! A fit takes any scale: with accel_x in g and the other axes in m/s^2 it finds a perfect T, a tenth on x. In SI units
-//! the gain of an axis, the length of its row of T, is near 1 for every sensor on the market. Counts are not judged.
+//! the gain of an axis, the length of its row of T, is near 1 for every sensor on the market. Counts may have any gain, and
+//! axes of one chip have the same.
 
 use imucal_core::calibration::Calibration;
-use imucal_core::sensor::Triad;
 
 use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
@@ -13,19 +13,27 @@ use crate::recording::{RawUnit, Recording};
 /// Gain of an axis in SI units; datasheets promise 0.9 to 1.1 or better.
 const GAIN: [f64; 2] = [0.75, 1.25];
 
-/// `accel_units` and `gyro_units` for axes whose gain no sensor has; `recording` is the first one of the unit.
+/// Largest gain over the smallest of axes in counts; in one chip they are as equal as [`GAIN`] says.
+const MOST_APART: f64 = GAIN[1] / GAIN[0];
+
+/// `accel_units` and `gyro_units` for axes whose gain no sensor has, and `gains_differ`, a warning, for axes in counts
+/// that differ as those of one chip do not; `recording` is the first one of the unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let accelerometer = (recording.accel_unit, &calibration.accelerometer, ACCEL, "accel_units");
     let gyroscope = (recording.gyro_unit, &calibration.gyroscope, GYRO, "gyro_units");
     [accelerometer, gyroscope]
         .into_iter()
-        .filter(|(unit, ..)| *unit == RawUnit::Si)
-        .filter_map(|(_, triad, columns, code)| odd_gains(recording, triad, columns, code))
+        .filter_map(|(unit, triad, columns, code)| {
+            let gains = [0, 1, 2].map(|axis| triad.sensitivity().row(axis).norm());
+            match unit {
+                RawUnit::Si => odd_gains(recording, gains, columns, code),
+                RawUnit::Lsb => different_gains(recording, gains, columns),
+            }
+        })
         .collect()
 }
 
-fn odd_gains(recording: &Recording, triad: &Triad<f64>, columns: [&str; 3], code: &'static str) -> Option<Finding> {
-    let gains = [0, 1, 2].map(|axis| triad.sensitivity().row(axis).norm());
+fn odd_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3], code: &'static str) -> Option<Finding> {
     let odd: Vec<usize> = (0..3).filter(|&axis| !(GAIN[0]..=GAIN[1]).contains(&gains[axis])).collect();
     let farthest = odd.iter().copied().max_by(|&a, &b| gains[a].ln().abs().total_cmp(&gains[b].ln().abs()))?;
     let parts: Vec<String> =
@@ -42,12 +50,36 @@ fn odd_gains(recording: &Recording, triad: &Triad<f64>, columns: [&str; 3], code
     })
 }
 
+fn different_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3]) -> Option<Finding> {
+    let mut sorted = gains;
+    sorted.sort_by(f64::total_cmp);
+    let [least, middle, most] = sorted;
+    if most <= MOST_APART * least {
+        return None;
+    }
+    // The axis that is not like the two others.
+    let odd = if most * least > middle * middle { most } else { least };
+    let axis = gains.iter().position(|gain| *gain == odd)?;
+    Some(Finding {
+        columns: vec![columns[axis].to_owned()],
+        count: recording.len(),
+        value: odd / middle,
+        unit: "ratio",
+        message: format!("{} has {:.4} times the counts per unit of another axis", columns[axis], odd / middle),
+        way_out: "nothing to do if its axes are sensors of different types; else the column is scaled by itself: see how it was recorded"
+            .into(),
+        ..Finding::warning("gains_differ", recording.name)
+    })
+}
+
 #[cfg(test)]
 mod tests {
+    use imucal_core::sensor::Triad;
     use nalgebra::{Matrix3, Rotation3, Vector3};
 
     use super::super::example::Columns;
     use super::*;
+    use crate::finding::Severity;
 
     fn triad(gains: [f64; 3]) -> Triad<f64> {
         let turn = Rotation3::from_euler_angles(0.4, -1.0, 2.0);
@@ -76,10 +108,18 @@ mod tests {
     }
 
     #[test]
-    fn counts_may_have_any_gain() {
+    fn counts_may_have_any_gain_and_axes_that_differ_are_a_warning() {
         let columns = Columns::tumbling();
         let lsb = Recording { accel_unit: RawUnit::Lsb, gyro_unit: RawUnit::Lsb, ..columns.recording() };
-        let calibration = Calibration::new(triad([400.0; 3]), triad([4000.0, 939.0, 939.0]));
-        assert!(check_gains(&lsb, &calibration).is_empty());
+        let of = |gains| check_gains(&lsb, &Calibration::new(triad([400.0; 3]), triad(gains)));
+        assert!(of([4000.0, 3000.0, 3500.0]).is_empty());
+        for (gains, column, ratio) in
+            [([4000.0, 939.0, 939.0], "gyro_x", 4000.0 / 939.0), ([940.0, 470.0, 939.0], "gyro_y", 470.0 / 939.0)]
+        {
+            let findings = of(gains);
+            assert_eq!((findings.len(), findings[0].code), (1, "gains_differ"));
+            assert_eq!((findings[0].severity, findings[0].columns[0].as_str()), (Severity::Warning, column));
+            assert!((findings[0].value - ratio).abs() < 1e-9);
+        }
     }
 }

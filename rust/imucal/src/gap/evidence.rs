@@ -49,6 +49,8 @@ pub(crate) struct Evidence {
     pub(crate) theta: Vec<f64>,
 }
 
+/// On the diagonal of a normal matrix of columns of length one: more than rounding, less than anything that is seen.
+pub(super) const RIDGE: f64 = 1e-13;
 /// Scales and parameters depend on each other; the last round is taken as it is.
 const SCALE_ROUNDS: usize = 20;
 
@@ -80,7 +82,7 @@ impl Gram {
     /// The evidence of a model with these columns; `None` where it is not determined.
     pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
         let n = columns.len();
-        let size: Vec<f64> = columns.iter().map(|c| self.total(c.place).max(c.precision).sqrt().max(1e-300)).collect();
+        let size = self.sizes(columns);
         // Columns of length one: sums of squares would lose the small ones otherwise.
         let part = |sum: &Mat<f64>| {
             let mut part = Mat::zeros(n, n);
@@ -102,7 +104,7 @@ impl Gram {
         let offset: Vec<f64> = (0..n).map(|i| columns[i].value * size[i]).collect();
         let mut scales = vec![1.0; parts.len()];
         for round in 1..=SCALE_ROUNDS {
-            let mut normal = Mat::from_fn(n, n, |i, j| if i == j { precision[i] + 1e-13 } else { 0.0 });
+            let mut normal = Mat::from_fn(n, n, |i, j| if i == j { precision[i] + RIDGE } else { 0.0 });
             for (part, scale) in parts.iter().zip(&scales) {
                 for j in 0..n {
                     let sum = normal.col_as_slice_mut(j).iter_mut();
@@ -155,7 +157,7 @@ impl Gram {
         let (sum, n) = (&self.sums[place], columns.len());
         let size: Vec<f64> = columns.iter().map(|c| sum[(c.place, c.place)].sqrt().max(1e-300)).collect();
         let normal = Mat::from_fn(n, n, |i, j| {
-            sum[(columns[i].place, columns[j].place)] / (size[i] * size[j]) + if i == j { 1e-13 } else { 0.0 }
+            sum[(columns[i].place, columns[j].place)] / (size[i] * size[j]) + if i == j { RIDGE } else { 0.0 }
         });
         let right = Mat::from_fn(n, 1, |i, _| sum[(columns[i].place, self.residual)] / size[i]);
         let solved = normal.llt(faer::Side::Lower).ok()?.solve(&right);
@@ -166,11 +168,11 @@ impl Gram {
     /// Covariance of these of the columns' parameters.
     pub(crate) fn covariance(&self, columns: &[Column], scales: &[f64], own: &[usize]) -> Option<Mat<f64>> {
         let n = columns.len();
-        let size: Vec<f64> = columns.iter().map(|c| self.total(c.place).max(c.precision).sqrt().max(1e-300)).collect();
+        let size = self.sizes(columns);
         let normal = Mat::from_fn(n, n, |i, j| {
             let (a, b) = (columns[i].place, columns[j].place);
             let seen: f64 = self.sums.iter().zip(scales).map(|(sum, scale)| sum[(a, b)] / scale).sum();
-            seen / (size[i] * size[j]) + if i == j { columns[i].precision / (size[i] * size[i]) + 1e-13 } else { 0.0 }
+            seen / (size[i] * size[j]) + if i == j { columns[i].precision / (size[i] * size[i]) + RIDGE } else { 0.0 }
         });
         let wanted = Mat::from_fn(n, own.len(), |i, k| f64::from(u8::from(i == own[k])));
         let solved = normal.llt(faer::Side::Lower).ok()?.solve(&wanted);
@@ -197,8 +199,10 @@ impl Gram {
         all
     }
 
-    fn total(&self, place: usize) -> f64 {
-        self.sums.iter().map(|sum| sum[(place, place)]).sum()
+    /// What makes each column, with its prior, of length one.
+    fn sizes(&self, columns: &[Column]) -> Vec<f64> {
+        let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
+        columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()
     }
 }
 

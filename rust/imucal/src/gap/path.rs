@@ -10,15 +10,13 @@ use super::design::Design;
 use super::detect::FALSE_ALARM;
 use super::pattern::Pattern;
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
-use super::stage::{Beside, FitKey, Stage};
+use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{Kinds, Linear, Model, Near, Prepared};
 use crate::recording::Recording;
 
-/// Rivals are this close in the logarithm of the evidence.
-pub(super) const RIVAL_NATS: f64 = 3.0;
 const MOST_EFFECTS: usize = 6;
 /// Width of the narrowest prior, in typical sizes.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
@@ -175,77 +173,27 @@ impl<'a> Hunt<'a> {
         triads: [&Triad<f64>; 2],
         open: Vec<EffectChoice>,
     ) -> Result<(Search, Near), Error> {
-        let (mut stage, open) = self.start(prepared, triads, open)?;
+        let (stage, open) = self.start(prepared, triads, open)?;
         let first = judge(&stage);
         let traces = traces(&stage);
         let plain_scales = stage.evidence.scales.clone();
-        let mut path: Vec<Score> = Vec::new();
-        let mut skipped: Vec<String> = Vec::new();
-        let mut not_predictive: Vec<NotPredictive> = Vec::new();
-        let mut last: Option<Judgement> = None;
-        while path.len() < MOST_EFFECTS {
-            let judged = last.as_ref().unwrap_or(&first);
-            let limit = FALSE_ALARM / judged.scores.len().max(1) as f64;
-            let good = |s: &&Judged| {
-                s.score.p_value < limit && s.score.log_bayes_factor > 0.0 && !skipped.contains(&s.score.name)
-            };
-            let best = |a: &&Judged, b: &&Judged| a.score.log_bayes_factor.total_cmp(&b.score.log_bayes_factor);
-            let Some(pick) = judged.scores.iter().filter(good).max_by(best) else { break };
-            let pick = self.fitted_best(prepared, &open, &stage, pick, judged.scores.iter().filter(good));
-            if let Some(gain) = gain(&stage, pick).filter(|gain| !gain.is_sure()) {
-                skipped.push(pick.score.name.clone());
-                not_predictive.push(NotPredictive {
-                    name: pick.score.name.clone(),
-                    log_bayes_factor: pick.score.log_bayes_factor,
-                    gain: gain.nats,
-                    gain_std: gain.std,
-                });
-                continue;
-            }
-            let members = pick.beside(&stage.members);
-            let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-            match self.stage(prepared, near, &open, &members, Beside::Candidates) {
-                Ok(next) if next.evidence.log > stage.evidence.log => {
-                    let near = |s: &&Judged| {
-                        s.score.name != pick.score.name
-                            && s.score.log_bayes_factor > pick.score.log_bayes_factor - RIVAL_NATS
-                            && s.score.log_bayes_factor > 0.0
-                    };
-                    let rivals = judged.scores.iter().filter(near).map(|s| s.score.name.clone()).collect();
-                    path.push(Score { rivals, ..pick.score.clone() });
-                    stage = next;
-                    // Before a second effect mends what the wrong one leaves.
-                    if self.swap(prepared, &open, &mut stage, &mut path)? {
-                        let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-                        stage = self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?;
-                    }
-                    last = Some(judge(&stage));
-                }
-                // What is not determined, or does not help once it is really fitted, is no explanation.
-                _ => skipped.push(pick.score.name.clone()),
-            }
-        }
-        if self.eliminate(prepared, &open, &mut stage, &mut path)? {
-            let near = [&stage.model.accelerometer, &stage.model.gyroscope];
-            last = Some(judge(&self.stage(prepared, near, &open, &stage.members, Beside::Candidates)?));
-        }
+        let Walk { stage, path, not_predictive, last } = self.walk(prepared, &open, stage, &first)?;
         let (patterns, contradiction) = self.patterns(prepared, triads, &open, &stage)?;
         let generic = patterns
             .into_iter()
             .filter_map(Pattern::winner)
             .max_by(|a, b| a.log_bayes_factor.total_cmp(&b.log_bayes_factor));
-        let mut ranking: Vec<Score> = first.scores.iter().map(|judged| judged.score.clone()).collect();
+        let Judgement { scores, blind, visible } = first;
+        let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
         // Beside the final model; of what is in it, beside the model without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
-        smallest_visible.extend(
-            first
-                .visible
-                .into_iter()
-                .filter(|(name, ..)| !smallest_visible.iter().any(|(n, ..)| n == name))
-                .collect::<Vec<_>>(),
-        );
-        self.left_out.extend(first.blind);
+        for entry in visible {
+            if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {
+                smallest_visible.push(entry);
+            }
+        }
+        self.left_out.extend(blind);
         let found = Search {
             path,
             ranking,
@@ -259,4 +207,64 @@ impl<'a> Hunt<'a> {
         };
         Ok((found, stage.near()))
     }
+
+    /// Adds the best candidate again and again, from the model without effects, and leaves out what is superfluous at the end.
+    fn walk(
+        &self,
+        prepared: &Prepared<'_>,
+        open: &[EffectChoice],
+        mut stage: Stage,
+        first: &Judgement,
+    ) -> Result<Walk, Error> {
+        let beside = |stage: &Stage, members: &[Member]| {
+            let near = [&stage.model.accelerometer, &stage.model.gyroscope];
+            self.stage(prepared, near, open, members, Beside::Candidates)
+        };
+        let mut path: Vec<Score> = Vec::new();
+        let mut skipped: Vec<String> = Vec::new();
+        let mut not_predictive: Vec<NotPredictive> = Vec::new();
+        let mut last: Option<Judgement> = None;
+        while path.len() < MOST_EFFECTS {
+            let judged = last.as_ref().unwrap_or(first);
+            let limit = FALSE_ALARM / judged.scores.len().max(1) as f64;
+            let good = |s: &Judged| s.score.p_value < limit && !skipped.contains(&s.score.name);
+            let Some((pick, rivals)) = self.best(prepared, open, &stage, &judged.scores, good) else { break };
+            if let Some(gain) = gain(&stage, pick).filter(|gain| !gain.is_sure()) {
+                skipped.push(pick.score.name.clone());
+                not_predictive.push(NotPredictive {
+                    name: pick.score.name.clone(),
+                    log_bayes_factor: pick.score.log_bayes_factor,
+                    gain: gain.nats,
+                    gain_std: gain.std,
+                });
+                continue;
+            }
+            match beside(&stage, &pick.beside(&stage.members)) {
+                Ok(next) if next.evidence.log > stage.evidence.log => {
+                    path.push(Score { rivals, ..pick.score.clone() });
+                    stage = next;
+                    // Before a second effect mends what the wrong one leaves.
+                    if self.swap(prepared, open, &mut stage, &mut path)? {
+                        stage = beside(&stage, &stage.members)?;
+                    }
+                    last = Some(judge(&stage));
+                }
+                // What is not determined, or does not help once it is really fitted, is no explanation.
+                _ => skipped.push(pick.score.name.clone()),
+            }
+        }
+        if self.eliminate(prepared, open, &mut stage, &mut path)? {
+            last = Some(judge(&beside(&stage, &stage.members)?));
+        }
+        Ok(Walk { stage, path, not_predictive, last })
+    }
+}
+
+/// Where a path has come to.
+struct Walk {
+    stage: Stage,
+    path: Vec<Score>,
+    not_predictive: Vec<NotPredictive>,
+    /// Of the candidates beside the last model; `None` where that is the first one.
+    last: Option<Judgement>,
 }

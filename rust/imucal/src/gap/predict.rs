@@ -15,7 +15,7 @@
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-use super::evidence::{Column, Gram};
+use super::evidence::{Column, Gram, RIDGE};
 
 /// Stretches of time, each of which all others predict.
 const FOLDS: usize = 6;
@@ -93,7 +93,7 @@ impl Held<'_> {
             }
             let own = part(&rows);
             let seen = &all - own.transpose() * &own;
-            let normal = Mat::from_fn(n, n, |i, j| seen[(i, j)] + if i == j { precision[i] + 1e-13 } else { 0.0 });
+            let normal = Mat::from_fn(n, n, |i, j| seen[(i, j)] + if i == j { precision[i] + RIDGE } else { 0.0 });
             let right = Mat::from_fn(n, 1, |i, _| -(seen[(i, n)] + precision[i] * columns[i].value * size[i]));
             let delta = normal.llt(faer::Side::Lower).ok()?.solve(&right);
             for (i, &row) in rows.iter().enumerate() {

@@ -11,7 +11,7 @@ use faer::linalg::solvers::{Llt, Solve};
 use faer::{Mat, Par};
 use std::ops::Range;
 
-use super::evidence::{Column, Gram};
+use super::evidence::{Column, Gram, RIDGE};
 
 /// A model at given scales.
 pub(crate) struct Projection<'a> {
@@ -38,7 +38,7 @@ impl<'a> Projection<'a> {
         let n = model.len();
         let all = gram.at_scales(scales, |i| if i < n { model[i].place } else { gram.residual }, n + 1, 0..n);
         let size: Vec<f64> = (0..n).map(|i| all[(i, i)].max(model[i].precision).sqrt().max(1e-300)).collect();
-        let precision = |i: usize| model[i].precision / (size[i] * size[i]) + 1e-13;
+        let precision = |i: usize| model[i].precision / (size[i] * size[i]) + RIDGE;
         let normal =
             Mat::from_fn(n, n, |i, j| all[(i, j)] / (size[i] * size[j]) + if i == j { precision(i) } else { 0.0 });
         let factor = normal.llt(faer::Side::Lower).ok()?;

@@ -3,7 +3,7 @@
 use imucal_core::effects::Effect;
 
 use super::Score;
-use super::path::{Hunt, LEAST_WIDTH, RIVAL_NATS};
+use super::path::{Hunt, LEAST_WIDTH};
 use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
@@ -11,6 +11,8 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::stats::p_value;
 
+/// Rivals are this close in the logarithm of the evidence.
+const RIVAL_NATS: f64 = 3.0;
 /// From this logarithm of a Bayes factor on what a line leaves out tells more between effects than what they are.
 const VERY_MUCH: f64 = 2000.0;
 /// Share of the best one's that a contender has.
@@ -25,27 +27,42 @@ impl Judged {
 }
 
 impl Hunt<'_> {
-    /// Of effects that explain very much, all nearly as much as `pick`, the one that explains most when it is fitted.
-    pub(super) fn fitted_best<'j>(
+    /// The best of the candidates that are `good` by their evidence, and its rivals by name.
+    ///
+    /// Of effects that explain very much, all nearly as much, it is the one that explains most when it is fitted.
+    pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
         open: &[EffectChoice],
         stage: &Stage,
-        pick: &'j Judged,
-        others: impl Iterator<Item = &'j Judged>,
-    ) -> &'j Judged {
-        let most = pick.score.log_bayes_factor;
-        let close: Vec<&Judged> = others.filter(|other| other.score.log_bayes_factor > CLOSE * most).collect();
-        if most < VERY_MUCH || close.len() < 2 {
-            return pick;
-        }
+        scores: &'j [Judged],
+        good: impl Fn(&Judged) -> bool,
+    ) -> Option<(&'j Judged, Vec<String>)> {
+        let evidence: Vec<(&Judged, f64)> =
+            scores.iter().map(|judged| (judged, judged.score.log_bayes_factor)).filter(|(_, log)| *log > 0.0).collect();
+        let may_lead = |of: &[(&'j Judged, f64)]| {
+            of.iter().filter(|(judged, _)| good(judged)).max_by(|a, b| a.1.total_cmp(&b.1)).copied()
+        };
+        let (first, most) = may_lead(&evidence)?;
         let near = [&stage.model.accelerometer, &stage.model.gyroscope];
         let fitted = |judged: &'j Judged| {
             let members = judged.beside(&stage.members);
             Some((judged, self.stage(prepared, near, open, &members, Beside::Nothing).ok()?.evidence.log))
         };
-        let best = close.into_iter().filter_map(fitted).max_by(|a, b| a.1.total_cmp(&b.1));
-        best.map_or(pick, |(judged, _)| judged)
+        let close = evidence.iter().filter(|(judged, log)| *log > CLOSE * most && good(judged));
+        let close: Vec<&Judged> = close.map(|(judged, _)| *judged).collect();
+        let fits: Vec<(&Judged, f64)> = if most < VERY_MUCH || close.len() < 2 {
+            Vec::new()
+        } else {
+            close.into_iter().filter_map(fitted).collect()
+        };
+        let (contenders, (pick, most)) = match may_lead(&fits) {
+            Some(best) => (fits, best),
+            None => (evidence, (first, most)),
+        };
+        let is_rival = |(other, log): &&(&Judged, f64)| other.score.name != pick.score.name && *log > most - RIVAL_NATS;
+        let rivals = contenders.iter().filter(is_rival).map(|(other, _)| other.score.name.clone()).collect();
+        Some((pick, rivals))
     }
 
     /// Puts an alias with a time constant in the place of a member if it explains clearly more: until it is fitted its time constant is
