@@ -237,6 +237,20 @@ def test_effects_that_the_control_run_cannot_bear_are_a_verdict():
     assert any("too large there to be undone" in note for note in gap.notes)
 
 
+def test_a_run_by_hand_beside_one_on_a_stand_is_told_from_it():
+    # Between them they scatter by less than a hand alone.
+    drift = {"accel_bias_drift": [2e-5, 3e-5, -2e-5]}
+    hand = imucal.Tumble(RUN_SEED, poses=46, hold_s=5.0, move_s=2.0)
+    stand = imucal.Program.random(seed=CONTROL_SEED, moves=120)
+    runs = [
+        simulated(seed, motion, effects=drift).recording
+        for seed, motion in ((RUN_SEED, hand), (CONTROL_SEED, stand))
+    ]
+    gap = imucal.find_gap(runs, control=simulated(NEXT_SEED, effects=drift).recording)
+    assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("named", ["accel_bias_drift"])
+    assert any("carried along inside the moves" in note for note in gap.notes)
+
+
 def test_a_short_run_with_a_plain_effect_is_not_called_complete():
     run, control = (
         simulated(

@@ -1,5 +1,6 @@
 //! All columns that hypotheses are made of, linearised at one model.
 
+use std::borrow::Cow;
 use std::iter::once;
 use std::ops::Range;
 use std::rc::Rc;
@@ -10,7 +11,7 @@ use super::evidence::{Column, Gram};
 use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
-use crate::joint::{BASE, Joint, Kinds, Linear, Prepared, Source, Term, Terms};
+use crate::joint::{BASE, INSIDE, Joint, Kinds, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
 use crate::moves::axis_aside;
 
 /// One effect in the design.
@@ -138,6 +139,21 @@ impl Design {
     pub(crate) fn without(mut self, is_out: impl Fn(&str) -> bool) -> Self {
         self.candidates.retain(|candidate| !is_out(&candidate.name));
         self
+    }
+
+    /// The sums with what is inside the moves of each recording in a group of its own, and these groups.
+    pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
+        if prepared.recordings.len() == 1 {
+            return (Cow::Borrowed(&self.gram), INSIDE..INSIDE + 1);
+        }
+        let Rows { columns, groups, items, .. } = &*self.rows;
+        let first = STAND_MOVES + 1;
+        let apart = |(&group, &item): (&usize, &usize)| {
+            if group == INSIDE { first + prepared.rests[item / 2].recording } else { group }
+        };
+        let groups: Vec<usize> = groups.iter().zip(items).map(apart).collect();
+        let gram = Known::new(columns, &self.residual, &groups).gram();
+        (Cow::Owned(gram), first..first + prepared.recordings.len())
     }
 
     /// Its residuals, to be predicted item by item.

@@ -18,6 +18,7 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use crate::stats::dot;
 
 /// `[J r]^T [J r]` of each group, and its number of residuals.
+#[derive(Clone)]
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
     pub(crate) rows: Vec<f64>,

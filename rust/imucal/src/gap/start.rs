@@ -11,7 +11,7 @@ use super::path::Hunt;
 use super::stage::{Beside, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
-use crate::joint::{INSIDE, Kinds, Prepared, Terms};
+use crate::joint::{Kinds, Prepared, Terms};
 
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
@@ -55,19 +55,19 @@ impl Hunt<'_> {
         Ok((stage, open))
     }
 
-    /// Whether the force inside the moves is that of a hand, whatever effect is allowed to explain it. If so the candidates beside the
-    /// model of rests and moves from rest to rest are known along with that.
+    /// Whether the force inside the moves of some recording is that of a hand, whatever effect is allowed to explain it. If so the
+    /// candidates beside the model of rests and moves from rest to rest are known along with that.
     fn looks_carried(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
     ) -> Result<bool, Error> {
-        let inside = |gram: &Gram, columns: &[Column]| {
-            let Some(group) = gram.groups.iter().position(|group| *group == INSIDE) else { return Ok(0.0) };
+        let inside = |gram: &Gram, group: usize, columns: &[Column]| {
+            let Some(place) = gram.groups.iter().position(|own| *own == group) else { return Ok(0.0) };
             // Where the least is far there is no need to know more.
-            let least = gram.least_scale(INSIDE, columns).filter(|least| *least > CARRIED * CARRIED);
-            let scale = least.or_else(|| gram.evidence(columns).map(|evidence| evidence.scales[group]));
+            let least = gram.least_scale(group, columns).filter(|least| *least > CARRIED * CARRIED);
+            let scale = least.or_else(|| gram.evidence(columns).map(|evidence| evidence.scales[place]));
             scale.ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))
         };
         // The insides of a hand would lead the fit astray.
@@ -82,8 +82,11 @@ impl Hunt<'_> {
         let linear = Rc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // More columns only explain more.
-        let plain = inside(&seen.gram, &seen.model)?;
-        if plain <= CARRIED * CARRIED {
+        let (gram, groups) = seen.insides_apart(prepared);
+        let scales = groups.map(|group| Ok((group, inside(&gram, group, &seen.model)?)));
+        let mut loud: Vec<(usize, f64)> = scales.collect::<Result<_, Error>>()?;
+        loud.retain(|(_, plain)| *plain > CARRIED * CARRIED);
+        if loud.is_empty() {
             return Ok(false);
         }
         let ground = self.with_candidates(prepared, &none, &model, open, |all, linear| {
@@ -92,9 +95,14 @@ impl Hunt<'_> {
                 let asked = seen.candidates.iter().filter(|c| c.shape.is_none() && is_asked(&c.name));
                 seen.model.iter().copied().chain(asked.flat_map(|c| c.columns(10.0))).collect()
             };
-            // What turning explains so well is no hand's, however much is left.
-            let is_carried = inside(&seen.gram, &with(&|_| true))? > CARRIED * CARRIED
-                && inside(&seen.gram, &with(&is_blind_by_hand))? > UNEXPLAINED * plain;
+            let (all_columns, of_turning) = (with(&|_| true), with(&is_blind_by_hand));
+            let (gram, _) = seen.insides_apart(prepared);
+            let mut is_carried = false;
+            for (group, plain) in &loud {
+                // What turning explains so well is no hand's, however much is left.
+                is_carried |= inside(&gram, *group, &all_columns)? > CARRIED * CARRIED
+                    && inside(&gram, *group, &of_turning)? > UNEXPLAINED * plain;
+            }
             let all = Terms { kinds: at_ends, ..all.clone() };
             let linear = || Rc::new(prepared.without_insides(linear, &all));
             is_carried.then(|| design(prepared, (&none_at_ends, &[]), &all, &linear())).transpose()
