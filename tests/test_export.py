@@ -525,6 +525,16 @@ def test_the_frame_of_kalibr_costs_nothing(files):
         assert residual["exported"][figure] == pytest.approx(value, rel=1e-6)
 
 
+def test_figures_that_are_poor_are_said(files, tmp_path, capsys):
+    unit = imucal.Calibration.load(files / "cal.json")
+    poor = {"rests": 20, "moves": 19, "chi2_per_dof": 400.0}
+    dataclasses.replace(unit, control_set=poor).save(tmp_path / "poor.json")
+    said = "warning: this calibration is poor: control set: residuals are 20 times what noise explains"
+    for path, is_said in ((files / "cal.json", False), (tmp_path / "poor.json", True)):
+        assert main(["export", str(path), "--to", "c-header", "-o", str(tmp_path / "cal.h")]) == 0
+        assert (said in capsys.readouterr().err) is is_said
+
+
 def test_the_file_is_printed_without_a_name(files, capsys):
     assert main(["export", str(files / "cal.json"), "--to", "ros"]) == 0
     out, err = capsys.readouterr()

@@ -53,11 +53,13 @@ def export(
 ) -> None:
     """Write a calibration for another program: firmware, autopilots, estimators, simulators.
 
-    What the format cannot carry is said, and with --control what that costs on a recording.
+    What the format cannot carry is said, and with --control what that costs on a recording. It is said, too,
+    if the figures in the file are poor.
 
     Example: imucal export unit-0042.json --to c-header -o calibration.h
     """
     import imucal
+    from imucal.evaluate import saved_reasons
     from imucal.export import FORMATS, find_format
 
     if show_formats:
@@ -80,6 +82,7 @@ def export(
     form = find_format(to)
     with working("reading"):
         unit = imucal.Calibration.load(calibration)
+        poor = saved_reasons(unit)
         judges = reading.each(control or [])
         figures = None if noise is None else _noise(unit, reading, noise, min_rest_s)
     with working("exporting"):
@@ -97,11 +100,14 @@ def export(
             "formula": exported.form.formula,
             "units": form.units,
             "lost": exported.lost,
+            "poor": poor,
             "control_set": None if residual is None else residual.to_dict(),
         }
     )
     if output is not None:
         out.line(f"{output}: {form.title}")
+    for reason in poor:
+        print(f"warning: this calibration is poor: {reason}", file=sys.stderr)
     for loss in exported.lost:
         print(f"not carried by {form.name}: {loss}", file=sys.stderr)
     if residual is not None:
