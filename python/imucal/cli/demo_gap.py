@@ -13,7 +13,7 @@ from imucal.cli.working import working
 
 if TYPE_CHECKING:
     from imucal.effects import EffectValues
-    from imucal.gap_result import Gap
+    from imucal.gap.result import Gap
 
 __all__ = ["gap"]
 
@@ -97,7 +97,7 @@ def _hidden(seed: int) -> EffectValues:
 def _revealed(hidden: EffectValues, found: Gap) -> str:
     """What it was, beside what was found."""
     from imucal.effects import find
-    from imucal.gap_text import for_people
+    from imucal.gap.text import for_people
 
     names = [effect["name"] for effect in found.effects]
     words = "found" if names == [hidden.name] else f"not found: {', '.join(names) or 'nothing'} was named"

@@ -24,7 +24,7 @@ from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
 if TYPE_CHECKING:
-    from imucal.gap_result import Gap
+    from imucal.gap.result import Gap
 
 __all__ = ["gap"]
 

@@ -26,7 +26,7 @@ from imucal.calibrate import calibrate
 from imucal.calibration_result import CalibrationResult
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.finding import Finding
-from imucal.gap_rules import loose_mounts, mount_slips
+from imucal.gap.rules import loose_mounts, mount_slips
 from imucal.limits import Limits
 from imucal.motion import Program
 from imucal.recording import Recording

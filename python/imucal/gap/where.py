@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from imucal.correction import left_in_data
-from imucal.gap_residuals import Channel, Item, Residuals
+from imucal.gap.residuals import Channel, Item, Residuals
 
 if TYPE_CHECKING:
     from imucal.calibration_result import CalibrationResult

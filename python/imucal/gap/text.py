@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from imucal.recording import STANDARD_GRAVITY_MPS2 as G
 
 if TYPE_CHECKING:
-    from imucal.gap_result import Gap
+    from imucal.gap.result import Gap
 
 __all__ = ["explanation", "for_people", "sentences"]
 

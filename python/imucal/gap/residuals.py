@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.gap_paths import LEAST_CHANGE_K, Paths, Placed, means_of
+from imucal.gap.paths import LEAST_CHANGE_K, Paths, Placed, means_of
 from imucal.recording import Recording
 
 if TYPE_CHECKING:

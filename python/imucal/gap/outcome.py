@@ -7,25 +7,20 @@ from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration import Calibration
 from imucal.calibration_result import CalibrationResult
-from imucal.disturbances import disturbances
 from imucal.effects import Effect, UserEffect, find
-from imucal.evaluate import evaluate, poor_figures
+from imucal.evaluate import evaluate
 from imucal.finding import Finding
-from imucal.gap_error import predicted_error
-from imucal.gap_result import Gap
-from imucal.gap_rules import faults_without_effect, mount_slips
-from imucal.gap_trial import Trial, require_figures
-from imucal.gap_where import disagreement
+from imucal.gap.predicted_error import predicted_error
+from imucal.gap.result import Gap
+from imucal.gap.trial import Trial, require_figures
+from imucal.gap.verdict import judge, misfits
+from imucal.gap.where import disagreement
 
 if TYPE_CHECKING:
     from imucal import _core
 
 __all__ = ["data_fault", "outcome"]
 
-# Evidence that no chance explains, nats.
-SURELY: Final = 8.0
-# An effect that leaves more of a control recording's chi2 has not explained it.
-CLEARLY_LESS: Final = 0.9
 # A given calibration whose chi2 exceeds that of a fit without effects by more is that of another state.
 FAR_WORSE: Final = 2.0
 FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
@@ -48,95 +43,41 @@ def outcome(
     notes: Sequence[str],
 ) -> Gap:
     """The verdict on what was found, and what `before` and `after`, without and with `path`, say of it."""
-    from imucal.next_motion import next_motion
+    from imucal.gap.next_motion import next_motion
 
-    scores = {score.name: score for score in found.path}
-    # Faults of the data explain a disagreement before any effect does.
-    rules = {row.name for row in disturbances() if row.kind == "fault"}
-    faults = [finding for finding in before.findings if finding.code in rules]
-    slips = list(mount_slips(before, trial.unit_data))
-    rivals = tuple(
-        dict.fromkeys(rival for name in path for rival in scores[name].rivals if rival not in path)
-    )
-    effects: tuple[Mapping[str, Any], ...] = tuple(
-        _named(after, name, scores[name], trial.user_effects) for name in path
-    )
-    # Samples at a rail or twice disturb noise and moves by themselves.
-    spoilt = {fault.code for fault in faults} - {"clock_irregular", "samples_missing"}
-    if not slips and not path and found.generic is None and not spoilt:
-        faults += faults_without_effect(before, trial.unit_data)
-    # What fits so well is no chance, and not what the unseen recordings have either.
-    not_confirmed = [score for score in found.path if score.log_bayes_factor > SURELY and not path]
-    if any(fault.code == "clock_irregular" for fault in faults):
-        # With such a clock long steps say nothing of lost samples.
-        faults = [fault for fault in faults if fault.code != "samples_missing"]
-    disturbing = [fault for fault in faults if fault.code in spoilt]
-    if slips or (found.generic is not None and disturbing):
-        # What no effect explains where samples are spoilt, they may.
-        verdict, effects = "data_fault", data_fault([*slips, *faults]).effects
-    elif found.generic is not None:
-        verdict = "stochastic" if found.generic.kernel == "random_walk" else "unknown"
-    elif path and found.scattering_rests is None:
-        verdict = "ambiguous" if rivals else "named"
-    elif faults and not path:
-        verdict, effects = "data_fault", data_fault(faults).effects
-    elif found.scattering_rests is not None or not_confirmed:
-        verdict = "unknown"
+    verdict = judge(trial, found, path, before, after)
+    effects = data_fault(verdict.faults).effects
+    if verdict.has_names:
+        scores = {score.name: score for score in found.path}
+        effects = tuple(_named(after, name, scores[name], trial.user_effects) for name in path)
     else:
-        verdict = "nothing_missing"
-    if verdict in ("named", "ambiguous") and _misfits(after, "control set"):
-        # A control recording that fits no better with it does not confirm it.
-        values = [trial.unseen_chi2(result) for result in (before, after)]
-        if values[1] > CLEARLY_LESS * values[0]:
-            verdict = "unknown"
-            notes = [
-                *notes,
-                f"{' and '.join(path)} was found and left out: chi2 per degree of freedom of the control "
-                f"recordings goes from {values[0]:.4g} to {values[1]:.4g}",
-            ]
-    if verdict not in ("named", "ambiguous"):
         after = before
-    misfits = [*_misfits(after, "calibration set"), *_misfits(after, "control set")]
-    if verdict == "nothing_missing" and misfits:
-        verdict = "unknown"
-    said = [f for f in (*slips, *faults) if f not in after.findings] if verdict == "data_fault" else []
-    metric, value, left, floor = trial.metric(before, after)
-    more = [found.in_motion_left_out] if found.in_motion_left_out else []
-    refitted = None
-    if calibration is not None:
-        given = [_chi2(trial, of) for of in (calibration, before.calibration, after.calibration)]
-        more += _refit_alone(given, trial)
-        if trial.judges is not None:
-            value, refitted = given[0], value
-    closed = (value - left) / (value - floor) if value > floor else 0.0
+    is_unknown, is_ambiguous = verdict.word == "unknown", verdict.word == "ambiguous"
+    said = [fault for fault in verdict.faults if fault not in after.findings]
     of_control = () if after.control is None else after.control.findings
-    generic = _generic(found.generic)
-    if verdict == "unknown" and generic is None:
-        generic = _scatter(found.scattering_rests) or _not_confirmed(not_confirmed)
-        if generic is None and misfits:
-            generic, misfits = _contradiction(misfits), []
+    generic, reasons = _generic(found.generic), misfits(after)
+    if is_unknown and generic is None:
+        generic = _scatter(found.scattering_rests) or _not_confirmed(verdict.not_confirmed)
+        if generic is None and reasons:
+            generic, reasons = _contradiction(reasons), []
+    gap, more = _closed(trial, before, after, calibration)
+    if found.in_motion_left_out:
+        more.insert(0, found.in_motion_left_out)
     return Gap(
-        verdict,
-        effects=effects if verdict in ("named", "ambiguous", "data_fault") else (),
-        ambiguous_with=rivals if verdict == "ambiguous" else (),
-        resembles=tuple(s.name for s in found.ranking[:3] if s.log_bayes_factor > 0)
-        if verdict == "unknown"
+        verdict.word,
+        effects=effects,
+        ambiguous_with=tuple(dict.fromkeys(rival for of in verdict.rivals.values() for rival in of))
+        if is_ambiguous
         else (),
+        resembles=tuple(s.name for s in found.ranking[:3] if s.log_bayes_factor > 0) if is_unknown else (),
         generic=generic,
         not_observable=tuple({"name": name, "needs": needs} for name, needs in found.not_observable),
         smallest_visible={
             name: {"value": size, "unit": unit or _unit(name, trial.user_effects)}
             for name, size, unit in found.smallest_visible
         },
-        next_motion=next_motion(trial, _rivals(path, scores), after) if verdict == "ambiguous" else None,
-        gap={
-            "metric": metric,
-            "before": value,
-            "refitted": refitted,
-            "after": left,
-            "floor": floor,
-            "closed": closed,
-        },
+        next_motion=next_motion(trial, verdict.rivals, after) if is_ambiguous else None,
+        gap=gap,
         where=disagreement(before, after, trial.unit_data, found.in_motion_left_out is None),
         corrected_error=_corrected_error(trial, calibration, before, after),
         traces={
@@ -155,15 +96,39 @@ def outcome(
         calibration=after.calibration,
         ranking=tuple(_score(score) for score in found.ranking),
         findings=(*after.findings, *said, *of_control),
-        notes=(*misfits, *notes, *more, *map(str, said), *(f"{f.severity}: {f}" for f in of_control)),
+        notes=(
+            *reasons,
+            *notes,
+            *verdict.notes,
+            *more,
+            *map(str, said),
+            *(f"{f.severity}: {f}" for f in of_control),
+        ),
         user_effects=tuple(trial.user_effects.values()),
     )
 
 
-def _misfits(result: CalibrationResult, name: str) -> list[str]:
-    """Why this calibration does not describe the recordings of a set; empty if it does."""
-    figures = result.control_set if name == "control set" else result.calibration_set
-    return [] if figures is None else poor_figures(name, figures)
+def _closed(
+    trial: Trial, before: CalibrationResult, after: CalibrationResult, calibration: Calibration | None
+) -> tuple[dict[str, Any], list[str]]:
+    """How much of the gap is closed, of a given calibration if there is one, and what a refit alone did."""
+    metric, value, left, floor = trial.metric(before, after)
+    refitted: float | None = None
+    notes: list[str] = []
+    if calibration is not None:
+        given = [_chi2(trial, of) for of in (calibration, before.calibration, after.calibration)]
+        notes = _refit_alone(given, trial)
+        if trial.judges is not None:
+            value, refitted = given[0], value
+    gap = {
+        "metric": metric,
+        "before": value,
+        "refitted": refitted,
+        "after": left,
+        "floor": floor,
+        "closed": (value - left) / (value - floor) if value > floor else 0.0,
+    }
+    return gap, notes
 
 
 def _chi2(trial: Trial, calibration: Calibration) -> float:
@@ -188,11 +153,6 @@ def _refit_alone(chi2: Sequence[float], trial: Trial) -> list[str]:
         f"refitted without effects {refitted:.4g}, with what was found {after:.4g}: only the second step is "
         "the effects', and the predicted error of corrected signals has both"
     ]
-
-
-def _rivals(path: Sequence[str], scores: Mapping[str, _core.EffectScore]) -> dict[str, list[str]]:
-    """Of each effect that joined, the names that explain as much."""
-    return {name: [rival for rival in scores[name].rivals if rival not in path] for name in path}
 
 
 def _corrected_error(

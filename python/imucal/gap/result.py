@@ -119,12 +119,12 @@ class Gap:
 
         Raises InputError for a name that is neither in the catalogue nor in `user_effects`.
         """
-        from imucal.gap_text import explanation
+        from imucal.gap.text import explanation
 
         return list(explanation(self, name))
 
     def summary(self) -> str:
         """The finding in sentences."""
-        from imucal.gap_text import sentences
+        from imucal.gap.text import sentences
 
         return "\n".join(sentences(self))

@@ -20,15 +20,15 @@ from imucal.calibration import Calibration
 from imucal.effects import UserEffect, by_name, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.evaluate import MIN_REST_S, require_calibration
-from imucal.gap_outcome import data_fault, outcome
-from imucal.gap_result import Gap
-from imucal.gap_trial import Trial
+from imucal.gap.outcome import data_fault, outcome
+from imucal.gap.result import Gap
+from imucal.gap.trial import Trial
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recordings
 
 if TYPE_CHECKING:
     from imucal import _core
 
-__all__ = ["Gap", "find_gap"]
+__all__ = ["find_gap"]
 
 # By so many standard deviations a known number is met, and is determined.
 SURE: Final = 3.0

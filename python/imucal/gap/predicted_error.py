@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from imucal.correction import left_in_data
-from imucal.gap_residuals import noise_densities
-from imucal.gap_uncertainty import AVERAGED_S, Known, as_large_as_seen, means, slopes
+from imucal.gap.residuals import noise_densities
+from imucal.gap.uncertainty import AVERAGED_S, Known, as_large_as_seen, means, slopes
 
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray

@@ -20,8 +20,8 @@ import numpy as np
 from imucal.document import plain
 from imucal.effects import Effect, catalogue
 from imucal.errors import ImucalError
-from imucal.gap_residuals import noise_densities
-from imucal.motion_library import Suggestion, suggestions
+from imucal.gap.motion_library import Suggestion, suggestions
+from imucal.gap.residuals import noise_densities
 from imucal.recording import Recording
 from imucal.temperature import Temperature
 from imucal.unit import Sensor, Unit
@@ -29,7 +29,7 @@ from imucal.unit import Sensor, Unit
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray
     from imucal.calibration_result import CalibrationResult
-    from imucal.gap_trial import Trial
+    from imucal.gap.trial import Trial
 
 __all__ = ["next_motion"]
 
