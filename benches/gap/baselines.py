@@ -16,7 +16,7 @@ from scipy.stats import chi2
 
 import imucal
 from gap.said import Said
-from imucal.calibrate import Options
+from imucal.options import Options
 from imucal.recording import STANDARD_GRAVITY_MPS2
 
 FAMILY_ALPHA = 0.01

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +14,7 @@ from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Frame, Provenance, Triad, as_frame
 from imucal.calibration_result import CalibrationResult
 from imucal.document import without_nan
-from imucal.effects import EffectValues, State, UserEffect, find
+from imucal.effects import EffectValues, State, UserEffect
 from imucal.errors import InputError
 from imucal.evaluate import (
     FIGURES,
@@ -27,13 +27,15 @@ from imucal.evaluate import (
     poor_figures,
     reported,
 )
+from imucal.one_unit import of_one_unit, require_other_data
+from imucal.options import Options, UserField, asked_for, wander_of
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source, as_recordings
-from imucal.unit import Unit, unit_of
+from imucal.unit import Unit
 
 if TYPE_CHECKING:
     from imucal import _core
 
-__all__ = ["calibrate"]
+__all__ = ["calibrate", "calibrated", "fields_for_library"]
 
 FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
 MISFIT = ("chi2", "degrees_of_freedom", "p_value")
@@ -46,42 +48,6 @@ MOST_CONTRADICTING = 0.1
 MOST_FIELD_ROUNDS = 6
 # A change of a field by this share changes its parameters by as much.
 SETTLED_FIELD = 1e-7
-
-
-@dataclass(frozen=True, eq=False)
-class UserField:
-    """A user's effect as the library takes it: its field, (N, 3, p), at each sample of each recording."""
-
-    name: str
-    sensor: str
-    typical: tuple[float, ...]
-    columns: tuple[FloatArray, ...]
-
-
-@dataclass(frozen=True)
-class Options:
-    """What the library is told; it reads the fields by name."""
-
-    gravity_mps2: float
-    frame: Frame
-    min_rest_s: float
-    exclude_saturated: bool
-    accel_nominal: float | None
-    gyro_nominal: float | None
-    effects: tuple[tuple[str, bool], ...] = ()
-    user_fields: tuple[UserField, ...] = ()
-    joint: bool = True
-    wander: tuple[Wander, Wander] | None = None
-    folds: int | None = None
-    partly: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Wander:
-    """How the biases of a sensor wander as the library takes it, x, y and z, SI units."""
-
-    bias_instability: tuple[float, ...]
-    random_walk: tuple[float, ...]
 
 
 def calibrate(
@@ -141,7 +107,7 @@ def calibrate(
         gyro_nominal,
         wanted,
         joint=joint,
-        wander=_wander(unit),
+        wander=wander_of(unit),
         folds=folds,
         partly=partly,
     )
@@ -219,42 +185,6 @@ def calibrated(
         reasons=tuple(reasons),
         diagnosis=tuple(fields_of(item, DIAGNOSIS) for item in outcome.diagnosis),
     )
-
-
-def _wander(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wander] | None:
-    """How the biases of the accelerometer and of the gyroscope wander, None if that is not known."""
-    if unit is None:
-        return None
-    profile = unit_of(unit)
-    of = [
-        Wander((sensor.bias_instability,) * 3, tuple(map(float, sensor.random_walk)))
-        for sensor in (profile.accelerometer, profile.gyroscope)
-    ]
-    still = not any(value for wander in of for value in (*wander.bias_instability, *wander.random_walk))
-    return None if still else (of[0], of[1])
-
-
-def asked_for(
-    effects: Sequence[str | UserEffect],
-) -> tuple[tuple[tuple[str, bool], ...], tuple[str, ...], tuple[UserEffect, ...]]:
-    """Names of the catalogue and whether the full form is meant, those in part, and effects of one's own."""
-    if isinstance(effects, str):
-        raise InputError(f"effects is the string {effects!r}: give a list of names")
-    wanted, partly = [], []
-    for effect in effects:
-        if isinstance(effect, UserEffect):
-            continue
-        if not isinstance(effect, str):
-            raise InputError(f"{effect!r} is no effect: give names of the catalogue, or imucal.UserEffect")
-        name, colon, form = effect.partition(":")
-        row = find(name)
-        forms = ["full", "seen"] if row.plain < len(row.parameters) else ["seen"]
-        if colon and form not in forms:
-            others = " or ".join(f"{name}:{form}" for form in forms)
-            raise InputError(f"{effect!r} is no form of {name}: give {name}, {others}")
-        wanted.append((name, form == "full"))
-        partly += [name] if form == "seen" else []
-    return tuple(wanted), tuple(partly), tuple(effect for effect in effects if isinstance(effect, UserEffect))
 
 
 def _held_out(outcome: _core.Outcome, folds: int | None) -> dict[str, Any] | None:
@@ -361,46 +291,6 @@ def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) ->
         f"calibration set: {count} of {len(items)} {what} contradict the others: the linear model does not "
         "describe this unit or this motion"
     ]
-
-
-def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    """The recordings as a list; they must agree on what the numbers are."""
-    unit_data = as_recordings(recordings)
-    if not unit_data:
-        raise InputError("there is no recording: give at least one")
-    first = unit_data[0]
-    for other in unit_data[1:]:
-        if (other.accel_unit, other.gyro_unit) != (first.accel_unit, first.gyro_unit):
-            raise InputError(
-                f"{other.name} is in {other.accel_unit} and {other.gyro_unit} but {first.name} in "
-                f"{first.accel_unit} and {first.gyro_unit}: recordings of one unit need the same raw units"
-            )
-    return with_own_names(unit_data)
-
-
-def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings, each with a name that no other has: results say by name which one a rest is of."""
-    names: list[str] = []
-    for recording in recordings:
-        same = sum(other.name == recording.name for other in recordings[: len(names)])
-        names.append(f"{recording.name} ({same + 1})" if same else recording.name)
-    return [
-        recording if recording.name == name else replace(recording, name=name)
-        for recording, name in zip(recordings, names, strict=True)
-    ]
-
-
-def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
-    """A control recording must not be one that the calibration is made of."""
-    for judge in judges:
-        for recording in unit_data:
-            if np.array_equal(judge.specific_force, recording.specific_force) and np.array_equal(
-                judge.angular_rate, recording.angular_rate
-            ):
-                raise InputError(
-                    f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
-                    "which the calibration is made of: give another recording of the unit, or use folds"
-                )
 
 
 def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, float]:

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from imucal.calibrate import Options, calibrate
+from imucal.calibrate import calibrate
 from imucal.calibration import Calibration, Triad
 from imucal.document import without_nan
 from imucal.errors import ImucalError
 from imucal.evaluate import MIN_REST_S, THRESHOLD, fields_of
 from imucal.finding import Finding
+from imucal.options import Options
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recording
 
 __all__ = ["Inspection", "inspect"]

@@ -8,18 +8,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucal.calibrate import (
-    Options,
-    asked_for,
-    calibrated,
-    fields_for_library,
-    of_one_unit,
-    require_other_data,
-    with_own_names,
-)
+from imucal.calibrate import calibrated, fields_for_library
 from imucal.calibration_result import CalibrationResult
 from imucal.effects import UserEffect, catalogue
 from imucal.errors import FitError, InputError, NotEnoughMotionError
+from imucal.one_unit import of_one_unit, require_other_data, with_own_names
+from imucal.options import Options, asked_for
 from imucal.recording import Recording
 
 if TYPE_CHECKING:
