@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import imucal
+from imucal.io.suggestion import columns_suggested
 
 HEADER = "time_s,accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
 IMU_COLUMNS = HEADER.removeprefix("time_s,")
@@ -219,6 +220,60 @@ def test_sample_rate_instead_of_time(tmp_path):
 
 
 # Other people's files
+
+
+def test_names_that_are_not_ours_are_suggested_as_an_option_that_reads_the_file(tmp_path):
+    recording = random_recording(50)
+    mps2, radps = recording.specific_force, recording.angular_rate
+    for names, time, force, rate in (
+        (
+            [
+                "Time (s)",
+                "Acc X (g)",
+                "Acc Y (g)",
+                "Acc Z (g)",
+                "Gyr X (deg/s)",
+                "Gyr Y (deg/s)",
+                "Gyr Z (deg/s)",
+            ],
+            recording.time_s,
+            mps2 / 9.80665,
+            np.degrees(radps),
+        ),
+        (["timestamp_us", "ax", "ay", "az", "gx", "gy", "gz"], np.round(recording.time_s * 1e6), mps2, radps),
+        (["t", *IMU_COLUMNS.split(",")], recording.time_s, mps2, radps),
+    ):
+        path = tmp_path / "own.csv"
+        rows = np.column_stack([time, force, rate]).tolist()
+        path.write_text("\n".join([",".join(names), *(",".join(map(repr, row)) for row in rows)]))
+        with pytest.raises(imucal.FormatError, match="If these are the columns and their units: ") as caught:
+            imucal.read(path)
+        columns = str(caught.value).split("--columns '")[1].split("'")[0]
+        read = imucal.read(path, columns=columns)
+        np.testing.assert_allclose(read.specific_force, mps2, rtol=1e-12)
+        np.testing.assert_allclose(read.angular_rate, radps, rtol=1e-12)
+        np.testing.assert_allclose(np.diff(read.time_s), np.diff(recording.time_s), atol=2e-6)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ["t", "ax", "ay", "az"],
+        ["ax", "ay", "az", "gx", "gy", "gz", "acc_x"],
+        ["a", "b", "c", "d", "e", "f", "g"],
+    ],
+)
+def test_nothing_is_suggested_where_columns_are_not_known(names):
+    assert columns_suggested(names) == ""
+
+
+def test_dates_with_a_time_of_day_count_from_the_first(tmp_path):
+    path = tmp_path / "dates.csv"
+    stamps = ["2026-03-01T23:59:59.990000", "2026-03-02T00:00:00", "2026-03-02T00:00:00.010000"]
+    path.write_text("\n".join([HEADER, *(f"{stamp},0,0,9.8,0,0,0" for stamp in stamps)]))
+    np.testing.assert_allclose(imucal.read(path).time_s, [0, 0.01, 0.02], rtol=1e-12)
+    (piece,) = imucal.io.read_pieces(path)
+    np.testing.assert_array_equal(piece.time_s, imucal.read(path).time_s)
 
 
 def test_euroc(tmp_path):

@@ -15,7 +15,7 @@ from imucal.errors import FormatError, InputError
 from imucal.io.columns import mapping_of
 from imucal.io.source import ROWS_AT_ONCE, Stored, Table, first_bytes, open_file, open_large
 from imucal.io.text import read_headed
-from imucal.io.vocabulary import recording_from_table
+from imucal.io.vocabulary import is_canonical, recording_from_table
 from imucal.recording import Recording
 
 __all__ = [
@@ -46,7 +46,8 @@ def read_csv(
 ) -> Recording:
     """Read a CSV file with a header.
 
-    columns  "ours=theirs,..." if the header has other names than ours; other columns are then left out
+    columns  "ours=theirs,..." where the header has other names than ours; of the columns that are not named,
+             those with canonical names stay
     rate_hz  sample rate, if there is no time column
     """
     file = open_file(path)
@@ -120,7 +121,7 @@ def _parquet_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], Non
 
 
 def chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
-    """The columns that are named, under our names."""
+    """The columns that are named, under our names, and those of canonical names with another meaning."""
     if columns is None:
         return table
     mapping = mapping_of(columns)
@@ -129,8 +130,17 @@ def chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
     for theirs in mapping.values():
         if theirs not in table.names:
             raise InputError(f"{table.file}: there is no column {theirs!r}; found: {', '.join(table.names)}")
-    values = [table.columns[table.names.index(theirs)] for theirs in mapping.values()]
+    named = {_meaning(ours) for ours in mapping}
+    for name in table.names:
+        if is_canonical(name) and _meaning(name) not in named and name not in mapping.values():
+            mapping[name] = name
+    values = [table.column(theirs) for theirs in mapping.values()]
     return Table(table.file, list(mapping), values, table.place)
+
+
+def _meaning(name: str) -> str:
+    """A canonical name without its unit."""
+    return name.rpartition("_")[0]
 
 
 def parquet_table(path: str | os.PathLike[str]) -> Table:

@@ -56,6 +56,10 @@ NAMED_UNITS = (
     "as the names say: accel mps2, g, mg, lsb; gyro radps, dps, mdps, lsb; temp degc; stand rad, deg"
 )
 NAMED_TIME = "time_s as it is; time_ms, time_us and time_ns counted from the first sample; or --rate-hz"
+DATED_TIME = (
+    "time_s as it is; time_ms, time_us, time_ns and dates with a time of day counted from the first sample; "
+    "or --rate-hz"
+)
 NAMED_ARRAYS = "arrays by their names, see below"
 IMU_MESSAGES = (
     "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics hold it, two as "
@@ -79,7 +83,7 @@ FORMATS: Final[dict[str, Format]] = {
         "columns with canonical names, any other numbers as auxiliary inputs; --columns ours=theirs for "
         "other names",
         NAMED_UNITS,
-        NAMED_TIME,
+        DATED_TIME,
         ("columns", "rate_hz"),
         "other.csv --columns time_ms=t,accel_x_g=ax,accel_y_g=ay,accel_z_g=az,"
         "gyro_x_dps=gx,gyro_y_dps=gy,gyro_z_dps=gz",
@@ -93,7 +97,7 @@ FORMATS: Final[dict[str, Format]] = {
         "content, or .parquet",
         "as csv",
         NAMED_UNITS,
-        NAMED_TIME,
+        DATED_TIME,
         ("columns", "rate_hz"),
         "run.parquet",
         parquet_pieces,

@@ -16,6 +16,7 @@ from imucal.io.formats import FORMATS
 from imucal.io.matlab import MATLAB_MAGIC
 from imucal.io.ros import ROS1_MAGIC
 from imucal.io.source import first_bytes, is_folder
+from imucal.io.suggestion import columns_suggested
 from imucal.io.text import first_fields, is_number
 from imucal.io.ulog import ULOG_MAGIC
 from imucal.io.vocabulary import NAMES, is_canonical
@@ -77,6 +78,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     pair = len(fields) == 4 and all(map(is_number, fields))
     hint = "It looks like one file of an imu_tk pair: add --format imu_tk for two files. " if pair else ""
     raise FormatError(
-        f"{path.name}: the format is not clear, its first line is: {shown[:200]}. {hint}Give the format "
+        f"{path.name}: the format is not clear, its first line is: {shown[:200]}. "
+        f"{hint or columns_suggested(fields)}Give the format "
         f"({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
     )

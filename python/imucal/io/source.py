@@ -64,6 +64,10 @@ class Table:
     # Where row i stands in the file, for messages: "line 12".
     place: Callable[[int], str]
 
+    def column(self, name: str) -> Any:
+        """The column of this name."""
+        return self.columns[self.names.index(name)]
+
     def renamed(self, names: list[str]) -> Table:
         """The same columns under other names."""
         return Table(self.file, names, self.columns, self.place)

@@ -175,6 +175,8 @@ class _Wanted:
         out, clock = np.empty(self.rows), self.clock
 
         def take(where: slice, part: Any) -> None:
+            if pa.types.is_timestamp(part.type):
+                part = part.view(pa.int64())
             is_whole = pa.types.is_integer(part.type)
             present = np.ones(len(part), dtype=bool)
             if is_whole:
@@ -205,8 +207,8 @@ class _Wanted:
         self.clock.rows += self.rows
 
     def _want(self, name: str, take: Callable[[slice, Any], None]) -> None:
-        column = self.table.columns[self.table.names.index(name)]
-        if not _is_numeric(column):
+        column = self.table.column(name)
+        if not _is_numeric(column) and not (_time_unit(name) and _ticks_per_s(column)):
             _refuse_text(self.table, name, column)
         self._columns.append(column)
         self._takers.append(take)
@@ -235,8 +237,7 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[np.floa
         if not names:
             raise FormatError(
                 f"{table.file}: the column {triad}_{axis}_* is missing "
-                f"(* is one of {', '.join(TO_SI[triad])}); "
-                f"found: {', '.join(table.names)}"
+                f"(* is one of {', '.join(TO_SI[triad])}); {_found(table).rstrip('. ')}"
             )
     columns = [found[axis][0] for axis in AXES[triad]]
     units = {unit for _, unit in columns}
@@ -271,15 +272,30 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
         return np.arange(first, first + wanted.rows, dtype=np.float64) / rate_hz
     if not names:
         raise FormatError(
-            f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; found: "
-            f"{', '.join(table.names)}. If there is none, give the sample rate (rate_hz, --rate-hz)"
+            f"{table.file}: the column time_s (or time_ms, time_us, time_ns) is missing; {_found(table)}If "
+            "there is none, give the sample rate (rate_hz, --rate-hz)"
         )
     name = names[0]
     used.add(name)
     unit = name.removeprefix("time_")
-    if unit == "s":
+    of_date = _ticks_per_s(table.column(name))
+    if unit == "s" and of_date is None:
         return wanted.numbers(name)
-    return wanted.since_first(name, TICKS_PER_S[unit])
+    return wanted.since_first(name, of_date or TICKS_PER_S[unit])
+
+
+def _ticks_per_s(column: Any) -> float | None:
+    """The ticks of a column of dates with time of day; None for any other."""
+    import pyarrow as pa
+
+    return TICKS_PER_S[column.type.unit] if pa.types.is_timestamp(column.type) else None
+
+
+def _found(table: Table) -> str:
+    """The columns that are there, and how to name them if they have names of their own."""
+    from imucal.io.suggestion import columns_suggested
+
+    return f"found: {', '.join(table.names)}. {columns_suggested(table.names)}"
 
 
 def _is_numeric(column: Any) -> bool:
