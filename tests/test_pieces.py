@@ -12,6 +12,7 @@ from pyarrow import parquet
 import imucal
 from imucal.cli import main
 from imucal.io import NotInPartsError, read_pieces, write_pieces
+from imucal.io.held import hold_temperature
 
 # More than a piece of either kind of file.
 ROWS = 80_000
@@ -188,3 +189,24 @@ def test_a_derivative_by_time_takes_the_whole(unit, tmp_path, command):
     done = command("apply", tmp_path / "whole.json", path, "-o", tmp_path / "out.parquet")
     assert done.returncode == 0, done.stderr
     assert_same(imucal.read(tmp_path / "out.parquet"), whole.apply_recording(imucal.read(path)))
+
+
+def test_a_slow_temperature_is_held_and_an_old_one_is_not(tmp_path):
+    read_degc = np.full(3000, np.nan)
+    # Each second from the first half second on, and never again after 15 s.
+    read_degc[50:1500:100] = np.arange(15.0)
+    time_s, zeros = np.arange(3000) / 100.0, np.zeros((3000, 3))
+    recording = imucal.Recording(time_s, zeros, zeros, temperature_degc=read_degc)
+    (whole,) = hold_temperature([recording])
+    expected = np.clip(np.floor(time_s - 0.5), 0, 14)
+    expected[time_s > 14.5 + 10.0] = np.nan
+    np.testing.assert_array_equal(whole.temperature_degc, expected)
+
+    parts = [recording.between(start, start + 7) for start in range(0, 35, 7)]
+    held = np.concatenate([piece.temperature_degc for piece in hold_temperature(parts)])
+    np.testing.assert_array_equal(held, expected)
+
+    imucal.write(recording, tmp_path / "slow.csv")
+    output = tmp_path / "held.csv"
+    assert main(["convert", str(tmp_path / "slow.csv"), "-o", str(output), "--hold-temperature"]) == 0
+    np.testing.assert_array_equal(imucal.read(output).temperature_degc, expected)

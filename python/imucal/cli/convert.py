@@ -41,6 +41,13 @@ def convert(
             "--list", callback=_print_formats, is_eager=True, help="Show the formats that are read, and exit."
         ),
     ] = False,
+    hold: Annotated[
+        bool,
+        typer.Option(
+            "--hold-temperature",
+            help="A temperature that is read more slowly holds until the next reading, 10 s at most.",
+        ),
+    ] = False,
     json: JsonPath = None,
 ) -> None:
     """Convert other people's files into a recording.
@@ -50,12 +57,13 @@ def convert(
     Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
     """
     from imucal.io import write_pieces
+    from imucal.io.held import hold_temperature
     from imucal.io.pieces import Whole
 
     require_apart(files, {"--output": output, "--json": json})
 
     def written(pieces: Iterator[Recording]) -> Whole:
-        whole = Whole(pieces)
+        whole = Whole(hold_temperature(pieces) if hold else pieces)
         write_pieces(whole, output)
         return whole
 

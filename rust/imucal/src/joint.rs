@@ -213,7 +213,9 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
         {
             let lacks = match recording.temperature_degc {
                 None => "no temp_degc column: record it",
-                Some(_) => "samples without temperature: repair the temp_degc column",
+                Some(_) => {
+                    "samples without temperature: repair the temp_degc column (imucal convert --hold-temperature)"
+                }
             };
             return Err(Error::Input(format!(
                 "{} depends on temperature and {} has {lacks}, or leave the effect out",

@@ -1,0 +1,41 @@
+"""A temperature that was read less often than the sensors: each reading holds until the next one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from imucal.recording import Recording
+
+__all__ = ["LONGEST_HELD_S", "hold_temperature"]
+
+# A unit warms up by hundredths of a degree meanwhile.
+LONGEST_HELD_S: Final = 10.0
+
+
+def hold_temperature(pieces: Iterable[Recording], longest_s: float = LONGEST_HELD_S) -> Iterator[Recording]:
+    """The pieces of a recording, samples without temperature with the reading before them.
+
+    longest_s  an older reading says nothing, the sample stays NaN. Samples before the first reading of the
+               first piece take that one, if it comes so soon.
+    """
+    last_s, last_degc = np.nan, np.nan
+    for number, piece in enumerate(pieces):
+        if piece.temperature_degc is None or not len(piece):
+            yield piece
+            continue
+        time_s = np.concatenate([[last_s], piece.time_s])
+        degc = np.concatenate([[last_degc], piece.temperature_degc])
+        is_known = np.isfinite(degc)
+        source = np.maximum.accumulate(np.where(is_known, np.arange(len(degc)), 0))
+        if number == 0 and is_known.any():
+            first = int(is_known.argmax())
+            source[:first] = first
+        # The time of a sample that was never read is NaN, and nothing is near it.
+        is_near = np.abs(time_s - time_s[source]) <= longest_s
+        held = np.where(is_near, degc[source], np.nan)
+        last_s, last_degc = time_s[source[-1]], degc[source[-1]]
+        yield replace(piece, temperature_degc=held[1:])
