@@ -212,7 +212,7 @@ BAD_FILES = [
 
 
 @pytest.mark.parametrize(("content", "message"), BAD_FILES, ids=[message[:30] for _, message in BAD_FILES])
-def test_a_bad_limits_file_ends_with_1_and_nothing_is_written(
+def test_a_bad_limits_file_ends_with_1_and_nothing_else_is_written(
     tmp_path, monkeypatch, capsys, content, message
 ):
     monkeypatch.chdir(tmp_path)
@@ -228,7 +228,9 @@ def test_a_bad_limits_file_ends_with_1_and_nothing_is_written(
     # The limits are read before the recording, which is not there.
     assert main(["calibrate", "run.csv", "--limits", "limits.json", "-o", "out.json"]) == 1
     assert message in capsys.readouterr().err
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["limits.json", "unit.json"]
+    # What --json asked for says why there is no result.
+    assert message in json.loads(Path("d.json").read_text())["reasons"][0]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["d.json", "limits.json", "unit.json"]
     if not isinstance(content, str):
         validator = jsonschema.Draft202012Validator(SCHEMA)
         # Names and contradictions of numbers are beyond a schema.

@@ -71,10 +71,11 @@ class Trial:
             try:
                 require_figures(result.control)
             except InputError as error:
-                if names:
-                    # The recordings judge the plain model: it is the effects that cannot be undone there.
-                    raise FitError(str(error)) from None
-                raise
+                columns = [judge.temperature_degc for judge in self.judges or ()]
+                if not names or not all(degc is None or np.isfinite(degc).all() for degc in columns):
+                    raise
+                # The recordings are sound and judge the plain model: the effects cannot be undone there.
+                raise FitError(str(error)) from None
         return result
 
     def _checked(self) -> _core.Checked:
