@@ -16,7 +16,6 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.atomic import write_text
 from imucal.errors import FormatError, InputError
-from imucal.io.source import open_file
 
 __all__ = ["Node", "plain", "read_json", "to_json", "without_nan", "write_json"]
 
@@ -89,6 +88,9 @@ def write_json(document: Any, path: str | os.PathLike[str]) -> None:
 
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document; FormatError if the file is not JSON."""
+    # It brings the readers of all formats: who calibrates arrays needs none of them.
+    from imucal.io.source import open_file
+
     file = open_file(path)
     # As it was given: among many calibration.json the last part alone says nothing.
     given = file.source.path

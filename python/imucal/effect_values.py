@@ -8,7 +8,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -17,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from imucal.disturbances import Disturbance, disturbances
 from imucal.document import Node
-from imucal.effects import Effect, EffectValues, UserEffect, by_name, catalogue, check_values, find
+from imucal.effects import Effect, EffectValues, UserEffect, by_name, catalogue, check_values, find, not_known
 from imucal.errors import FormatError, InputError
 
 __all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]
@@ -104,9 +103,7 @@ def _definitions(user_effects: Sequence[UserEffect]) -> dict[str, Definition]:
 
 def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> EffectValues:
     if name not in known:
-        close = difflib.get_close_matches(name, known, cutoff=0.5)
-        hint = f"is it {' or '.join(close)}? " if close else ""
-        raise InputError(f"there is no effect {name!r}: {hint}`imucal effects` lists them all")
+        raise not_known(name, known)
     definition = known[name]
     # A fault has one form and no shape.
     plain = len(definition.parameters) if isinstance(definition, Disturbance) else definition.plain

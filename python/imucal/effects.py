@@ -9,7 +9,6 @@ the one of the compiled library; a `UserEffect` is written in Python and used in
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -34,6 +33,7 @@ __all__ = [
     "by_name",
     "catalogue",
     "find",
+    "not_known",
 ]
 
 TRIADS: Final = ("accelerometer", "gyroscope")
@@ -316,9 +316,16 @@ def find(name: str) -> Effect:
         if name == row.name:
             what = "noise" if row.kind == "noise" else "a fault"
             raise InputError(f"{name} is {what}: it has no field, so it is not estimated or taken away")
-    close = difflib.get_close_matches(name, _rows(), cutoff=0.5)
+    raise not_known(name, _rows())
+
+
+def not_known(name: str, known: Iterable[str]) -> InputError:
+    """The error for a name that no effect has, with those that are like it."""
+    import difflib
+
+    close = difflib.get_close_matches(name, list(known), cutoff=0.5)
     hint = f"is it {' or '.join(close)}? " if close else ""
-    raise InputError(f"there is no effect {name!r}: {hint}`imucal effects` lists them all")
+    return InputError(f"there is no effect {name!r}: {hint}`imucal effects` lists them all")
 
 
 def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:

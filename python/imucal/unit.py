@@ -13,7 +13,6 @@ import math
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from importlib import resources
 from pathlib import Path
 from typing import Any, Final
 
@@ -30,7 +29,7 @@ from imucal.whole import check_seed
 __all__ = ["Sensor", "Unit", "unit_names"]
 
 SCHEMA: Final = "imucal.unit/1"
-FOLDER: Final = resources.files("imucal") / "units"
+FOLDER: Final = Path(__file__).parent / "units"
 # Flicker of coefficient B has the Allan deviation sqrt(2 ln 2 / pi) B where it is flat (IEEE Std 952-1997).
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
 # A datasheet's typical tolerance is one standard deviation of the drawn units, a maximum is three.
@@ -202,8 +201,7 @@ def unit_of(unit: Unit | str | os.PathLike[str]) -> Unit:
 def _shipped(name: str) -> Node:
     if name not in unit_names():
         raise InputError(f"the unit {name!r} is not known: give one of {', '.join(unit_names())}")
-    with resources.as_file(FOLDER / f"{name}.json") as path:
-        return read_json(path)
+    return read_json(FOLDER / f"{name}.json")
 
 
 def unit_from(node: Node) -> Unit:

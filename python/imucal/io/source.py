@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 import stat
 from collections.abc import Callable, Iterator, Sequence
@@ -91,6 +90,9 @@ def open_file(path: str | os.PathLike[str]) -> File:
 
     Raises InputError if it is missing, a folder, or not readable, and FormatError if it is empty.
     """
+    # It loads OpenSSL, 4 MB: recordings that are made of arrays need none.
+    import hashlib
+
     given = os.fspath(path)
     with _readable(given):
         content = Path(given).read_bytes()
@@ -103,6 +105,8 @@ def open_large(path: str | os.PathLike[str]) -> Source:
 
     Raises as `open_file` does.
     """
+    import hashlib
+
     given = os.fspath(path)
     digest, size = hashlib.sha256(), 0
     with _readable(given), Path(given).open("rb") as file:
