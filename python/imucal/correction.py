@@ -14,6 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+import numpy.typing as npt
 
 from imucal.arrays import FloatArray
 from imucal.effects import Effect, EffectValues, State, UserEffect
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from imucal.calibration import Calibration, Triad
 
 __all__ = [
+    "empty_samples",
     "left_in_data",
     "remove_user_effects",
     "require_no_surroundings",
@@ -37,6 +39,19 @@ ROUNDING: Final = 16 * np.finfo(np.float64).eps
 
 # What a field may need, and the column of a recording that gives it.
 COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperature": "temperature_degc"}
+
+
+def empty_samples(
+    raw: Recording, corrected: Recording
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
+    """Which samples have no rate or no force, and which have both and no correction."""
+
+    def is_whole(recording: Recording) -> npt.NDArray[np.bool_]:
+        columns = np.hstack((recording.angular_rate, recording.specific_force))
+        return np.asarray(np.isfinite(columns).all(axis=1))
+
+    complete = is_whole(raw)
+    return np.logical_not(complete), complete & np.logical_not(is_whole(corrected))
 
 
 def left_in_data(calibration: Calibration) -> tuple[str, ...]:

@@ -94,11 +94,7 @@ def _definitions(user_effects: Sequence[UserEffect]) -> dict[str, Definition]:
     """All that a name may mean; a user's effect has a name of its own."""
     known: dict[str, Definition] = {row.name: row for row in catalogue()}
     known.update((row.name, row) for row in disturbances())
-    for name, effect in by_name(user_effects).items():
-        if name in known:
-            raise InputError(f"the effect {name} is defined twice: give each one name")
-        known[name] = effect
-    return known
+    return known | by_name(user_effects)
 
 
 def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> EffectValues:

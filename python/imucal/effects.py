@@ -361,9 +361,5 @@ def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
 
 
 def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | UserEffect]:
-    """All effects that a name may mean, by name."""
-    rows, own = _rows(), by_name(user_effects)
-    for name in own:
-        if name in rows:
-            raise InputError(f"the effect {name} is defined twice: give each one name")
-    return {**rows, **own}
+    """All effects that a name may mean, by name; a user's own has none of ours."""
+    return {**_rows(), **by_name(user_effects)}

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from imucal.calibration import Calibration, Triad
+from imucal.correction import empty_samples
 from imucal.document import without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
@@ -189,11 +190,7 @@ def _not_corrected(
     """Which samples have no correction, and why; empty if all that were measured have one."""
     said = []
     for recording, result in zip(recordings, corrected or (), strict=False):
-        raw, after = (
-            np.isfinite(np.hstack((r.angular_rate, r.specific_force))).all(axis=1)
-            for r in (recording, result)
-        )
-        lost = np.flatnonzero(raw & ~after)
+        lost = np.flatnonzero(empty_samples(recording, result)[1])
         if not len(lost):
             continue
         first, temperature = lost[0], recording.temperature_degc

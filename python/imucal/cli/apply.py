@@ -153,6 +153,8 @@ class _Corrected:
     def _each(self, unit: Calibration, pieces: Iterator[Recording]) -> Iterator[Recording]:
         import numpy as np
 
+        from imucal.correction import empty_samples
+
         start_s: float | None = None
         before = 0
         for raw in pieces:
@@ -160,9 +162,7 @@ class _Corrected:
                 start_s = float(raw.time_s[0])
             # Without a start for effects that take the whole: then there is one piece.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
-            complete = np.isfinite(np.hstack((raw.angular_rate, raw.specific_force))).all(axis=1)
-            missing = np.logical_not(complete)
-            lost = np.isnan(corrected.angular_rate[:, 0]) & ~missing
+            missing, lost = empty_samples(raw, corrected)
             no_temperature = np.zeros_like(lost)
             if raw.temperature_degc is not None:
                 known = np.isfinite(raw.temperature_degc)

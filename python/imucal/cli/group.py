@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from imucal.cli.output import Output
 from imucal.errors import ImucalError
 
 __all__ = ["group"]
@@ -41,10 +41,10 @@ class _Command(TyperCommand):
             return super().invoke(ctx)
         except ImucalError as error:
             path = ctx.params.get("json")
-            if path == "-":
-                _print_error(error)
-            elif path is not None and not _is_read(path, ctx.params.values()):
-                _write_error(error, path)
+            if path == "-" or (path is not None and not _is_read(path, ctx.params.values())):
+                # The error itself is what must be seen, not that of a second file.
+                with contextlib.suppress(ImucalError):
+                    Output(path).document(error.to_dict())
             raise
 
 
@@ -66,18 +66,3 @@ def _is_read(path: str, given: Iterable[Any]) -> bool:
     named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
     # One of them is --json itself.
     return named.count(os.path.realpath(path)) > 1
-
-
-def _print_error(error: ImucalError) -> None:
-    from imucal.document import to_json
-
-    print(to_json(error.to_dict()))
-    sys.stdout.flush()
-
-
-def _write_error(error: ImucalError, path: str) -> None:
-    from imucal.document import write_json
-
-    # The error itself is what must be seen, not that of a second file.
-    with contextlib.suppress(ImucalError):
-        write_json(error.to_dict(), path)
