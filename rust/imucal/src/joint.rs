@@ -140,13 +140,13 @@ pub(crate) fn fit_for_search(
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
     // What the start does not explain, a stand that is not straight or a very large effect, is hardly listened to.
-    let is_misled = !terms.all.is_empty() && problem.weights.times_noise(prepared).iter().any(|t| *t > MISLEADING);
+    let mut taken = problem.weights.times_noise(prepared);
+    let is_misled = !terms.all.is_empty() && taken.iter().any(|times| *times > MISLEADING);
     let rounds = if is_misled { MOST_ROUNDS } else { usize::from(terms.kinds.encoders) };
     for round in 0..rounds {
-        let before = problem.weights.times_noise(prepared);
         problem.weigh_by(&found)?;
-        let after = problem.weights.times_noise(prepared);
-        if round > 0 && before.iter().zip(after).all(|(b, a)| (FAR.recip()..FAR).contains(&(a / b))) {
+        let before = std::mem::replace(&mut taken, problem.weights.times_noise(prepared));
+        if round > 0 && before.iter().zip(taken).all(|(b, a)| (FAR.recip()..FAR).contains(&(a / b))) {
             break;
         }
         found = minimize(&problem, &found.parameters, SEARCH)?;
