@@ -19,7 +19,7 @@ __all__ = ["NEEDS", "effects", "size"]
 NEEDS = {
     "time": "counted from the first sample",
     "temperature": "the column temp_degc, counted from 25 degC",
-    "angular_acceleration": "the derivative of the rate, taken over 2 ms or one interval",
+    "angular_acceleration": "the derivative of the rate, as smooth as its motion allows (model.md (16))",
     "attitude": "no correction knows it, so the effect stays in the data: it is no error of the sensor",
     "stand": "the motors that turn the unit; a correction of the sensors passes the effect over",
 }

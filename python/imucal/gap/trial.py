@@ -27,7 +27,7 @@ FOLDS: Final = 3
 SAME: Final = 0.005
 ONLY_CHANCE: Final = 0.1
 # Chance does not change a sum by more standard deviations.
-SURE: Final = 2.0
+SURE: Final = 3.0
 
 
 class Trial:
@@ -161,8 +161,12 @@ class Trial:
             {**_squares(result), **_squares_of_rates(result, self.judges)} for result in (trial, best)
         )
         change = np.array([ours[item] - theirs[item] for item in ours.keys() & theirs.keys()])
-        chance = SURE * np.sqrt(len(change)) * np.std(change)
-        return bool(value > least * (1 + ONLY_CHANCE) or np.sum(change) > chance)
+        # By chance all items go with the parameters: as many as those of the fit change by chi2 of as many
+        # degrees of freedom as there are parameters. And each goes up or down by itself.
+        shared = 2.0 * len(trial.calibration.parameters)
+        together, alone = SURE * np.sqrt(shared), SURE * np.sqrt(shared + len(change) * np.var(change))
+        much = max(ONLY_CHANCE * least, together / max(len(change), 1))
+        return bool(value > least + much or np.sum(change) > alone)
 
 
 def require_figures(control: Evaluation) -> None:

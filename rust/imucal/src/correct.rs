@@ -10,22 +10,16 @@
 //! ([`angular_acceleration`]). It gives no attitude and no angles of a stand: the Earth's rate, which a gyroscope rightly
 //! measures, stays in the data.
 
+use crate::derivative::Derivative;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
-use crate::segment::sample_interval_s;
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Need, Surroundings};
 use nalgebra::Vector3;
 
 /// The angular acceleration is that of the true rate, which is only known afterwards: first it is taken from the seen rate, then
 /// once more from the corrected one. Of a gyroscope's delay tau, `tau^3` times the third derivative of the rate is left. More
-/// passes would add noise, as tau is often longer than [`SLOPE_STEP_S`].
+/// passes would add noise.
 const PASSES: usize = 2;
-
-/// Rates that are closer in time differ by more noise than motion, s.
-pub(crate) const SLOPE_STEP_S: f64 = 2e-3;
-
-/// Samples whose polynomial gives the derivative.
-const NODES: usize = 5;
 
 /// True `(angular_rate, specific_force)` of every sample, rad/s and m/s^2 in the body frame.
 ///
@@ -79,64 +73,11 @@ fn correct_with(
 
 /// Derivative of the angular rate by time, rad/s^2, one row for each sample; none for a single sample.
 ///
-/// It is that of the polynomial through five samples 2 ms apart, or next to each other where the interval is longer: the
-/// sample in the middle of them, but at both ends. At even steps h that is
-/// `(w(t - 2h) - 8 w(t - h) + 8 w(t + h) - w(t + 2h)) / 12h`, wrong by `h^4 / 30` times the fifth derivative; steps may be
-/// uneven. Samples at one time count once, and all of them have its slope.
+/// It is that of polynomials through means over five boxes in a row, of 2 ms or one sample each up to 0.1 s: as wide as the motion
+/// allows (model.md (16)). Steps may be uneven. Samples at one time count once, and all of them have its slope.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
-    slopes(time_s, &rate, SLOPE_STEP_S).into_iter().map(<[f64; 3]>::from).collect()
-}
-
-/// The same of any three columns, with another step.
-pub(crate) fn slopes(time_s: &[f64], values: &[Vector3<f64>], step_s: f64) -> Vec<Vector3<f64>> {
-    let n = time_s.len().min(values.len());
-    let is_again = |k: usize| k > 0 && time_s[k] == time_s[k - 1];
-    if !(0..n).any(is_again) {
-        return slopes_at_distinct_times(&time_s[..n], &values[..n], step_s);
-    }
-    let (times, first): (Vec<f64>, Vec<Vector3<f64>>) =
-        (0..n).filter(|k| !is_again(*k)).map(|k| (time_s[k], values[k])).unzip();
-    let distinct = slopes_at_distinct_times(&times, &first, step_s);
-    let places = (0..n).scan(0, |seen, k| {
-        *seen += usize::from(!is_again(k));
-        Some(*seen - 1)
-    });
-    places.filter_map(|place| distinct.get(place).copied()).collect()
-}
-
-fn slopes_at_distinct_times(time_s: &[f64], values: &[Vector3<f64>], step_s: f64) -> Vec<Vector3<f64>> {
-    let n = time_s.len();
-    if n < 2 {
-        return Vec::new();
-    }
-    let count = n.min(NODES);
-    let interval_s = sample_interval_s(time_s);
-    // The cast of a NaN or a negative number is zero. Every n / count samples there is room for all nodes about each sample.
-    let stride = ((step_s / interval_s).round() as usize).clamp(1, n / count);
-    let derivative = |k: usize| {
-        // Half of the nodes are before sample k, at the ends as many as have room there.
-        let after = ((n - 1 - k) / stride).min(count - 1);
-        let before = (k / stride).min((count / 2).max(count - 1 - after));
-        let first = k - before * stride;
-        slope_at(before, count, |j| time_s[first + j * stride], |j| values[first + j * stride])
-    };
-    (0..n).map(derivative).collect()
-}
-
-/// Derivative at node `at` of the polynomial through `count` nodes, after Lagrange:
-/// `sum over j of (v_j - v_at) / (t_j - t_at) * product over the other i of (t_at - t_i) / (t_j - t_i)`.
-fn slope_at(
-    at: usize,
-    count: usize,
-    time: impl Fn(usize) -> f64,
-    value: impl Fn(usize) -> Vector3<f64>,
-) -> Vector3<f64> {
-    let others = |j: usize| (0..count).filter(move |i| *i != j && *i != at);
-    (0..count).filter(|j| *j != at).fold(Vector3::zeros(), |sum, j| {
-        let weight: f64 = others(j).map(|i| (time(at) - time(i)) / (time(j) - time(i))).product();
-        sum + (value(j) - value(at)) * (weight / (time(j) - time(at)))
-    })
+    Derivative::smooth(time_s, &rate).of(&rate).into_iter().map(<[f64; 3]>::from).collect()
 }
 
 #[cfg(test)]
@@ -262,25 +203,6 @@ mod tests {
                 assert!((Vector3::from(row) - expected).amax() < 1e-12, "{t}: {row:?}");
             }
         }
-    }
-
-    #[test]
-    fn the_derivative_of_a_sine_is_wrong_by_the_fourth_power_of_the_step() {
-        // At 1 kHz the step is 2 ms. The fifth derivative times h^4 / 30 in the middle, / 20 and / 5 at the ends.
-        let (h, frequency) = (2e-3, 20.0);
-        let time_s: Vec<f64> = (0..2000).map(|i| i as f64 * 1e-3).collect();
-        let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [(frequency * t + 0.4).sin(); 3]).collect();
-        let fifth = f64::powi(frequency, 5);
-        let mut worst: [f64; 3] = [0.0; 3];
-        for (i, row) in angular_acceleration(&time_s, &rate).into_iter().enumerate() {
-            let place = (i.min(1999 - i) / 2).min(2);
-            worst[place] = worst[place].max((row[0] - frequency * (frequency * time_s[i] + 0.4).cos()).abs());
-        }
-        for (error, share) in worst.into_iter().zip([5.0, 20.0, 30.0]) {
-            let limit = fifth * f64::powi(h, 4) / share;
-            assert!(error < 1.2 * limit, "{error:e}, {limit:e}");
-        }
-        assert!(worst[2] > 0.9 * fifth * f64::powi(h, 4) / 30.0);
     }
 
     #[test]

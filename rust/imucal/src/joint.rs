@@ -59,7 +59,7 @@ pub use wander::{BiasWander, UnitWander};
 use std::rc::Rc;
 
 use faer::Mat;
-use imucal_core::effects::Need;
+use imucal_core::effects::{Effect, Need};
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
@@ -92,6 +92,15 @@ pub(crate) fn may_drift(options: &Options<'_>) -> bool {
     let drifts =
         |choice: &EffectChoice| choice.effect.needs.iter().any(|n| matches!(n, Need::Time | Need::Temperature));
     options.effects.iter().any(drifts) || !options.user_fields.is_empty()
+}
+
+/// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
+const ADDS_UP: [&str; 1] = ["gyro_angular_acceleration"];
+
+/// Whether data by hand do not show an effect: it is seen in the force inside the moves, and a hand adds to that.
+pub(crate) fn is_blind_by_hand(name: &str) -> bool {
+    let effect = Effect::<f64>::find(name);
+    effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !ADDS_UP.contains(&name)
 }
 
 /// Estimates all parameters, starting from what is near, or from two triads and no effects.

@@ -38,6 +38,7 @@ pub mod calibrate;
 pub mod carry;
 pub mod check;
 pub mod correct;
+mod derivative;
 pub mod diagnosis;
 pub mod error;
 pub mod evaluate;

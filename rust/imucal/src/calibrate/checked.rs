@@ -62,6 +62,7 @@ impl Checked {
     /// As [`calibrate`](super::calibrate()).
     pub fn calibrate(&self, recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
         let data = self.data(recordings);
+        data.require_turns_in_place(options)?;
         let Self { accelerometer, gyroscope, unusable, .. } = self;
         let mut outcome = if options.is_joint() {
             let (joint, selection) =
@@ -112,6 +113,11 @@ impl Checked {
         data.prepared_for(&selection, triads, options, (kinds, true, jointly::known(options)), |prepared| {
             work(prepared, triads[0], triads[1])
         })
+    }
+
+    /// Whether a hand carried the unit through the moves of some recording, as far as is known. One that holds it at rest did.
+    pub(crate) fn is_carried(&self) -> bool {
+        self.carried.get().is_some() || self.data.is_held()
     }
 
     /// Takes where a search has ended.

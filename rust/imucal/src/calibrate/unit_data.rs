@@ -15,6 +15,7 @@ use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::finding::{Finding, Severity};
 use crate::gyroscope::{self, Carrying, GyroscopeBias, GyroscopeFit};
+use crate::joint::is_blind_by_hand;
 use crate::kinematics::rate_from_gravity;
 use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
 use crate::recording::{RawUnit, Recording};
@@ -185,6 +186,24 @@ impl<'a> UnitData<'a> {
     /// Tremor of the hand that holds the unit, if one does, for each recording, rad.
     pub(super) fn tremor_rad(&self) -> Vec<Option<f64>> {
         self.hands.iter().map(|hand| hand.as_ref().map(Hand::tremor_rad)).collect()
+    }
+
+    /// Whether a hand holds the unit in some recording.
+    pub(super) fn is_held(&self) -> bool {
+        self.hands.iter().any(Option::is_some)
+    }
+
+    /// Refuses effects that the force inside the moves shows where a hand carried the unit along.
+    pub(super) fn require_turns_in_place(&self, options: &Options<'_>) -> Result<(), Error> {
+        let blind = options.effects.iter().find(|choice| is_blind_by_hand(choice.effect.name));
+        match blind.filter(|_| self.is_held()) {
+            None => Ok(()),
+            Some(choice) => Err(Error::NotEnoughMotion(format!(
+                "a hand held the unit and carried it along inside the moves, where {} would show: turn it on a stand, or \
+                 leave the effect out",
+                choice.effect.name
+            ))),
+        }
     }
 
     pub(super) fn noise(&self) -> &[NoiseDensity] {

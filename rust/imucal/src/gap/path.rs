@@ -15,11 +15,15 @@ use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{Kinds, Linear, Model, Near, Prepared};
-use crate::recording::Recording;
+use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
+use crate::segment::sample_interval_s;
 
 const MOST_EFFECTS: usize = 6;
 /// Width of the narrowest prior, in typical sizes.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
+/// A temperature that changes by less, in means over so long, says nothing of what it does.
+const LEAST_CHANGE_K: f64 = 0.5;
+const MEAN_S: f64 = 1.0;
 const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
 /// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
@@ -33,9 +37,11 @@ pub fn search(
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
 ) -> Result<Search, Error> {
+    let columns = centred_temperatures(recordings);
+    let recordings = &with_temperatures(recordings, &columns);
     let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
-    hunt.is_carried = checked.carried.get().is_some();
+    hunt.is_carried = checked.is_carried();
     let found = checked.prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
         hunt.run(prepared, [accelerometer, gyroscope], open)
     });
@@ -99,13 +105,47 @@ fn at_start<T>(
     user_fields: &[UserField<'_>],
     work: impl FnOnce(Hunt<'_>, &Stage) -> T,
 ) -> Result<T, Error> {
+    let columns = centred_temperatures(recordings);
+    let recordings = &with_temperatures(recordings, &columns);
+    let checked = Checked::try_new(recordings, options)?;
     let mut hunt = Hunt::new(recordings, candidates, user_fields);
     let open = hunt.with_columns(recordings, candidates);
+    hunt.is_carried = checked.is_carried();
     let kinds = hunt.kinds;
-    Checked::try_new(recordings, options)?.prepare(recordings, options, kinds, |prepared, accelerometer, gyroscope| {
+    checked.prepare(recordings, options, kinds, |prepared, accelerometer, gyroscope| {
         let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
         Ok(work(hunt, &stage))
     })
+}
+
+/// Temperatures about their mean over all recordings: an effect of them has columns like those of the sensor's own parameters
+/// times how far that mean is from where temperatures count from, and what noise makes of the difference would be explained by noise.
+fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
+    let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
+        .filter(|degc| degc.is_finite())
+        .fold((0.0, 0.0), |(sum, count), degc| (sum + degc, count + 1.0));
+    let shift_k = REFERENCE_TEMPERATURE_DEGC - if count > 0.0 { sum / count } else { 0.0 };
+    let centred = |column: &[f64]| column.iter().map(|degc| degc + shift_k).collect();
+    recordings.iter().map(|recording| recording.temperature_degc.map(centred)).collect()
+}
+
+fn with_temperatures<'a>(recordings: &[Recording<'a>], columns: &'a [Option<Vec<f64>>]) -> Vec<Recording<'a>> {
+    let with = |(recording, column): (&Recording<'a>, &'a Option<Vec<f64>>)| Recording {
+        temperature_degc: column.as_deref(),
+        ..*recording
+    };
+    recordings.iter().zip(columns).map(with).collect()
+}
+
+/// Whether the temperature changes enough to show what it does, noise of its readings aside.
+fn is_warmed(recordings: &[Recording<'_>]) -> bool {
+    let means = recordings.iter().flat_map(|recording| {
+        let samples = (MEAN_S / sample_interval_s(recording.time_s)) as usize;
+        let means = recording.temperature_degc.unwrap_or_default().chunks_exact(samples.clamp(1, recording.len()));
+        means.map(|part| part.iter().sum::<f64>() / part.len() as f64)
+    });
+    let (least, most) = means.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mean| (a.min(mean), b.max(mean)));
+    most - least >= LEAST_CHANGE_K
 }
 
 /// What stays the same through a search.
@@ -143,10 +183,13 @@ impl<'a> Hunt<'a> {
 
     /// The candidates whose columns are there; the others are noted.
     fn with_columns(&mut self, recordings: &[Recording<'_>], candidates: &[EffectChoice]) -> Vec<EffectChoice> {
+        let warmed = is_warmed(recordings);
         let lacks = |choice: &EffectChoice| {
             let effect = choice.effect;
             if effect.needs.contains(&Need::Temperature) && !recordings.iter().all(Recording::has_temperature) {
                 Some(format!("a temp_degc column without holes, and {}", effect.observable))
+            } else if effect.needs.contains(&Need::Temperature) && !warmed {
+                Some(format!("a temperature that changes by {LEAST_CHANGE_K} K or more: {}", effect.observable))
             } else if effect.sensor == Sensor::Encoder && !self.kinds.encoders {
                 Some(format!("stand_1, stand_2 and stand_3 columns without holes, and {}", effect.observable))
             } else if effect.needs.contains(&Need::Attitude) && recordings.len() > 1 {

@@ -2,7 +2,7 @@
 
 use std::rc::Rc;
 
-use imucal_core::effects::{Effect, Need};
+use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 
 use super::design::design;
@@ -11,14 +11,12 @@ use super::path::Hunt;
 use super::stage::{Beside, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
-use crate::joint::{Kinds, Prepared, Terms};
+use crate::joint::{Kinds, Prepared, Terms, is_blind_by_hand};
 
 /// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
 const CARRIED: f64 = 5.0;
 /// Effects that turning alone shows leave less of its variance, even a long lever arm on a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
-/// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
-const ADDS_UP: [&str; 1] = ["gyro_angular_acceleration"];
 
 impl Hunt<'_> {
     /// The model without effects, and the candidates that are left: without those of the motion if a hand carried the unit.
@@ -111,10 +109,4 @@ impl Hunt<'_> {
         *self.ground.borrow_mut() = ground.map(|ground| Rc::new(ground.without(is_blind_by_hand)));
         Ok(is_carried)
     }
-}
-
-/// Whether data by hand do not show an effect.
-fn is_blind_by_hand(name: &str) -> bool {
-    let effect = Effect::<f64>::find(name);
-    effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !ADDS_UP.contains(&name)
 }

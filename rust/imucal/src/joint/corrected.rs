@@ -12,7 +12,7 @@ use super::pass::Route;
 use super::planes::Planes;
 use super::terms::{Sample, Terms};
 use crate::carry::times_hat;
-use crate::correct::{SLOPE_STEP_S, slopes};
+use crate::derivative::Derivative;
 
 /// The samples of a move after correction, with one more on either side.
 pub(super) struct Corrected {
@@ -116,9 +116,10 @@ impl Route<'_> {
         let active = terms.active(&model.values);
         let needs_slopes = terms.needs(Need::AngularAcceleration);
         let passes = if active.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
+        let derivative =
+            needs_slopes.then(|| Derivative::smooth(&self.recording.time_s[reach.clone()], &all.seen_rate));
         for pass in 1..=passes {
-            let time = &self.recording.time_s[reach.clone()];
-            let slopes = if needs_slopes { slopes(time, &all.rate, SLOPE_STEP_S) } else { Vec::new() };
+            let slopes = derivative.as_ref().map_or_else(Vec::new, |derivative| derivative.of(&all.rate));
             self.correct_once(&mut all, &slopes, model, [&active, terms], pass == passes);
         }
         all

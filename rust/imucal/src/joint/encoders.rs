@@ -22,7 +22,7 @@ use super::inside::{self, EndDirection, Filter, InsideNoise};
 use super::model::BASE;
 use super::pass::Pass;
 use super::terms::{Sample, Terms};
-use crate::correct::slopes;
+use crate::derivative::Derivative;
 use crate::error::Error;
 use crate::moves::{Move, UnitRest, across, rows_across};
 use crate::recording::Recording;
@@ -124,9 +124,9 @@ impl Angles {
         let seen: Vec<Vector3<f64>> = readings.iter().map(|r| Vector3::from(*r)).collect();
         let mut all = Self { angle_rad: seen.clone(), columns: vec![Vector3::zeros(); seen.len() * terms.count] };
         let mut room = terms.room();
+        let derivative = Derivative::narrow(time_s);
         for _ in 0..PASSES {
-            let rates =
-                if seen.len() > 1 { slopes(time_s, &all.angle_rad, 0.0) } else { vec![Vector3::zeros(); seen.len()] };
+            let rates = if seen.len() > 1 { derivative.of(&all.angle_rad) } else { vec![Vector3::zeros(); seen.len()] };
             for k in 0..seen.len() {
                 let stand = StandState { angle_rad: all.angle_rad[k], rate_radps: rates[k], direction: directions[k] };
                 let state = State {

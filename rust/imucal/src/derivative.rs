@@ -1,0 +1,339 @@
+//! The derivative by time of columns that hold noise, as smooth as their motion allows.
+//!
+//! At each sample it is that of the polynomial of fourth degree whose means over five boxes in a row are those of the values:
+//!
+//! ```text
+//! sum_j weight_j mean over box j of (t - t_k)^m = 1 for m = 1, 0 for m = 0, 2, 3, 4
+//! ```
+//!
+//! Its noise falls with the power 3/2 of the width of a box, the error of a motion grows with the fourth. So boxes are widened
+//! as long as what they say differs from what the narrower ones say by no more than noise (after Lepski, Theory of Probability and
+//! its Applications 35, 1991, 454-466), and then narrowed again by one step, where the motion's error is an eighth of that.
+
+use std::borrow::Cow;
+
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use crate::segment::sample_interval_s;
+use crate::stats::median;
+
+/// Boxes whose means give the polynomial.
+const BOXES: usize = 5;
+/// The narrowest box, s, or one sample: closer values differ by more noise than motion.
+const NARROWEST_S: f64 = 2e-3;
+/// The widest: no motion stays a polynomial for five of these, s.
+const WIDEST_S: f64 = 0.1;
+/// From one width to the next.
+const WIDER: f64 = 1.7;
+/// Of the squares that noise explains of a difference.
+const AGREE: f64 = 2.0;
+/// Every stretch as long as this has to agree, s, and as many boxes.
+const STRETCH_S: f64 = 1.0;
+const STRETCH_BOXES: usize = 20;
+/// Median of a normal number without its sign.
+const MEDIAN: f64 = 0.674_489_750_196_082;
+/// Fewer samples do not tell noise from motion.
+const FEWEST: usize = 4 * BOXES;
+/// Steps that differ by a smaller share are even.
+const EVEN: f64 = 1e-9;
+
+/// How a derivative is taken at given times.
+pub(crate) struct Derivative<'a> {
+    time_s: Cow<'a, [f64]>,
+    /// Of samples at one time the first counts: the place of each sample among those. Empty where all count.
+    places: Vec<usize>,
+    stencil: Stencil,
+}
+
+impl<'a> Derivative<'a> {
+    /// By the polynomials through neighbouring samples.
+    pub(crate) fn narrow(time_s: &'a [f64]) -> Self {
+        let is_again = |k: usize| k > 0 && time_s[k] == time_s[k - 1];
+        let (mut distinct, mut places) = (Cow::Borrowed(time_s), Vec::new());
+        if (0..time_s.len()).any(is_again) {
+            distinct = (0..time_s.len()).filter(|k| !is_again(*k)).map(|k| time_s[k]).collect();
+            let place = |seen: &mut usize, k: usize| {
+                *seen += usize::from(!is_again(k));
+                Some(*seen - 1)
+            };
+            places = (0..time_s.len()).scan(0, place).collect();
+        }
+        let stencil = Stencil::new(&distinct, 1);
+        Self { time_s: distinct, places, stencil }
+    }
+
+    /// As smooth as the motion in `values` allows.
+    pub(crate) fn smooth(time_s: &'a [f64], values: &[Vector3<f64>]) -> Self {
+        let mut derivative = Self::narrow(time_s);
+        let values = derivative.distinct(values);
+        let times = &derivative.time_s;
+        let (n, interval_s) = (values.len(), derivative.stencil.interval_s);
+        if n < FEWEST || interval_s <= 0.0 {
+            return derivative;
+        }
+        let (sums, sigma) = (Sums::new(&values), noise(times, &values));
+        let widest = ((WIDEST_S / interval_s) as usize).min(n / BOXES).max(1);
+        let mut stride = ((NARROWEST_S / interval_s).round() as usize).clamp(1, widest);
+        let mut last = Stencil::new(times, stride);
+        loop {
+            stride = (stride + 1).max((stride as f64 * WIDER).round() as usize);
+            if stride > widest {
+                derivative.stencil = last;
+                return derivative;
+            }
+            let wider = Stencil::new(times, stride);
+            if !wider.agrees(&last, (times, &sums), &sigma) {
+                return derivative;
+            }
+            derivative.stencil = std::mem::replace(&mut last, wider);
+        }
+    }
+
+    /// The derivative of values at these times, one for each; none for a single one.
+    pub(crate) fn of(&self, values: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
+        let distinct = self.distinct(values);
+        if distinct.len() < 2 {
+            return Vec::new();
+        }
+        let sums = Sums::new(&distinct);
+        let slopes: Vec<Vector3<f64>> =
+            (0..distinct.len()).map(|k| self.stencil.slope(&self.time_s, &sums, k)).collect();
+        if self.places.is_empty() { slopes } else { self.places.iter().map(|place| slopes[*place]).collect() }
+    }
+
+    fn distinct<'v>(&self, values: &'v [Vector3<f64>]) -> Cow<'v, [Vector3<f64>]> {
+        let is_first = |k: &usize| *k == 0 || self.places[*k] != self.places[k - 1];
+        match self.places.is_empty() {
+            true => values.into(),
+            false => (0..values.len()).filter(is_first).map(|k| values[k]).collect(),
+        }
+    }
+}
+
+/// White noise of a sample on each axis, from fourth divided differences: motion is too smooth to show in them.
+fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
+    let mut sizes: [Vec<f64>; 3] = [const { Vec::new() }; 3];
+    for (t, v) in time_s.windows(BOXES).zip(values.windows(BOXES)) {
+        let others = |j: usize| (0..BOXES).filter(move |i| *i != j);
+        let weights: [f64; BOXES] = std::array::from_fn(|j| others(j).map(|i| t[j] - t[i]).product::<f64>().recip());
+        let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
+        let difference: Vector3<f64> = v.iter().zip(weights).map(|(v, w)| v * (w / norm)).sum();
+        sizes.iter_mut().zip(&difference).for_each(|(sizes, d)| sizes.extend(d.is_finite().then(|| d.abs())));
+    }
+    let [x, y, z] = sizes.map(|mut sizes| if sizes.is_empty() { 0.0 } else { median(&mut sizes) / MEDIAN });
+    Vector3::new(x, y, z)
+}
+
+/// Running sums of values; those that are missing are counted instead.
+struct Sums {
+    values: Vec<Vector3<f64>>,
+    missing: Vec<u32>,
+}
+
+impl Sums {
+    fn new(values: &[Vector3<f64>]) -> Self {
+        let mut sums = Self { values: vec![Vector3::zeros()], missing: vec![0] };
+        let (mut sum, mut missing) = (Vector3::zeros(), 0);
+        for value in values {
+            if value.iter().all(|v| v.is_finite()) {
+                sum += value;
+            } else {
+                missing += 1;
+            }
+            sums.values.push(sum);
+            sums.missing.push(missing);
+        }
+        sums
+    }
+
+    /// The mean of `count` values from `first` on; NaN if one of them is missing.
+    fn mean(&self, first: usize, count: usize) -> Vector3<f64> {
+        let end = first + count;
+        if self.missing[first] != self.missing[end] {
+            return Vector3::repeat(f64::NAN);
+        }
+        (self.values[end] - self.values[first]) / count as f64
+    }
+}
+
+/// Boxes of one width.
+struct Stencil {
+    interval_s: f64,
+    /// Samples in a box.
+    stride: usize,
+    boxes: usize,
+    /// The weights away from the ends, where steps are even.
+    inside: Option<[f64; BOXES]>,
+}
+
+impl Stencil {
+    fn new(time_s: &[f64], stride: usize) -> Self {
+        let n = time_s.len();
+        let interval_s = if n > 1 { sample_interval_s(time_s) } else { 0.0 };
+        let mut stencil = Self { interval_s, stride, boxes: (n / stride).min(BOXES), inside: None };
+        let is_even = |w: &[f64]| ((w[1] - w[0]) - interval_s).abs() <= EVEN * interval_s;
+        if stencil.boxes == BOXES && time_s.windows(2).all(is_even) {
+            let middle = stencil.before();
+            stencil.inside = Some(stencil.weights(time_s, middle, 0));
+        }
+        stencil
+    }
+
+    /// Samples of the boxes before the one that they are about.
+    fn before(&self) -> usize {
+        self.stride / 2 + self.boxes / 2 * self.stride
+    }
+
+    /// The first sample of the boxes about sample `k`: at the ends those that have room there.
+    fn first(&self, samples: usize, k: usize) -> usize {
+        k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
+    }
+
+    /// The weights at sample `k`.
+    fn weights_at(&self, time_s: &[f64], k: usize) -> [f64; BOXES] {
+        let first = self.first(time_s.len(), k);
+        match self.inside {
+            Some(weights) if first + self.before() == k => weights,
+            _ => self.weights(time_s, k, first),
+        }
+    }
+
+    /// The weights at sample `k` of boxes from sample `first` on; NaN where times do not determine them.
+    fn weights(&self, time_s: &[f64], k: usize, first: usize) -> [f64; BOXES] {
+        let unit_s = self.stride as f64 * self.interval_s;
+        // With fewer boxes the polynomial is of a lower degree.
+        let mut powers = SMatrix::<f64, BOXES, BOXES>::identity();
+        for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
+            column.fill(0.0);
+            for t in &time_s[first + j * self.stride..][..self.stride] {
+                let mut power = 1.0 / self.stride as f64;
+                for m in 0..self.boxes {
+                    column[m] += power;
+                    power *= (t - time_s[k]) / unit_s;
+                }
+            }
+        }
+        let mut slope = SVector::<f64, BOXES>::zeros();
+        slope[1] = 1.0 / unit_s;
+        powers.lu().solve(&slope).map_or([f64::NAN; BOXES], Into::into)
+    }
+
+    fn slope(&self, time_s: &[f64], sums: &Sums, k: usize) -> Vector3<f64> {
+        let first = self.first(time_s.len(), k);
+        let weights = self.weights_at(time_s, k);
+        // Of what differs from the middle: a large bias is no reason for a large rounding error.
+        let middle = sums.mean(first + self.boxes / 2 * self.stride, self.stride);
+        let mean = |j: usize| sums.mean(first + j * self.stride, self.stride);
+        (0..self.boxes).map(|j| (mean(j) - middle) * weights[j]).sum()
+    }
+
+    /// Whether the slopes of both differ by no more than noise of `sigma` makes of it, in every stretch and on every axis.
+    fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
+        let n = time_s.len();
+        let length = ((STRETCH_S / self.interval_s) as usize).max(STRETCH_BOXES * self.stride);
+        let inside = self.before()..(n + self.before() + 1).saturating_sub(self.boxes * self.stride);
+        let count = inside.len().div_ceil(length).max(1);
+        (0..count).all(|part| {
+            let range = inside.start + part * inside.len() / count..inside.start + (part + 1) * inside.len() / count;
+            let (mut squares, mut explained) = (Vector3::zeros(), 0.0);
+            // Neighbouring slopes are of nearly the same samples.
+            for k in range.step_by((self.stride / 2).max(1)) {
+                let difference = self.slope(time_s, sums, k) - narrower.slope(time_s, sums, k);
+                if difference.iter().all(|d| d.is_finite()) {
+                    squares += difference.map(|d| d * d);
+                    explained += self.noise_of_difference(narrower, time_s, k);
+                }
+            }
+            (0..3).all(|axis| squares[axis] <= AGREE * explained * sigma[axis].powi(2))
+        })
+    }
+
+    /// The variance of the difference of both slopes for values with noise of one.
+    fn noise_of_difference(&self, narrower: &Self, time_s: &[f64], k: usize) -> f64 {
+        let n = time_s.len();
+        let by = |stencil: &Self| (stencil.first(n, k), stencil.stride, stencil.weights_at(time_s, k));
+        let (first, stride, weights) = by(self);
+        let (own_first, own_stride, own) = by(narrower);
+        let of = |k: usize, first: usize, stride: usize, weights: &[f64; BOXES]| {
+            let place = k.checked_sub(first).map(|k| k / stride);
+            place.and_then(|j| weights.get(j)).map_or(0.0, |weight| weight / stride as f64)
+        };
+        let both = |k: usize| of(k, first, stride, &weights) - of(k, own_first, own_stride, &own);
+        (first..first + BOXES * stride).map(|k| both(k).powi(2)).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::StandardNormal;
+
+    const AMPLITUDE_RADPS: f64 = 2.0;
+    /// Of the paper's gyroscope at 400 Hz.
+    const NOISE_RADPS: f64 = 9e-3;
+
+    /// A sine at 400 Hz with noise, and its derivative.
+    fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut noise = || Vector3::from_fn(|_, _| NOISE_RADPS * random.sample::<f64, _>(StandardNormal));
+        let w = std::f64::consts::TAU * frequency_hz;
+        let time_s: Vec<f64> = (0..2000).map(|k| 12.0 + f64::from(k) / 400.0).collect();
+        let phases = [0.0, 1.0, 2.0];
+        let rates = time_s.iter().map(|t| Vector3::from(phases.map(|p| AMPLITUDE_RADPS * (w * t + p).sin())) + noise());
+        let slopes = time_s.iter().map(|t| Vector3::from(phases.map(|p| AMPLITUDE_RADPS * w * (w * t + p).cos())));
+        (time_s.clone(), rates.collect(), slopes.collect())
+    }
+
+    /// Rms error, and the share by which the derivative is too small.
+    fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
+        let of = |product: fn(&Vector3<f64>, &Vector3<f64>) -> f64| -> f64 {
+            found.iter().zip(truth).map(|(found, truth)| product(found, truth)).sum()
+        };
+        let squares = of(|_, truth| truth.norm_squared());
+        let rms = (of(|found, truth| (found - truth).norm_squared()) / (3 * truth.len()) as f64).sqrt();
+        (rms, 1.0 - of(|found, truth| found.dot(truth)) / squares)
+    }
+
+    #[test]
+    fn noise_goes_as_far_as_the_motion_allows() {
+        // Of slow turns nearly all of it, of fast ones less; what is left of the motion is right to two per mille.
+        for (frequency_hz, times_less) in [(0.3, 80.0), (1.0, 25.0), (5.0, 4.0)] {
+            let (time_s, rates, truth) = sine(frequency_hz, 1);
+            let neighbours = errors(&Derivative::narrow(&time_s).of(&rates), &truth);
+            let (rms, too_small) = errors(&Derivative::smooth(&time_s, &rates).of(&rates), &truth);
+            assert!(rms < neighbours.0 / times_less, "{frequency_hz} Hz: {rms}, {neighbours:?}");
+            assert!(too_small.abs() < 2e-3, "{frequency_hz} Hz: {too_small}");
+        }
+    }
+
+    #[test]
+    fn the_fastest_stretch_decides() {
+        let (time_s, slow, _) = sine(0.3, 2);
+        let (_, fast, truth) = sine(8.0, 2);
+        let mixed: Vec<Vector3<f64>> = slow[..1500].iter().chain(&fast[1500..]).copied().collect();
+        let (_, too_small) = errors(&Derivative::smooth(&time_s, &mixed).of(&mixed)[1550..], &truth[1550..]);
+        assert!(too_small.abs() < 5e-3, "{too_small}");
+    }
+
+    #[test]
+    fn without_noise_it_is_that_of_the_neighbours() {
+        let time_s: Vec<f64> = (0..400).map(|k| f64::from(k) * 0.01).collect();
+        let rates: Vec<Vector3<f64>> =
+            time_s.iter().map(|t| Vector3::new((9.0 * t).sin(), (7.0 * t).cos(), *t)).collect();
+        let (smooth, narrow) = (Derivative::smooth(&time_s, &rates).of(&rates), Derivative::narrow(&time_s).of(&rates));
+        let largest = smooth.iter().zip(&narrow).map(|(a, b)| (a - b).amax()).fold(0.0, f64::max);
+        assert!(largest < 1e-9, "{largest:e}");
+    }
+
+    #[test]
+    fn a_missing_value_leaves_the_others_their_slopes() {
+        let (time_s, mut rates, truth) = sine(0.3, 3);
+        rates[900].y = f64::NAN;
+        let found = Derivative::smooth(&time_s, &rates).of(&rates);
+        let missing: Vec<usize> = (0..found.len()).filter(|k| found[*k].iter().any(|v| !v.is_finite())).collect();
+        assert!(missing.contains(&900) && missing.len() < 250, "{missing:?}");
+        assert!((found[100] - truth[100]).amax() < 0.1 && (found[1900] - truth[1900]).amax() < 0.1);
+    }
+}
