@@ -22,6 +22,7 @@ import pytest
 import imucal
 from imucal import FitError, FormatError, InputError, NotEnoughMotionError, Program, Recording, Step
 from imucal.cli import main
+from imucal.one_unit import with_own_names
 
 STANDARD_GRAVITY = 9.80665
 UP = np.array([0, 0, 9.8])
@@ -280,6 +281,9 @@ REFUSED = {
     ),
     "a part given again": refused(
         lambda r: [r, rows(slice(3000, 9000))(r)], "recordings_overlap", "from sample 3000"
+    ),
+    "the same with every sample held": refused(
+        lambda r: [r, rows(lambda n: np.arange(n).repeat(2))(r)], "recordings_overlap", "from sample 0"
     ),
     "one in counts": refused(lambda r: [r, counts(r)], None, "need the same raw units"),
     "no recording": refused(lambda r: [], None, "give at least one|Missing argument"),
@@ -807,6 +811,11 @@ def test_a_control_recording_without_moves_judges_nothing(capsys, monkeypatch):
     monkeypatch.chdir(folder())
     assert main(["evaluate", "cal.json", "still.parquet"]) == 2
     assert "verdict: poor; control set: 1 usable rests and no usable move" in capsys.readouterr().out
+
+
+def test_recordings_of_one_name_get_names_of_their_own():
+    recordings = [changed(simulated().recording, name=name) for name in ("a", "a", "a (2)", "a")]
+    assert [r.name for r in with_own_names(recordings)] == ["a", "a (2)", "a (2) (2)", "a (3)"]
 
 
 def test_a_calibration_for_another_gravity_is_a_poor_verdict(capsys, monkeypatch):

@@ -375,6 +375,7 @@ def test_bad_field_is_named(tmp_path, case):
         ('{"schema": NaN}', "NaN is no JSON number"),
         ("time_s,accel_x_mps2\n", "is not JSON"),
         ("[" * 100_000, "is not JSON"),
+        ('{"schema": ' + "1" * 5000 + "}", "is JSON that cannot be read"),
     ],
 )
 def test_other_files(tmp_path, text, message):

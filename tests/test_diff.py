@@ -174,6 +174,12 @@ def test_what_cannot_be_compared_is_refused(other, message):
         imucal.diff(BEFORE, other)
 
 
+def test_calibrations_that_are_exact_differ_by_nothing_that_chance_explains():
+    exact = dataclasses.replace(BEFORE, covariance=np.zeros_like(BEFORE.covariance))
+    difference = imucal.diff(exact, exact)
+    assert (difference.chi2, difference.dof) == (0.0, 0)
+
+
 def test_a_limit_that_is_none_is_refused():
     for sigmas in (0.0, -1.0, float("nan"), float("inf")):
         with pytest.raises(imucal.InputError, match="sigmas is"):

@@ -326,6 +326,18 @@ def test_the_advised_motion_decides(name, values, arguments, command, tmp_path):
     assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("named", [name])
 
 
+def test_a_motion_is_advised_whatever_holes_the_temperature_has():
+    def run(seed):
+        recording = simulated(seed, effects={"accel_bias_drift": [4e-5, 3e-5, -3e-5]}).recording
+        degc = 20.0 + 0.01 * recording.time_s
+        degc[::50] = np.nan
+        return dataclasses.replace(recording, temperature_degc=degc)
+
+    gap = imucal.find_gap(run(RUN_SEED), control=run(CONTROL_SEED))
+    assert gap.verdict == "ambiguous", gap.summary()
+    assert gap.next_motion is not None
+
+
 def test_no_program_is_written_where_nothing_has_to_be_decided(command, tmp_path):
     run, _ = pair()
     imucal.write(run, tmp_path / "run.csv")

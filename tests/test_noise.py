@@ -104,6 +104,8 @@ def test_any_memory_order_and_type_gives_the_same(recording):
         ((np.zeros((2, 2, 2)), 1.0), "give \\(N,\\) or \\(N, C\\)"),
         (([1.0, 2.0], 0.0), "rate_hz is 0"),
         (([1.0, 2.0], 1.0, [2.0]), "average of 2 samples"),
+        (([1.0, 2.0], 1.0, [1e20]), "average of 3 samples"),
+        ((np.zeros((3, 0)), 1.0), "give \\(N,\\) or \\(N, C\\)"),
         (([1.0, 2.0], 1.0, [0.1]), "average of 0 samples"),
         (([1.0, 2.0], 1.0, [np.nan]), "finite averaging times"),
         (([1.0, 2.0], 1.0, "all"), "give octave, decade"),
@@ -112,6 +114,14 @@ def test_any_memory_order_and_type_gives_the_same(recording):
 def test_bad_series_are_refused(arguments, message):
     with pytest.raises(imucal.InputError, match=message):
         imucal.allan_deviation(*arguments)
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_no_number_of_threads_is_refused(threads, recording):
+    with pytest.raises(imucal.InputError, match=r"threads is .*: a whole number, one or more"):
+        imucal.allan_deviation([1.0, 2.0], 1.0, threads=threads)
+    with pytest.raises(imucal.InputError, match=r"threads is .*: a whole number, one or more"):
+        imucal.noise(recording, threads=threads)
 
 
 # --- figures

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray
 from imucal.errors import InputError
+from imucal.whole import check_threads
 
 __all__ = ["allan_deviation"]
 
@@ -33,13 +34,14 @@ def allan_deviation(
     """
     from imucal import _core
 
+    check_threads(threads)
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"rate_hz is {rate_hz}: give the sample rate in Hz")
     try:
         array = np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError(f"values cannot be made an array: {error}: give numbers, (N,) or (N, C)") from None
-    if array.ndim not in (1, 2):
+    if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
         raise InputError(f"values have the shape {array.shape}: give (N,) or (N, C)")
     if isinstance(taus_s, str):
         factors = _core.allan_factors(len(array), taus_s)
@@ -47,7 +49,9 @@ def allan_deviation(
         wanted = np.asarray(taus_s, dtype=np.float64)
         if wanted.ndim != 1 or not np.all(np.isfinite(wanted)) or np.any(wanted < 0):
             raise InputError("taus_s needs finite averaging times in s, or octave or decade")
-        factors = np.unique(np.round(wanted * rate_hz)).astype(np.int64).tolist()
+        # What is longer than all samples is refused below; as an integer it would wrap.
+        most = float(len(array) + 1)
+        factors = np.unique(np.minimum(np.round(wanted * rate_hz), most)).astype(np.int64).tolist()
     columns = _core.allan_deviations(array, factors, threads)
     deviations = columns[0] if array.ndim == 1 else np.column_stack(columns)
     return np.array(factors, dtype=np.float64) / rate_hz, deviations

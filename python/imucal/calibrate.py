@@ -15,7 +15,7 @@ from imucal.calibration import Calibration, Frame, Provenance, Triad, as_frame
 from imucal.calibration_result import CalibrationResult
 from imucal.document import without_nan
 from imucal.effects import EffectValues, State, UserEffect
-from imucal.errors import InputError
+from imucal.errors import FitError, InputError
 from imucal.evaluate import (
     FIGURES,
     MIN_REST_S,
@@ -45,7 +45,7 @@ MOST_FOLDS = 1000
 # Share of the rests or of the moves that may contradict the others in a good calibration.
 MOST_CONTRADICTING = 0.1
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
-MOST_FIELD_ROUNDS = 6
+MOST_FIELD_ROUNDS = 20
 # A change of a field by this share changes its parameters by as much.
 SETTLED_FIELD = 1e-7
 
@@ -231,6 +231,12 @@ def _with_user_effects(
             break
         options = replace(options, user_fields=fields)
         outcome = _core.calibrate(checked, unit_data, options)
+    else:
+        names = " and ".join(effect.name for effect in own)
+        raise FitError(
+            f"the field of {names} still changes after {MOST_FIELD_ROUNDS} fits: it depends too much on the rate "
+            "and the force that it corrects: make it depend on them less"
+        )
     return options, outcome
 
 
@@ -294,7 +300,7 @@ def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) ->
 
 
 def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, float]:
-    """White-noise densities by name, continuous, one-sided."""
+    """White-noise densities by name, continuous, two-sided: a sample has this times the root of the rate."""
     return {
         f"{name}_{axis}_{unit}_per_sqrt_hz": float(density)
         for name, unit, densities in (

@@ -211,6 +211,8 @@ def _joint(change: FloatArray, covariance: FloatArray) -> tuple[float, int]:
     """chi2 of all parameters, and its degrees of freedom: directions that have an uncertainty."""
     std = np.sqrt(np.diag(covariance))
     known = std > 0
+    if not known.any():
+        return 0.0, 0
     scaled = change[known] / std[known]
     values, vectors = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(std[known], std[known]))
     kept = values > len(values) * np.finfo(np.float64).eps * values[-1]

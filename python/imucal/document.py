@@ -117,6 +117,9 @@ def read_json(path: str | os.PathLike[str]) -> Node:
         ) from None
     except (UnicodeDecodeError, RecursionError):
         raise FormatError(f"{given} is not JSON: it is no text in UTF-8") from None
+    except ValueError as error:
+        # Of an integer with thousands of digits.
+        raise FormatError(f"{given} is JSON that cannot be read: {error}") from None
 
 
 @dataclass(frozen=True)

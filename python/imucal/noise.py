@@ -11,6 +11,7 @@ from imucal.document import without_nan
 from imucal.evaluate import MIN_REST_S
 from imucal.finding import Finding
 from imucal.recording import Recording, as_recording
+from imucal.whole import check_threads
 
 if TYPE_CHECKING:
     from imucal import _core
@@ -170,6 +171,7 @@ def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int 
     from imucal import _core
 
     as_recording(recording)
+    check_threads(threads)
     found = _core.identify_noise(recording, min_rest_s, threads)
     axes = {
         f"{sensor}_{axis}": _axis(of_axis, unit)

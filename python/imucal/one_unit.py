@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.recording import Recording, as_recordings
 
@@ -32,8 +33,11 @@ def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
     """The recordings, each with a name that no other has: results say by name which one a rest is of."""
     names: list[str] = []
     for recording in recordings:
-        same = sum(other.name == recording.name for other in recordings[: len(names)])
-        names.append(f"{recording.name} ({same + 1})" if same else recording.name)
+        name, number = recording.name, 1
+        while name in names:
+            number += 1
+            name = f"{recording.name} ({number})"
+        names.append(name)
     return [
         recording if recording.name == name else replace(recording, name=name)
         for recording, name in zip(recordings, names, strict=True)
@@ -42,12 +46,21 @@ def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
 
 def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
     """A control recording must not be one that the calibration is made of."""
+    made_of = [(recording, _changes(recording)) for recording in unit_data]
     for judge in judges:
-        for recording in unit_data:
-            if np.array_equal(judge.specific_force, recording.specific_force) and np.array_equal(
-                judge.angular_rate, recording.angular_rate
-            ):
+        rows = _changes(judge)
+        for recording, others in made_of:
+            if np.array_equal(rows, others):
                 raise InputError(
                     f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
                     "which the calibration is made of: give another recording of the unit, or use folds"
                 )
+
+
+def _changes(recording: Recording) -> FloatArray:
+    """The rows that differ from the one before, (n, 6): one that was held or logged twice counts once."""
+    rows = np.hstack((recording.specific_force, recording.angular_rate))
+    is_new = np.ones(len(rows), dtype=bool)
+    is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    new: FloatArray = rows[is_new]
+    return new

@@ -6,7 +6,7 @@ from typing import Final
 
 from imucal.errors import InputError
 
-__all__ = ["check_count", "check_seed"]
+__all__ = ["check_count", "check_seed", "check_threads"]
 
 LARGEST_SEED: Final = 2**64 - 1
 LARGEST_COUNT: Final = 2**31 - 1
@@ -22,3 +22,9 @@ def check_count(count: int, what: str) -> None:
     """Refuse what is no count of something, with InputError."""
     if isinstance(count, bool) or int(count) != count or not 1 <= count <= LARGEST_COUNT:
         raise InputError(f"{what} is {count}: a whole number, one or more, is needed")
+
+
+def check_threads(threads: int | None) -> None:
+    """Refuse what is no number of threads, with InputError; None takes all processors."""
+    if threads is not None:
+        check_count(threads, "threads")

@@ -215,7 +215,11 @@ def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -
     first = trial.unit_data[0]
     temperature: Any = suggestion.temperature
     if temperature is None and first.temperature_degc is not None:
-        temperature = Temperature(first.time_s - first.time_s[0], first.temperature_degc)
+        # A calibration bears holes and repeated stamps, knots do not.
+        rises = np.diff(np.maximum.accumulate(first.time_s), prepend=-np.inf) > 0
+        known = rises & np.isfinite(first.temperature_degc)
+        if known.any():
+            temperature = Temperature(first.time_s[known] - first.time_s[0], first.temperature_degc[known])
     rate_hz = (len(first) - 1) / float(np.ptp(first.time_s))
     made = simulate(
         suggestion.program,

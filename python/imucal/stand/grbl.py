@@ -85,6 +85,8 @@ class GrblDriver:
         # Where they stood when it went on, and where they have stood since though nobody told them to.
         self._from: Triple = (0.0, 0.0, 0.0)
         self._strayed: Triple | None = None
+        # Where the controller last saw them before any trouble: reports after it may count from another zero.
+        self._known: Triple | None = None
         self._trouble: Event | None = None
         self._lost_until_s: float | None = None
         self._alarm: int | None = None
@@ -184,6 +186,7 @@ class GrblDriver:
         self._readings.append((self._talk.reported_s, *angles))
         if self._way_back is not None:
             return
+        self._known = self._talk.position_deg
         steps = self._blocks[max(self._done - 1, 0) : self._done + 2]
         # The last of them, as an answer that was lost makes it seem one step behind.
         known = [self._from, *(step.angles_deg for step in steps)]
@@ -298,11 +301,11 @@ class GrblDriver:
                 "look at the controller, its cable and its supply",
             )
             return
-        before = self._talk.position_deg
         if trouble.code != "reset":
             yield from self._talk.halt()
         yield from self._talk.handshake()
-        self._keep_angles(before)
+        self._keep_angles(self._known)
+        self._known = self._talk.position_deg
         self._happened.append(Event("resumed", f"with step {self._done + 1} of {len(self._blocks)}"))
         self._go_on()
         self._way_back = None

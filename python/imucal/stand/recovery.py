@@ -36,7 +36,7 @@ def write_recording(logged: Logged, output: str | os.PathLike[str]) -> None:
     """Write the samples under their own names, and the positions of the motors at their instants."""
     columns = [(name, logged.samples[:, i]) for i, name in enumerate(logged.columns)]
     # A unit's own encoders are read with its samples and need no joining.
-    if len(logged.positions) and not set(STAND) & set(logged.columns):
+    if len(logged.positions) and not any(name.startswith("stand_") for name in logged.columns):
         at_s = _host_instants(logged)
         columns += [
             (name, np.interp(at_s, logged.positions[:, 0], logged.positions[:, motor]))

@@ -101,7 +101,7 @@ fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution
 }
 
 /// No standard deviation of |f| is finer than this, m/s^2: a noise-free simulation has no scatter at all.
-const FINEST_MPS2: f64 = 1e-5;
+pub(crate) const FINEST_MPS2: f64 = 1e-5;
 
 /// Standard deviation of |f| over one rest, from the scatter of its samples, m/s^2.
 pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {

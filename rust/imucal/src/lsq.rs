@@ -21,7 +21,7 @@ pub(crate) trait Residuals {
 /// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Termination {
-    /// No step changes the parameters by more than rounding.
+    /// No step changes the parameters by more than the tolerance, which is one of rounding at least.
     Converged,
     /// The iteration limit was reached first.
     IterationLimit,

@@ -22,7 +22,7 @@ const TENTHS: usize = 10;
 const TREMBLING: f64 = 1.5;
 const STILL_RADPS: f64 = 1e-3;
 /// The integration of a sampled rate is no finer than this; without noise it alone is left.
-const FINEST_RAD: f64 = 2e-5;
+pub(crate) const FINEST_RAD: f64 = 2e-5;
 
 /// One rest of one of the recordings.
 #[derive(Clone, Copy, Debug)]

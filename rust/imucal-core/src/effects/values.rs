@@ -78,7 +78,7 @@ impl<F: RealField + Copy> EffectValues<F> {
     }
 }
 
-/// The effects of a unit, at most [`MAX_EFFECTS`]. One may stand there twice: two warm-ups have two time constants.
+/// The effects of a unit, at most [`MAX_EFFECTS`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectSet<F: RealField + Copy> {
     members: [Option<EffectValues<F>>; MAX_EFFECTS],

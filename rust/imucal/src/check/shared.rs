@@ -8,41 +8,40 @@ use crate::recording::Recording;
 /// Rows in a row that two recordings have in common. By chance noise never repeats so long.
 const SHARED_ROWS: usize = 100;
 
+/// Recording, place among the rows that differ from the one before, and place among all.
+type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
+
 /// `recordings_overlap` for every recording that holds a stretch of an earlier one, whatever its time stamps.
 pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
     // One recording has nothing to share, and a long table is not made for it.
     if recordings.len() < 2 {
         return Vec::new();
     }
-    let mut seen: HashMap<[u64; 6], (usize, usize)> = HashMap::new();
+    let mut seen = Seen::new();
     let mut findings = Vec::new();
     for (k, recording) in recordings.iter().enumerate() {
         findings.extend(shared_with_earlier(recording, recordings, &seen));
-        for i in 0..rows(recording) {
-            seen.insert(row_bits(recording, i), (k, i));
+        for (n, i) in changes(recording).enumerate() {
+            seen.insert(row_bits(recording, i), (k, n, i));
         }
     }
     findings
 }
 
 /// The first stretch whose rows follow each other in an earlier recording, too.
-fn shared_with_earlier(
-    recording: &Recording,
-    recordings: &[Recording],
-    seen: &HashMap<[u64; 6], (usize, usize)>,
-) -> Option<Finding> {
-    let (mut start, mut before) = (0, None);
-    for i in 0..rows(recording) {
+fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &Seen) -> Option<Finding> {
+    let (mut count, mut start, mut before) = (0, [0, 0], None);
+    for i in changes(recording) {
         let twin = seen.get(&row_bits(recording, i)).copied();
-        let follows = matches!((before, twin), (Some((k, j)), Some((l, m))) if k == l && j + 1 == m);
-        if !follows {
-            start = i;
-        }
+        let follows = matches!((before, twin), (Some((k, j, _)), Some((l, m, _))) if k == l && j + 1 == m);
         before = twin;
-        if let Some((k, j)) = twin
-            && i + 1 - start == SHARED_ROWS
-        {
-            let place = Place::new(recording, start, i);
+        let Some((k, _, at)) = twin else { continue };
+        if !follows {
+            (count, start) = (0, [i, at]);
+        }
+        count += 1;
+        if count == SHARED_ROWS {
+            let place = Place::new(recording, start[0], i);
             return Some(Finding {
                 place: Some(place),
                 count: SHARED_ROWS,
@@ -50,8 +49,7 @@ fn shared_with_earlier(
                 unit: "samples",
                 message: format!(
                     "{SHARED_ROWS} samples in a row {place} are those of {} from sample {}",
-                    recordings[k].name,
-                    j + 1 - SHARED_ROWS
+                    recordings[k].name, start[1]
                 ),
                 way_out: "give every recording once: repeated data add no information, and the stated accuracy would be wrong"
                     .into(),
@@ -65,6 +63,11 @@ fn shared_with_earlier(
 /// Rows that every column has; columns of different lengths are another finding's matter.
 fn rows(recording: &Recording) -> usize {
     if recording.check_lengths().is_ok() { recording.len() } else { 0 }
+}
+
+/// The rows that differ from the one before: one that was held or logged twice counts once.
+fn changes<'a>(recording: &'a Recording<'_>) -> impl Iterator<Item = usize> + 'a {
+    (0..rows(recording)).filter(|&i| i == 0 || row_bits(recording, i) != row_bits(recording, i - 1))
 }
 
 fn row_bits(recording: &Recording, i: usize) -> [u64; 6] {
@@ -99,6 +102,23 @@ mod tests {
         }
         assert!(check_shared(&[cut(0..1500), cut(1500..4000)]).is_empty());
         assert!(check_shared(&[whole]).is_empty());
+    }
+
+    #[test]
+    fn a_copy_whose_rows_were_held_is_a_copy() {
+        let columns = Columns::tumbling();
+        let whole = columns.recording();
+        fn held<T: Copy>(rows: &[T]) -> Vec<T> {
+            rows.iter().flat_map(|row| [*row; 2]).collect()
+        }
+        let time_s: Vec<f64> = (0..2 * whole.len()).map(|k| k as f64 * 0.005).collect();
+        let (force, rate) = (held(&columns.force), held(&columns.rate));
+        let doubled = Recording::try_new("doubled", &time_s, &force, &rate).unwrap();
+        for (first, second) in [(whole, doubled), (doubled, doubled), (doubled, whole)] {
+            let findings = check_shared(&[first, second]);
+            assert_eq!((findings.len(), findings[0].code), (1, "recordings_overlap"));
+            assert!(findings[0].message.ends_with("from sample 0"), "{}", findings[0]);
+        }
     }
 
     #[test]

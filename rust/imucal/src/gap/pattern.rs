@@ -1,5 +1,6 @@
 //! Generic hypotheses beside and instead of a path (model.md (24)).
 
+use imucal_core::STANDARD_GRAVITY_MPS2;
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
@@ -28,8 +29,6 @@ const WORTH_ASKING: f64 = 2.0;
 const NOT_ALL: f64 = 12.0;
 /// Share of what a path explains that large effects may leave, being more than a line.
 const REMAINDER: f64 = 0.02;
-/// A scale of the force is one of this.
-const GRAVITY: f64 = 9.806_65;
 
 /// The generic hypothesis with the largest evidence.
 pub(super) struct BestGeneric {
@@ -135,7 +134,9 @@ impl BestGeneric {
         let Self { block, kernel, log_bayes_factor, wrong } = self;
         // At rest the force is the direction of gravity: a bias that follows one is a scale that follows the other.
         let (block, kernel, unit) = match (block, kernel) {
-            (Block::AccelerometerBias, Kernel::GravityDirection) => (Block::AccelerometerScale, Kernel::Force, GRAVITY),
+            (Block::AccelerometerBias, Kernel::GravityDirection) => {
+                (Block::AccelerometerScale, Kernel::Force, STANDARD_GRAVITY_MPS2)
+            }
             same => (same.0, same.1, 1.0),
         };
         let rms = |axis: usize| {

@@ -24,7 +24,7 @@ use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
 use crate::robust::may_exclude;
-use crate::stats::{median, p_value};
+use crate::stats::{dot, median, p_value};
 
 /// Chance makes a rest or a move look as bad as this less often than once in 10^5.
 const CHANCE: f64 = 1e-5;
@@ -279,8 +279,4 @@ impl Without {
             self.push(direction);
         }
     }
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

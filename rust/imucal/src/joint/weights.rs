@@ -15,14 +15,13 @@ use super::scatter::{Excess, Scatter};
 use super::terms::Terms;
 use super::wander::{self, Wander};
 use super::whiten::{Shares, Whitening};
+use crate::accelerometer::FINEST_MPS2;
 use crate::lsq::{self, Solution, by_chance};
-use crate::moves::{random_walk_rad, variance_per_axis};
+use crate::moves::{FINEST_RAD, random_walk_rad, variance_per_axis};
 use crate::stats::median;
 
 /// No standard deviation is finer: a noise-free simulation has no scatter at all. Scales widen these, too: where a model does
 /// not fit such data there is nothing else to widen.
-const FINEST_MPS2: f64 = 1e-5;
-const FINEST_RAD: f64 = 2e-5;
 const FINEST_RADPS: f64 = 1e-6;
 
 /// Weights of all residuals.
@@ -35,7 +34,7 @@ pub(crate) struct Weights {
     pub(crate) bias_instability: [f64; 3],
     /// One for each move.
     pub(crate) inside: Vec<InsideNoise>,
-    /// Standard deviation of the stand's direction of gravity against the measured one, rad, for each rest.
+    /// Standard deviation of the stand's direction of gravity against the measured one, rad.
     pub(crate) stand_sigma_rad: f64,
     /// Variance of one reading of the encoders, rad^2.
     pub(crate) reading: f64,

@@ -10,10 +10,9 @@ use super::DIRECTION;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
 use crate::joint::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use crate::observability::FARTHEST;
 use crate::simulate::{Converter, Moment, Sensor, Unit};
 
-/// No parameter is further from nominal than this share of its size: what a motion leaves open still has a variance.
-const FARTHEST: f64 = 0.1;
 /// Where a gyroscope is at its rails from, as a share of its range: there is noise, and a motor that overshoots.
 const NEAR_RAILS: f64 = 0.95;
 /// Time constant of an effect that has one, as a share of the run.
