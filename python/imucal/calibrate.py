@@ -234,8 +234,8 @@ def _with_user_effects(
     else:
         names = " and ".join(effect.name for effect in own)
         raise FitError(
-            f"the field of {names} still changes after {MOST_FIELD_ROUNDS} fits: it depends too much on the rate "
-            "and the force that it corrects: make it depend on them less"
+            f"the field of {names} still changes after {MOST_FIELD_ROUNDS} fits: it depends too much on what "
+            "it corrects; make it depend less on rate and force"
         )
     return options, outcome
 
