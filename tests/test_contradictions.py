@@ -62,6 +62,43 @@ def left_out(result):
     )
 
 
+def turning(run, rest, rate_degps):
+    """Force and rate of a run whose unit turns evenly about a slanted axis while it seems to rest."""
+    recording, (start_s, end_s) = run.recording, run.truth.rests[rest]
+    time_s, axis = recording.time_s, np.array([1.0, 0.5, -0.3])
+    axis /= np.linalg.norm(axis)
+    x, y, z = axis
+    cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    angle = np.radians(rate_degps) * np.clip(time_s - start_s, 0, end_s - start_s)
+    # Back into the turned body, by Rodrigues' formula.
+    back = (
+        np.eye(3)
+        - np.sin(angle)[:, None, None] * cross
+        + (1 - np.cos(angle))[:, None, None] * (cross @ cross)
+    )
+    force, rate = (
+        np.einsum("nij,nj->ni", back, rows) for rows in (recording.specific_force, recording.angular_rate)
+    )
+    rate[inside(run, start_s, end_s)] += np.radians(rate_degps) * axis
+    return force, rate
+
+
+@pytest.mark.parametrize("seed", range(302, 308))
+@pytest.mark.parametrize("rate_degps", [2.0, 4.0])
+def test_a_slow_turn_between_rests_of_a_hand_leaves_no_trace_in_the_bias(seed, rate_degps):
+    hand = imucal.Tumble(seed=seed, poses=18, hold_s=3.0, tremor_deg=0.1, translation_mm=100.0)
+    run = imucal.simulate(hand, unit="bmi088", seed=seed, rate_hz=RATE_HZ)
+    force, rate = turning(run, 9, rate_degps)
+    result, error = calibrated(run, force=force, rate=rate)
+    start_s, end_s = run.truth.rests[9]
+    cut, _ = calibrated(run, keep=~inside(run, start_s - 0.1, end_s + 0.1))
+    assert error < WORST
+    assert result.fit["tremor_deg"][0] == pytest.approx(cut.fit["tremor_deg"][0], rel=0.1)
+    for own, other in zip(result.parameters, cut.parameters, strict=True):
+        if own.name.startswith("gyro_bias"):
+            assert abs(own.value - other.value) < other.std
+
+
 @pytest.mark.parametrize("seed", range(1, 7))
 def test_bad_rests_and_bad_moves_are_named_and_no_others(seed):
     run, random = simulated(seed), np.random.default_rng(seed)

@@ -196,7 +196,7 @@ fn judge(
     let (moves, unusable) = between(recordings, &rests, &usable, &saturated);
     let mut noise: Vec<NoiseDensity> = segments.iter().map(|segments| segments.noise_density).collect();
     let Calibration { accelerometer, gyroscope, .. } = &triads;
-    let hands = tremor::hands(judged, &mut rests, &mut noise, Sensors { accelerometer, gyroscope });
+    let hands = tremor::hands(judged, &mut rests, &usable, &mut noise, Sensors { accelerometer, gyroscope });
     let directions =
         Directions { recordings: judged, rests: &rests, noise: &noise, hands: &hands, accelerometer, gyroscope };
     let (ends, _) = directions.ends_of(&moves);

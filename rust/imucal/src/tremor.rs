@@ -171,48 +171,73 @@ impl Hand {
     }
 }
 
-/// The hands that hold the unit, one entry for each recording; rests and noise are freed of what they do.
+/// The hands that hold the unit, one entry for each recording; rests and noise are freed of what they do. Only rests that are
+/// `used` say what: a slow turn is no tremor, and what reads like a bias there is none.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
+    used: &[bool],
     noise: &mut [NoiseDensity],
     sensors: Sensors<'_>,
 ) -> Vec<Option<Hand>> {
     let of_recording = |(index, recording): (usize, &Recording<'_>)| {
-        let own: Vec<&Rest> = rests.iter().filter(|r| r.recording == index).map(|r| &r.rest).collect();
-        let mut hand = Hand::of(recording, &own, sensors)?;
+        let mut own: Vec<OwnRest<'_>> = rests
+            .iter_mut()
+            .zip(used)
+            .filter(|(rest, _)| rest.recording == index)
+            .map(|(rest, &says)| OwnRest { rest, says })
+            .collect();
+        // Where most rests take no part it is no few slow turns: the bias is another in this recording.
+        if 2 * own.iter().filter(|own| own.says).count() < own.len() {
+            own.iter_mut().for_each(|own| own.says = true);
+        }
+        let saying: Vec<&Rest> = own.iter().filter(|own| own.says).map(|own| &own.rest.rest).collect();
+        let mut hand = Hand::of(recording, &saying, sensors)?;
         noise[index] = hand.noise;
-        let mut own: Vec<&mut UnitRest> = rests.iter_mut().filter(|r| r.recording == index).collect();
-        own.iter_mut().for_each(|rest| rest.bias = *sensors.gyroscope.bias());
+        own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
         // About gravity it turns as far as about the two axes across, of which the errors of the directions are taken off.
-        let turned = |rest: &mut &mut UnitRest| {
-            let errors = 2.0 * hand.variance_rad2(&rest.rest);
-            hand.steady(recording, rest, sensors).norm_squared() / 2.0 - errors
+        let turned = |own: &mut OwnRest<'_>| {
+            let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
+            let turn = hand.steady(recording, own.rest, sensors);
+            own.says.then_some(turn.norm_squared() / 2.0 - errors)
         };
-        hand.turn_rad2 = (own.iter_mut().map(turned).sum::<f64>() / own.len() as f64).max(0.0);
+        let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
+        hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(0.0);
+        // The covariances of the rates have that in them.
+        own.iter_mut().for_each(|own| {
+            hand.steady(recording, own.rest, sensors);
+        });
         let bias = biases_of_poses(&mut own);
-        own.iter_mut().for_each(|rest| {
-            rest.carried = Some(Carried { mean_s: hand.averaging_s(&rest.rest), bias });
-            hand.steady(recording, rest, sensors);
+        own.iter_mut().for_each(|own| {
+            own.rest.carried = Some(Carried { mean_s: hand.averaging_s(&own.rest.rest), bias });
+            hand.steady(recording, own.rest, sensors);
         });
         Some(hand)
     };
     recordings.iter().enumerate().map(of_recording).collect()
 }
 
+/// A rest of the recording in question, and whether it says anything about the hand.
+struct OwnRest<'a> {
+    rest: &'a mut UnitRest,
+    says: bool,
+}
+
 /// The bias at each rest: the mean of all, and as much of its own as the rests differ beyond noise and chance. A pose may have
 /// a bias of its own, but a mean rate that is taken for it takes a part of the turn, too.
 /// The mean is the result.
-fn biases_of_poses(rests: &mut [&mut UnitRest]) -> Vector3<f64> {
+fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| {
-        let (values, variances): (Vec<f64>, Vec<f64>) =
-            rests.iter().map(|r| (r.rest.angular_rate.mean[axis], r.rate_covariance[(axis, axis)])).unzip();
+        let reading =
+            |own: &OwnRest<'_>| (own.rest.rest.angular_rate.mean[axis], own.rest.rate_covariance[(axis, axis)]);
+        let (values, variances): (Vec<f64>, Vec<f64>) = rests.iter().filter(|own| own.says).map(reading).unzip();
         let all = random_effects_mean(&values, &variances);
         let spread = values.iter().zip(&variances).map(|(value, variance)| (value - all.mean).powi(2) / variance);
         let free = values.len() as f64 - 1.0;
         let between = if spread.sum::<f64>() > free * by_chance(free) { all.between } else { 0.0 };
-        for (rest, (value, variance)) in rests.iter_mut().zip(values.iter().zip(&variances)) {
-            rest.bias[axis] = all.mean + (value - all.mean) * between / (between + variance);
+        for own in rests.iter_mut() {
+            let (value, variance) = reading(own);
+            own.rest.bias[axis] = all.mean + (value - all.mean) * between / (between + variance);
         }
         all.mean
     })

@@ -111,7 +111,8 @@ impl<'a> UnitData<'a> {
     /// Frees rests and noise of the tremor of a hand, now that the sensors are known.
     pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) {
         let sensors = Sensors { accelerometer, gyroscope };
-        self.hands = tremor::hands(self.recordings, &mut self.rests, &mut self.noise, sensors);
+        let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
+        self.hands = tremor::hands(self.recordings, &mut self.rests, &used, &mut self.noise, sensors);
     }
 
     pub(super) fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
