@@ -347,6 +347,13 @@ REFUSED = {
         "moves are usable .* for saturated samples",
         exclude_saturated=True,
     ),
+    "all rests saturated": undetermined(
+        lambda r: changed(
+            counts(r), angular_rate=put((slice(100, None, 50), 0), 32767)(counts(r).angular_rate.copy())
+        ),
+        "0 of 31 rests are usable; left out: 31 for saturated samples",
+        exclude_saturated=True,
+    ),
     # Options
     "gravity in g": refused(same, None, "gravity_mps2 = 1: on Earth", gravity_mps2=1.0),
     "gravity a tenth too large": refused(same, None, "gravity_mps2 = 10.8: on Earth", gravity_mps2=10.8),

@@ -118,11 +118,13 @@ pub(crate) fn minimize<R: Residuals>(problem: &R, start: &[f64], tolerance: f64)
 
 /// Covariance `(J^T J)^-1` of whitened residuals, by QR of the column-scaled Jacobian.
 ///
-/// Callers have made sure beforehand that J has full rank.
+/// Callers have made sure beforehand that J has full rank; without it nothing in the result is finite.
 pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
     let n = jacobian.ncols();
     let scale = column_norms(jacobian);
-    let scaled = Mat::from_fn(jacobian.nrows(), n, |i, j| jacobian[(i, j)] / scale[j]);
+    // Fewer rows than columns have no square R: rows of zeros give it one.
+    let rows = jacobian.nrows();
+    let scaled = Mat::from_fn(rows.max(n), n, |i, j| if i < rows { jacobian[(i, j)] / scale[j] } else { 0.0 });
     let qr = scaled.qr();
     let r_inverse = {
         let mut inverse = Mat::<f64>::identity(n, n);

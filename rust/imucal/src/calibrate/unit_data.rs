@@ -83,7 +83,7 @@ impl<'a> UnitData<'a> {
         let rests = rests_of(&segments);
         let saturated = saturated_stretches(recordings, &findings);
         let bias = gyroscope::bias_from_rests(&rests.iter().map(|rest| &rest.rest).collect::<Vec<_>>());
-        let excluded = rests
+        let excluded: Vec<_> = rests
             .iter()
             .zip(&bias.weights)
             .map(|(rest, weight)| {
@@ -97,6 +97,7 @@ impl<'a> UnitData<'a> {
                 }
             })
             .collect();
+        refuse_no_rest(&excluded)?;
         let noise = segments.iter().map(|segments| segments.noise_density).collect();
         let hands = vec![None; recordings.len()];
         Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
@@ -320,6 +321,30 @@ pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
         first.span.from,
         first.span.to
     )
+}
+
+/// Nothing can be said of a unit without a rest that takes part.
+fn refuse_no_rest(excluded: &[Option<&'static str>]) -> Result<(), Error> {
+    if excluded.iter().any(Option::is_none) {
+        return Ok(());
+    }
+    let saturated = excluded.iter().filter(|reason| **reason == Some("saturation")).count();
+    let moving = excluded.len() - saturated;
+    let left_out = [(saturated, "for saturated samples [saturation]"), (moving, "as slow turns [rest_not_still]")]
+        .into_iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, words)| format!("{count} {words}"))
+        .collect::<Vec<_>>();
+    let way_out = if saturated > 0 {
+        "a unit at rest is far from the ends of its range, so look at how the columns were read; else use a larger range"
+    } else {
+        "hold the unit still in each pose for 2 s or longer"
+    };
+    Err(Error::NotEnoughMotion(format!(
+        "0 of {} rests are usable; left out: {}: {way_out}",
+        excluded.len(),
+        left_out.join(", ")
+    )))
 }
 
 /// The findings that refuse a calibration, as an error.
