@@ -103,11 +103,12 @@ def without(*parts):
     return lambda n: np.setdiff1d(np.arange(n), np.concatenate([np.arange(a, b) for a, b in parts]))
 
 
-def counts(r, per_mps2=1000.0, per_radps=5000.0, offset=0.0):
+def counts(r, per_mps2=1000.0, per_radps=5000.0, offset=0.0, wrap=None):
+    read = (lambda values: values) if wrap is None else (lambda values: values % wrap)
     return changed(
         r,
-        specific_force=np.round(r.specific_force * per_mps2 + offset),
-        angular_rate=np.round(r.angular_rate * per_radps + offset),
+        specific_force=read(np.round(r.specific_force * per_mps2 + offset)),
+        angular_rate=read(np.round(r.angular_rate * per_radps + offset)),
         accel_unit="lsb",
         gyro_unit="lsb",
     )
@@ -206,6 +207,17 @@ REFUSED = {
         lambda r: counts(force(lambda f: np.clip(f, -8, 8))(r), per_mps2=32767 / 8),
         "accel_saturation",
         "32767 lsb",
+    ),
+    "negative counts read as unsigned": refused(
+        lambda r: counts(r, wrap=65536),
+        "counts_unsigned",
+        "jump from one end of 0 to 65535 .* subtract 65536 from those above 32767",
+    ),
+    "negative counts read as unsigned, saturation left out": refused(
+        lambda r: counts(r, wrap=65536),
+        "counts_unsigned",
+        "subtract 65536",
+        exclude_saturated=True,
     ),
     # Dead axes
     "gyroscope dead": refused(

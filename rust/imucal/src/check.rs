@@ -18,6 +18,7 @@ mod shared;
 mod stuck;
 mod survey;
 mod units;
+mod unsigned;
 mod values;
 
 use crate::finding::{Finding, Place};
@@ -33,8 +34,8 @@ pub use units::check_rests;
 /// All that can be said before rests are known; no finding means that nothing was found wrong.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `time_not_increasing`, `samples_duplicated`,
-/// `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `accel_saturation`, `gyro_saturation`,
-/// `accel_units`, `gyro_units`, `temperature_jump`.
+/// `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`, `accel_saturation`,
+/// `gyro_saturation`, `accel_units`, `gyro_units`, `temperature_jump`.
 pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     if let Err(error) = recording.check_lengths() {
         return vec![Finding {
@@ -60,7 +61,12 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     findings.extend(clock::check(recording, &survey));
     findings.extend(stuck::check(recording, &survey));
     findings.extend(repeats::check(recording, &survey));
-    findings.extend(rails::check(recording, &survey));
+    let unsigned = unsigned::check(recording, &survey);
+    let is_unsigned = |column: &String| unsigned.iter().any(|wrong| wrong.columns.contains(column));
+    // What jumps at zero is at both ends of the numbers, which is no rail.
+    findings
+        .extend(rails::check(recording, &survey).into_iter().filter(|rails| !rails.columns.iter().any(is_unsigned)));
+    findings.extend(unsigned);
     findings.extend(units::check(recording, &survey));
     findings.extend(values::check_temperature(recording));
     findings

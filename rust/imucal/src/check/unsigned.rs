@@ -1,0 +1,132 @@
+//! Negative counts that were read as unsigned numbers: n becomes 2^bits + n.
+//!
+//! A channel that crosses zero then jumps between the ends of the numbers, which looks like saturation and is none. A sensor whose
+//! counts have no sign rests in the middle of them; with the upper half taken as negative that is where it would jump.
+
+use super::survey::Survey;
+use super::{ACCEL, GYRO, Tally, names};
+use crate::finding::Finding;
+use crate::recording::{RawUnit, Recording};
+
+/// Bits that converters and registers have.
+const BITS: std::ops::RangeInclusive<u32> = 8..=32;
+/// A jump leads from this share of the numbers at one end to the same share at the other.
+const END: f64 = 0.125;
+/// So many jumps are no odd samples.
+const FEWEST_JUMPS: usize = 3;
+/// With the upper half taken as negative hardly one of so many jumps is left.
+const LEFT: usize = 10;
+
+/// `counts_unsigned`.
+pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
+    let [accel, gyro] = &survey.extremes.ends;
+    let accel = finding(recording, recording.accel_unit, (recording.specific_force, accel), ACCEL);
+    let gyro = finding(recording, recording.gyro_unit, (recording.angular_rate, gyro), GYRO);
+    accel.into_iter().chain(gyro).collect()
+}
+
+fn finding(
+    recording: &Recording,
+    unit: RawUnit,
+    (rows, ends): (&[[f64; 3]], &[[f64; 2]; 3]),
+    axes: [&str; 3],
+) -> Option<Finding> {
+    let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
+    let high = ends.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
+    if unit != RawUnit::Lsb || low < 0.0 {
+        return None;
+    }
+    let numbers = BITS.map(|bits| 2f64.powi(bits as i32)).find(|numbers| high < *numbers)?;
+    let crosses = |axis: &usize| ends[*axis][0] < END * numbers && ends[*axis][1] > (1.0 - END) * numbers;
+    let jumping: Vec<usize> = (0..3).filter(crosses).filter(|&axis| jumps_at_zero(rows, axis, numbers)).collect();
+    if jumping.is_empty() {
+        return None;
+    }
+    let mut all = Tally::default();
+    for (i, pair) in rows.windows(2).enumerate() {
+        if jumping.iter().any(|&axis| is_jump(pair[0][axis], pair[1][axis], numbers)) {
+            all.add(i + 1);
+        }
+    }
+    let columns = names(jumping.iter().map(|&axis| axes[axis]));
+    let (half, last) = (numbers / 2.0, numbers - 1.0);
+    Some(Finding {
+        place: all.place(recording),
+        count: all.samples,
+        value: numbers,
+        unit: "lsb",
+        message: format!(
+            "the counts were read as unsigned numbers: {} jump from one end of 0 to {last} to the other in {} samples, \
+             first {}",
+            columns.join(", "),
+            all.samples,
+            all.first_place(recording)
+        ),
+        way_out: format!(
+            "subtract {numbers} from those above {} in all three columns, or read the registers as signed numbers",
+            half - 1.0
+        ),
+        columns,
+        ..Finding::error("counts_unsigned", recording.name)
+    })
+}
+
+fn is_jump(before: f64, after: f64, numbers: f64) -> bool {
+    before.min(after) < END * numbers && before.max(after) > (1.0 - END) * numbers
+}
+
+/// Whether a channel jumps between its ends, and no longer once its upper half is negative.
+fn jumps_at_zero(rows: &[[f64; 3]], axis: usize, numbers: f64) -> bool {
+    let signed = |v: f64| if v < numbers / 2.0 { v } else { v - numbers };
+    let (mut jumps, mut left) = (0, 0);
+    for pair in rows.windows(2) {
+        let (before, after) = (pair[0][axis], pair[1][axis]);
+        jumps += usize::from(is_jump(before, after, numbers));
+        left += usize::from((signed(after) - signed(before)).abs() > (1.0 - 2.0 * END) * numbers);
+    }
+    jumps >= FEWEST_JUMPS && LEFT * left <= jumps
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::check_columns;
+    use super::super::example::Columns;
+    use super::*;
+
+    /// Counts of the gyroscope without sign, zero at `zero` of so many numbers.
+    fn unsigned(zero: f64, numbers: f64) -> Columns {
+        let mut columns = Columns::tumbling();
+        let scale = numbers / 8.0;
+        columns.rate.iter_mut().for_each(|row| *row = row.map(|v| ((v * scale).round() + zero).rem_euclid(numbers)));
+        columns
+    }
+
+    fn found(columns: &Columns) -> Vec<Finding> {
+        check_columns(&Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() })
+    }
+
+    #[test]
+    fn negative_counts_without_their_sign_are_no_saturation() {
+        for (bits, way_out) in [(16, "subtract 65536 from those above 32767"), (12, "subtract 4096")] {
+            let findings = found(&unsigned(0.0, 2f64.powi(bits)));
+            assert_eq!(findings.len(), 1, "{findings:?}");
+            assert_eq!(findings[0].code, "counts_unsigned");
+            assert_eq!(findings[0].columns, GYRO);
+            assert!(findings[0].way_out.starts_with(way_out), "{}", findings[0].way_out);
+        }
+    }
+
+    #[test]
+    fn counts_with_zero_in_the_middle_are_sound_up_to_their_rails() {
+        let columns = unsigned(32768.0, 65536.0);
+        assert!(found(&columns).is_empty());
+        // Shaken from one rail to the other: samples at both ends, side by side.
+        let mut columns = columns;
+        for i in (100..3900).step_by(40) {
+            columns.rate[i][0] = 0.0;
+            columns.rate[i + 1][0] = 65535.0;
+        }
+        let codes: Vec<&str> = found(&columns).iter().map(|finding| finding.code).collect();
+        assert_eq!(codes, ["gyro_saturation"]);
+    }
+}
