@@ -190,6 +190,11 @@ REFUSED = {
     "clock on arrival": refused(
         time(lambda t: np.sort(noise(0.006)(t))), "clock_irregular", "the sensor's own clock"
     ),
+    "time stamps of packets": refused(
+        time(lambda t: np.arange(len(t)) // 16 * 0.16 + np.arange(len(t)) % 16 * 1e-4),
+        "clock_irregular",
+        "bursts of 16 samples: 0.100 ms .* --rate-hz, here about 100",
+    ),
     "milliseconds as seconds": refused(time(lambda t: t * 1e3), "clock_rate", "time_ms"),
     "seconds as nanoseconds": refused(
         time(lambda t: t * 1e-9), "clock_rate", "name it time_s|that the column's name"

@@ -5,6 +5,7 @@
 //! Several faults of one kind make one finding, which counts them and points at the first. Samples that are not finite
 //! are reported once and passed over everywhere else.
 
+mod bursts;
 mod clock;
 #[cfg(test)]
 mod example;

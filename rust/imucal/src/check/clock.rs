@@ -1,7 +1,7 @@
 //! The time column: enough of it, in order, without gaps, regular, and in the right unit.
 
 use super::survey::{Part, Survey};
-use super::{Tally, names};
+use super::{Tally, bursts, names};
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 use crate::segment::steps_s;
@@ -38,6 +38,11 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let mut findings = Vec::new();
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
+    if let Some(bursts) = steps.backward.first.is_none().then(|| steps.bursts(recording)).flatten() {
+        // With stamps of packets, neither equal ones nor long steps nor their rate say anything about the samples.
+        findings.push(bursts);
+        return findings;
+    }
     findings.extend(steps.equal_stamps(recording));
     if steps.positive < 2 {
         return findings;
@@ -138,6 +143,11 @@ impl Steps {
                     .into(),
             ..Finding::error("time_not_increasing", recording.name)
         })
+    }
+
+    /// Where all steps are nearly as long as the others there is none.
+    fn bursts(&self, recording: &Recording) -> Option<Finding> {
+        (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }
 
     fn equal_stamps(&self, recording: &Recording) -> Option<Finding> {

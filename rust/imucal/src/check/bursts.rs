@@ -1,0 +1,116 @@
+//! Time stamps of packets: the samples of one are stamped almost at once, when it arrives or is read.
+
+use super::names;
+use crate::finding::{Finding, Place};
+use crate::recording::Recording;
+use crate::stats::median;
+
+/// A packet has so many samples at least: of two with one stamp the second may have been written twice.
+const LEAST_SAMPLES: f64 = 3.0;
+/// So many packets are no accident.
+const FEWEST_PACKETS: usize = 10;
+/// Packets further apart are stretches of a logger that sleeps, s.
+const LONGEST_S: f64 = 2.0;
+/// The steps between packets hold more of the time than this.
+const SHARE_OF_TIME: f64 = 0.5;
+/// So many of the packets are as large as the typical one, give or take this share or one sample: samples are lost at random.
+const ALIKE: f64 = 0.9;
+const WITHIN: f64 = 0.25;
+
+/// `clock_irregular`, of stamps that come in bursts. Time must not go back.
+pub(super) fn check(recording: &Recording) -> Option<Finding> {
+    let time_s = recording.time_s;
+    let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);
+    let mean_s = (last_s - first_s) / (time_s.len() - 1) as f64;
+    // A packet begins after a step that is longer than if samples came evenly; NaN begins none.
+    let starts: Vec<usize> = (1..time_s.len()).filter(|&i| time_s[i] - time_s[i - 1] > 1.5 * mean_s).collect();
+    let (&first, &last) = (starts.first()?, starts.last()?);
+    if starts.len() <= FEWEST_PACKETS {
+        return None;
+    }
+    let mut sizes: Vec<f64> = starts.windows(2).map(|pair| (pair[1] - pair[0]) as f64).collect();
+    let size = median(&mut sizes);
+    let alike = sizes.iter().filter(|other| (*other - size).abs() <= (WITHIN * size).max(1.0)).count();
+    let mut between: Vec<f64> = starts.iter().map(|&i| time_s[i] - time_s[i - 1]).collect();
+    let share = between.iter().sum::<f64>() / (last_s - first_s);
+    let between_s = median(&mut between);
+    let is_bursts = size >= LEAST_SAMPLES
+        && between_s < LONGEST_S
+        && share > SHARE_OF_TIME
+        && alike as f64 >= ALIKE * sizes.len() as f64;
+    if !is_bursts {
+        return None;
+    }
+    // From the first sample of a packet to that of another.
+    let rate_hz = (last - first) as f64 / (time_s[last] - time_s[first]);
+    let mut within: Vec<f64> = starts
+        .windows(2)
+        .filter(|pair| pair[1] - pair[0] > 1)
+        .map(|pair| (time_s[pair[1] - 1] - time_s[pair[0]]) / (pair[1] - pair[0] - 1) as f64)
+        .collect();
+    Some(Finding {
+        columns: names(["time_s"]),
+        place: Some(Place::new(recording, first, last)),
+        count: time_s.len(),
+        value: size,
+        unit: "samples",
+        message: format!(
+            "the time stamps come in bursts of {size:.0} samples: {:.3} ms from one to the next within a burst, then {:.3} ms \
+             to the next one",
+            1e3 * median(&mut within),
+            1e3 * between_s
+        ),
+        way_out: format!(
+            "stamps are those of packets, not of samples: if the sensor samples evenly, leave the time column out (a '-' for \
+             it in --columns) and give the sensor's rate as --rate-hz, here about {rate_hz:.1} Hz"
+        ),
+        ..Finding::error("clock_irregular", recording.name)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::check_columns;
+    use super::super::example::Columns;
+    use super::*;
+
+    /// The codes that the columns give with these time stamps.
+    fn found(stamp_s: impl Fn(usize) -> f64) -> Vec<Finding> {
+        let mut columns = Columns::tumbling();
+        columns.time_s = (0..columns.time_s.len()).map(stamp_s).collect();
+        check_columns(&columns.recording())
+    }
+
+    #[test]
+    fn samples_stamped_by_packets_are_told_from_lost_ones() {
+        // Apart by what a sample takes to be read, by less, by more, and all with one stamp.
+        for within_s in [1e-4, 1e-5, 2e-3, 0.0] {
+            let findings = found(|i| (i / 16) as f64 * 0.16 + (i % 16) as f64 * within_s);
+            assert_eq!(findings.len(), 1, "{findings:?}");
+            let bursts = &findings[0];
+            assert_eq!((bursts.code, bursts.value), ("clock_irregular", 16.0));
+            assert!(bursts.message.contains(&format!("{:.3} ms from one", 1e3 * within_s)), "{}", bursts.message);
+            assert!(bursts.way_out.contains("--rate-hz, here about 100"), "{}", bursts.way_out);
+        }
+        // A buffer that is read by a timer holds one more or less.
+        let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);
+        assert_eq!(short.iter().map(|f| f.code).collect::<Vec<_>>(), ["clock_irregular"]);
+    }
+
+    #[test]
+    fn lost_samples_and_a_logger_that_sleeps_are_no_packets() {
+        // One sample in five hundred is followed by a gap that is longer than all before it.
+        let lost = found(|i| i as f64 * 0.01 + (i / 500) as f64 * 6.0);
+        assert_eq!(lost.iter().map(|f| f.code).collect::<Vec<_>>(), ["samples_missing"]);
+        let chance = |i: usize| (i as f64 * 12.9898).sin().abs() * 43758.5453 % 1.0;
+        let mut now_s = 0.0;
+        let stamps: Vec<f64> = (0..4000)
+            .map(|i| {
+                now_s += if chance(i) < 0.05 { 0.5 } else { 0.01 };
+                now_s
+            })
+            .collect();
+        let lost = found(|i| stamps[i]);
+        assert_eq!(lost.iter().map(|f| f.code).collect::<Vec<_>>(), ["samples_missing"]);
+    }
+}
