@@ -103,6 +103,16 @@ def without(*parts):
     return lambda n: np.setdiff1d(np.arange(n), np.concatenate([np.arange(a, b) for a, b in parts]))
 
 
+def outer_join(r):
+    """A row for each sample of each sensor, as a merge of two tables by their times has it."""
+    even = np.arange(len(r))[:, None] % 2 == 0
+    return changed(
+        r,
+        specific_force=np.where(even, r.specific_force, np.nan),
+        angular_rate=np.where(even, np.nan, r.angular_rate),
+    )
+
+
 def counts(r, per_mps2=1000.0, per_radps=5000.0, offset=0.0, wrap=None):
     read = (lambda values: values) if wrap is None else (lambda values: values % wrap)
     return changed(
@@ -171,6 +181,9 @@ REFUSED = {
     ),
     "one infinity": refused(rate(put((70, 2), np.inf)), "non_finite", "gyro_z"),
     "NaN in time": refused(time(put(50, np.nan)), "non_finite", "time_s"),
+    "outer join": refused(
+        outer_join, "non_finite", "rows of their own: 6100 .* time stamps of their own: interp"
+    ),
     "one masked": refused(
         lambda r: changed(
             r, angular_rate=np.ma.array(r.angular_rate, mask=r.angular_rate == r.angular_rate[9, 0])

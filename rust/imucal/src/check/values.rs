@@ -8,12 +8,16 @@ use crate::stats::quantile;
 
 /// Temperature step between neighbours, K.
 const TEMPERATURE_STEP_K: f64 = 5.0;
+/// Where each sensor is alone in more than this share of the rows, they have time stamps of their own.
+const OWN_ROWS: f64 = 0.1;
 
 /// Where NaN and infinity are, by column.
 #[derive(Default)]
 pub(super) struct NotFinite {
     bad: Tally,
     columns: [bool; 7],
+    /// Samples in which all of the accelerometer is missing and nothing of the gyroscope, and the other way round.
+    alone: [usize; 2],
     bad_stand: Tally,
     stand_columns: [bool; 3],
 }
@@ -27,6 +31,11 @@ impl NotFinite {
                 let [wx, wy, wz] = recording.angular_rate[i];
                 if mark([recording.time_s[i], fx, fy, fz, wx, wy, wz], &mut self.columns) {
                     self.bad.add(i);
+                    let [no_force, no_rate] =
+                        [[fx, fy, fz], [wx, wy, wz]].map(|row| row.iter().all(|v| !v.is_finite()));
+                    let [force, rate] = [[fx, fy, fz], [wx, wy, wz]].map(|row| row.iter().all(|v| v.is_finite()));
+                    self.alone[0] += usize::from(no_force && rate);
+                    self.alone[1] += usize::from(no_rate && force);
                 }
             }
         }
@@ -39,6 +48,11 @@ impl NotFinite {
         }
     }
 
+    /// Whether two tables with time stamps of their own were put together row by row.
+    fn is_outer_join(&self, samples: usize) -> bool {
+        self.alone.iter().all(|&alone| alone as f64 > OWN_ROWS * samples as f64)
+    }
+
     /// How many samples, and the first stretch of them.
     #[cfg(test)]
     pub(super) fn samples(&self) -> (usize, Option<(usize, usize)>) {
@@ -48,7 +62,7 @@ impl NotFinite {
 
 /// NaN and infinity, by column; only effects of the encoders need the stand's columns, so there it is a warning.
 pub(super) fn check_finite(recording: &Recording, survey: &Survey) -> Vec<Finding> {
-    let NotFinite { bad, columns, bad_stand, stand_columns } = &survey.not_finite;
+    let NotFinite { bad, columns, bad_stand, stand_columns, .. } = &survey.not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();
     let stand = ["stand_1", "stand_2", "stand_3"];
     let mut findings = Vec::new();
@@ -59,6 +73,17 @@ pub(super) fn check_finite(recording: &Recording, survey: &Survey) -> Vec<Findin
         if tally.samples > 0 {
             findings.push(not_finite(recording, *tally, names, marked, kind("non_finite", recording.name)));
         }
+    }
+    if let Some(joined) = findings.first_mut().filter(|_| survey.not_finite.is_outer_join(recording.len())) {
+        let [rate, force] = survey.not_finite.alone;
+        joined.message = format!(
+            "accelerometer and gyroscope have rows of their own: {force} samples hold NaN for the gyroscope alone, {rate} for \
+             the accelerometer alone"
+        );
+        joined.way_out =
+            "the two sensors have time stamps of their own: interpolate the columns of one to the time stamps of \
+                          the other first, and keep the rows of that one"
+                .into();
     }
     findings
 }
@@ -225,6 +250,19 @@ mod tests {
         assert_eq!(findings[0].count, 3);
         let place = findings[0].place.unwrap();
         assert_eq!((place.first_sample, place.last_sample), (70, 71));
+    }
+
+    #[test]
+    fn rows_of_one_sensor_each_are_told_from_missing_samples() {
+        let mut columns = Columns::tumbling();
+        columns.force.iter_mut().step_by(2).for_each(|row| *row = [f64::NAN; 3]);
+        // One sensor at half the rate of the other: the rows that have both will do.
+        assert!(not_finite(&columns.recording())[0].way_out.contains("drop those rows"));
+        columns.rate.iter_mut().skip(1).step_by(2).for_each(|row| *row = [f64::NAN; 3]);
+        let findings = not_finite(&columns.recording());
+        assert_eq!((findings.len(), findings[0].code, findings[0].count), (1, "non_finite", 4000));
+        assert!(findings[0].message.contains("2000 samples hold NaN for the gyroscope alone, 2000"));
+        assert!(findings[0].way_out.contains("interpolate"));
     }
 
     #[test]
