@@ -70,6 +70,26 @@ def test_a_repeated_sample_is_no_hand():
     assert np.isfinite(corrected.specific_force).all()
 
 
+@pytest.mark.parametrize("code", ["samples_missing", "samples_duplicated"])
+def test_a_few_samples_that_disturb_nothing_are_a_warning(code):
+    few, many = (simulated(RUN_SEED, effects={code: share}).recording for share in (3e-4, 5e-3))
+    gap = imucal.find_gap(few)
+    assert (gap.verdict, gap.effects) == ("nothing_missing", ())
+    assert [finding.code for finding in gap.findings] == [code]
+    assert f"warning: {gap.findings[0]}" in gap.summary()
+    gap = imucal.find_gap(many)
+    assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("data_fault", [code])
+    assert f"warning: {gap.findings[0]}" in gap.summary()
+
+
+def test_a_few_lost_samples_come_first_where_something_disagrees():
+    recording, control = pair(effects={"samples_missing": 3e-4})
+    of_another = changed(control, angular_rate=1.5 * control.angular_rate, stand_rad=None)
+    gap = imucal.find_gap(recording, control=of_another)
+    assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("data_fault", ["samples_missing"])
+    assert "chi2" in gap.summary()
+
+
 def test_the_heading_is_lost_behind_a_gap():
     run = simulated(RUN_SEED)
     middle = in_a_move(run, 10)

@@ -30,7 +30,7 @@ def data_fault(findings: Sequence[Finding]) -> Gap:
     """The verdict on recordings whose faults come before any fit."""
     codes = list(dict.fromkeys(finding.code for finding in findings))
     effects = tuple({"name": code, "sensor": None, "parameters": ()} for code in codes)
-    return Gap("data_fault", effects=effects, findings=tuple(findings), notes=tuple(str(f) for f in findings))
+    return Gap("data_fault", effects=effects, findings=tuple(findings), notes=_said_of(findings))
 
 
 def outcome(
@@ -55,6 +55,7 @@ def outcome(
     is_unknown, is_ambiguous = verdict.word == "unknown", verdict.word == "ambiguous"
     said = [fault for fault in verdict.faults if fault not in after.findings]
     of_control = () if after.control is None else after.control.findings
+    findings = (*after.findings, *said, *of_control)
     generic, reasons = _generic(found.generic), misfits(after)
     if is_unknown and generic is None:
         generic = _scatter(found.scattering_rests) or _not_confirmed(verdict.not_confirmed)
@@ -95,17 +96,20 @@ def outcome(
         fits={"before": before, "after": after},
         calibration=after.calibration,
         ranking=tuple(_score(score) for score in found.ranking),
-        findings=(*after.findings, *said, *of_control),
+        findings=findings,
         notes=(
             *reasons,
             *notes,
             *verdict.notes,
             *more,
-            *map(str, said),
-            *(f"{f.severity}: {f}" for f in of_control),
+            *_said_of(findings),
         ),
         user_effects=tuple(trial.user_effects.values()),
     )
+
+
+def _said_of(findings: Sequence[Finding]) -> tuple[str, ...]:
+    return tuple(f"{finding.severity}: {finding}" for finding in findings)
 
 
 def _closed(

@@ -72,7 +72,7 @@ def sentences(gap: Gap) -> Iterator[str]:
     if any(effect["parameters"] for effect in gap.effects):
         yield _finding(gap)
     if gap.verdict == "data_fault":
-        yield "faults of the data explain a disagreement before any effect does: mend them and record again"
+        yield "faults of the data come before any effect: mend them and record again"
     if gap.verdict == "nothing_missing":
         yield _none_of(list(gap.smallest_visible))
     if gap.generic is not None:

@@ -1,6 +1,6 @@
 """What is said of what a search has found: one word, and what decided.
 
-data_fault        faults of the data explain the disagreement, or may
+data_fault        faults of the data explain the disagreement, may, or are too many to be passed over
 stochastic        a bias wanders at random
 unknown           something that no effect of the catalogue describes, or the control recordings deny it
 named, ambiguous  effects joined; ambiguous if others explain as much
@@ -27,6 +27,8 @@ __all__ = ["Verdict", "judge", "misfits"]
 
 # Evidence that no chance explains, nats.
 SURELY: Final = 8.0
+# Lost or doubled samples, percent of all: fewer are no verdict by themselves where nothing disagrees.
+A_FEW: Final = {"samples_missing": 0.2, "samples_duplicated": 0.2}
 # An effect that leaves more of a control recording's chi2 has not explained it.
 CLEARLY_LESS: Final = 0.9
 
@@ -67,6 +69,7 @@ def judge(
     rivals = {name: [rival for rival in of[name] if rival not in path] for name in path}
     # What fits so well is no chance, and not what the unseen recordings have either.
     not_confirmed = [score for score in found.path if score.log_bayes_factor > SURELY and not path]
+    disagrees = found.scattering_rests is not None or bool(not_confirmed) or bool(misfits(before))
     notes: tuple[str, ...] = ()
     if slips or (found.generic is not None and disturbing):
         # What no effect explains where samples are spoilt, they may.
@@ -78,12 +81,10 @@ def judge(
         contradicted = _contradicted(trial, path, before, after)
         if contradicted is not None:
             word, notes = "unknown", (contradicted,)
-    elif faults and not path:
+    elif faults and not path and (disagrees or not all(map(_are_few, faults))):
         word = "data_fault"
-    elif found.scattering_rests is not None or not_confirmed:
-        word = "unknown"
     else:
-        word = "unknown" if misfits(before) else "nothing_missing"
+        word = "unknown" if disagrees else "nothing_missing"
     said = (*slips, *faults) if word == "data_fault" else ()
     return Verdict(word, said, rivals, tuple(not_confirmed), notes)
 
@@ -117,6 +118,11 @@ def _faults(
         # With such a clock long steps say nothing of lost samples.
         faults = [fault for fault in faults if fault.code != "samples_missing"]
     return faults, is_disturbed
+
+
+def _are_few(fault: Finding) -> bool:
+    """Whether so few samples are concerned that no fit is disturbed."""
+    return fault.severity == "warning" and fault.value < A_FEW.get(fault.code, 0.0)
 
 
 def _contradicted(
