@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration import Calibration, Parameter
 from imucal.document import without_nan
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["CalibrationResult"]
 
+SCHEMA: Final = "imucal.calibration-result/1"
 # Noise alone makes chi2 so large less often than this.
 UNLIKELY = 1e-6
 # Kinds of residuals of the joint fit that may be widened (docs/model.md (19)).
@@ -190,6 +191,8 @@ class CalibrationResult:
         document = self.calibration.to_dict()
         fields = ("parameters", "accelerometer", "gyroscope", "fit", "calibration_set", "control_set")
         return {
+            "schema": SCHEMA,
+            "serial_number": document["serial_number"],
             "verdict": self.verdict,
             "reasons": list(self.reasons),
             **{name: document[name] for name in fields},
@@ -200,4 +203,5 @@ class CalibrationResult:
             "findings": without_nan([finding.to_dict() for finding in self.findings]),
             "diagnosis": without_nan(self.diagnosis),
             "judgement": None if self.judgement is None else self.judgement.to_dict(),
+            "provenance": document["provenance"],
         }

@@ -18,12 +18,13 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.calibration import Calibration
+from imucal.calibration import Calibration, Provenance
 from imucal.document import plain
 from imucal.errors import InputError
 
 __all__ = ["Change", "Difference", "diff"]
 
+SCHEMA: Final = "imucal.difference/1"
 SIGMAS: Final = 3.0
 
 
@@ -65,6 +66,7 @@ class Difference:
     false_alarm       how often a pair of an unmoved unit is called moved
     chi2, dof, p_value   all parameters at once
     notes             what is worth knowing about the pair
+    serial_numbers, provenances   of the first calibration, and of the second
     """
 
     changes: tuple[Change, ...]
@@ -74,6 +76,8 @@ class Difference:
     dof: int
     p_value: float
     notes: tuple[str, ...]
+    serial_numbers: tuple[str | None, str | None] = (None, None)
+    provenances: tuple[Provenance, Provenance] = (Provenance(), Provenance())
 
     @property
     def moved(self) -> tuple[Change, ...]:
@@ -100,7 +104,16 @@ class Difference:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal diff --json`."""
+        from imucal import _core
+
+        first, second = (
+            {"serial_number": serial_number, "provenance": plain(provenance)}
+            for serial_number, provenance in zip(self.serial_numbers, self.provenances, strict=True)
+        )
+        same = first["serial_number"] == second["serial_number"]
         return {
+            "schema": SCHEMA,
+            "serial_number": first["serial_number"] if same else None,
             "verdict": self.verdict,
             "reasons": list(self.reasons),
             "limit_sigmas": self.limit_sigmas,
@@ -115,6 +128,9 @@ class Difference:
                 for c in self.changes
             ],
             "notes": list(self.notes),
+            "imucal_version": str(_core.__version__),
+            "before": first,
+            "after": second,
         }
 
 
@@ -146,7 +162,15 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
     )
     chi2, dof = _joint(change, covariance)
     return Difference(
-        changes, limit, false_alarm, chi2, dof, _core.chi2_p_value(chi2, dof), tuple(_notes(before, after))
+        changes,
+        limit,
+        false_alarm,
+        chi2,
+        dof,
+        _core.chi2_p_value(chi2, dof),
+        tuple(_notes(before, after)),
+        (before.serial_number, after.serial_number),
+        (before.provenance, after.provenance),
     )
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.calibration import Calibration, Triad
+from imucal.calibration import Calibration, Provenance, Triad
 from imucal.correction import empty_samples
-from imucal.document import without_nan
+from imucal.document import plain, without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
 from imucal.judgement import Judgement
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Evaluation", "evaluate"]
 
+SCHEMA: Final = "imucal.evaluation/1"
 MIN_REST_S: Final = 1.0
 
 # Residuals ten times what noise explains: then something else than noise rules the result.
@@ -74,6 +76,9 @@ class Evaluation:
     findings   warnings about the recordings
     reasons    why the verdict is poor; empty for a good one
     judgement  the checks of the calibration and these figures against limits, if it was judged by any
+    serial_number, provenance   of the calibration
+    recordings   for each, its name and `files`: path and sha256 of what it was read from
+    date       when it was judged, ISO 8601, UTC
     """
 
     figures: Mapping[str, Any]
@@ -84,6 +89,10 @@ class Evaluation:
     findings: tuple[Finding, ...]
     reasons: tuple[str, ...]
     judgement: Judgement | None = None
+    serial_number: str | None = None
+    provenance: Provenance = field(default_factory=Provenance)
+    recordings: tuple[Mapping[str, Any], ...] = ()
+    date: str = ""
 
     @property
     def verdict(self) -> str:
@@ -110,7 +119,11 @@ class Evaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal evaluate --json`."""
+        from imucal import _core
+
         return {
+            "schema": SCHEMA,
+            "serial_number": self.serial_number,
             "verdict": self.verdict,
             "reasons": list(self.reasons),
             "control_set": {"before": without_nan(self.before), "after": without_nan(self.figures)},
@@ -119,6 +132,10 @@ class Evaluation:
             "carried": without_nan(self.carried),
             "findings": without_nan([finding.to_dict() for finding in self.findings]),
             "judgement": None if self.judgement is None else self.judgement.to_dict(),
+            "recordings": plain(self.recordings),
+            "imucal_version": str(_core.__version__),
+            "date": self.date,
+            "provenance": plain(self.provenance),
         }
 
 
@@ -161,6 +178,10 @@ def evaluate(
             *_seen_by_the_fit(calibration, judges),
         ),
         reasons=tuple(poor_figures("control set", figures, _not_corrected(calibration, judges, corrected))),
+        serial_number=calibration.serial_number,
+        provenance=calibration.provenance,
+        recordings=tuple({"name": judge.name, "files": judge.sources} for judge in judges),
+        date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
     )
 
 

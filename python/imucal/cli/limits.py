@@ -5,8 +5,9 @@ from __future__ import annotations
 import csv as csv_module
 import io
 from collections.abc import Mapping, Sequence
+from datetime import datetime, timezone
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
     from imucal.judgement import Judgement
 
 __all__ = ["app"]
+
+SCHEMA: Final = "imucal.limits-check/1"
 
 app = group(
     help="What a unit must keep: a first limits file from good units, and a day's units against one.",
@@ -77,6 +80,7 @@ def check(
     """
     import imucal
     from imucal.atomic import write_text
+    from imucal.document import plain
 
     loaded: list[Calibration | ImucalError] = []
     with working("reading", len(calibrations)) as stage:
@@ -104,12 +108,19 @@ def check(
     out = Output(json)
     out.document(
         {
+            "schema": SCHEMA,
             "verdict": verdict,
             "units": [
-                {**row, "judgement": None if judgement is None else judgement.to_dict()}
-                for row, judgement in zip(rows, judged, strict=True)
+                {
+                    **row,
+                    "judgement": None if judgement is None else judgement.to_dict(),
+                    "provenance": None if isinstance(unit, ImucalError) else plain(unit.provenance),
+                }
+                for row, unit, judgement in zip(rows, loaded, judged, strict=True)
             ],
             "warnings": warnings,
+            "imucal_version": imucal.__version__,
+            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         }
     )
     out.table(
