@@ -141,10 +141,30 @@ def test_round_trip_is_bit_exact(tmp_path, ending):
     assert again.sources == (imucal.Source(str(path), hashlib.sha256(path.read_bytes()).hexdigest()),)
 
 
+def test_a_whole_number_is_written_as_a_float(tmp_path):
+    # Other programs take a column for what its first rows are.
+    numbers = [0.0, -0.0, 1.0, -12345.0, 12345678901.0, 1e22, 5e-324, 0.1, np.nan, np.inf, -np.inf]
+    rows = len(numbers)
+    whole = imucal.Recording(
+        np.arange(rows) * 0.5,
+        np.zeros((rows, 3)),
+        np.full((rows, 3), 7.0),
+        gyro_unit="lsb",
+        auxiliary={"supply_v": np.array(numbers)},
+    )
+    imucal.write(whole, tmp_path / "whole.csv")
+    _, first, *others = (tmp_path / "whole.csv").read_text().splitlines()
+    assert first == "0.0,0.0,0.0,0.0,7,7,7,0.0"
+    supply = " ".join(line.rpartition(",")[2] for line in others)
+    assert supply == "-0.0 1.0 -12345.0 1.2345678901e+10 1e+22 5e-324 0.1 nan inf -inf"
+    again = imucal.read(tmp_path / "whole.csv").auxiliary["supply_v"]
+    assert again.tobytes() == np.array(numbers).tobytes()
+
+
 def test_canonical_csv_has_the_contracts_header(tmp_path):
     path = tmp_path / "run.csv"
     imucal.write(imucal.Recording([0.5], [[1, 2, 3]], [[4, 5, 6]], temperature_degc=[21]), path)
-    assert path.read_text() == f"{HEADER},temp_degc\n0.5,1,2,3,4,5,6,21\n"
+    assert path.read_text() == f"{HEADER},temp_degc\n0.5,1.0,2.0,3.0,4.0,5.0,6.0,21.0\n"
 
 
 @pytest.mark.parametrize(

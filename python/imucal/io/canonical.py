@@ -33,6 +33,8 @@ BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
 # Parquet's usual group of rows.
 ROWS_WRITTEN = 1 << 20
+# Few enough that whole numbers are in few of the parts.
+ROWS_OF_TEXT = 1 << 16
 
 # Names and values, in the order in which they are written.
 Columns: TypeAlias = Sequence[tuple[str, FloatArray]]
@@ -104,12 +106,34 @@ def _tables(columns: Columns) -> Iterator[Any]:
 
 @contextmanager
 def _csv_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], None]]:
+    import pyarrow as pa
     from pyarrow import csv
 
     # The header by hand: Arrow would put it in quotes.
     file.write((",".join(schema.names) + "\n").encode())
-    options = csv.WriteOptions(include_header=False)
-    yield lambda table: csv.write_csv(table, file, options)
+    options = csv.WriteOptions(include_header=False, quoting_style="none")
+
+    def write(table: Any) -> None:
+        for part in table.to_batches(max_chunksize=ROWS_OF_TEXT):
+            shown = [_with_points(name, column) for name, column in zip(schema.names, part, strict=True)]
+            csv.write_csv(pa.table(shown, names=schema.names), file, options)
+
+    yield write
+
+
+def _with_points(name: str, column: Any) -> Any:
+    """The column with 0.0 for 0, where other programs would take a column that begins so for integers."""
+    import pyarrow as pa
+    from pyarrow import compute
+
+    whole = compute.equal(column, compute.round(column))
+    # Counts are integers, all of them.
+    if name.endswith("_lsb") or not compute.any(whole).as_py():
+        return column
+    text = compute.cast(column, pa.string())
+    # Large numbers have an exponent instead, and infinity has neither.
+    pointed = compute.replace_substring_regex(compute.filter(text, whole), "^(-?[0-9]+)$", r"\1.0")
+    return compute.replace_with_mask(text, whole, pointed)
 
 
 @contextmanager
