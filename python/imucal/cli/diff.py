@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli.output import POOR_VERDICT, JsonPath, Output
+from imucal.cli.output import POOR_VERDICT, JsonPath, Output, require_apart
 
 __all__ = ["diff"]
 
@@ -33,6 +33,7 @@ def diff(
     """
     import imucal
 
+    require_apart([before, after], {"--json": json})
     found = imucal.diff(imucal.Calibration.load(before), imucal.Calibration.load(after), sigmas=sigmas)
     out = Output(json)
     out.document(found.to_dict())

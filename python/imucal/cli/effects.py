@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from imucal.cli import completion
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.output import JsonPath, Output, require_apart
 
 if TYPE_CHECKING:
     from imucal.disturbances import Disturbance, DisturbanceParameter
@@ -48,6 +48,7 @@ def effects(
     from imucal.disturbances import disturbances
     from imucal.effects import catalogue, find
 
+    require_apart([], {"--markdown": markdown, "--json": json})
     out = Output(json)
     if markdown is not None:
         write_text(markdown, page())

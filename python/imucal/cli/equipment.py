@@ -103,6 +103,11 @@ class Equipment:
         float | None, _option("--sample-rate", "Sample rate of a unit that sends no time, Hz.", UNIT)
     ] = None
 
+    @property
+    def files(self) -> tuple[str | Path | None, ...]:
+        """What is read to know the equipment: files, or names of something built in."""
+        return (self.unit, self.stand, self.packet)
+
     def open(self, program: Program, seed: int) -> tuple[Driver, Source]:
         """The driver and the source for a run; `seed` is that of simulated noise."""
         if self.driver == "simulated":

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli.output import Control, JsonPath, MinRest, Output
+from imucal.cli.output import Control, JsonPath, MinRest, Output, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 from imucal.errors import InputError
@@ -79,6 +79,7 @@ def export(
         raise InputError(
             "--json - and the export would both go to standard output: give one a file (-o FILE)"
         )
+    require_apart([calibration, *(control or ()), noise], {"--output": output, "--json": json})
     form = find_format(to)
     with working("reading"):
         unit = imucal.Calibration.load(calibration)

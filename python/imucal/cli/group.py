@@ -64,5 +64,7 @@ def _is_read(path: str, given: Iterable[Any]) -> bool:
     """Whether --json names a file that stands in another place of the command line, which may be data."""
     values = [item for value in given for item in (value if isinstance(value, (list, tuple)) else [value])]
     named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
+    # The samples of a run that was broken off are in OUTPUT.journal.
+    journals = [f"{name}.journal" for name in named]
     # One of them is --json itself.
-    return named.count(os.path.realpath(path)) > 1
+    return [*named, *journals].count(os.path.realpath(path)) > 1

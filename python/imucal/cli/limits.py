@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from imucal.cli.group import group
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.output import JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import ImucalError
 
@@ -54,6 +54,7 @@ def template(
     import imucal
     from imucal.limits_template import limits_from
 
+    require_apart(calibrations, {"--output": output, "--json": json})
     limits = limits_from([imucal.Calibration.load(path) for path in calibrations], deviations)
     limits.save(output)
     out = Output(json)
@@ -82,6 +83,7 @@ def check(
     from imucal.atomic import write_text
     from imucal.document import plain
 
+    require_apart([limits, *calibrations], {"--csv": csv, "--json": json})
     loaded: list[Calibration | ImucalError] = []
     with working("reading", len(calibrations)) as stage:
         for path in calibrations:

@@ -11,7 +11,7 @@ import typer
 from imucal.cli import completion, stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.group import group
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.output import JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -70,8 +70,12 @@ def run(
     from imucal.stand.live import live_view, recoverable
     from imucal.stand.programs import program_named
     from imucal.stand.progress import parse_target
-    from imucal.stand.recorder import record
+    from imucal.stand.recorder import journal_of, record
 
+    require_apart(
+        [program, *equipment.files],
+        {"--output": output, "the journal": journal_of(output), "--json": json},
+    )
     # Other outputs can be made again; what a unit sent cannot.
     if output.exists() and not force:
         raise InputError(f"{output} is there already: give another file, or --force to replace it")
@@ -144,6 +148,7 @@ def gcode(
     from imucal.stand.gcode import gcode as gcode_of
     from imucal.stand.programs import program_named
 
+    require_apart([program], {"--output": output, "--json": json})
     letters = Axes(axes.upper())
     blocks = blocks_of(
         program_named(program, seed), MotorLimits(_three(max_rate_dps), _three(acceleration_dps2))
@@ -205,6 +210,7 @@ def recover(
     """
     from imucal.stand.recovery import recover as recover_journal
 
+    require_apart([journal], {"--output": output, "--json": json})
     logged = recover_journal(journal, output)
     out = Output(json)
     out.document(
