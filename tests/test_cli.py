@@ -105,6 +105,79 @@ def test_json_of_a_command_without_a_result_says_why(tmp_path, monkeypatch, caps
     assert "none.csv: there is no such file" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        (KeyboardInterrupt(), 130, "interrupted"),
+        (ZeroDivisionError("by zero"), 1, "this is a fault of imucal"),
+        (MemoryError(), 1, "not enough memory"),
+        (OSError(28, "No space left on device", "cal.json"), 1, "cal.json: No space left on device"),
+    ],
+)
+def test_json_never_holds_the_last_runs_verdict(error, code, said, run_csv, monkeypatch, capsys):
+    def broken(*_, **__):
+        raise error
+
+    monkeypatch.chdir(run_csv.parent)
+    Path("last.json").write_text('{"verdict": "good"}')
+    monkeypatch.setattr("imucal.inspect", broken)
+    assert main(["inspect", "run.csv", "--json", "last.json"]) == code
+    document = json.loads(Path("last.json").read_text())
+    assert (document["schema"], document["verdict"]) == ("imucal.error/1", "no_result")
+    assert document["error"] == type(error).__name__
+    assert said in document["reasons"][0]
+    assert said in capsys.readouterr().err
+
+
+def test_json_keeps_the_result_when_the_summary_is_interrupted(run_csv, monkeypatch, capsys):
+    def broken(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.chdir(run_csv.parent)
+    monkeypatch.setattr("imucal.cli.output.Output.line", broken)
+    for path in ("new.json", "-"):
+        assert main(["inspect", "run.csv", "--json", path]) == 130
+    for text in (Path("new.json").read_text(), capsys.readouterr().out):
+        assert list(json.loads(text)) == ["recordings"]
+
+
+def test_json_of_a_group_that_is_a_command(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("demo").write_text("no folder")
+    assert main(["demo", "--json", "why.json"]) == 1
+    assert "demo cannot be made" in json.loads(Path("why.json").read_text())["reasons"][0]
+
+
+@pytest.mark.parametrize("json_option", [["--json", "last.json"], ["--json=last.json"]])
+@pytest.mark.parametrize("there", ['{"verdict": "good"}', None])
+def test_json_of_a_command_line_that_is_refused(json_option, there, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    if there is not None:
+        Path("last.json").write_text(there)
+    assert main(["calibrate", "run.csv", *json_option, "--gravity", "heavy"]) == 1
+    document = json.loads(Path("last.json").read_text())
+    assert document["verdict"] == "no_result"
+    assert "--gravity" in document["reasons"][0]
+    assert document["reasons"][0] in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("data", ['{"schema": "imucal.calibration/1"}', "time_s\n", "{", "[1]"])
+def test_data_in_the_place_of_a_forgotten_json_value_are_kept(data, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("data").write_text(data)
+    assert main(["inspect", "--json", "data"]) == 1
+    assert main(["evaluate", "data", "--json=data"]) == 1
+    assert Path("data").read_text() == data
+    assert list(tmp_path.iterdir()) == [Path("data").resolve()]
+
+
+def test_a_journal_is_not_taken_for_the_last_result(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv.journal").write_text("samples")
+    assert main(["stand", "run", "random", "-o", "run.csv", "--json", "run.csv.journal"]) == 1
+    assert Path("run.csv.journal").read_text() == "samples"
+
+
 def test_convert_with_json_file_and_stdout(run_csv, tmp_path, capsys):
     output = tmp_path / "out.parquet"
     assert main(["convert", str(run_csv), "-o", str(output), "--json", str(tmp_path / "out.json")]) == 0

@@ -128,14 +128,14 @@ def heed_interrupts():
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-def convert(source, output):
+def writing(output, *words, before=heed_interrupts):
     """The installed command at work, caught in the middle of its writing."""
     process = subprocess.Popen(
-        [COMMAND, "convert", str(source), "-o", str(output)],
+        [COMMAND, *map(str, words), "-o", str(output)],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=heed_interrupts,
+        preexec_fn=before,
     )
     patience = time.monotonic() + 30
     while not any(path.stat().st_size for path in output.parent.glob(f".{output.name}.*.tmp")):
@@ -148,7 +148,7 @@ def convert(source, output):
 def test_installed_command_killed_while_it_writes(long_recording, tmp_path):
     output = tmp_path / "out.csv"
     output.write_text("old")
-    process = convert(long_recording, output)
+    process = writing(output, "convert", long_recording)
     process.kill()
     process.communicate()
     assert process.returncode == -signal.SIGKILL
@@ -160,19 +160,43 @@ def test_installed_command_killed_while_it_writes(long_recording, tmp_path):
     assert len(imucal.read(output)) == 400_000
 
 
-@pytest.mark.parametrize("name", [signal.SIGINT, signal.SIGTERM], ids=lambda s: s.name)
-def test_interrupted_while_it_writes(long_recording, tmp_path, name):
-    output = tmp_path / "out.csv"
+@pytest.mark.parametrize("command", ["convert", "apply"])
+@pytest.mark.parametrize(
+    ("name", "code", "what"),
+    [
+        (signal.SIGINT, 130, "interrupted"),
+        (signal.SIGTERM, 143, "ended by SIGTERM"),
+        (signal.SIGHUP, 129, "ended by SIGHUP"),
+    ],
+)
+def test_interrupted_while_it_writes(long_recording, tmp_path, command, name, code, what):
+    output, unit = tmp_path / "out.csv", tmp_path / "unit.json"
     output.write_text("old")
-    process = convert(long_recording, output)
+    triad = imucal.Triad(np.eye(3), np.zeros(3))
+    imucal.Calibration(triad, triad).save(unit)
+    words = [command, *([unit] if command == "apply" else []), long_recording]
+    process = writing(output, *words)
     process.send_signal(name)
     _, shown = process.communicate(timeout=30)
     assert output.read_text() == "old"
-    assert "Traceback" not in shown
-    if name == signal.SIGINT:
-        assert process.returncode == 130
-        assert shown == "imucal: interrupted, no file is half written\n"
-        assert list(tmp_path.iterdir()) == [output]
+    assert shown == f"imucal: {what}, no file is half written\n"
+    assert process.returncode == code
+    assert sorted(tmp_path.iterdir()) == [output, unit]
+
+
+def test_a_signal_that_is_ignored_stays_ignored(long_recording, tmp_path):
+    """As by nohup."""
+    output = tmp_path / "out.csv"
+    process = writing(
+        output,
+        "convert",
+        long_recording,
+        before=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
+    )
+    process.send_signal(signal.SIGHUP)
+    _, shown = process.communicate(timeout=60)
+    assert (process.returncode, shown) == (0, "")
+    assert len(imucal.read(output)) == 400_000
 
 
 def test_interrupted_at_any_time(long_recording, tmp_path):

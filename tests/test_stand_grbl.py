@@ -1,7 +1,10 @@
 """The grbl driver against a controller at a pseudo-terminal, with everything that goes wrong on a bench."""
 
+import signal
+import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -336,3 +339,56 @@ def test_the_motors_are_stopped_when_a_run_is_interrupted(tmp_path):
         assert stand.controller.idle
         assert len(stand.controller.dwelt) < len(POSES)
     assert (tmp_path / "run.csv.journal").exists()
+
+
+def line(number):
+    """A sample of the unit, as text."""
+    return f"{number * 500},1,2,3,4,5,{number % 100}\n".encode()
+
+
+@pytest.mark.parametrize(
+    ("name", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
+)
+def test_the_motors_are_stopped_when_the_command_is_ended(name, code, tmp_path):
+    PROGRAM.write(tmp_path / "program.json")
+    output = tmp_path / "run.csv"
+    words = ["stand", "run", tmp_path / "program.json", "--driver", "grbl", "-o", output]
+    words += ["--columns", ",".join(["time_us", *NAMES])]
+    with (
+        ControllerPort(tmp_path / "controller", Controller(), scale=1.0) as stand,
+        UnitPort(tmp_path / "unit", line) as unit,
+        subprocess.Popen(
+            [
+                Path(sys.executable).with_name("imucal"),
+                *(*words, "--port", stand.path, "--source", unit.path, "--json", tmp_path / "run.json"),
+            ],
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        ) as child,
+    ):
+        while not moving_first(stand.controller):
+            assert child.poll() is None, child.stderr.read()
+            time.sleep(0.002)
+        child.send_signal(name)
+        if name == signal.SIGHUP:
+            # From the shell, after that of the terminal.
+            time.sleep(0.01)
+            child.send_signal(name)
+        _, shown = child.communicate(timeout=30)
+        assert child.returncode == code, shown
+        for _ in range(200):
+            if stand.controller.idle:
+                break
+            time.sleep(0.01)
+        assert stand.controller.idle
+        assert len(stand.controller.dwelt) < len(POSES)
+    journal = f"{output}.journal"
+    assert f"imucal stand recover {journal} -o {output}" in shown
+    assert Path(journal).exists()
+    assert '"no_result"' in (tmp_path / "run.json").read_text()
+
+
+def moving_first(controller):
+    """On its way to the second pose."""
+    return len(controller.dwelt) == 1 and controller.speed > 20.0

@@ -318,6 +318,24 @@ def test_interrupted_the_command_says_where_the_samples_are(tmp_path):
     assert len(recover(journal, output).samples) == len(imucal.read(output)) > 100
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX")
+def test_a_terminal_that_is_closed_ends_a_run_as_an_interrupt_does(tmp_path):
+    import pty
+
+    output = tmp_path / "run.csv"
+    command = [Path(sys.executable).with_name("imucal"), "stand", "run", "random", "--speed", "5"]
+    child, master = pty.fork()
+    if child == 0:
+        os.execv(command[0], [*map(str, command), "-o", str(output)])
+    journal = journal_of(output)
+    while len(read_journal_or_none(journal)) <= 100:
+        os.read(master, 65536)
+    os.close(master)
+    _, status = os.waitpid(child, 0)
+    assert os.waitstatus_to_exitcode(status) == 128 + signal.SIGHUP
+    assert len(recover(journal, output).samples) > 100
+
+
 # --- the command ---
 
 

@@ -1,7 +1,7 @@
 """The frame of all commands: what a person sees of an error, and the exit codes.
 
     0  good          1  bad input, or no result          2  finished, but the verdict is poor
-    130  interrupted: no file is half written
+    130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is half written
 
 A command raises ImucalError for everything that is not a bug; here it becomes a message on stderr. A bug
 becomes a message, too, which says how to see the traceback.
@@ -12,7 +12,6 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -34,18 +33,15 @@ from imucal.cli import (
     simulate,
     stand,
 )
+from imucal.cli.ending import INTERRUPTED, as_interrupts
+from imucal.cli.failure import TRACEBACK, is_fault, message_of
 from imucal.cli.group import group
-from imucal.errors import ImucalError
 
 __all__ = ["app", "main"]
 
 BAD_INPUT = 1
-INTERRUPTED = 130
-INTERRUPTED_MESSAGE = "interrupted, no file is half written"
 # A longer message is a list: its items get lines of their own.
 MOST_ON_A_LINE = 300
-# Set to anything, it lets a bug end with its traceback.
-TRACEBACK = "IMUCAL_TRACEBACK"
 
 app = group(
     name="imucal",
@@ -53,7 +49,7 @@ app = group(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
-    epilog="Exit codes: 0 good, 1 bad input or no result, 2 finished but the verdict is poor.",
+    epilog="Exit codes: 0 good, 1 bad input or no result, 2 finished with a poor verdict, 130 interrupted.",
 )
 app.add_typer(demo.app, name="demo")
 for command in (
@@ -94,67 +90,63 @@ def _options(
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
-    try:
-        code = _run(list(sys.argv[1:] if arguments is None else arguments))
-        sys.stdout.flush()
-        return code
-    except OSError as error:
-        if error.strerror is None:
-            return _bug(error)
-        if error.filename is not None:
-            return _say(f"{error.filename}: {error.strerror}", BAD_INPUT)
-        # Standard output alone is written without InputError. The interpreter must not flush it once more.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if isinstance(error, BrokenPipeError):
-            # Whoever read it has gone and asks for no message.
-            return BAD_INPUT
-        return _say(f"standard output cannot be written: {error.strerror}", BAD_INPUT)
+    with as_interrupts() as ended:
+        try:
+            code = _run(list(sys.argv[1:] if arguments is None else arguments))
+            sys.stdout.flush()
+        except KeyboardInterrupt:
+            code = INTERRUPTED
+        except OSError as error:
+            code = _unwritable(error)
+    if code == INTERRUPTED:
+        return _say(f"{ended.what}, no file is half written", ended.code)
+    # What fails on the way out, such as a closed terminal, does not hide the signal.
+    return code if ended.by is None else ended.code
 
 
 def _run(arguments: list[str]) -> int:
     try:
         result = app(arguments, prog_name="imucal", standalone_mode=False)
-    except ImucalError as error:
-        return _say(str(error), BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
-        return _say(INTERRUPTED_MESSAGE, INTERRUPTED)
-    except MemoryError:
-        return _say("there is not enough memory: give a shorter recording", BAD_INPUT)
+        return INTERRUPTED
     except (SystemExit, OSError):
         raise
     except BaseException as error:
         # A panic of the compiled library is no Exception.
-        return _wrong_command_line(error) if hasattr(error, "format_message") else _bug(error)
-    code = result if isinstance(result, int) else 0
+        return _failed(error)
     # typer versions differ: an interrupt comes as an exception or as its exit code.
-    return _say(INTERRUPTED_MESSAGE, code) if code == INTERRUPTED else code
+    return result if isinstance(result, int) else 0
+
+
+def _unwritable(error: OSError) -> int:
+    """The operating system's refusal; a command makes an ImucalError of all but that of standard output."""
+    if error.filename is None and error.strerror is not None:
+        # The interpreter must not flush it once more.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):
+            # Whoever read it has gone and asks for no message.
+            return BAD_INPUT
+    return _failed(error)
+
+
+def _failed(error: BaseException) -> int:
+    """Say what ended the command."""
+    if hasattr(error, "format_message"):
+        return _wrong_command_line(error)
+    if is_fault(error) and os.environ.get(TRACEBACK):
+        raise error
+    return _say(message_of(error), BAD_INPUT)
 
 
 def _wrong_command_line(error: Any) -> int:
-    """What the command line parser says; its class has no stable place to import it from."""
-    message = error.format_message()
+    """What the command line parser says, and where there is help."""
+    message = message_of(error)
     if not message:
         # `imucal` alone has printed the help.
         return BAD_INPUT
     context = getattr(error, "ctx", None)
     hint = f"\nTry '{context.command_path} --help'." if context is not None else ""
     return _say(f"{message}{hint}", BAD_INPUT)
-
-
-def _bug(error: BaseException) -> int:
-    """An error that nobody foresaw, in one screen: what, where, and how to see all of it."""
-    if os.environ.get(TRACEBACK):
-        raise error
-    import traceback
-
-    last = traceback.extract_tb(error.__traceback__)[-1]
-    what = " ".join(str(error).split())[:500]
-    return _say(
-        f"this is a fault of imucal and not of your data: {type(error).__name__}: {what or 'no message'}\n"
-        f"in {last.name}, {Path(last.filename).name}, line {last.lineno}; no file is half written\n"
-        f"Run it again with {TRACEBACK}=1 before the command for the traceback, and report it with that.",
-        BAD_INPUT,
-    )
 
 
 def _say(message: str, code: int) -> int:

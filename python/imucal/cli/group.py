@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
-from collections.abc import Callable, Iterable
-from pathlib import Path
+from collections.abc import Callable
 from typing import Any
 
 import typer
 from typer.core import TyperCommand, TyperGroup
 
-from imucal.cli.output import Output
-from imucal.errors import ImucalError
+from imucal.cli.failure import no_result_told, refusal_told
 
 __all__ = ["group"]
 
@@ -32,20 +28,22 @@ class _Commands(TyperGroup):
         with formatter.section("Commands"):
             formatter.write_dl(rows)
 
+    def invoke(self, ctx: Any) -> Any:
+        # `imucal demo` is a group that does something itself.
+        with no_result_told(ctx.params):
+            return super().invoke(ctx)
+
 
 class _Command(TyperCommand):
-    """Writes what went wrong where --json asks for the result: a script must not read the last run's."""
+    """Writes what went wrong where --json asks for the result."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        with refusal_told(tuple(args)):
+            return super().parse_args(ctx, args)
 
     def invoke(self, ctx: Any) -> Any:
-        try:
+        with no_result_told(ctx.params):
             return super().invoke(ctx)
-        except ImucalError as error:
-            path = ctx.params.get("json")
-            if path == "-" or (path is not None and not _is_read(path, ctx.params.values())):
-                # The error itself is what must be seen, not that of a second file.
-                with contextlib.suppress(ImucalError):
-                    Output(path).document(error.to_dict())
-            raise
 
 
 class _App(typer.Typer):
@@ -58,13 +56,3 @@ class _App(typer.Typer):
 def group(**settings: Any) -> typer.Typer:
     """A `typer.Typer`; boxes and colours would take longer to load than all that the help needs."""
     return _App(cls=_Commands, rich_markup_mode=None, **settings)
-
-
-def _is_read(path: str, given: Iterable[Any]) -> bool:
-    """Whether --json names a file that stands in another place of the command line, which may be data."""
-    values = [item for value in given for item in (value if isinstance(value, (list, tuple)) else [value])]
-    named = [os.path.realpath(value) for value in values if isinstance(value, (str, Path))]
-    # The samples of a run that was broken off are in OUTPUT.journal.
-    journals = [f"{name}.journal" for name in named]
-    # One of them is --json itself.
-    return [*named, *journals].count(os.path.realpath(path)) > 1

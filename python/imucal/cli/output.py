@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import typer
 
@@ -96,6 +96,9 @@ class Output:
     With --json - the document alone goes to standard output, the summary for people to standard error.
     """
 
+    # How many documents this process has written: none, and the last run's may still be there.
+    documents: ClassVar[int] = 0
+
     def __init__(self, json_path: str | None) -> None:
         from rich.console import Console
 
@@ -116,6 +119,7 @@ class Output:
             print(to_json(document))
         elif self._json_path is not None:
             write_json(document, self._json_path)
+        Output.documents += 1
 
     def line(self, text: str) -> None:
         """A line of text; it is never broken."""
