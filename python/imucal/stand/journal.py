@@ -19,6 +19,7 @@ import os
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -38,7 +39,7 @@ POSITION_COLUMNS: Final = 4
 
 
 class Journal:
-    """A journal being written; use it in a `with` block.
+    """A journal being written; use it in a `with` block. It is locked, so that others know that it is.
 
     Raises InputError if the file is there already, as it may be all that is left of a run, or cannot be
     written.
@@ -56,12 +57,12 @@ class Journal:
                 self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
             )
         except FileExistsError:
-            raise InputError(
-                f"{self.path} is there already, of a run that was broken off: keep its samples with "
-                f"`imucal stand recover {self.path} -o FILE`, then remove it"
-            ) from None
+            raise self._there_already() from None
         except OSError as error:
             raise self._unwritable(error) from error
+        # Some network drives have no locks.
+        with suppress(OSError):
+            _lock(self._file)
         header = {"schema": SCHEMA, "columns": list(self.columns), **about}
         self._append(HEADER, json.dumps(header).encode())
         self.sync()
@@ -106,6 +107,17 @@ class Journal:
                 done += os.write(self._file, block[done:])
         except OSError as error:
             raise self._unwritable(error) from error
+
+    def _there_already(self) -> InputError:
+        if _is_locked(self.path):
+            return InputError(
+                f"{self.path} is there already, another process is recording into it: wait for its end, or "
+                "give another file (-o)"
+            )
+        return InputError(
+            f"{self.path} is there already, of a run that was broken off: keep its samples with "
+            f"`imucal stand recover {self.path} -o FILE`, then remove it"
+        )
 
     def _unwritable(self, error: OSError) -> InputError:
         return InputError(f"{self.path} cannot be written: {error.strerror}; what it has is kept")
@@ -169,6 +181,33 @@ def read_journal(path: str | os.PathLike[str]) -> Logged:
         blocks_lost=blocks[-1][1] + 1 - len(blocks),
         tail_bytes=len(content) - end,
     )
+
+
+def _lock(file: int) -> None:
+    """Lock an open file for as long as it is open; BlockingIOError if another process has it locked."""
+    try:
+        import fcntl
+    except ImportError:
+        # Windows: who else records is not known there.
+        return
+    fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _is_locked(path: Path) -> bool:
+    """Whether another process writes this journal."""
+    try:
+        file = os.open(path, os.O_RDONLY)
+    except OSError:
+        return False
+    try:
+        _lock(file)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(file)
+    return False
 
 
 def _block(kind: bytes, number: int, payload: bytes) -> bytes:
