@@ -1,7 +1,9 @@
 """One unit on the line: a good one passes and is exported, a hidden fault is named."""
 
 import dataclasses
+import errno
 import json
+import os
 from contextlib import nullcontext
 from datetime import datetime
 from types import SimpleNamespace
@@ -280,6 +282,23 @@ def test_an_interrupt_says_how_the_recording_is_had(tmp_path, monkeypatch, capsy
     document = json.loads((tmp_path / "units/unit/result.json").read_text())
     assert (document["verdict"], document["reasons"][0]["code"]) == ("no_result", "run_interrupted")
     assert main(wanted.split()[1:]) == 0
+
+
+def test_a_full_disk_says_how_the_recording_is_had(line, tmp_path, monkeypatch):
+    replace = os.replace
+
+    def full(source, target):
+        if str(target).endswith(".csv"):
+            raise OSError(errno.ENOSPC, "No space left on device")
+        replace(source, target)
+
+    monkeypatch.setattr("os.replace", full)
+    code, document, said = line()
+    assert (code, document["verdict"], document["reasons"][0]["code"]) == (1, "no_result", "run_error")
+    message = document["reasons"][0]["message"]
+    assert "No space left on device" in message
+    assert "imucal stand recover units/unit/run.csv.journal -o units/unit/run.csv" in message
+    assert message in said
 
 
 # What becomes of a turn of the three motors.

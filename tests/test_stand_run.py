@@ -1,6 +1,7 @@
 """A run on a simulated stand: what arrives is what is written, once each, however the run ends."""
 
 import dataclasses
+import errno
 import json
 import os
 import random
@@ -105,6 +106,77 @@ def test_a_journal_that_is_there_is_never_overwritten(tmp_path, command):
     assert "imucal stand recover" in done.stderr
     assert left.read_bytes() == before
     assert command("stand", "run", "random", "-o", tmp_path / "run.txt").returncode == 1
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no fcntl")
+def test_a_journal_that_is_being_written_is_not_called_broken_off(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run = ["stand", "run", "random", "-o", "run.csv"]
+    with Journal("run.csv.journal", ("time_s", "a"), {}) as journal:
+        journal.samples(np.ones((3, 2)), 0.0)
+        assert main(run) == 1
+        shown = capsys.readouterr().err
+        assert "another process is recording into it" in shown
+        assert "remove" not in shown
+        # Who looks does not take the lock away.
+        assert main(run) == 1
+        assert "another process is recording into it" in capsys.readouterr().err
+    assert main(run) == 1
+    assert "broken off" in capsys.readouterr().err
+
+
+def test_a_full_disk_says_how_the_recording_is_had(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    SHORT.write("short.json")
+    run = ["stand", "run", "short.json", "--speed", "1000", "-o", "run.csv"]
+    wanted = "imucal stand recover run.csv.journal -o run.csv"
+    with monkeypatch.context() as full:
+        full.setattr("os.replace", full_disk)
+        assert main(run) == 1
+    shown = capsys.readouterr().err
+    assert "No space left on device" in shown
+    assert "all 1600 samples are safe in run.csv.journal" in shown
+    assert shown.count(wanted) == 1
+    assert main(wanted.split()[1:]) == 0
+    assert len(imucal.read("run.csv")) == 1600
+    assert capsys.readouterr().err == ""
+
+
+def test_a_disk_that_fills_in_the_run_says_how_the_recording_is_had(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    SHORT.write("short.json")
+    write, room = os.write, 60_000
+
+    def until_full(file, data):
+        nonlocal room
+        room -= len(data)
+        return write(file, data) if room > 0 else full_disk()
+
+    with monkeypatch.context() as full:
+        full.setattr("os.write", until_full)
+        assert main(["stand", "run", "short.json", "--speed", "20", "-o", "run.csv"]) == 1
+    shown = capsys.readouterr().err
+    wanted = "imucal stand recover run.csv.journal -o run.csv"
+    assert "run.csv.journal cannot be written: No space left on device" in shown
+    assert shown.count(wanted) == 1
+    assert main(wanted.split()[1:]) == 0
+    assert f" {len(imucal.read('run.csv'))} samples are safe" in shown
+
+
+def full_disk(*_, **__):
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def test_a_bug_says_how_the_recording_is_had(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+
+    def broken(*_):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr("imucal.stand.recorder.read_journal", broken)
+    SHORT.write("short.json")
+    assert main(["stand", "run", "short.json", "--speed", "1000", "-o", "run.csv"]) == 1
+    assert "imucal stand recover run.csv.journal -o run.csv" in capsys.readouterr().err
 
 
 def test_a_recording_that_is_there_is_replaced_by_force_alone(tmp_path, capsys):

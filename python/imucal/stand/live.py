@@ -52,14 +52,20 @@ def live_view(name: str, says: bool = False) -> Iterator[Callable[[Moment], None
 
 @contextmanager
 def recoverable(output: Path) -> Iterator[None]:
-    """Say how the recording of a run that is interrupted in this block can be had."""
+    """Say how the recording of a run that is interrupted in this block, or ends by a bug, can be had."""
+    from imucal.errors import ImucalError
     from imucal.stand.recorder import journal_of
 
+    journal = journal_of(output)
+    # That of another run says so itself.
+    was_there = journal.exists()
     try:
         yield
-    except KeyboardInterrupt:
-        journal = journal_of(output)
-        if journal.exists():
+    except ImucalError:
+        # It is in the message.
+        raise
+    except BaseException:
+        if journal.exists() and not was_there:
             print(
                 f"imucal: what was recorded is in {journal}: imucal stand recover {journal} -o {output}",
                 file=sys.stderr,

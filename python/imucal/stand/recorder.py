@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from imucal.document import plain
+from imucal.errors import ImucalError
 from imucal.io.canonical import require_ending
 from imucal.limits import ParameterLimit
 from imucal.stand.driver import Driver, Event, Source, Status
@@ -104,25 +105,31 @@ def record(
     silent_s  a unit that sends nothing for so long is lost
 
     Raises ImucalError if driver or source cannot start or the disk fails. The journal is removed once
-    `output` is written, and stays after an interrupt.
+    `output` is written, and stays after an interrupt or a failure, whose message says how it is used.
     """
     require_ending(output)
     path = journal_of(output)
     with Journal(path, source.columns, about or {}) as journal:
         run = _Run(driver, source, journal, steps, targets, watch, silent_s)
         try:
-            run.to_the_end()
-        except BaseException:
+            try:
+                run.to_the_end()
+            finally:
+                driver.close()
+                source.close()
+            journal.sync()
+        except BaseException as error:
             if journal.written == 0:
                 path.unlink()
+            elif isinstance(error, ImucalError):
+                raise _recoverable(error, f"{journal.written} samples", output) from error
             raise
-        finally:
-            driver.close()
-            source.close()
-        journal.sync()
     logged = read_journal(path)
     if len(logged.samples):
-        write_recording(logged, output)
+        try:
+            write_recording(logged, output)
+        except ImucalError as error:
+            raise _recoverable(error, f"all {len(logged.samples)} samples", output) from error
     path.unlink()
     return Done(
         run.state,
@@ -134,6 +141,16 @@ def record(
         source.counts(),
         logged.events,
         run.progress.prospect,
+    )
+
+
+def _recoverable(error: ImucalError, samples: str, output: str | os.PathLike[str]) -> ImucalError:
+    """The error of a run whose samples are kept, with the way to them."""
+    journal = journal_of(output)
+    return type(error)(
+        f"{error}; {samples} are safe in {journal}: once that is mended (a full disk: make room), make the "
+        f"recording of them with `imucal stand recover {journal} -o {os.fspath(output)}`",
+        error.findings,
     )
 
 
