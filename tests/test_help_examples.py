@@ -1,10 +1,11 @@
 """The examples in the help of the commands run as they are printed."""
 
-import inspect
+import contextlib
+import io
 import re
-import shlex
 import shutil
-from pathlib import Path
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -16,18 +17,31 @@ from imucal.io.vocabulary import column_names
 from imucal.limits_template import limits_from
 from imucal.stand.journal import Journal
 
-EXAMPLE = re.compile(r"^Example: imucal (.*)$", re.MULTILINE)
+# It goes on where a line ends with a backslash.
+EXAMPLE = re.compile(r"^ *Example: (imucal (?:.*\\\n)*.*)$", re.MULTILINE)
 
 
-def examples(application=app):
-    """Every line `Example: imucal ...` of the commands and their groups."""
+def helped(application=app, words=()):
+    """The words of every command, and of every group."""
+    yield words
     for command in application.registered_commands:
-        yield from EXAMPLE.findall(inspect.getdoc(command.callback))
+        yield (*words, command.name or command.callback.__name__)
     for group in application.registered_groups:
-        callback = group.typer_instance.registered_callback
-        if callback is not None:
-            yield from EXAMPLE.findall(inspect.getdoc(callback.callback))
-        yield from examples(group.typer_instance)
+        yield from helped(group.typer_instance, (*words, group.name))
+
+
+def help_of(words):
+    """The help of a command on a terminal of 80 columns."""
+    shown = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(shown):
+        patch.setenv("COLUMNS", "80")
+        assert main([*words, "--help"]) == 0
+    return shown.getvalue()
+
+
+def examples():
+    """Every example as the help shows it, each once."""
+    return list(dict.fromkeys(found for words in helped() for found in EXAMPLE.findall(help_of(words))))
 
 
 @pytest.fixture(scope="module")
@@ -59,18 +73,31 @@ def files(tmp_path_factory):
 
 
 def words(example):
-    """The words as a shell would give them, with * filled in."""
-    for word in shlex.split(example):
-        yield from sorted(map(str, Path().glob(word))) if "*" in word else [word]
+    """The words that a shell makes of it, with * filled in."""
+    shell = ["sh", "-c", f"set -- {example}\nprintf '%s\\0' \"$@\""]
+    done = subprocess.run(shell, capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    return done.stdout.split("\0")[:-1]
 
 
-@pytest.mark.parametrize("example", list(examples()))
+def test_examples_are_as_wide_as_the_help():
+    broken = [example for example in examples() if "\\\n" in example]
+    assert broken
+    for example in broken:
+        first, *others = example.split("\n")
+        assert max(len(f"  Example: {first}"), *map(len, others)) <= 80
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there is no sh")
+@pytest.mark.parametrize("example", examples())
 def test_example_runs_as_printed(example, files, tmp_path, monkeypatch, capsys):
     if "/dev/tty" in example:
         pytest.skip("it drives a stand")
     folder = tmp_path / "here"
     shutil.copytree(files, folder)
     monkeypatch.chdir(folder)
-    code = main(list(words(example)))
+    name, *given = words(example)
+    assert name == "imucal"
+    code = main(given)
     shown = capsys.readouterr()
     assert code == 0, f"{shown.out}{shown.err}"

@@ -8,6 +8,7 @@ from typing import Any
 import typer
 from typer.core import TyperCommand, TyperGroup
 
+from imucal.cli.examples import pasteable
 from imucal.cli.failure import no_result_told, refusal_told
 
 __all__ = ["group"]
@@ -17,6 +18,9 @@ LONGEST_SUMMARY = 200
 
 class _Commands(TyperGroup):
     """Shows each command's first sentence whole, where the parser's own list cuts it short."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**_with_examples(settings))
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
         commands = [(name, self.get_command(ctx, name)) for name in self.list_commands(ctx)]
@@ -37,6 +41,9 @@ class _Commands(TyperGroup):
 class _Command(TyperCommand):
     """Writes what went wrong where --json asks for the result."""
 
+    def __init__(self, name: str | None, **settings: Any) -> None:
+        super().__init__(name, **_with_examples(settings))
+
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         with refusal_told(tuple(args)):
             return super().parse_args(ctx, args)
@@ -51,6 +58,11 @@ class _App(typer.Typer):
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
         return super().command(name, cls=_Command, **settings)
+
+
+def _with_examples(settings: dict[str, Any]) -> dict[str, Any]:
+    """Settings of a command whose examples can be copied from its help."""
+    return settings | {what: pasteable(settings.get(what)) for what in ("help", "epilog")}
 
 
 def group(**settings: Any) -> typer.Typer:
