@@ -100,8 +100,13 @@ def test_json_of_a_command_without_a_result_says_why(tmp_path, monkeypatch, caps
     assert main(["calibrate", "nan.csv", "--json", "-"]) == 1
     document = json.loads(capsys.readouterr().out)
     assert "non_finite" in [finding["code"] for finding in document["findings"]]
-    # A folder that is not there must not hide what is wrong.
-    assert main(["inspect", "none.csv", "--json", "none/x.json"]) == 1
+
+    # A disk that is full must not hide what is wrong.
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    assert main(["inspect", "none.csv", "--json", "x.json"]) == 1
     assert "none.csv: there is no such file" in capsys.readouterr().err
 
 
@@ -578,6 +583,46 @@ def test_what_is_read_is_not_overwritten(arguments, words, tmp_path, monkeypatch
         "run.csv",
     ]
     assert all(Path(name).read_text() == name for name in ("run.csv", "control.csv", "cal.json"))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "apply cal.json run.csv -o PLACE",
+        "calibrate run.csv -o PLACE",
+        "calibrate run.csv --report PLACE",
+        "convert run.csv -o PLACE",
+        "diff cal.json cal.json --json PLACE",
+        "effects --markdown PLACE",
+        "evaluate cal.json run.csv --json PLACE",
+        "export cal.json --to c-header -o PLACE",
+        "gap run.csv -o PLACE",
+        "gap run.csv --next PLACE",
+        "inspect run.csv --json PLACE",
+        "limits check run.csv cal.json --csv PLACE",
+        "limits template cal.json -o PLACE",
+        "noise run.csv --kalibr PLACE",
+        "plan random -o PLACE",
+        "simulate random -o PLACE",
+        "stand calibrate -o units --json PLACE",
+        "stand gcode random -o PLACE",
+        "stand recover run.csv -o PLACE",
+        "stand run random --json PLACE -o new.csv",
+    ],
+)
+def test_a_place_that_is_none_is_said_before_the_work(arguments, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("folder").mkdir()
+    # Reading them would be an error of its own.
+    for name in ("run.csv", "cal.json"):
+        Path(name).write_text(name)
+    for place, words in (
+        ("none/new.csv", "cannot be written: there is no folder none: make it first"),
+        ("folder", "folder cannot be written: it is a folder"),
+    ):
+        assert main(arguments.replace("PLACE", place).split()) == 1
+        assert words in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.json", "folder", "run.csv"]
 
 
 def test_two_outputs_may_go_to_one_device(run_csv):

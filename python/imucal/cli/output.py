@@ -64,6 +64,8 @@ ReportPath = Annotated[
 def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str | Path | None]) -> None:
     """InputError if a file to write is one that is read, or two are one: before anything is lost.
 
+    It is raised, too, for one that cannot be written because it is a folder or in none: before the work.
+
     inputs    files that the command reads; a name of something built in is no file
     outputs   by option, the files that it writes; "-" is standard output
     """
@@ -71,6 +73,7 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
     for option, path in outputs.items():
         if path is None or path == "-":
             continue
+        _require_place(option, Path(path))
         real = os.path.realpath(path)
         # What is written to a device or a pipe does not take the place of anything.
         if real in taken and (Path(real).is_file() or not Path(real).exists()):
@@ -80,6 +83,16 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
                 else f"{option} {path} would overwrite a file that this command reads: give another path"
             )
         taken.setdefault(real, option)
+
+
+def _require_place(option: str, path: Path) -> None:
+    """InputError if there is no place for a file."""
+    if path.is_dir():
+        raise InputError(f"{option} {path} cannot be written: it is a folder, give a file's name")
+    if not path.parent.is_dir():
+        raise InputError(
+            f"{option} {path} cannot be written: there is no folder {path.parent}: make it first"
+        )
 
 
 def prepare_report(path: Path | None) -> None:

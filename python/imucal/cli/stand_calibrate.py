@@ -13,7 +13,6 @@ import typer
 from imucal.cli import completion
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output, require_apart
-from imucal.errors import InputError
 
 if TYPE_CHECKING:
     from imucal.motion import Program
@@ -84,9 +83,8 @@ def calibrate(
     from imucal.stand.live import live_view, recoverable
     from imucal.stand.programs import PROGRAMS, program_named
 
-    require_apart([program, control_program, limits, *equipment.files], {"--output": folder, "--json": json})
-    if json not in (None, "-") and not Path(json).parent.is_dir():
-        raise InputError(f"{json} cannot be written: there is no folder {Path(json).parent}; make it first")
+    # The folder is not read, but a file must not be where it will be.
+    require_apart([program, control_program, limits, folder, *equipment.files], {"--json": json})
     drawn_seed = secrets.randbelow(SEEDS) if control_seed is None else control_seed
     control: dict[str, Any] = {}
     if control_program is not None:

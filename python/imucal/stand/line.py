@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import errno
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -270,6 +271,13 @@ def _folder_for(order: Order, folder: Path) -> Path:
                 return own
             except FileExistsError:
                 continue
+            except OSError as error:
+                if error.errno != errno.ENAMETOOLONG:
+                    raise
+                raise InputError(
+                    f"the serial number has {len(name)} characters, which is too long for the folder that is "
+                    "named by it: give a shorter one"
+                ) from error
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}: give another folder (-o)") from error
     raise ImucalError(f"{folder} has {MOST_FOLDERS} folders of unit {name}: remove some")
