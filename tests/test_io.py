@@ -276,6 +276,24 @@ def test_names_that_are_not_ours_are_suggested_as_an_option_that_reads_the_file(
 
 
 @pytest.mark.parametrize(
+    ("theirs", "ours"),
+    [
+        ("GYRO_{}_RADPS", "radps"),
+        ("Gyr {} [rad/s]", "radps"),
+        ("gyro_{}_rad_per_s", "radps"),
+        ("GYRO_{}_DPS", "dps"),
+        ("Gyr {} (°/s)", "dps"),
+        ("gyro {} mdps", "mdps"),
+        ("gyro_{}_raw", "lsb"),
+        ("gyro_{}_raw_dps", "lsb"),
+    ],
+)
+def test_the_unit_in_a_name_is_the_one_that_is_suggested(theirs, ours):
+    names = ["t", "ax", "ay", "az", *(theirs.format(axis) for axis in "XYZ")]
+    assert f"gyro_z_{ours}={names[-1]}" in columns_suggested(names)
+
+
+@pytest.mark.parametrize(
     "names",
     [
         ["t", "ax", "ay", "az"],

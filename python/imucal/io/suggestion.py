@@ -30,6 +30,8 @@ UNITS: Final = {
     ),
     "gyro": (
         ("lsb", "lsb|raw|count"),
+        # "radps" ends with "dps".
+        ("radps", "rad"),
         ("mdps", "mdps|mdeg"),
         ("dps", "deg|dps|°"),
         ("radps", ""),
