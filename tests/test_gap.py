@@ -159,6 +159,7 @@ def test_what_the_finding_says_can_be_read():
     effects = {"gyro_g_sensitivity": 1e-4}
     gap = imucal.find_gap(hidden(effects=effects), control=hidden(CONTROL_SEED, effects=effects))
     assert "gyro_g_sensitivity" in gap.summary()
+    assert gap.to_dict()["provenance"]["imucal_version"] == imucal.__version__
     explained = "\n".join(gap.explain("earth_rate"))
     assert "would have been seen from" in explained
     with pytest.raises(imucal.InputError, match="gyro_g_sensitivity"):

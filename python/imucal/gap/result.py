@@ -112,6 +112,7 @@ class Gap:
         )
         document = {"schema": SCHEMA, **{name: without_nan(getattr(self, name)) for name in names}}
         document["findings"] = without_nan([finding.to_dict() for finding in self.findings])
+        document["provenance"] = None if self.calibration is None else self.calibration.provenance
         return dict(plain(document))
 
     def explain(self, name: str) -> list[str]:

@@ -11,11 +11,11 @@ from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.io.canonical import write_columns
 from imucal.stand.journal import Logged, read_journal
+from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["recover", "write_recording"]
 
 STAND: Final = ("stand_1_deg", "stand_2_deg", "stand_3_deg")
-TICKS_PER_S: Final = {"time_s": 1.0, "time_ms": 1e3, "time_us": 1e6, "time_ns": 1e9}
 
 
 def recover(journal: str | os.PathLike[str], output: str | os.PathLike[str]) -> Logged:

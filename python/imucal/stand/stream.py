@@ -12,13 +12,14 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
+from imucal.io import vocabulary
 from imucal.stand.driver import Event
 from imucal.stand.link import Link, LinkLostError
 
 __all__ = ["StreamSource"]
 
 TRY_AGAIN_S: Final = 0.3
-TICKS_PER_S: Final = {"time_s": 1.0, "time_ms": 1e3, "time_us": 1e6, "time_ns": 1e9}
+TICKS_PER_S: Final = {f"time_{unit}": ticks for unit, ticks in vocabulary.TICKS_PER_S.items()}
 SEQUENCE: Final = "sequence"
 # A counter that falls from this share of its range, or above, to the rest of it below has turned over.
 TURNED: Final = 0.9

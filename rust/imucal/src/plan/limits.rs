@@ -4,6 +4,7 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector3;
 
+use super::search::FEWEST_POSES;
 use crate::error::Error;
 use crate::simulate::profile::PEAK_ACCELERATION;
 
@@ -103,6 +104,9 @@ impl Limits {
             if !(0.0..=3600.0).contains(&value) {
                 return input(format!("{name} is {value}: a time from 0 s to 3600 s is needed"));
             }
+        }
+        if self.most_moves < FEWEST_POSES - 1 {
+            return input(format!("most_moves is {}: {} or more are needed", self.most_moves, FEWEST_POSES - 1));
         }
         if !(self.pose_step_rad > 0.0 && self.pose_step_rad <= PI) {
             return input(format!("pose_step_rad is {}: more than 0 and at most half a turn", self.pose_step_rad));
@@ -209,6 +213,13 @@ mod tests {
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 20.0]), &deg([180.0, 0.0, 20.0])));
         // At 90 deg of the first motor the third one is at 45 deg.
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([180.0, 0.0, 90.0])));
+    }
+
+    #[test]
+    fn fewer_moves_than_a_program_has_at_least_are_refused() {
+        let with = |most_moves| Limits { most_moves, ..Limits::paper() }.check();
+        assert!(with(8).unwrap_err().to_string().contains("most_moves is 8: 9 or more"));
+        assert!(with(9).is_ok() && with(usize::MAX).is_ok());
     }
 
     #[test]

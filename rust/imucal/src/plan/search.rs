@@ -22,7 +22,7 @@ const STARTS: [usize; 4] = [8, 16, 32, 64];
 /// The share of the proposals that each start has before the best one goes on.
 const SHARE_OF_START: usize = 16;
 /// Fewest poses: ten rests for the accelerometer's nine numbers.
-const FEWEST_POSES: usize = 10;
+pub(super) const FEWEST_POSES: usize = 10;
 /// Costs are logarithms: from here to there go the differences that are taken by chance half of the time or so.
 const WARM: f64 = 0.006;
 const COLD: f64 = 0.00006;
@@ -63,7 +63,7 @@ pub fn optimal(sensors: &Sensors, limits: &Limits, search: &Search) -> Result<Fo
     let each = search.proposals / SHARE_OF_START;
     let mut starts: Vec<Trial> = Vec::new();
     for poses in STARTS {
-        if let Some(start) = walk.start(poses.min(limits.most_moves + 1)) {
+        if let Some(start) = walk.start(poses.min(limits.most_moves.saturating_add(1))) {
             starts.push(walk.anneal(start, each, (WARM, WARM / 4.0)));
         }
     }
