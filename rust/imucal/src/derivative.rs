@@ -27,13 +27,17 @@ const WIDEST_S: f64 = 0.1;
 const WIDER: f64 = 1.7;
 /// Of the squares that noise explains of a difference.
 const AGREE: f64 = 2.0;
-/// Every stretch as long as this has to agree, s, and as many boxes.
+/// Every stretch as long as this has to agree, s, and of as many boxes at least.
 const STRETCH_S: f64 = 1.0;
 const STRETCH_BOXES: usize = 20;
+/// At so many places of it.
+const MOST_LOOKS: usize = 100;
 /// Median of a normal number without its sign.
 const MEDIAN: f64 = 0.674_489_750_196_082;
 /// Fewer samples do not tell noise from motion.
 const FEWEST: usize = 4 * BOXES;
+/// So many differences say what noise is to a per cent.
+const ENOUGH: usize = 100_000;
 /// Steps that differ by a smaller share are even.
 const EVEN: f64 = 1e-9;
 
@@ -97,7 +101,7 @@ impl<'a> Derivative<'a> {
         }
         let sums = Sums::new(&distinct);
         let slopes: Vec<Vector3<f64>> =
-            (0..distinct.len()).map(|k| self.stencil.slope(&self.time_s, &sums, k)).collect();
+            (0..distinct.len()).map(|k| self.stencil.at(&self.time_s, k).slope(&sums)).collect();
         if self.places.is_empty() { slopes } else { self.places.iter().map(|place| slopes[*place]).collect() }
     }
 
@@ -113,7 +117,8 @@ impl<'a> Derivative<'a> {
 /// White noise of a sample on each axis, from fourth divided differences: motion is too smooth to show in them.
 fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let mut sizes: [Vec<f64>; 3] = [const { Vec::new() }; 3];
-    for (t, v) in time_s.windows(BOXES).zip(values.windows(BOXES)) {
+    let apart = (values.len() / ENOUGH).max(1);
+    for (t, v) in time_s.windows(BOXES).zip(values.windows(BOXES)).step_by(apart) {
         let others = |j: usize| (0..BOXES).filter(move |i| *i != j);
         let weights: [f64; BOXES] = std::array::from_fn(|j| others(j).map(|i| t[j] - t[i]).product::<f64>().recip());
         let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
@@ -189,13 +194,14 @@ impl Stencil {
         k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
     }
 
-    /// The weights at sample `k`.
-    fn weights_at(&self, time_s: &[f64], k: usize) -> [f64; BOXES] {
+    /// The boxes about sample `k`.
+    fn at(&self, time_s: &[f64], k: usize) -> Boxes {
         let first = self.first(time_s.len(), k);
-        match self.inside {
+        let weights = match self.inside {
             Some(weights) if first + self.before() == k => weights,
             _ => self.weights(time_s, k, first),
-        }
+        };
+        Boxes { first, stride: self.stride, count: self.boxes, weights }
     }
 
     /// The weights at sample `k` of boxes from sample `first` on; NaN where times do not determine them.
@@ -218,48 +224,57 @@ impl Stencil {
         powers.lu().solve(&slope).map_or([f64::NAN; BOXES], Into::into)
     }
 
-    fn slope(&self, time_s: &[f64], sums: &Sums, k: usize) -> Vector3<f64> {
-        let first = self.first(time_s.len(), k);
-        let weights = self.weights_at(time_s, k);
-        // Of what differs from the middle: a large bias is no reason for a large rounding error.
-        let middle = sums.mean(first + self.boxes / 2 * self.stride, self.stride);
-        let mean = |j: usize| sums.mean(first + j * self.stride, self.stride);
-        (0..self.boxes).map(|j| (mean(j) - middle) * weights[j]).sum()
-    }
-
     /// Whether the slopes of both differ by no more than noise of `sigma` makes of it, in every stretch and on every axis.
     fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
         let length = ((STRETCH_S / self.interval_s) as usize).max(STRETCH_BOXES * self.stride);
         let inside = self.before()..(n + self.before() + 1).saturating_sub(self.boxes * self.stride);
         let count = inside.len().div_ceil(length).max(1);
+        // Neighbouring slopes are of nearly the same samples.
+        let apart = (self.stride / 2).max(length / MOST_LOOKS).max(1);
+        let both = |k: usize| (self.at(time_s, k), narrower.at(time_s, k));
+        let noise_of = |(wide, narrow): (Boxes, Boxes)| wide.noise_of_difference(&narrow);
+        // Of even steps it is the same everywhere.
+        let of_even = self.inside.map(|_| noise_of(both(self.before())));
         (0..count).all(|part| {
             let range = inside.start + part * inside.len() / count..inside.start + (part + 1) * inside.len() / count;
             let (mut squares, mut explained) = (Vector3::zeros(), 0.0);
-            // Neighbouring slopes are of nearly the same samples.
-            for k in range.step_by((self.stride / 2).max(1)) {
-                let difference = self.slope(time_s, sums, k) - narrower.slope(time_s, sums, k);
+            for (wide, narrow) in range.step_by(apart).map(both) {
+                let difference = wide.slope(sums) - narrow.slope(sums);
                 if difference.iter().all(|d| d.is_finite()) {
                     squares += difference.map(|d| d * d);
-                    explained += self.noise_of_difference(narrower, time_s, k);
+                    explained += of_even.unwrap_or_else(|| noise_of((wide, narrow)));
                 }
             }
             (0..3).all(|axis| squares[axis] <= AGREE * explained * sigma[axis].powi(2))
         })
     }
+}
 
-    /// The variance of the difference of both slopes for values with noise of one.
-    fn noise_of_difference(&self, narrower: &Self, time_s: &[f64], k: usize) -> f64 {
-        let n = time_s.len();
-        let by = |stencil: &Self| (stencil.first(n, k), stencil.stride, stencil.weights_at(time_s, k));
-        let (first, stride, weights) = by(self);
-        let (own_first, own_stride, own) = by(narrower);
-        let of = |k: usize, first: usize, stride: usize, weights: &[f64; BOXES]| {
-            let place = k.checked_sub(first).map(|k| k / stride);
-            place.and_then(|j| weights.get(j)).map_or(0.0, |weight| weight / stride as f64)
+/// Boxes in a row and what each adds to a derivative.
+struct Boxes {
+    first: usize,
+    stride: usize,
+    count: usize,
+    weights: [f64; BOXES],
+}
+
+impl Boxes {
+    fn slope(&self, sums: &Sums) -> Vector3<f64> {
+        let mean = |j: usize| sums.mean(self.first + j * self.stride, self.stride);
+        // Of what differs from the middle: a large bias is no reason for a large rounding error.
+        let middle = mean(self.count / 2);
+        (0..self.count).map(|j| (mean(j) - middle) * self.weights[j]).sum()
+    }
+
+    /// The variance of the difference to narrower ones for values with noise of one.
+    fn noise_of_difference(&self, narrower: &Self) -> f64 {
+        let of = |boxes: &Self, k: usize| {
+            let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);
+            place.and_then(|j| boxes.weights.get(j)).map_or(0.0, |weight| weight / boxes.stride as f64)
         };
-        let both = |k: usize| of(k, first, stride, &weights) - of(k, own_first, own_stride, &own);
-        (first..first + BOXES * stride).map(|k| both(k).powi(2)).sum()
+        let end = self.first + BOXES * self.stride;
+        (self.first..end).map(|k| (of(self, k) - of(narrower, k)).powi(2)).sum()
     }
 }
 
