@@ -765,7 +765,7 @@ BAD_FILES = {
     "an empty cell": ("calibrate gap.csv", r"accel_y hold NaN .* sample 49 \[non_finite\]", None),
     "a row too long": ("calibrate ragged.csv", "line 51 has 8 values, 7 are needed", FormatError),
     "a cut CSV": ("calibrate cut.csv", "line 12201 has 6 values, 7 are needed", FormatError),
-    "decimal commas": ("calibrate comma.csv", "line 2 has 13 values, 7 are needed", FormatError),
+    "decimal commas": ("calibrate comma.csv", "line 2 has 14 values, 7 are needed", FormatError),
     "a web page": ("calibrate page.csv", "page.csv: the format is not clear", FormatError),
     "a binary file": ("calibrate binary.csv", "binary.csv is a binary file", FormatError),
     "UTF-16": ("calibrate utf16.csv", "utf16.csv is a binary file", FormatError),

@@ -96,7 +96,7 @@ def test_readme_runs(tmp_path):
     ("page", "number_of_steps"),
     [
         ("index.md", 7),
-        ("hand-held.md", 9),
+        ("hand-held.md", 10),
         ("raw-counts.md", 7),
         ("thermal.md", 9),
         ("plan.md", 8),
