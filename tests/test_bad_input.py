@@ -850,6 +850,15 @@ def test_a_control_recording_without_moves_judges_nothing(capsys, monkeypatch):
     assert "verdict: poor; control set: 1 usable rests and no usable move" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("times", "control_times"), [(1, 1), (1, 2), (2, 1)])
+def test_a_run_does_not_judge_itself_however_its_samples_are_held(times, control_times):
+    run, control = (
+        rows(lambda n, m=m: np.arange(n).repeat(m))(simulated().recording) for m in (times, control_times)
+    )
+    with pytest.raises(InputError, match="which the calibration is made of"):
+        imucal.calibrate(run, control=control)
+
+
 def test_recordings_of_one_name_get_names_of_their_own():
     recordings = [changed(simulated().recording, name=name) for name in ("a", "a", "a (2)", "a")]
     assert [r.name for r in with_own_names(recordings)] == ["a", "a (2)", "a (2) (2)", "a (3)"]
