@@ -79,9 +79,7 @@ def test_a_long_lever_arm_is_named_whatever_the_noise_of_the_gyroscope(rate_hz, 
 
 def test_taking_a_lever_arm_away_adds_little_noise_to_the_force():
     recording = on_a_stand(3, rate_hz=400.0)
-    (lever_arm,) = simulate(
-        "random", seed=3, effects={"accel_lever_arm": [0.06, 0.05, -0.04]}
-    ).truth.calibration.effects
+    lever_arm = imucal.EffectValues("accel_lever_arm", [0.06, 0.05, -0.04])
     unit = dataclasses.replace(imucal.calibrate(recording).calibration, effects=(lever_arm,))
     still = slice(0, 400)
     before = recording.specific_force[still].std(axis=0)

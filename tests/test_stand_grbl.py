@@ -331,14 +331,18 @@ def test_the_motors_are_stopped_when_a_run_is_interrupted(tmp_path):
         source = StreamSource(link_to(str(unit.path), 921600), PacketDecoder(PACKET))
         with pytest.raises(InterruptedError_):
             record(driver, source, tmp_path / "run.csv", steps=len(PROGRAM.steps), watch=watch)
-        # The reset arrives a moment later.
-        for _ in range(200):
-            if stand.controller.idle:
-                break
-            time.sleep(0.01)
-        assert stand.controller.idle
+        assert_stops(stand.controller)
         assert len(stand.controller.dwelt) < len(POSES)
     assert (tmp_path / "run.csv.journal").exists()
+
+
+def assert_stops(controller):
+    # The reset arrives a moment later.
+    for _ in range(200):
+        if controller.idle:
+            break
+        time.sleep(0.01)
+    assert controller.idle
 
 
 def line(number):
@@ -377,11 +381,7 @@ def test_the_motors_are_stopped_when_the_command_is_ended(name, code, tmp_path):
             child.send_signal(name)
         _, shown = child.communicate(timeout=30)
         assert child.returncode == code, shown
-        for _ in range(200):
-            if stand.controller.idle:
-                break
-            time.sleep(0.01)
-        assert stand.controller.idle
+        assert_stops(stand.controller)
         assert len(stand.controller.dwelt) < len(POSES)
     journal = f"{output}.journal"
     assert f"imucal stand recover {journal} -o {output}" in shown

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,7 +12,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Frame, Provenance, Triad, as_frame
 from imucal.calibration_result import CalibrationResult
-from imucal.document import without_nan
+from imucal.document import now, without_nan
 from imucal.effects import EffectValues, State, UserEffect
 from imucal.errors import FitError, InputError
 from imucal.evaluate import (
@@ -160,7 +159,7 @@ def calibrated(
                 _sources(unit_data),
                 _sources(judges),
                 str(_core.__version__),
-                datetime.now(timezone.utc).isoformat(timespec="seconds"),
+                now(),
             ),
             serial_number=serial_number,
         )

@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime, timezone
 from typing import Any
 
 import numpy as np
@@ -17,11 +18,16 @@ from imucal.arrays import FloatArray
 from imucal.atomic import write_text
 from imucal.errors import FormatError, InputError
 
-__all__ = ["Node", "plain", "read_json", "to_json", "without_nan", "write_json"]
+__all__ = ["Node", "now", "plain", "read_json", "to_json", "without_nan", "write_json"]
 
 
 # What nearly all values of a result are: seen at once, where the checks for all else take ten times as long.
 _AS_THEY_ARE = frozenset({bool, float, int, str, type(None)})
+
+
+def now() -> str:
+    """When a document is made: ISO 8601, UTC, to the second."""
+    return datetime.now(timezone.utc).isoformat(timespec="seconds")
 
 
 def plain(value: Any) -> Any:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from imucal.calibration import Calibration, Provenance, Triad
 from imucal.correction import empty_samples
-from imucal.document import plain, without_nan
+from imucal.document import now, plain, without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
 from imucal.judgement import Judgement
@@ -181,7 +180,7 @@ def evaluate(
         serial_number=calibration.serial_number,
         provenance=calibration.provenance,
         recordings=tuple({"name": judge.name, "files": judge.sources} for judge in judges),
-        date=datetime.now(timezone.utc).isoformat(timespec="seconds"),
+        date=now(),
     )
 
 

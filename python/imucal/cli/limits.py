@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv as csv_module
 import io
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -81,7 +80,7 @@ def check(
     """
     import imucal
     from imucal.atomic import write_text
-    from imucal.document import plain
+    from imucal.document import now, plain
 
     require_apart([limits, *calibrations], {"--csv": csv, "--json": json})
     loaded: list[Calibration | ImucalError] = []
@@ -122,7 +121,7 @@ def check(
             ],
             "warnings": warnings,
             "imucal_version": imucal.__version__,
-            "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "date": now(),
         }
     )
     out.table(

@@ -304,15 +304,15 @@ class GrblDriver:
         if trouble.code != "reset":
             yield from self._talk.halt()
         yield from self._talk.handshake()
-        self._keep_angles(self._known)
-        self._known = self._talk.position_deg
+        self._keep_angles()
         self._happened.append(Event("resumed", f"with step {self._done + 1} of {len(self._blocks)}"))
         self._go_on()
         self._way_back = None
 
-    def _keep_angles(self, before: Triple | None) -> None:
+    def _keep_angles(self) -> None:
         """A controller that lost its supply takes where it stands for zero; the stand has not moved."""
-        now = self._talk.position_deg
+        before, now = self._known, self._talk.position_deg
+        self._known = now
         if before is None or now is None or any(now) or max(map(abs, before)) < NEAR_DEG:
             return
         x, y, z = (zero - angle for zero, angle in zip(self._zero, before, strict=True))

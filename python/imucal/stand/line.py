@@ -9,11 +9,10 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, Final
 
-from imucal.document import write_json
+from imucal.document import now, write_json
 from imucal.errors import ImucalError, InputError
 from imucal.export import FORMATS, Export, export, find_format
 from imucal.io import read
@@ -97,9 +96,7 @@ class Outcome:
     exports: Mapping[str, tuple[Path, Export]] = dataclasses.field(default_factory=dict)
     not_written: Mapping[str, str] = dataclasses.field(default_factory=dict)
     sha256: Mapping[str, str] = dataclasses.field(default_factory=dict)
-    date: str = dataclasses.field(
-        default_factory=lambda: datetime.now(timezone.utc).isoformat(timespec="seconds")
-    )
+    date: str = dataclasses.field(default_factory=now)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal stand calibrate --json`, and result.json in the folder."""

@@ -15,7 +15,7 @@ use std::borrow::Cow;
 use nalgebra::{SMatrix, SVector, Vector3};
 
 use crate::segment::sample_interval_s;
-use crate::stats::median;
+use crate::stats::{MEDIAN_SIZE, median};
 
 /// Boxes whose means give the polynomial.
 const BOXES: usize = 5;
@@ -32,8 +32,6 @@ const STRETCH_S: f64 = 1.0;
 const STRETCH_BOXES: usize = 20;
 /// At so many places of it.
 const MOST_LOOKS: usize = 100;
-/// Median of a normal number without its sign.
-const MEDIAN: f64 = 0.674_489_750_196_082;
 /// Fewer samples do not tell noise from motion.
 const FEWEST: usize = 4 * BOXES;
 /// So many differences say what noise is to a per cent.
@@ -62,7 +60,7 @@ impl<'a> Derivative<'a> {
             };
             places = (0..time_s.len()).scan(0, place).collect();
         }
-        let stencil = Stencil::new(&distinct, 1);
+        let stencil = Stencil::narrow(&distinct);
         Self { time_s: distinct, places, stencil }
     }
 
@@ -71,21 +69,21 @@ impl<'a> Derivative<'a> {
         let mut derivative = Self::narrow(time_s);
         let values = derivative.distinct(values);
         let times = &derivative.time_s;
-        let (n, interval_s) = (values.len(), derivative.stencil.interval_s);
+        let (n, interval_s) = (values.len(), derivative.stencil.steps.interval_s);
         if n < FEWEST || interval_s <= 0.0 {
             return derivative;
         }
         let (sums, sigma) = (Sums::new(&values), noise(times, &values));
         let widest = ((WIDEST_S / interval_s) as usize).min(n / BOXES).max(1);
         let mut stride = ((NARROWEST_S / interval_s).round() as usize).clamp(1, widest);
-        let mut last = Stencil::new(times, stride);
+        let mut last = derivative.stencil.with(times, stride);
         loop {
             stride = (stride + 1).max((stride as f64 * WIDER).round() as usize);
             if stride > widest {
                 derivative.stencil = last;
                 return derivative;
             }
-            let wider = Stencil::new(times, stride);
+            let wider = last.with(times, stride);
             if !wider.agrees(&last, (times, &sums), &sigma) {
                 return derivative;
             }
@@ -125,7 +123,7 @@ fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
         let difference: Vector3<f64> = v.iter().zip(weights).map(|(v, w)| v * (w / norm)).sum();
         sizes.iter_mut().zip(&difference).for_each(|(sizes, d)| sizes.extend(d.is_finite().then(|| d.abs())));
     }
-    let [x, y, z] = sizes.map(|mut sizes| if sizes.is_empty() { 0.0 } else { median(&mut sizes) / MEDIAN });
+    let [x, y, z] = sizes.map(|mut sizes| if sizes.is_empty() { 0.0 } else { median(&mut sizes) / MEDIAN_SIZE });
     Vector3::new(x, y, z)
 }
 
@@ -161,9 +159,16 @@ impl Sums {
     }
 }
 
+/// The steps in time.
+#[derive(Clone, Copy)]
+struct Steps {
+    interval_s: f64,
+    are_even: bool,
+}
+
 /// Boxes of one width.
 struct Stencil {
-    interval_s: f64,
+    steps: Steps,
     /// Samples in a box.
     stride: usize,
     boxes: usize,
@@ -172,14 +177,20 @@ struct Stencil {
 }
 
 impl Stencil {
-    fn new(time_s: &[f64], stride: usize) -> Self {
-        let n = time_s.len();
-        let interval_s = if n > 1 { sample_interval_s(time_s) } else { 0.0 };
-        let mut stencil = Self { interval_s, stride, boxes: (n / stride).min(BOXES), inside: None };
+    /// A sample in each box.
+    fn narrow(time_s: &[f64]) -> Self {
+        let interval_s = if time_s.len() > 1 { sample_interval_s(time_s) } else { 0.0 };
         let is_even = |w: &[f64]| ((w[1] - w[0]) - interval_s).abs() <= EVEN * interval_s;
-        if stencil.boxes == BOXES && time_s.windows(2).all(is_even) {
-            let middle = stencil.before();
-            stencil.inside = Some(stencil.weights(time_s, middle, 0));
+        let steps = Steps { interval_s, are_even: time_s.windows(2).all(is_even) };
+        Self { steps, stride: 1, boxes: 0, inside: None }.with(time_s, 1)
+    }
+
+    /// So many samples in each box, at the same times.
+    fn with(&self, time_s: &[f64], stride: usize) -> Self {
+        let boxes = (time_s.len() / stride).min(BOXES);
+        let mut stencil = Self { steps: self.steps, stride, boxes, inside: None };
+        if self.steps.are_even && boxes == BOXES {
+            stencil.inside = Some(stencil.weights(time_s, stencil.before(), 0));
         }
         stencil
     }
@@ -206,7 +217,7 @@ impl Stencil {
 
     /// The weights at sample `k` of boxes from sample `first` on; NaN where times do not determine them.
     fn weights(&self, time_s: &[f64], k: usize, first: usize) -> [f64; BOXES] {
-        let unit_s = self.stride as f64 * self.interval_s;
+        let unit_s = self.stride as f64 * self.steps.interval_s;
         // With fewer boxes the polynomial is of a lower degree.
         let mut powers = SMatrix::<f64, BOXES, BOXES>::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
@@ -227,7 +238,7 @@ impl Stencil {
     /// Whether the slopes of both differ by no more than noise of `sigma` makes of it, in every stretch and on every axis.
     fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
-        let length = ((STRETCH_S / self.interval_s) as usize).max(STRETCH_BOXES * self.stride);
+        let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
         let inside = self.before()..(n + self.before() + 1).saturating_sub(self.boxes * self.stride);
         let count = inside.len().div_ceil(length).max(1);
         // Neighbouring slopes are of nearly the same samples.
@@ -321,6 +332,25 @@ mod tests {
             assert!(rms < neighbours.0 / times_less, "{frequency_hz} Hz: {rms}, {neighbours:?}");
             assert!(too_small.abs() < 2e-3, "{frequency_hz} Hz: {too_small}");
         }
+    }
+
+    #[test]
+    fn that_of_neighbours_is_wrong_by_the_fourth_power_of_the_step() {
+        // The fifth derivative times h^4 / 30 in the middle, / 20 and / 5 at the ends.
+        let (h, frequency) = (2e-3, 20.0);
+        let time_s: Vec<f64> = (0..1000).map(|i| f64::from(i) * h).collect();
+        let rates: Vec<Vector3<f64>> = time_s.iter().map(|t| Vector3::repeat((frequency * t + 0.4).sin())).collect();
+        let fifth = f64::powi(frequency, 5);
+        let mut worst: [f64; 3] = [0.0; 3];
+        for (i, slope) in Derivative::narrow(&time_s).of(&rates).into_iter().enumerate() {
+            let place = i.min(999 - i).min(2);
+            worst[place] = worst[place].max((slope.x - frequency * (frequency * time_s[i] + 0.4).cos()).abs());
+        }
+        for (error, share) in worst.into_iter().zip([5.0, 20.0, 30.0]) {
+            let limit = fifth * f64::powi(h, 4) / share;
+            assert!(error < 1.2 * limit, "{error:e}, {limit:e}");
+        }
+        assert!(worst[2] > 0.9 * fifth * f64::powi(h, 4) / 30.0);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use faer::Mat;
 
 use crate::lsq;
-use crate::stats::median;
+use crate::stats::{MEDIAN_SIZE, median};
 
 /// Scores above this many robust standard deviations are outliers. With `d` residuals per item and normal errors
 /// a clean item exceeds it about once in 10^6.
@@ -30,7 +30,7 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
 /// The item with the largest score if it is an outlier; the scale is the median of the scores, at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
     // Median of |z| for one and of sqrt(chi2) for two degrees of freedom.
-    let median_of_clean = if size == 1 { 0.674_489_75 } else { 1.177_410_02 };
+    let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };
     let scale = (median(&mut scores.to_vec()) / median_of_clean).max(1.0);
     let worst = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
     (scores[worst] > LIMIT * scale).then_some(worst)

@@ -8,6 +8,9 @@ pub fn p_value(statistic: f64, dof: usize) -> f64 {
     ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
 }
 
+/// Median of a normal number without its sign.
+pub(crate) const MEDIAN_SIZE: f64 = 0.674_489_75;
+
 /// Median; NaN of an empty slice. Reorders the slice.
 pub(crate) fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)

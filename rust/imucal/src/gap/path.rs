@@ -39,9 +39,7 @@ pub fn search(
 ) -> Result<Search, Error> {
     let columns = centred_temperatures(recordings);
     let recordings = &with_temperatures(recordings, &columns);
-    let mut hunt = Hunt::new(recordings, candidates, user_fields);
-    let open = hunt.with_columns(recordings, candidates);
-    hunt.is_carried = checked.is_carried();
+    let (mut hunt, open) = Hunt::new(checked, recordings, candidates, user_fields);
     let found = checked.prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
         hunt.run(prepared, [accelerometer, gyroscope], open)
     });
@@ -108,9 +106,7 @@ fn at_start<T>(
     let columns = centred_temperatures(recordings);
     let recordings = &with_temperatures(recordings, &columns);
     let checked = Checked::try_new(recordings, options)?;
-    let mut hunt = Hunt::new(recordings, candidates, user_fields);
-    let open = hunt.with_columns(recordings, candidates);
-    hunt.is_carried = checked.is_carried();
+    let (mut hunt, open) = Hunt::new(&checked, recordings, candidates, user_fields);
     let kinds = hunt.kinds;
     checked.prepare(recordings, options, kinds, |prepared, accelerometer, gyroscope| {
         let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
@@ -139,10 +135,11 @@ fn with_temperatures<'a>(recordings: &[Recording<'a>], columns: &'a [Option<Vec<
 
 /// Whether the temperature changes enough to show what it does, noise of its readings aside.
 fn is_warmed(recordings: &[Recording<'_>]) -> bool {
-    let means = recordings.iter().flat_map(|recording| {
+    let warmed = recordings.iter().filter_map(|recording| Some((recording, recording.temperature_degc?)));
+    let means = warmed.flat_map(|(recording, degc)| {
         let samples = (MEAN_S / sample_interval_s(recording.time_s)) as usize;
-        let means = recording.temperature_degc.unwrap_or_default().chunks_exact(samples.clamp(1, recording.len()));
-        means.map(|part| part.iter().sum::<f64>() / part.len() as f64)
+        let parts = degc.chunks_exact(samples.clamp(1, recording.len()));
+        parts.map(|part| part.iter().sum::<f64>() / part.len() as f64)
     });
     let (least, most) = means.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), mean| (a.min(mean), b.max(mean)));
     most - least >= LEAST_CHANGE_K
@@ -166,19 +163,27 @@ pub(super) struct Hunt<'a> {
 }
 
 impl<'a> Hunt<'a> {
-    fn new(recordings: &[Recording<'_>], candidates: &[EffectChoice], user_fields: &'a [UserField<'a>]) -> Self {
+    /// With the candidates that are open.
+    fn new(
+        checked: &Checked,
+        recordings: &[Recording<'_>],
+        candidates: &[EffectChoice],
+        user_fields: &'a [UserField<'a>],
+    ) -> (Self, Vec<EffectChoice>) {
         let encoders = recordings.iter().all(Recording::has_stand)
             && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
-        Self {
+        let mut hunt = Self {
             kinds: Kinds { in_motion: true, encoders },
-            is_carried: false,
+            is_carried: checked.is_carried(),
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
             fits: RefCell::new(Vec::new()),
             recent: RefCell::new(Vec::new()),
             ground: RefCell::new(None),
-        }
+        };
+        let open = hunt.with_columns(recordings, candidates);
+        (hunt, open)
     }
 
     /// The candidates whose columns are there; the others are noted.

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::segment::Rest;
-use crate::stats::{median, random_effects_mean};
+use crate::stats::{MEDIAN_SIZE, median, random_effects_mean};
 
 /// A rest whose mean rate is further than this from the median, in robust standard deviations, is none.
 const LIMIT: f64 = 6.0;
@@ -47,6 +47,6 @@ fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let scores: Vec<f64> = means.iter().zip(variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
     // The median of |z| of a normal distribution.
-    let scale = (median(&mut scores.clone()) / 0.674_489_75).max(1.0);
+    let scale = (median(&mut scores.clone()) / MEDIAN_SIZE).max(1.0);
     (0..means.len()).filter(|&k| scores[k] <= LIMIT * scale).collect()
 }
