@@ -1,12 +1,20 @@
 //! Carrying gravity through the integrated gyroscope, and how that depends on the parameters (model.md (6), (7)).
 //!
-//! One pass over a move gives the rotation and the sums that serve every parameter. With the rate
-//! `w = T^-1 (m - b)`, the step `phi = s + q`, `s = h/2 (w0 + w1)`, `q = h^2/12 (w0 x w1)` and `R <- R exp(phi)`, a change of
-//! the parameters turns the end attitude by `delta` on the body side, `R exp(delta)`:
+//! One pass over a move gives the rotation and the sums that serve every parameter. With the rate `w = T^-1 (m - b)`, the step
+//! `phi = h wbar + h^2/12 (w0 x w1)` and `R <- R exp(phi)`, a change of the parameters turns the end attitude by `delta` on the body
+//! side, `R exp(delta)`:
 //!
 //! ```text
-//! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = sum_k A_k (s_j I + [e_j x q]x),   [e_j x q]x = q e_j^T - e_j q^T
-//! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = sum_k A_k (h I + h^2/12 [w0 - w1]x)
+//! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = integral of R w_j dt
+//! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = integral of R dt
+//! ```
+//!
+//! From rest to rest the trapezoid over the samples is as exact as they are close. In the midst of a turn it is off by a twelfth of
+//! the square of the turn in a step, so a walk that stops there, [`Sums::step`], takes what a step really does:
+//!
+//! ```text
+//! G_j = sum_k A_k (h wbar_j I + [e_j x q]x),   q = h^2/12 (w0 x w1),   [e_j x q]x = q e_j^T - e_j q^T
+//! G_b = sum_k A_k (h I + h^2/12 [w0 - w1]x)
 //! A_k = R_k J_l(phi_k),   R_k the attitude before step k, J_l the left Jacobian of the rotation vector
 //! ```
 
@@ -51,12 +59,12 @@ pub(crate) fn turned_rad(recording: &Recording<'_>, first: usize, last: usize, g
     (first..last).map(|k| step(k).abs()).sum()
 }
 
-/// Sums over the steps of a move.
+/// Sums over a move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
-    /// `sum A_k (s_j I - e_j q^T)` for each j.
+    /// G_x, G_y, G_z but for the coning's part that is the same for all: `sum A_k (h wbar_j I - e_j q^T)` for each j.
     by_turn: [Matrix3<f64>; 3],
-    /// `sum A_k q`.
+    /// `sum A_k q`; a trapezoid has none.
     coning: Vector3<f64>,
     /// G_b.
     pub(crate) bias: Matrix3<f64>,
@@ -95,6 +103,14 @@ impl Sums {
         self.coning += a * q;
         self.bias += a * h + times_hat(&a, &((w0 - w1) * coning));
         a
+    }
+
+    /// Adds the trapezoid over a step: the rotations at its ends times half its length, and the rates there.
+    fn add_trapezoid(&mut self, [before, after]: [&Matrix3<f64>; 2], [w0, w1]: [&Vector3<f64>; 2]) {
+        for (j, sum) in self.by_turn.iter_mut().enumerate() {
+            *sum += before * w0[j] + after * w1[j];
+        }
+        self.bias += before + after;
     }
 
     pub(crate) fn add(&mut self, other: &Self) {

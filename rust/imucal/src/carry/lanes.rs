@@ -108,6 +108,12 @@ impl<S: Simd> Lanes<S> {
         Self { value: self.simd.negate_mul_add_e_f64s(self.value, b.value, c.value), ..self }
     }
 
+    /// The lanes added up.
+    #[inline(always)]
+    pub(super) fn sum(self) -> f64 {
+        self.simd.reduce_sum_f64s(self.value)
+    }
+
     #[inline(always)]
     pub(super) fn max(self, other: Self) -> Self {
         Self { value: self.simd.max_f64s(self.value, other.value), ..self }

@@ -1,9 +1,10 @@
 //! A stretch of a gyroscope's samples and its integral.
 
 use imucal_core::sensor::Triad;
+use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::kernel::{Stretch, Turned, UPPER, Work};
+use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
 use super::{Carried, Instructions, Sums};
 use crate::recording::Recording;
@@ -46,6 +47,9 @@ thread_local! {
 /// Steps that each lane takes before the lanes are put together. The places they read must not be a power of two apart, or they
 /// would all fall into the same few lines of the cache.
 const STEPS_OF_A_LANE: usize = 1000;
+/// Samples so close are taken with the polynomials for small turns first, 340 deg/s being as far as they go; where they are further
+/// apart, trying them would often be in vain.
+const CLOSE_S: f64 = 5.1e-3;
 /// Fewer steps than these are taken one by one.
 const FEW: usize = 16;
 
@@ -104,25 +108,28 @@ impl<'a> Path<'a> {
             Pace::Even(interval_s) => (interval_s / 6.0, None),
             Pace::Stamps(stamps_s) => (1.0, Some(stamps_s)),
         };
-        let (inverse, offset) = (gyroscope.inverse() * scale, gyroscope.inverse() * gyroscope.bias() * -scale);
-        let map = [0, 1, 2].map(|r| [inverse[(r, 0)], inverse[(r, 1)], inverse[(r, 2)], offset[r]]);
+        let frame = Frame::of(gyroscope, scale);
 
         let mut rotation = UnitQuaternion::identity();
         let mut sums = Sums::zero();
+        let mut is_small = self.interval_s() <= CLOSE_S;
         let mut at = 0;
         while at < steps {
             let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
             let range = at..at + count + 1 + around;
-            let stretch = Stretch { raw: &self.raw[range.clone()], stamps_s: stamps_s.map(|s| &s[range]), map: &map };
-            let turned = if count < FEW { None } else { self.instructions.run(Work::<CUBIC, SUMS>(stretch)) };
+            let stretch =
+                Stretch { raw: &self.raw[range.clone()], stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
+            let turned = if count < FEW { None } else { self.lanes::<CUBIC, SUMS>(stretch, &mut is_small) };
             let before = *rotation.to_rotation_matrix().matrix();
             if let Some(turned) = turned {
                 if SUMS {
-                    sums.add_after(&before, &self.all_sums(&turned));
+                    sums.add_after(&before, &self.all_sums(&turned, &frame.axes));
                 }
-                rotation *= turned.rotation;
+                rotation *= frame.rotation * turned.rotation * frame.rotation.inverse();
                 at += turned.steps;
             } else {
+                // One step may be all that turned too far.
+                let count = count.min(STEPS_OF_A_LANE);
                 let (turn, added) = self.one_by_one::<CUBIC>(gyroscope, at..at + count);
                 sums.add_after(&before, &added);
                 rotation *= turn;
@@ -132,24 +139,36 @@ impl<'a> Path<'a> {
         (rotation, sums)
     }
 
-    /// The sums with the entries below the diagonal.
-    fn all_sums(&self, turned: &Turned) -> Sums {
-        let mut sums = Sums::zero();
-        let rotation = turned.rotation.to_rotation_matrix();
-        for (entry, (c, j)) in turned.sums.entries.iter().zip(UPPER) {
-            sums.by_turn[j].set_column(c, entry);
-            if c != j {
-                // [e_z]x has +1 in row y, column x; [e_y]x -1 in row z, column x; [e_x]x +1 in row z, column y.
-                let axis = 3 - c - j;
-                let xi = Vector3::ith(axis, if axis == 1 { -1.0 } else { 1.0 });
-                sums.by_turn[c].set_column(j, &(entry + xi - rotation * xi));
-            }
+    /// Mean interval of the samples, s.
+    fn interval_s(&self) -> f64 {
+        match self.pace {
+            Pace::Even(interval_s) => interval_s,
+            Pace::Stamps([first, .., last]) => (last - first) / (self.raw.len() - 1) as f64,
+            Pace::Stamps(_) => 0.0,
         }
-        sums.bias = match self.pace {
-            Pace::Even(interval_s) => turned.sums.bias * interval_s,
-            Pace::Stamps(_) => turned.sums.bias,
+    }
+
+    /// A stretch in lanes, with the polynomials for large turns from the first one on.
+    fn lanes<const CUBIC: bool, const SUMS: bool>(&self, stretch: Stretch<'_>, is_small: &mut bool) -> Option<Turned> {
+        if *is_small {
+            let turned = self.instructions.run(Work::<CUBIC, SUMS, true>(stretch));
+            if turned.is_some() {
+                return turned;
+            }
+            *is_small = false;
+        }
+        self.instructions.run(Work::<CUBIC, SUMS, false>(stretch))
+    }
+
+    /// The sums in the frame of the gyroscope.
+    fn all_sums(&self, turned: &Turned, axes: &Matrix3<f64>) -> Sums {
+        let [bias, by_rate @ ..] = turned.sums.map(|sum| axes * sum * axes.transpose());
+        let (by_turn, by_time) = match self.pace {
+            Pace::Even(interval_s) => (6.0, interval_s),
+            Pace::Stamps(_) => (0.5, 0.5),
         };
-        sums
+        let along = |j: usize| (0..3).map(|i| by_rate[i] * (axes[(j, i)] * by_turn)).sum();
+        Sums { by_turn: [0, 1, 2].map(along), coning: Vector3::zeros(), bias: bias * by_time }
     }
 
     /// Steps of any angle, and the few that the lanes leave.
@@ -159,9 +178,10 @@ impl<'a> Path<'a> {
         steps: std::ops::Range<usize>,
     ) -> (UnitQuaternion<f64>, Sums) {
         let margin = usize::from(CUBIC);
-        let mut rotation = Matrix3::identity();
+        let mut rotation = UnitQuaternion::identity();
         let mut sums = Sums::zero();
         let rate = |k: usize| gyroscope.correct(Vector3::from(self.raw[k]));
+        let weighted = |rotation: &UnitQuaternion<f64>, h: f64| rotation.to_rotation_matrix().matrix() * (h / 2.0);
         for k in steps.start + margin..steps.end + margin {
             let h = match self.pace {
                 Pace::Even(interval_s) => interval_s,
@@ -170,9 +190,33 @@ impl<'a> Path<'a> {
             let (w0, w1) = (rate(k), rate(k + 1));
             let inner = w0 + w1;
             let mean = if CUBIC { (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0 } else { inner / 2.0 };
-            let turn = mean * h;
-            sums.step(&mut rotation, h, [&w0, &w1], &turn, &turn);
+            let before = weighted(&rotation, h);
+            rotation *= so3::exp(&(mean * h + w0.cross(&w1) * (h * h / 12.0)));
+            rotation.renormalize_fast();
+            sums.add_trapezoid([&before, &weighted(&rotation, h)], [&w0, &w1]);
         }
-        (UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation)), sums)
+        (rotation, sums)
+    }
+}
+
+/// The frame in which the matrix from readings to rates is upper triangular.
+struct Frame {
+    /// Its axes in the sensor's frame, as columns.
+    axes: Matrix3<f64>,
+    rotation: UnitQuaternion<f64>,
+    map: Map,
+}
+
+impl Frame {
+    /// `scale` is that of the rates.
+    fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
+        let inverse = gyroscope.inverse() * scale;
+        let (axes, upper) = inverse.qr().unpack();
+        // A reflection would turn cross products around.
+        let sign = axes.determinant().signum();
+        let (axes, upper) = (axes * sign, upper * sign);
+        let offset = -(upper * gyroscope.bias());
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        Self { axes, rotation, map: Map { upper, offset: offset.into() } }
     }
 }

@@ -1,34 +1,30 @@
-//! One step in every lane: its quaternion, the rotation after it, and what it adds to the sums.
+//! One step in every lane: its quaternion, the rotation before it, and what its first sample adds to the sums.
 //!
 //! In the units of this file a step turns by `3 p`, `p = s + q`, where `s` is a third of the rate's integral and `q` a third of the
 //! coning; for even steps the samples are scaled so that `s = a0 + a1`, `q = a0 x a1`. With `y = |p|^2` the quaternion of a step is
-//! a polynomial in y, and so is the last term of
-//!
-//! ```text
-//! A = R J_l(phi) = (R + R')/2 + k (R' - R) [phi]x,   k = -(1 - (t/2) cot(t/2)) / t^2,   t = |phi|,   R' = R exp(phi)
-//! ```
+//! `(1, tau(y) p)` but for its length, with a polynomial tau; the length of the product of all is followed by another.
 
 use pulp::Simd;
 
 use super::lanes::Lanes;
 
-/// Largest angle of a step, rad: the polynomials are exact to rounding below it.
-const LARGEST_TURN_RAD: f64 = 0.2;
-
 /// Three numbers in each lane.
 pub(super) type Three<S> = [Lanes<S>; 3];
 
-/// Coefficients of the polynomials in y, with `t^2 = 9 y`: `3 tan(t/2) / t`, `cos(t/2)`, `3 sin(t/2) / t` and `6 k`. What is left out
-/// is below a rounding error for the largest turn.
+/// Largest angles of a step, rad.
+const SMALL_TURN_RAD: f64 = 0.03;
+const LARGE_TURN_RAD: f64 = 0.2;
+/// Terms of a polynomial that matter for small turns.
+const SMALL_TERMS: usize = 4;
+
+/// Coefficients of the polynomials in y, with `t^2 = 9 y`: `3 tan(t/2) / t` and `cos^2(t/2)`. What is left out is below a rounding
+/// error for the largest turn.
 const TANGENT: [f64; 7] = by_powers(
     1.5,
     2.25,
     [1.0, 1.0 / 3.0, 2.0 / 15.0, 17.0 / 315.0, 62.0 / 2835.0, 1382.0 / 155_925.0, 21_844.0 / 6_081_075.0],
 );
-const COSINE: [f64; 5] = by_powers(1.0, -2.25, [1.0, 0.5, 1.0 / 24.0, 1.0 / 720.0, 1.0 / 40_320.0]);
-const SINE: [f64; 5] = by_powers(1.5, -2.25, [1.0, 1.0 / 6.0, 1.0 / 120.0, 1.0 / 5040.0, 1.0 / 362_880.0]);
-const CURVE: [f64; 5] =
-    by_powers(-6.0, 9.0, [1.0 / 12.0, 1.0 / 720.0, 1.0 / 30_240.0, 1.0 / 1_209_600.0, 1.0 / 47_900_160.0]);
+const COSINE_SQUARED: [f64; 6] = by_powers(1.0, -2.25, [1.0, 1.0, 1.0 / 3.0, 2.0 / 45.0, 1.0 / 315.0, 2.0 / 14_175.0]);
 
 const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients: [f64; N]) -> [f64; N] {
     let mut k = 0;
@@ -40,37 +36,22 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
     coefficients
 }
 
-/// What is made of a step in turn: its quaternion, the rotation after it, and what the sums need, without the factor of 3.
+/// What is made of a step in turn.
 ///
 /// Each is made for all steps of a tile before the next one: a step depends on the one before in the product of quaternions alone,
 /// and a processor that has that between the steps looks at no other meanwhile.
 #[derive(Clone, Copy)]
 #[repr(align(64))] // A register that crosses a line of the cache takes twice as long to store and to load.
 pub(super) struct Term<S: Simd> {
-    /// Parts of its quaternion; without sums the vector part alone, over the scalar one.
+    /// Vector part of its quaternion over the scalar one.
     vector: Three<S>,
-    scalar: Lanes<S>,
-    /// `6 k p`
-    curved: Three<S>,
-    /// Rows of twice A.
-    twice: [Three<S>; 3],
-    s: Three<S>,
-    q: Three<S>,
-    /// `s - q`
-    straight: Three<S>,
-    /// `h^2/12 (w0 - w1)`, in intervals for even steps.
-    slope: Three<S>,
-    h: Lanes<S>,
-}
-
-/// Sums of all lanes.
-#[repr(align(64))]
-pub(super) struct Totals<S: Simd> {
-    /// Twice `A_c s_j - A_j q_c` for the entries, row by row, and twice `A q`, without a factor of 3.
-    pub(super) entries: [[Lanes<S>; 6]; 3],
-    pub(super) coning: Three<S>,
-    /// Rows of twice G_b; for even steps in intervals.
-    pub(super) bias: [Three<S>; 3],
+    /// What the square of the scalar part is of that of the length.
+    shrunk: Lanes<S>,
+    /// The first sample and its weight; it is multiplied by it.
+    rate: Three<S>,
+    weight: Lanes<S>,
+    /// Products of the parts of the rotation before the step, as [`Totals`] sums them.
+    products: [Three<S>; 3],
 }
 
 impl<S: Simd> Term<S> {
@@ -78,72 +59,82 @@ impl<S: Simd> Term<S> {
     pub(super) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         let three = [zero; 3];
-        Self {
-            vector: three,
-            scalar: zero,
-            curved: three,
-            twice: [three; 3],
-            s: three,
-            q: three,
-            straight: three,
-            slope: three,
-            h: zero,
-        }
+        Self { vector: three, shrunk: zero, rate: three, weight: zero, products: [three; 3] }
     }
+
+    #[inline(always)]
+    fn add_to<const EVEN: bool>(&self, [one, x, y, z]: Sum<S>, value: Lanes<S>) -> Sum<S> {
+        let one = if EVEN { one + value } else { value.times_plus(self.weight, one) };
+        let rate = &self.rate;
+        [one, value.times_plus(rate[0], x), value.times_plus(rate[1], y), value.times_plus(rate[2], z)]
+    }
+}
+
+/// A number by 1 and by the three parts of a rate, summed.
+type Sum<S> = [Lanes<S>; 4];
+
+/// Sums of all lanes, over samples with their weights.
+#[repr(align(64))]
+pub(super) struct Totals<S: Simd> {
+    /// Of 1; for even steps the weight of a sample is 1 and only its rate is summed.
+    plain: Sum<S>,
+    /// Of twice `xx, xy, xz`, of twice `yy, yz, xw` and of twice `zz, zw, yw`, of the parts of the unit quaternion.
+    products: [[Sum<S>; 3]; 3],
 }
 
 impl<S: Simd> Totals<S> {
     #[inline(always)]
     pub(super) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
-        Self { entries: [[zero; 6]; 3], coning: [zero; 3], bias: [[zero; 3]; 3] }
+        Self { plain: [zero; 4], products: [[[zero; 4]; 3]; 3] }
     }
 
-    /// Adds the steps of a tile to the sums of one row, then to those of the next: there are more sums than registers.
+    /// Adds the steps of a tile to some sums, then to the next: there are more sums than registers.
     #[inline(always)]
     pub(super) fn add<const EVEN: bool>(&mut self, terms: &[Term<S>]) {
-        for r in 0..3 {
-            let mut entries = self.entries[r];
-            let mut coning = self.coning[r];
-            let mut bias = self.bias[r];
-            for Term { twice, s, q, straight, slope, h, .. } in terms {
-                let [x, y, z] = twice[r];
-                entries = [
-                    x.times_plus(straight[0], entries[0]),
-                    y.times_from(q[0], x.times_plus(s[1], entries[1])),
-                    z.times_from(q[0], x.times_plus(s[2], entries[2])),
-                    y.times_plus(straight[1], entries[3]),
-                    z.times_from(q[1], y.times_plus(s[2], entries[4])),
-                    z.times_plus(straight[2], entries[5]),
-                ];
-                // What is added to a sum comes first: a sum is not to wait for more than one addition.
-                coning = coning + x.times_plus(q[0], y.times_plus(q[1], z * q[2]));
-                let flat = if EVEN { [x, y, z] } else { [x * *h, y * *h, z * *h] };
-                bias = [
-                    bias[0] + z.times_from(slope[1], y.times_plus(slope[2], flat[0])),
-                    bias[1] + x.times_from(slope[2], z.times_plus(slope[0], flat[1])),
-                    bias[2] + y.times_from(slope[0], x.times_plus(slope[1], flat[2])),
-                ];
+        for group in 0..3 {
+            let [mut first, mut second, mut third] = self.products[group];
+            for term in terms {
+                let [a, b, c] = term.products[group];
+                first = term.add_to::<EVEN>(first, a);
+                second = term.add_to::<EVEN>(second, b);
+                third = term.add_to::<EVEN>(third, c);
             }
-            self.entries[r] = entries;
-            self.coning[r] = coning;
-            self.bias[r] = bias;
+            self.products[group] = [first, second, third];
         }
+        let mut plain = self.plain;
+        for Term { rate, weight, .. } in terms {
+            if !EVEN {
+                plain[0] = plain[0] + *weight;
+            }
+            plain = [plain[0], plain[1] + rate[0], plain[2] + rate[1], plain[3] + rate[2]];
+        }
+        self.plain = plain;
+    }
+
+    /// Columns of the summed rotation matrices, times one or a part of the rate; `counted` is the weight that was not added up.
+    #[inline(always)]
+    pub(super) fn rotations(&self, k: usize, counted: Lanes<S>) -> [Three<S>; 3] {
+        let one = self.plain[k] + counted;
+        let [[xx, xy, xz], [yy, yz, xw], [zz, zw, yw]] = &self.products;
+        let [xx, xy, xz, yy, yz, xw, zz, zw, yw] = [xx, xy, xz, yy, yz, xw, zz, zw, yw].map(|sum| sum[k]);
+        [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 }
 
 /// Where all lanes are.
 #[repr(align(64))]
 pub(super) struct Running<S: Simd> {
-    half: Lanes<S>,
     simd: S,
     /// The last three samples, the newest last.
     a: [Three<S>; 3],
     times: [Lanes<S>; 3],
-    /// Scalar part first.
+    /// Length of the step before.
+    pub(super) before: Lanes<S>,
+    /// Scalar part first; of any length.
     pub(super) quaternion: [Lanes<S>; 4],
-    /// Rows of the rotation matrix.
-    rows: [Three<S>; 3],
+    /// Two over the square of its length.
+    double: Lanes<S>,
     /// Largest y.
     largest: Lanes<S>,
 }
@@ -153,12 +144,12 @@ impl<S: Simd> Running<S> {
     pub(super) fn new(simd: S) -> Self {
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
         Self {
-            half: Lanes::splat(simd, 0.5),
             simd,
             a: [[zero; 3]; 3],
             times: [zero; 3],
+            before: zero,
             quaternion: [one, zero, zero, zero],
-            rows: [[one, zero, zero], [zero, one, zero], [zero, zero, one]],
+            double: one + one,
             largest: zero,
         }
     }
@@ -170,14 +161,16 @@ impl<S: Simd> Running<S> {
     }
 
     #[inline(always)]
-    fn polynomial<const N: usize>(&self, coefficients: &[f64; N], y: Lanes<S>) -> Lanes<S> {
+    fn polynomial<const SMALL: bool>(&self, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
+        let terms = if SMALL { SMALL_TERMS } else { coefficients.len() };
         let splat = |c: f64| Lanes::splat(self.simd, c);
-        coefficients[..N - 1].iter().rev().fold(splat(coefficients[N - 1]), |sum, c| sum.times_plus(y, splat(*c)))
+        let highest = splat(coefficients[terms - 1]);
+        coefficients[..terms - 1].iter().rev().fold(highest, |sum, c| sum.times_plus(y, splat(*c)))
     }
 
     /// Takes the next sample, which ends a step or, for a cubic, comes after its end; writes what is known of the step by itself.
     #[inline(always)]
-    pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool>(
+    pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const SMALL: bool>(
         &mut self,
         next: Three<S>,
         next_time: Lanes<S>,
@@ -185,80 +178,84 @@ impl<S: Simd> Running<S> {
     ) {
         let simd = self.simd;
         let splat = |value: f64| Lanes::splat(simd, value);
-        let (before, a0, a1, after) =
+        let (outside, a0, a1, after) =
             if CUBIC { (self.a[0], self.a[1], self.a[2], next) } else { (self.a[1], self.a[2], next, next) };
-        let h = match (EVEN, CUBIC) {
-            (true, _) => splat(1.0),
-            (false, true) => self.times[2] - self.times[1],
-            (false, false) => next_time - self.times[2],
-        };
-        let sixth = h * splat(1.0 / 6.0);
         let mut s = [0, 1, 2].map(|c| a0[c] + a1[c]);
         if CUBIC {
             let (inner, outer) = (splat(13.0 / 12.0), splat(1.0 / 12.0));
-            s = [0, 1, 2].map(|c| (before[c] + after[c]).times_from(outer, s[c] * inner));
+            s = [0, 1, 2].map(|c| (outside[c] + after[c]).times_from(outer, s[c] * inner));
         }
         let mut q = cross(&a0, &a1);
+        if SUMS {
+            term.rate = a0;
+        }
         if !EVEN {
+            let h = if CUBIC { self.times[2] - self.times[1] } else { next_time - self.times[2] };
+            let sixth = h * splat(1.0 / 6.0);
             let square = sixth * sixth;
             s = s.map(|s| s * sixth);
             q = q.map(|q| q * square);
+            if SUMS {
+                term.weight = self.before + h;
+                term.rate = a0.map(|a| a * term.weight);
+            }
+            self.before = h;
         }
         let p = [0, 1, 2].map(|c| s[c] + q[c]);
         let y = p[0].times_plus(p[0], p[1].times_plus(p[1], p[2] * p[2]));
         self.largest = self.largest.max(y);
+        let tangent = self.polynomial::<SMALL>(&TANGENT, y);
+        term.vector = p.map(|p| p * tangent);
         if SUMS {
-            let (sine, curve) = (self.polynomial(&SINE, y), self.polynomial(&CURVE, y));
-            term.vector = p.map(|p| p * sine);
-            term.scalar = self.polynomial(&COSINE, y);
-            term.curved = p.map(|p| p * curve);
-            let factor = if EVEN { self.half } else { sixth * sixth * splat(3.0) };
-            term.slope = [0, 1, 2].map(|c| (a0[c] - a1[c]) * factor);
-            term.straight = [0, 1, 2].map(|c| s[c] - q[c]);
-            (term.s, term.q) = (s, q);
-            if !EVEN {
-                term.h = h;
-            }
-        } else {
-            // Of any length: what the cosine would take off is taken off at the end.
-            let tangent = self.polynomial(&TANGENT, y);
-            term.vector = p.map(|p| p * tangent);
+            term.shrunk = self.polynomial::<SMALL>(&COSINE_SQUARED, y);
         }
         self.take(next, next_time);
+    }
+
+    /// The sample where the next step begins as a term of the sums, with a weight of its own.
+    #[inline(always)]
+    pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Term<S> {
+        Term {
+            rate: self.a[if CUBIC { 1 } else { 2 }].map(|a| a * weight),
+            weight,
+            products: self.products(),
+            ..Term::nothing(self.simd)
+        }
+    }
+
+    #[inline(always)]
+    fn products(&self) -> [Three<S>; 3] {
+        let [w, x, y, z] = self.quaternion;
+        let (x2, y2, z2) = (x * self.double, y * self.double, z * self.double);
+        [[x2 * x, x2 * y, x2 * z], [y2 * y, y2 * z, x2 * w], [z2 * z, z2 * w, y2 * w]]
     }
 
     /// Takes the turns of some steps, one after the other.
     #[inline(always)]
     pub(super) fn turn<const SUMS: bool>(&mut self, terms: &mut [Term<S>]) {
+        if SUMS {
+            // A step of Newton's takes away what rounding has added up.
+            let [w, x, y, z] = self.quaternion;
+            let square = w.times_plus(w, x.times_plus(x, y.times_plus(y, z * z)));
+            let one = Lanes::splat(self.simd, 1.0);
+            let excess = square.times_from(self.double * Lanes::splat(self.simd, 0.5), one);
+            self.double = self.double.times_plus(excess, self.double);
+        }
         for term in terms {
             if SUMS {
-                let scaled = self.quaternion.map(|part| part * term.scalar);
-                self.quaternion = turned(&self.quaternion, scaled, term.vector);
-                self.turn_rows(term);
-            } else {
-                self.quaternion = turned(&self.quaternion, self.quaternion, term.vector);
+                term.products = self.products();
+                self.double = self.double * term.shrunk;
             }
-        }
-    }
-
-    /// Makes the rotation matrix of the quaternion, and twice A of the step, row by row: there are more rows than registers.
-    #[inline(always)]
-    fn turn_rows(&mut self, term: &mut Term<S>) {
-        let one = Lanes::splat(self.simd, 1.0);
-        for r in 0..3 {
-            let after = row(&self.quaternion, r, one);
-            let before = std::mem::replace(&mut self.rows[r], after);
-            let change = [0, 1, 2].map(|c| after[c] - before[c]);
-            let both = [0, 1, 2].map(|c| after[c] + before[c]);
-            term.twice[r] = times_hat_plus(&change, &term.curved, &both);
+            self.quaternion = turned(&self.quaternion, term.vector);
         }
     }
 
     /// Whether no step turned too far for the polynomials.
     #[inline(always)]
-    pub(super) fn is_exact(&self) -> bool {
+    pub(super) fn is_exact<const SMALL: bool>(&self) -> bool {
+        let limit = if SMALL { SMALL_TURN_RAD } else { LARGE_TURN_RAD };
         let largest = self.largest.to_array().into_iter().fold(0.0, f64::max);
-        9.0 * largest <= LARGEST_TURN_RAD * LARGEST_TURN_RAD
+        9.0 * largest <= limit * limit
     }
 }
 
@@ -269,33 +266,13 @@ fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
     [part(1, 2), part(2, 0), part(0, 1)]
 }
 
-/// `start + q (0, v)`.
+/// `q (1, v)`.
 #[inline(always)]
-fn turned<S: Simd>(q: &[Lanes<S>; 4], start: [Lanes<S>; 4], v: Three<S>) -> [Lanes<S>; 4] {
-    let [w, x, y, z] = *q;
+fn turned<S: Simd>([w, x, y, z]: &[Lanes<S>; 4], v: Three<S>) -> [Lanes<S>; 4] {
     [
-        z.times_from(v[2], y.times_from(v[1], x.times_from(v[0], start[0]))),
-        z.times_from(v[1], y.times_plus(v[2], w.times_plus(v[0], start[1]))),
-        x.times_from(v[2], z.times_plus(v[0], w.times_plus(v[1], start[2]))),
-        y.times_from(v[0], x.times_plus(v[1], w.times_plus(v[2], start[3]))),
+        z.times_from(v[2], y.times_from(v[1], x.times_from(v[0], *w))),
+        z.times_from(v[1], y.times_plus(v[2], w.times_plus(v[0], *x))),
+        x.times_from(v[2], z.times_plus(v[0], w.times_plus(v[1], *y))),
+        y.times_from(v[0], x.times_plus(v[1], w.times_plus(v[2], *z))),
     ]
-}
-
-/// Row `r` of the rotation matrix of a unit quaternion.
-#[inline(always)]
-fn row<S: Simd>(q: &[Lanes<S>; 4], r: usize, one: Lanes<S>) -> Three<S> {
-    let [w, x, y, z] = *q;
-    let (x2, y2, z2) = (x + x, y + y, z + z);
-    match r {
-        0 => [z.times_from(z2, y.times_from(y2, one)), w.times_from(z2, x * y2), w.times_plus(y2, x * z2)],
-        1 => [w.times_plus(z2, x * y2), z.times_from(z2, x.times_from(x2, one)), w.times_from(x2, y * z2)],
-        _ => [w.times_from(y2, x * z2), w.times_plus(x2, y * z2), y.times_from(y2, x.times_from(x2, one))],
-    }
-}
-
-/// `row [v]x + sum`.
-#[inline(always)]
-fn times_hat_plus<S: Simd>(row: &Three<S>, v: &Three<S>, sum: &Three<S>) -> Three<S> {
-    let part = |y: usize, z: usize, x: usize| row[z].times_from(v[y], row[y].times_plus(v[z], sum[x]));
-    [part(1, 2, 0), part(2, 0, 1), part(0, 1, 2)]
 }

@@ -42,11 +42,16 @@ fn both_branches_of_the_series_agree_with_the_core() {
 }
 
 #[test]
-fn derivatives_meet_finite_differences() {
+fn derivatives_meet_finite_differences_from_rest_to_rest() {
     let (time, raw, triad) = tumble();
-    let carried = carry_with(&triad, &time, &raw);
+    // Begun and ended gently, as the moves of a run are.
+    let gently = |k: usize| (std::f64::consts::PI * k as f64 / (time.len() - 1) as f64).sin().powi(4);
+    let slowed = |(k, raw): (usize, &[f64; 3])| triad.measure(triad.correct(Vector3::from(*raw)) * gently(k)).into();
+    let raw: Vec<[f64; 3]> = raw.iter().enumerate().map(slowed).collect();
+    let carry = |triad: &Triad<f64>| Path::cubic(&raw, Pace::of(&time)).carry(triad);
+    let carried = carry(&triad);
     let delta = |sensitivity: Matrix3<f64>, bias: Vector3<f64>| {
-        let moved = carry_with(&Triad::try_new(sensitivity, bias).unwrap(), &time, &raw).rotation;
+        let moved = carry(&Triad::try_new(sensitivity, bias).unwrap()).rotation;
         // The turn is tiny: its vector is the antisymmetric part. An arc cosine would lose half of the digits.
         let turn = carried.rotation.transpose() * moved;
         Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12) / 2.0
@@ -142,17 +147,14 @@ fn scaled(a: &Square, factor: Double) -> Square {
     a.map(|row| row.map(|entry| entry * factor))
 }
 
-/// `sum_k m^k / (k + first)!`, first 0 for the exponential and 1 for the left Jacobian.
-fn series(m: &Square, first: u32) -> Square {
-    let one = |value: f64| -> Square {
-        std::array::from_fn(|r| std::array::from_fn(|c| Double::of(if r == c { value } else { 0.0 })))
-    };
-    let mut term = one(1.0);
+/// The matrix exponential.
+fn exponential(m: &Square) -> Square {
+    let mut term: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(if r == c { 1.0 } else { 0.0 })));
     let mut sum = term;
     for k in 1..30 {
         term = product(&term, m);
         // 1/n to 31 digits, from one step of Newton's.
-        let n = Double::of(f64::from(k + first));
+        let n = Double::of(f64::from(k));
         let guess = Double::of(1.0 / n.0);
         term = scaled(&term, guess * (Double::of(2.0) - n * guess));
         sum = plus(&sum, &term);
@@ -174,7 +176,7 @@ fn reference(path: &Samples<'_>) -> [Square; 5] {
         })
     };
     let zero: Square = [[Double::of(0.0); 3]; 3];
-    let mut rotation = series(&zero, 0);
+    let mut rotation = exponential(&zero);
     let mut sums = [zero; 4];
     let margin = usize::from(*is_cubic);
     for k in margin..raw.len() - 1 - margin {
@@ -199,20 +201,16 @@ fn reference(path: &Samples<'_>) -> [Square; 5] {
             (w0[i] * w1[j] - w0[j] * w1[i]) * square
         });
         let phi = hat_of(&std::array::from_fn(|c| s[c] + cross[c]));
-        let a = product(&rotation, &series(&phi, 1));
-        for j in 0..3 {
-            let unit: Vector = std::array::from_fn(|c| Double::of(if c == j { 1.0 } else { 0.0 }));
-            let local: Square = std::array::from_fn(|r| {
-                std::array::from_fn(|c| {
-                    let diagonal = if r == c { s[j] } else { Double::of(0.0) };
-                    diagonal + cross[r] * unit[c] - unit[r] * cross[c]
-                })
-            });
-            sums[j] = plus(&sums[j], &product(&a, &local));
-        }
-        let slope = hat_of(&std::array::from_fn(|c| (w0[c] - w1[c]) * square));
-        sums[3] = plus(&sums[3], &plus(&scaled(&a, h), &product(&a, &slope)));
-        rotation = product(&rotation, &series(&phi, 0));
+        let mut add_sample = |rotation: &Square, rate: &Vector| {
+            let weighted = scaled(rotation, h * Double::of(0.5));
+            for j in 0..3 {
+                sums[j] = plus(&sums[j], &scaled(&weighted, rate[j]));
+            }
+            sums[3] = plus(&sums[3], &weighted);
+        };
+        add_sample(&rotation, &w0);
+        rotation = product(&rotation, &exponential(&phi));
+        add_sample(&rotation, &w1);
     }
     let [x, y, z, bias] = sums;
     [rotation, x, y, z, bias]
