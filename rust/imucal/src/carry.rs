@@ -10,7 +10,7 @@
 //! ```
 //!
 //! From rest to rest the trapezoid over the samples is as exact as they are close. In the midst of a turn it is off by a twelfth of
-//! the square of the turn in a step, so a walk that stops there, [`Sums::step`], takes what a step really does:
+//! the square of the turn in a step, so a walk that stops there takes what a step really does:
 //!
 //! ```text
 //! G_j = sum_k A_k (h wbar_j I + [e_j x q]x),   q = h^2/12 (w0 x w1),   [e_j x q]x = q e_j^T - e_j q^T

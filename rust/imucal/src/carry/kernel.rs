@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
 use pulp::{Simd, WithSimd};
 
 use super::lanes::{Lanes, MOST_LANES, fetch_soon};
-use super::step::{Running, Term, Three, Totals};
+use super::step::{Running, Term, Three, Totals, three};
 
 /// Steps whose samples a lane reads in one go.
 const TILE: usize = 8;
@@ -79,7 +79,7 @@ impl Stretch<'_> {
         let mut run: Running<S> = Running::new(simd);
         for k in 0..known {
             let time = if EVEN { zero } else { Lanes::from_fn(simd, |l| stamps[l][k]) };
-            run.take(map.rate([0, 1, 2].map(|c| Lanes::from_fn(simd, |l| raw[l][k][c]))), time);
+            run.take(map.rate(three(|c| Lanes::from_fn(simd, |l| raw[l][k][c]))), time);
         }
         let tiles: [&[[[f64; 3]; TILE]]; MOST_LANES] = raw.map(|raw| raw[known..].as_chunks().0);
         let time_tiles: [&[[f64; TILE]]; MOST_LANES] =
@@ -95,13 +95,13 @@ impl Stretch<'_> {
             tile.iter().take(S::F64_LANES).for_each(|tile| fetch_soon(tile.as_slice(), AHEAD));
             if EVEN {
                 for k in 0..TILE {
-                    let a = map.rate([0, 1, 2].map(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
+                    let a = map.rate(three(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
                     run.take_step::<EVEN, CUBIC, SUMS, SMALL>(a, zero, &mut terms[k]);
                 }
             } else {
                 let times: [&[f64; TILE]; MOST_LANES] = time_tiles.map(|tiles| &tiles[t]);
                 for k in 0..TILE {
-                    let a = map.rate([0, 1, 2].map(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
+                    let a = map.rate(three(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
                     let time = Lanes::from_fn(simd, |l| times[l][k]);
                     run.take_step::<EVEN, CUBIC, SUMS, SMALL>(a, time, &mut terms[k]);
                 }
@@ -113,7 +113,7 @@ impl Stretch<'_> {
         }
         let rest = steps % TILE;
         for (place, k) in (samples - rest..samples).enumerate() {
-            let a = map.rate([0, 1, 2].map(|c| Lanes::from_fn(simd, |l| raw[l][k][c])));
+            let a = map.rate(three(|c| Lanes::from_fn(simd, |l| raw[l][k][c])));
             let time = if EVEN { zero } else { Lanes::from_fn(simd, |l| stamps[l][k]) };
             run.take_step::<EVEN, CUBIC, SUMS, SMALL>(a, time, &mut terms[place]);
         }
@@ -137,7 +137,8 @@ impl<S: Simd> LaneMap<S> {
     #[inline(always)]
     fn new(simd: S, map: &Map) -> Self {
         let splat = |value: f64| Lanes::splat(simd, value);
-        Self { upper: [0, 1, 2].map(|r| [0, 1, 2].map(|c| splat(map.upper[(r, c)]))), offset: map.offset.map(splat) }
+        let row = |r: usize| three(|c| splat(map.upper[(r, c)]));
+        Self { upper: [row(0), row(1), row(2)], offset: three(|c| splat(map.offset[c])) }
     }
 
     #[inline(always)]

@@ -11,6 +11,12 @@ use super::lanes::Lanes;
 /// Three numbers in each lane.
 pub(super) type Three<S> = [Lanes<S>; 3];
 
+/// Three numbers by their place. An array's `map` is not always inlined, and then its vectors go through memory.
+#[inline(always)]
+pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
+    [part(0), part(1), part(2)]
+}
+
 /// Largest angles of a step, rad.
 const SMALL_TURN_RAD: f64 = 0.03;
 const LARGE_TURN_RAD: f64 = 0.2;
@@ -116,8 +122,8 @@ impl<S: Simd> Totals<S> {
     #[inline(always)]
     pub(super) fn rotations(&self, k: usize, counted: Lanes<S>) -> [Three<S>; 3] {
         let one = self.plain[k] + counted;
-        let [[xx, xy, xz], [yy, yz, xw], [zz, zw, yw]] = &self.products;
-        let [xx, xy, xz, yy, yz, xw, zz, zw, yw] = [xx, xy, xz, yy, yz, xw, zz, zw, yw].map(|sum| sum[k]);
+        let group = |g: usize| three(|c| self.products[g][c][k]);
+        let [[xx, xy, xz], [yy, yz, xw], [zz, zw, yw]] = [group(0), group(1), group(2)];
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 }
@@ -180,10 +186,10 @@ impl<S: Simd> Running<S> {
         let splat = |value: f64| Lanes::splat(simd, value);
         let (outside, a0, a1, after) =
             if CUBIC { (self.a[0], self.a[1], self.a[2], next) } else { (self.a[1], self.a[2], next, next) };
-        let mut s = [0, 1, 2].map(|c| a0[c] + a1[c]);
+        let mut s = three(|c| a0[c] + a1[c]);
         if CUBIC {
             let (inner, outer) = (splat(13.0 / 12.0), splat(1.0 / 12.0));
-            s = [0, 1, 2].map(|c| (outside[c] + after[c]).times_from(outer, s[c] * inner));
+            s = three(|c| (outside[c] + after[c]).times_from(outer, s[c] * inner));
         }
         let mut q = cross(&a0, &a1);
         if SUMS {
@@ -193,19 +199,19 @@ impl<S: Simd> Running<S> {
             let h = if CUBIC { self.times[2] - self.times[1] } else { next_time - self.times[2] };
             let sixth = h * splat(1.0 / 6.0);
             let square = sixth * sixth;
-            s = s.map(|s| s * sixth);
-            q = q.map(|q| q * square);
+            s = three(|c| s[c] * sixth);
+            q = three(|c| q[c] * square);
             if SUMS {
                 term.weight = self.before + h;
-                term.rate = a0.map(|a| a * term.weight);
+                term.rate = three(|c| a0[c] * term.weight);
             }
             self.before = h;
         }
-        let p = [0, 1, 2].map(|c| s[c] + q[c]);
+        let p = three(|c| s[c] + q[c]);
         let y = p[0].times_plus(p[0], p[1].times_plus(p[1], p[2] * p[2]));
         self.largest = self.largest.max(y);
         let tangent = self.polynomial::<SMALL>(&TANGENT, y);
-        term.vector = p.map(|p| p * tangent);
+        term.vector = three(|c| p[c] * tangent);
         if SUMS {
             term.shrunk = self.polynomial::<SMALL>(&COSINE_SQUARED, y);
         }
@@ -216,7 +222,7 @@ impl<S: Simd> Running<S> {
     #[inline(always)]
     pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Term<S> {
         Term {
-            rate: self.a[if CUBIC { 1 } else { 2 }].map(|a| a * weight),
+            rate: three(|c| self.a[if CUBIC { 1 } else { 2 }][c] * weight),
             weight,
             products: self.products(),
             ..Term::nothing(self.simd)
