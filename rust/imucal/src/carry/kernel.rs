@@ -170,8 +170,8 @@ fn together<S: Simd, const SUMS: bool>(
     }
     let mut sums = [Matrix3::zeros(); 4];
     if SUMS {
-        let entry = |r: usize, c: usize| Lanes::from_fn(simd, |lane| before[lane][(r, c)]);
-        let rows = [0, 1, 2].map(|r| [entry(r, 0), entry(r, 1), entry(r, 2)]);
+        let row = |r: usize| three(|c| Lanes::from_fn(simd, |lane| before[lane][(r, c)]));
+        let rows = [row(0), row(1), row(2)];
         for (k, sum) in sums.iter_mut().enumerate() {
             let columns = totals.rotations(k, Lanes::splat(simd, if k == 0 { counted } else { 0.0 }));
             for (r, [a, b, c]) in rows.iter().enumerate() {

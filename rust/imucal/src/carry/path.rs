@@ -22,10 +22,19 @@ impl<'a> Pace<'a> {
     /// Even where the stamps are what rounding makes of even ones: the integral then hears nothing of their last digits.
     pub fn of(stamps_s: &'a [f64]) -> Self {
         let (Some(first), Some(last)) = (stamps_s.first(), stamps_s.last()) else { return Self::Stamps(stamps_s) };
-        let interval_s = (last - first) / (stamps_s.len() - 1).max(1) as f64;
+        let interval_s = Self::Stamps(stamps_s).mean_interval_s();
         let rounding = 2.0 * f64::EPSILON * first.abs().max(last.abs());
         let is_off = |(k, time): (usize, &f64)| (time - (first + k as f64 * interval_s)).abs() > rounding;
         if stamps_s.iter().enumerate().any(is_off) { Self::Stamps(stamps_s) } else { Self::Even(interval_s) }
+    }
+
+    /// Of fewer than two samples zero.
+    fn mean_interval_s(self) -> f64 {
+        match self {
+            Self::Even(interval_s) => interval_s,
+            Self::Stamps(all @ [first, .., last]) => (last - first) / (all.len() - 1) as f64,
+            Self::Stamps(_) => 0.0,
+        }
     }
 }
 
@@ -112,7 +121,7 @@ impl<'a> Path<'a> {
 
         let mut rotation = UnitQuaternion::identity();
         let mut sums = Sums::zero();
-        let mut is_small = self.interval_s() <= CLOSE_S;
+        let mut is_small = self.pace.mean_interval_s() <= CLOSE_S;
         let mut at = 0;
         while at < steps {
             let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
@@ -137,15 +146,6 @@ impl<'a> Path<'a> {
             }
         }
         (rotation, sums)
-    }
-
-    /// Mean interval of the samples, s.
-    fn interval_s(&self) -> f64 {
-        match self.pace {
-            Pace::Even(interval_s) => interval_s,
-            Pace::Stamps([first, .., last]) => (last - first) / (self.raw.len() - 1) as f64,
-            Pace::Stamps(_) => 0.0,
-        }
     }
 
     /// A stretch in lanes, with the polynomials for large turns from the first one on.
