@@ -10,7 +10,7 @@ use pulp::{Arch, Simd, WithSimd};
 use super::clock::Steps;
 use super::repeats::Repeats;
 use super::runs::Runs;
-use super::units::Weights;
+use super::units::Lengths;
 use super::values::{Extremes, NotFinite};
 use crate::recording::Recording;
 
@@ -33,7 +33,7 @@ pub(super) struct Survey {
     pub(super) repeats: Repeats,
     pub(super) runs: Runs,
     pub(super) extremes: Extremes,
-    pub(super) weights: Weights,
+    pub(super) lengths: Lengths,
 }
 
 /// Bits of [`Part::equal`] of a row that repeats the one before.
@@ -61,7 +61,7 @@ impl WithSimd for Surveying<'_> {
             repeats: Repeats::default(),
             runs: Runs::default(),
             extremes: Extremes::default(),
-            weights: Weights::default(),
+            lengths: Lengths::default(),
         };
         for start in (0..recording.len()).step_by(PART) {
             let part = Part::new(recording, start..(start + PART).min(recording.len()));
@@ -70,7 +70,7 @@ impl WithSimd for Surveying<'_> {
             survey.repeats.feed(&part);
             survey.runs.feed(&part);
             survey.extremes.feed(&part);
-            survey.weights.feed(&part);
+            survey.lengths.feed(&part);
         }
         survey.runs.finish(recording);
         survey
@@ -119,7 +119,7 @@ fn same(numbers: &[f64]) -> [u8; 3 * PART] {
 
 /// Without a branch for each, which lets the compiler look at several at once.
 #[inline(always)]
-fn all_finite(values: &[f64]) -> bool {
+pub(super) fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |all, value| all & value.is_finite())
 }
 

@@ -29,38 +29,46 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let whole = 0..recording.len();
     let everything = std::slice::from_ref(&whole);
     if recording.accel_unit == RawUnit::Si
-        && !survey.weights.have_median_within()
+        && !survey.lengths.have_median_within()
         && let Some(norm) = median_norm(recording.specific_force, everything)
         && !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES)
     {
         findings.push(wrong_accel_unit(recording, everything, norm, STANDARD_GRAVITY_MPS2));
     }
-    findings.extend(too_fast(recording));
+    if survey.extremes.ends[1].iter().flatten().any(|rate| rate.abs() > FASTEST_RADPS) {
+        findings.extend(too_fast(recording));
+    }
     findings
 }
 
-/// How many rows of an accelerometer in SI units are below and above [`WITH_MOVES`] by their length.
+/// How many finite rows there are, and how many of them are shorter and longer than two limits.
 #[derive(Default)]
-pub(super) struct Weights {
+pub(super) struct Lengths {
     rows: usize,
     below: usize,
     above: usize,
 }
 
-impl Weights {
+impl Lengths {
+    /// Those of an accelerometer in SI units about [`WITH_MOVES`].
+    #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         if part.recording.accel_unit == RawUnit::Si {
-            let [least, most] = WITH_MOVES.map(|share| (share * STANDARD_GRAVITY_MPS2).powi(2));
-            for [x, y, z] in part.triads()[0] {
-                let square = x * x + y * y + z * z;
-                self.rows += usize::from(square.is_finite());
-                self.below += usize::from(square < least);
-                self.above += usize::from(square > most && square.is_finite());
-            }
+            self.add(part.triads()[0], WITH_MOVES.map(|share| share * STANDARD_GRAVITY_MPS2));
         }
     }
 
-    /// Whether no median need be computed to see that it lies between them.
+    fn add(&mut self, rows: &[[f64; 3]], limits: [f64; 2]) {
+        let [least, most] = limits.map(|limit| limit * limit);
+        for [x, y, z] in rows {
+            let square = x * x + y * y + z * z;
+            self.rows += usize::from(square.is_finite());
+            self.below += usize::from(square < least);
+            self.above += usize::from(square > most && square.is_finite());
+        }
+    }
+
+    /// Whether no median need be computed to see that it lies between the limits.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }
@@ -89,15 +97,13 @@ pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: 
             .is_some_and(|norm| !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES))
     };
     if recording.accel_unit == RawUnit::Si
-        && let Some(norm) = median_norm(recording.specific_force, &rests)
-        && !within(norm / gravity_mps2, AT_REST)
+        && let Some(norm) =
+            median_norm_beyond(recording.specific_force, &rests, AT_REST.map(|share| share * gravity_mps2))
         && !seen_without_rests()
     {
         findings.push(wrong_accel_unit(recording, &rests, norm, gravity_mps2));
     }
-    if too_fast(recording).is_none() {
-        findings.extend(turns_at_rest(recording, &rests));
-    }
+    findings.extend(turns_at_rest(recording, &rests).filter(|_| too_fast(recording).is_none()));
     findings.extend(gravity_sign(recording, &rests));
     findings
 }
@@ -115,6 +121,16 @@ fn median_norm(rows: &[[f64; 3]], ranges: &[Range<usize>]) -> Option<f64> {
     let rows = ranges.iter().flat_map(|range| &rows[range.clone()]);
     let mut norms: Vec<f64> = rows.map(length).filter(|norm| norm.is_finite()).collect();
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
+}
+
+/// That median, if it is outside the limits; most recordings need no sorting to see that it is not.
+fn median_norm_beyond(rows: &[[f64; 3]], ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
+    let mut lengths = Lengths::default();
+    ranges.iter().for_each(|range| lengths.add(&rows[range.clone()], limits));
+    if lengths.have_median_within() {
+        return None;
+    }
+    median_norm(rows, ranges).filter(|norm| !within(*norm, limits))
 }
 
 fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, gravity_mps2: f64) -> Finding {
@@ -189,9 +205,9 @@ fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Findin
     if recording.gyro_unit != RawUnit::Si {
         return None;
     }
-    let rate = median_norm(recording.angular_rate, rests)?;
+    let rate = median_norm_beyond(recording.angular_rate, rests, [0.0, LARGEST_BIAS_RADPS])?;
     let first = rests.first()?;
-    (rate > LARGEST_BIAS_RADPS).then(|| Finding {
+    Some(Finding {
         columns: names(GYRO),
         place: Some(Place::new(recording, first.start, first.end - 1)),
         count: rests.iter().map(Range::len).sum(),

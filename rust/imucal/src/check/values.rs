@@ -1,6 +1,6 @@
 //! Single columns: numbers that are none, and temperature that jumps.
 
-use super::survey::{Part, Survey};
+use super::survey::{Part, Survey, all_finite};
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
 use crate::recording::Recording;
@@ -23,6 +23,7 @@ pub(super) struct NotFinite {
 }
 
 impl NotFinite {
+    #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let recording = part.recording;
         if !part.is_finite {
@@ -39,7 +40,9 @@ impl NotFinite {
                 }
             }
         }
-        if let Some(stand) = recording.stand_rad {
+        if let Some(stand) = recording.stand_rad
+            && !all_finite(stand[part.samples.clone()].as_flattened())
+        {
             for i in part.samples.clone() {
                 if mark(stand[i], &mut self.stand_columns) {
                     self.bad_stand.add(i);
