@@ -25,6 +25,9 @@ from sections import write_section
 SIZES = ((1e5, 1000.0, 18), (1e6, 1000.0, 180), (1e7, 1000.0, 1800), (1e8, 10_000.0, 1800))
 # So few samples that what a process needs once is nearly all that it takes.
 SMALL = (1e4, 100.0, 18)
+# In smaller types, and what a count is of the SI unit there.
+TYPES = {"float32": None, "int16": 1000.0}
+OF_TYPES = (1e7, 1000.0, 1800)
 HOUR = (28_800_000, 8000.0, 650)
 MOST_TIMES, MOST_MEMORY = 10.5, 1.2
 MOST_READ, MOST_READ_MEMORY = 3.0, 2.0
@@ -45,7 +48,10 @@ def now_bytes() -> int:
 # --- what the processes do ---
 
 
-def simulate(folder: Path, samples: int, rate_hz: float, moves: int, parquet: bool) -> dict[str, float]:
+def simulate(
+    folder: Path, samples: int, rate_hz: float, moves: int, parquet: bool, kind: str = "float64"
+) -> dict[str, float]:
+    """A run in a Parquet file, or in one of NumPy for each column, force and rate in a type of their own."""
     import imucal
 
     # One sample more than there are intervals, and no program of more samples than can be simulated.
@@ -55,9 +61,12 @@ def simulate(folder: Path, samples: int, rate_hz: float, moves: int, parquet: bo
     if parquet:
         imucal.write(recording, folder / "hour.parquet")
     else:
-        for name in COLUMNS:
-            np.save(folder / f"{name}.npy", getattr(recording, name)[:samples])
-        units = {"accel_unit": recording.accel_unit, "gyro_unit": recording.gyro_unit}
+        np.save(folder / "time_s.npy", recording.time_s[:samples])
+        per_si = TYPES.get(kind)
+        for name in COLUMNS[1:]:
+            values = getattr(recording, name)[:samples]
+            np.save(folder / f"{name}.npy", (values if per_si is None else values * per_si).astype(kind))
+        units = {} if per_si is None else {"accel_unit": "lsb", "gyro_unit": "lsb"}
         (folder / "units.json").write_text(json.dumps(units))
     return {"samples": min(len(recording), samples)}
 
@@ -127,11 +136,11 @@ def verdict(value: float, most: float) -> str:
     return "met" if value <= most else "missed"
 
 
-def calibrations(samples: float, rate_hz: float, moves: int) -> list[dict[str, float]]:
+def calibrations(samples: float, rate_hz: float, moves: int, kind: str = "float64") -> list[dict[str, float]]:
     """What `calibrate_arrays` returns in each of several processes."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        in_process("simulate", folder, int(samples), rate_hz, moves, False)
+        in_process("simulate", folder, int(samples), rate_hz, moves, False, kind)
         return [in_process("calibrate_arrays", folder) for _ in range(ROUNDS)]
 
 
@@ -151,6 +160,18 @@ def growth(most: float) -> str:
             f"| {memory:.2f} | {beyond_mb:.1f} | {'met' if fine else 'missed'} |"
         )
         before = took
+    return "\n".join(rows)
+
+
+def types() -> str:
+    """Rows of recordings whose samples are no float64."""
+    rows = []
+    for kind in TYPES:
+        found = calibrations(*OF_TYPES, kind)
+        memory = max(each["memory"] for each in found)
+        rows.append(
+            f"| {kind} | {1e3 * median_of(found, 's'):.1f} | {memory:.2f} | {verdict(memory, MOST_MEMORY)} |"
+        )
     return "\n".join(rows)
 
 
@@ -202,6 +223,12 @@ it is the first calibration; the peak is the largest.
 Ten times the samples are to take at most {MOST_TIMES:g} times the time, and the peak is to be at most
 {MOST_MEMORY:g} times the data. What each process needs once is in it, the pages of the library's code above
 all: a recording of {SMALL[0]:.0e} samples, {56e-6 * SMALL[0]:.1f} MB, takes {once_mb:.1f} MB beyond the data.
+
+The same with {OF_TYPES[0]:.0e} samples whose force and rate are in a smaller type; the data are smaller, too.
+
+| type | ms | peak, times the data | |
+|---|---:|---:|---|
+{types()}
 {hour()}"""
     write_section(REPORT, "Speed", "Growth", body)
 

@@ -9,7 +9,9 @@ import textwrap
 from contextlib import contextmanager
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from pyarrow import parquet
 
 import imucal
 from imucal.io.suggestion import columns_suggested
@@ -43,13 +45,23 @@ def write_text(folder, text, name="run.csv"):
     [
         np.asfortranarray,
         lambda a: np.repeat(a, 2, axis=0)[::2],
-        lambda a: a.astype(np.float32),
-        lambda a: a.astype(np.int16),
+        lambda a: a.astype(np.int32),
         lambda a: a.tolist(),
         lambda a: np.ma.masked_array(a, mask=np.zeros_like(a, bool)),
+        lambda a: np.ma.masked_array(a.astype(np.int16), mask=np.zeros_like(a, bool)),
         lambda a: a.astype(">f8"),
+        lambda a: a.astype(">f4"),
     ],
-    ids=["fortran", "strided", "float32", "int16", "list", "masked", "big-endian"],
+    ids=[
+        "fortran",
+        "strided",
+        "int32",
+        "list",
+        "masked",
+        "masked counts",
+        "big-endian",
+        "big-endian float32",
+    ],
 )
 def test_every_kind_of_array_gives_the_same_recording(change):
     force = np.arange(12.0).reshape(4, 3)
@@ -70,10 +82,39 @@ def test_contiguous_float64_is_not_copied_and_stays_writable_for_its_owner():
         recording.specific_force[0, 0] = 2.0
 
 
-def test_masked_values_become_nan():
-    force = np.ma.masked_array(np.ones((2, 3)), mask=[[False, True, False], [False] * 3])
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16])
+def test_masked_values_become_nan(kind):
+    force = np.ma.masked_array(np.ones((2, 3), kind), mask=[[False, True, False], [False] * 3])
     recording = imucal.Recording([0, 1], force, np.zeros((2, 3)))
     np.testing.assert_array_equal(np.isnan(recording.specific_force), force.mask)
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.int16])
+def test_samples_in_a_smaller_type_stay_so(tmp_path, kind):
+    generator = np.random.default_rng(3)
+    force, rate = (generator.normal(size=(50, 3)) * 1000).astype(kind), np.full((50, 3), -32768, kind)
+    recording = imucal.Recording(np.arange(50) / 100, force, rate, accel_unit="lsb", gyro_unit="lsb")
+    for values, given in ((recording.specific_force, force), (recording.angular_rate, rate)):
+        assert np.shares_memory(values, given)
+        assert not values.flags.writeable
+    assert recording.between(0.1, 0.2).specific_force.dtype == kind
+    for name, kept in (("run.csv", np.float64), ("run.parquet", np.float32)):
+        imucal.write(recording, tmp_path / name)
+        again = imucal.read(tmp_path / name)
+        # float32 holds every count, and NaN for an empty cell.
+        assert again.specific_force.dtype == again.angular_rate.dtype == kept
+        np.testing.assert_array_equal(again.specific_force, force)
+        np.testing.assert_array_equal(again.angular_rate, rate)
+
+
+def test_a_column_of_a_file_that_float32_does_not_hold_makes_its_triad_float64(tmp_path):
+    names = ["time_s", *(f"accel_{axis}_lsb" for axis in "xyz"), *(f"gyro_{axis}_dps" for axis in "xyz")]
+    kinds = [np.float64, np.int16, np.int16, np.int32, *[np.float32] * 3]
+    columns = [np.arange(5).astype(kind) for kind in kinds]
+    parquet.write_table(pa.table(columns, names=names), tmp_path / "run.parquet")
+    recording = imucal.read(tmp_path / "run.parquet")
+    # The other triad is not in SI units.
+    assert recording.specific_force.dtype == recording.angular_rate.dtype == np.float64
 
 
 @pytest.mark.parametrize(

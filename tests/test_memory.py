@@ -22,6 +22,14 @@ import sys
 import imucal
 recording = imucal.read(sys.argv[1])
 """
+CALIBRATE = """
+import sys
+import numpy as np
+import imucal
+force, rate = (np.load(f"{sys.argv[1]}/{name}.npy") for name in ("specific_force", "angular_rate"))
+units = {"accel_unit": "lsb", "gyro_unit": "lsb"} if sys.argv[2] else {}
+imucal.calibrate(imucal.Recording(np.arange(len(force)) / 2000.0, force, rate, **units))
+"""
 APPLY = """
 from imucal.cli.app import app
 try:
@@ -51,7 +59,23 @@ def test_a_parquet_file_is_not_in_memory_beside_the_recording(tmp_path, kind):
         return peak_bytes(READ, tmp_path / "run.parquet")
 
     # The file's bytes or its table would add 1 each.
-    assert peak(MANY) - peak(FEW) < 1.5 * RECORDING_BYTES
+    recording_bytes = (8 + 6 * np.dtype(kind).itemsize) * (MANY - FEW)
+    assert peak(MANY) - peak(FEW) < 1.5 * recording_bytes
+
+
+@pytest.mark.parametrize("kind", [np.float64, np.float32, np.int16])
+def test_a_calibration_makes_no_copy_of_the_samples(tmp_path, kind):
+    def peak(moves):
+        program = imucal.Program.random(seed=1, moves=moves, hold_s=8.0, move_s=2.0)
+        run = imucal.simulate(program, unit="bmi088", rate_hz=2000.0, seed=1).recording
+        scale = {np.int16: 1000.0}.get(kind, 1.0)
+        for name in ("specific_force", "angular_rate"):
+            np.save(tmp_path / f"{name}.npy", (getattr(run, name) * scale).astype(kind))
+        return len(run), peak_bytes(CALIBRATE, tmp_path, "lsb" if scale > 1 else "")
+
+    (few, small), (many, large) = peak(20), peak(80)
+    sample_bytes = 8 + 6 * np.dtype(kind).itemsize
+    assert large - small < 1.3 * sample_bytes * (many - few)
 
 
 @pytest.mark.parametrize("ending", [".csv", ".parquet"])

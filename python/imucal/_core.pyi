@@ -69,6 +69,7 @@ __version__: str
 REFERENCE_TEMPERATURE_DEGC: float
 
 _Array = NDArray[np.float64]
+_Samples = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
 _Step = tuple[Sequence[float], float, float]
 
 class _Recording(Protocol):
@@ -77,9 +78,9 @@ class _Recording(Protocol):
     @property
     def time_s(self) -> _Array: ...
     @property
-    def specific_force(self) -> _Array: ...
+    def specific_force(self) -> _Samples: ...
     @property
-    def angular_rate(self) -> _Array: ...
+    def angular_rate(self) -> _Samples: ...
     @property
     def temperature_degc(self) -> _Array | None: ...
     @property

@@ -1,17 +1,23 @@
-"""The one way in for arrays: whatever the caller has becomes C-contiguous float64, rows are samples."""
+"""The one way in for arrays: whatever the caller has becomes C-contiguous, rows are samples.
+
+All is float64, but for the samples of a sensor in float32 or int16, which stay as they are.
+"""
 
 from __future__ import annotations
 
-from typing import TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imucal.errors import InputError
 
-__all__ = ["FloatArray", "as_matrix", "as_rows"]
+__all__ = ["FloatArray", "SampleArray", "as_matrix", "as_rows", "as_samples"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
+# What a sensor measured: a long recording in a smaller type is not made larger.
+SampleArray: TypeAlias = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
+SMALLER: Final = (np.dtype(np.float32), np.dtype(np.int16))
 
 
 def as_rows(values: ArrayLike, what: str, width: int | None = None, rows: int | None = None) -> FloatArray:
@@ -25,12 +31,25 @@ def as_rows(values: ArrayLike, what: str, width: int | None = None, rows: int | 
 
     Raises InputError if the shape is another one or the values are not real numbers.
     """
+    return _as_array(values, what, width, rows, ())
+
+
+def as_samples(values: ArrayLike, what: str, rows: int) -> SampleArray:
+    """`values` as a read-only array of shape (rows, 3), as `as_rows`; float32 and int16 are not converted."""
+    return _as_array(values, what, 3, rows, SMALLER)
+
+
+def _as_array(
+    values: ArrayLike, what: str, width: int | None, rows: int | None, kept: tuple[np.dtype[Any], ...]
+) -> NDArray[Any]:
+    """`values` as float64, or as they are in the types that are kept."""
     shape = "(N,)" if width is None else f"(N, {width})"
     try:
         # asanyarray keeps a mask, which must not be lost: a masked value is no measurement.
         array = np.asanyarray(values)
         numeric = array.dtype.kind in "fiub" or array.size == 0
-        if numeric:
+        # Counts have no NaN for what a mask hides.
+        if numeric and (array.dtype not in kept or isinstance(array, np.ma.MaskedArray)):
             array = array.astype(np.float64, order="C", copy=False)
     except (TypeError, ValueError) as error:
         raise InputError(

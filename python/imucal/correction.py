@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
-from imucal.arrays import FloatArray
+from imucal.arrays import FloatArray, SampleArray
 from imucal.effects import Effect, EffectValues, State, UserEffect
 from imucal.errors import InputError
 from imucal.recording import Recording
@@ -163,10 +163,12 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
     return on_rate, on_force
 
 
-def _size(triad: Triad, raw: FloatArray) -> FloatArray:
+def _size(triad: Triad, raw: SampleArray) -> FloatArray:
     """How large the numbers are whose rounding is in a corrected sample, (N, 3) in SI units."""
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
-    return _largest((np.abs(raw) + np.abs(triad.bias)) @ inverse.T)
+    # As numbers: the lowest count of 16 bits has no positive counterpart among them.
+    size = np.abs(raw.astype(np.float64, copy=False))
+    return _largest((size + np.abs(triad.bias)) @ inverse.T)
 
 
 def _largest(rows: FloatArray) -> FloatArray:

@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from imucal.arrays import FloatArray, as_rows
+from imucal.arrays import FloatArray, SampleArray, as_rows
 from imucal.disturbances import disturbances
 from imucal.errors import InputError
 from imucal.recording import Recording
@@ -166,8 +166,8 @@ class State:
     @staticmethod
     def of(
         recording: Recording,
-        angular_rate: FloatArray,
-        specific_force: FloatArray,
+        angular_rate: SampleArray,
+        specific_force: SampleArray,
         angular_acceleration: FloatArray | None = None,
     ) -> State:
         """The state at each sample of a recording, whose true rate and force are given.
@@ -176,15 +176,16 @@ class State:
         """
         from imucal import _core
 
+        rate, force = as_rows(angular_rate, "angular_rate", 3), as_rows(specific_force, "specific_force", 3)
         if angular_acceleration is None:
             angular_acceleration = (
-                _core.angular_acceleration(recording.time_s, angular_rate)
+                _core.angular_acceleration(recording.time_s, rate)
                 if len(recording) > 1
                 else np.full((len(recording), 3), np.nan)
             )
         return State(
-            angular_rate,
-            specific_force,
+            rate,
+            force,
             recording.time_s - recording.time_s[:1],
             angular_acceleration=angular_acceleration,
             temperature_degc=recording.temperature_degc,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.recording import Recording, as_recordings
 
@@ -69,10 +69,9 @@ def _is_same_run(one: Recording, other: Recording) -> bool:
     return np.array_equal(_changes(one), _changes(other))
 
 
-def _changes(recording: Recording, end: int | None = None) -> FloatArray:
+def _changes(recording: Recording, end: int | None = None) -> NDArray[Any]:
     """The rows up to `end` that differ from the one before, (n, 6)."""
     rows = np.hstack((recording.specific_force[:end], recording.angular_rate[:end]))
     is_new = np.ones(len(rows), dtype=bool)
     is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
-    new: FloatArray = rows[is_new]
-    return new
+    return np.asarray(rows[is_new])

@@ -15,7 +15,7 @@ from typing import Any, Final, Literal, TypeAlias, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from imucal.arrays import FloatArray, as_rows
+from imucal.arrays import FloatArray, SampleArray, as_rows, as_samples
 from imucal.errors import InputError
 from imucal.finding import Finding
 
@@ -46,7 +46,7 @@ class Source:
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Recording:
-    """What one unit measured; every column is a read-only, C-contiguous float64 array.
+    """What one unit measured; every column is a read-only, C-contiguous array.
 
     time_s            (N,)    s
     specific_force    (N, 3)  in `accel_unit`, along the accelerometer's axes
@@ -56,15 +56,16 @@ class Recording:
     auxiliary         name -> (N,)  everything else that was recorded along
     findings          what a reader had to do to the data, and what it knows of them
 
-    An array that is already C-contiguous float64 is not copied; anything else (lists, float32, integers,
-    Fortran order, strides) is converted once. Masked values become NaN.
+    All are float64, but a force or a rate that is given in float32 or int16 stays so. An array that is
+    C-contiguous and of such a type already is not copied; anything else (lists, other integers, Fortran
+    order, strides) is converted once. Masked values become NaN.
 
     Raises InputError if a column has the wrong shape, another length than `time_s`, or no real numbers.
     """
 
     time_s: FloatArray
-    specific_force: FloatArray
-    angular_rate: FloatArray
+    specific_force: SampleArray
+    angular_rate: SampleArray
     temperature_degc: FloatArray | None
     stand_rad: FloatArray | None
     auxiliary: Mapping[str, FloatArray]
@@ -106,8 +107,8 @@ class Recording:
         rows = len(time)
         fields: dict[str, Any] = {
             "time_s": time,
-            "specific_force": column(specific_force, "specific_force", 3, rows),
-            "angular_rate": column(angular_rate, "angular_rate", 3, rows),
+            "specific_force": as_samples(specific_force, f"{name}: specific_force", rows),
+            "angular_rate": as_samples(angular_rate, f"{name}: angular_rate", rows),
             "temperature_degc": None
             if temperature_degc is None
             else column(temperature_degc, "temperature_degc", None, rows),

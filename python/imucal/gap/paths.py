@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from imucal.arrays import as_rows
 from imucal.recording import Recording
 
 if TYPE_CHECKING:
-    from imucal.arrays import FloatArray
+    from imucal.arrays import FloatArray, SampleArray
 
 __all__ = ["LEAST_CHANGE_K", "Paths", "Placed", "means_of"]
 
@@ -41,7 +42,7 @@ class Paths:
     def __init__(self, corrected: Recording, moves: list[Placed]) -> None:
         from imucal import _core
 
-        time_s, rate = corrected.time_s, corrected.angular_rate
+        time_s, rate = corrected.time_s, as_rows(corrected.angular_rate, "angular_rate", 3)
         self.moves = moves
         ends, quaternions = [], []
         for _, move in moves:
@@ -114,9 +115,9 @@ def _sums_of(values: FloatArray, spans: NDArray[np.int64]) -> FloatArray:
     return sums
 
 
-def means_of(values: FloatArray, spans: NDArray[np.int64]) -> FloatArray:
+def means_of(values: SampleArray, spans: NDArray[np.int64]) -> FloatArray:
     """Means of rows over such spans."""
-    return _sums_of(values, spans) / np.diff(spans)
+    return _sums_of(as_rows(values, "values", values.shape[1]), spans) / np.diff(spans)
 
 
 def _matrices(wxyz: FloatArray) -> FloatArray:

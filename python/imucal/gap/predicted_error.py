@@ -19,7 +19,7 @@ from imucal.gap.residuals import noise_densities
 from imucal.gap.uncertainty import AVERAGED_S, Known, as_large_as_seen, means, slopes
 
 if TYPE_CHECKING:
-    from imucal.arrays import FloatArray
+    from imucal.arrays import FloatArray, SampleArray
     from imucal.calibration import Calibration
     from imucal.calibration_result import CalibrationResult
     from imucal.recording import Recording
@@ -150,8 +150,9 @@ def _brief(recording: Recording) -> Recording:
     count = max(round(BRIEF_S / step_s), 1) if step_s > 0.0 else 1
     rows = len(recording) // count
 
-    def means(values: FloatArray) -> FloatArray:
-        of: FloatArray = values[: rows * count].reshape(rows, count, *values.shape[1:]).mean(axis=1)
+    def means(values: SampleArray) -> FloatArray:
+        parts = values[: rows * count].reshape(rows, count, *values.shape[1:])
+        of: FloatArray = parts.mean(axis=1, dtype=np.float64)
         return of
 
     return replace(

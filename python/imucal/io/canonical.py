@@ -126,6 +126,8 @@ def _with_points(name: str, column: Any) -> Any:
     import pyarrow as pa
     from pyarrow import compute
 
+    # All digits of a float32: the few that tell it from its neighbours are another number in float64.
+    column = compute.cast(column, pa.float64())
     whole = compute.equal(column, compute.round(column))
     # Counts are integers, all of them.
     if name.endswith("_lsb") or not compute.any(whole).as_py():

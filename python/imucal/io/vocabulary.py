@@ -48,11 +48,11 @@ def is_canonical(name: str) -> bool:
     return _triad_part(name) is not None or name == "temp_degc" or _time_unit(name) is not None
 
 
-def column_names(recording: Recording) -> list[tuple[str, NDArray[np.float64]]]:
+def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
     """The columns of a recording with their canonical names, in the order in which they are written."""
     accel = "lsb" if recording.accel_unit == "lsb" else "mps2"
     gyro = "lsb" if recording.gyro_unit == "lsb" else "radps"
-    columns = [("time_s", recording.time_s)]
+    columns: list[tuple[str, NDArray[Any]]] = [("time_s", recording.time_s)]
     columns += [(f"accel_{axis}_{accel}", recording.specific_force[:, i]) for i, axis in enumerate("xyz")]
     columns += [(f"gyro_{axis}_{gyro}", recording.angular_rate[:, i]) for i, axis in enumerate("xyz")]
     if recording.temperature_degc is not None:
@@ -155,10 +155,11 @@ class _Wanted:
         self._columns: list[Any] = []
         self._takers: list[Callable[[slice, Any], None]] = []
 
-    def numbers(
-        self, name: str, into: NDArray[np.float64] | None = None, factor: float = 1.0
-    ) -> NDArray[np.float64]:
-        """A column as float64, empty cells as NaN, times a factor; it is there after `read`."""
+    def numbers(self, name: str, into: NDArray[Any] | None = None, factor: float = 1.0) -> NDArray[Any]:
+        """A column as float64, or of the type of `into`, empty cells as NaN, times a factor.
+
+        It is there after `read`.
+        """
         out = np.empty(self.rows) if into is None else into
 
         def take(where: slice, part: Any) -> None:
@@ -220,7 +221,7 @@ def _float64(part: Any) -> NDArray[np.float64]:
     return np.asarray(part.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
-def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[np.float64], str]:
+def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], str]:
     """The three columns of a triad, in SI units or counts, and the unit of their names."""
     table = wanted.table
     found: dict[str, list[tuple[str, str]]] = {axis: [] for axis in AXES[triad]}
@@ -248,10 +249,29 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[np.floa
         )
     unit = units.pop()
     used.update(name for name, _ in columns)
-    values = np.empty((wanted.rows, 3))
+    factor = TO_SI[triad][unit]
+    is_small = factor == 1.0 and all(_fits_float32(table.column(name)) for name, _ in columns)
+    values = np.empty((wanted.rows, 3), np.float32 if is_small else np.float64)
     for column, (name, _) in enumerate(columns):
-        wanted.numbers(name, values[:, column], TO_SI[triad][unit])
+        wanted.numbers(name, values[:, column], factor)
     return values, unit
+
+
+def _fits_float32(column: Any) -> bool:
+    """Whether float32 holds every number of a column of this type, and NaN for an empty cell."""
+    import pyarrow as pa
+
+    return any(
+        is_type(column.type)
+        for is_type in (
+            pa.types.is_float32,
+            pa.types.is_float16,
+            pa.types.is_int16,
+            pa.types.is_uint16,
+            pa.types.is_int8,
+            pa.types.is_uint8,
+        )
+    )
 
 
 def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:

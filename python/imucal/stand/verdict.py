@@ -127,7 +127,7 @@ def assess(
 
 def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
     """Axes, of the six, that show nothing but their own noise in a program that every axis must feel."""
-    columns = np.hstack([recording.specific_force, recording.angular_rate])
+    columns = np.hstack([recording.specific_force, recording.angular_rate]).astype(np.float64)
     if len(columns) < 2 or not np.isfinite(columns).all():
         return {}
     spread = np.std(columns, axis=0)

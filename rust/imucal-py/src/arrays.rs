@@ -5,12 +5,12 @@
 
 use imucal::calibrate::UserField;
 use imucal::error::Error;
-use imucal::recording::{RawUnit, Recording};
+use imucal::recording::{RawUnit, Recording, Samples};
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
-use numpy::{PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
+use numpy::{Element, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use crate::effects::EffectArrays;
@@ -21,8 +21,8 @@ use crate::error::ToPython;
 pub(crate) struct RecordingColumns<'py> {
     name: String,
     time_s: PyReadonlyArray1<'py, f64>,
-    specific_force: PyReadonlyArray2<'py, f64>,
-    angular_rate: PyReadonlyArray2<'py, f64>,
+    specific_force: SampleArray<'py>,
+    angular_rate: SampleArray<'py>,
     temperature_degc: Option<PyReadonlyArray1<'py, f64>>,
     stand_rad: Option<PyReadonlyArray2<'py, f64>>,
     accel_unit: String,
@@ -38,8 +38,8 @@ impl RecordingColumns<'_> {
                 Ok(Recording {
                     name: &r.name,
                     time_s: column(py, &r.time_s, "time_s")?,
-                    specific_force: rows(py, &r.specific_force, "specific_force")?,
-                    angular_rate: rows(py, &r.angular_rate, "angular_rate")?,
+                    specific_force: r.specific_force.view(py, "specific_force")?,
+                    angular_rate: r.angular_rate.view(py, "angular_rate")?,
                     temperature_degc: match &r.temperature_degc {
                         Some(values) => Some(column(py, values, "temperature_degc")?),
                         None => None,
@@ -53,6 +53,24 @@ impl RecordingColumns<'_> {
                 })
             })
             .collect()
+    }
+}
+
+/// The samples of a triad, (N, 3), in the type in which they are kept.
+#[derive(FromPyObject)]
+enum SampleArray<'py> {
+    F64(PyReadonlyArray2<'py, f64>),
+    F32(PyReadonlyArray2<'py, f32>),
+    I16(PyReadonlyArray2<'py, i16>),
+}
+
+impl SampleArray<'_> {
+    fn view(&self, py: Python<'_>, name: &str) -> PyResult<Samples<'_>> {
+        Ok(match self {
+            Self::F64(array) => Samples::F64(rows(py, array, name)?),
+            Self::F32(array) => Samples::F32(rows(py, array, name)?),
+            Self::I16(array) => Samples::I16(rows(py, array, name)?),
+        })
     }
 }
 
@@ -133,7 +151,11 @@ pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, n
 }
 
 /// (N, 3) in C order without a copy.
-pub(crate) fn rows<'a>(py: Python<'_>, array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a [[f64; 3]]> {
+pub(crate) fn rows<'a, T: Element>(
+    py: Python<'_>,
+    array: &'a PyReadonlyArray2<'_, T>,
+    name: &str,
+) -> PyResult<&'a [[T; 3]]> {
     if array.shape()[1] != 3 {
         let shape = array.shape();
         return Err(Error::Input(format!("{name} has shape ({}, {}), (N, 3) is needed", shape[0], shape[1])))

@@ -54,7 +54,7 @@ pub(crate) fn rotate(recording: &Recording<'_>, first: usize, last: usize, gyros
 
 /// How far the unit turned about each axis between two samples, rad, signs dropped.
 pub(crate) fn turned_rad(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Vector3<f64> {
-    let rate = |k: usize| gyroscope.correct(Vector3::from(recording.angular_rate[k]));
+    let rate = |k: usize| gyroscope.correct(Vector3::from(recording.angular_rate.at(k)));
     let step = |k: usize| (rate(k) + rate(k + 1)) * ((recording.time_s[k + 1] - recording.time_s[k]) / 2.0);
     (first..last).map(|k| step(k).abs()).sum()
 }

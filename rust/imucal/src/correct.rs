@@ -40,7 +40,7 @@ pub fn correct_from(
     if !calibration.effects.iter().any(|values| values.effect().needs.contains(&Need::AngularAcceleration)) {
         return correct_with(start_s, recording, calibration, &[]);
     }
-    let seen = |raw: &[f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(*raw)));
+    let seen = |raw: [f64; 3]| <[f64; 3]>::from(calibration.gyroscope.correct(Vector3::from(raw)));
     let mut rate: Vec<[f64; 3]> = recording.angular_rate.iter().map(seen).collect();
     let mut force = Vec::new();
     for _ in 0..PASSES {
@@ -56,7 +56,7 @@ fn correct_with(
     calibration: &Calibration<f64>,
     acceleration: &[[f64; 3]],
 ) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
-    let samples = recording.angular_rate.iter().zip(recording.specific_force).zip(recording.time_s).enumerate();
+    let samples = recording.angular_rate.iter().zip(recording.specific_force.iter()).zip(recording.time_s).enumerate();
     let corrected = samples.map(|(i, ((rate, force), time_s))| {
         let temperature = recording.temperature_degc.and_then(|column| column.get(i));
         let surroundings = Surroundings {
@@ -65,7 +65,7 @@ fn correct_with(
             time_s: Some(time_s - start_s),
             ..Surroundings::unknown()
         };
-        let (rate, force) = calibration.correct_at(Vector3::from(*rate), Vector3::from(*force), &surroundings);
+        let (rate, force) = calibration.correct_at(Vector3::from(rate), Vector3::from(force), &surroundings);
         (<[f64; 3]>::from(rate), <[f64; 3]>::from(force))
     });
     corrected.unzip()

@@ -139,7 +139,11 @@ pub fn evaluate(
     let corrected: Vec<Recording<'_>> = recordings
         .iter()
         .zip(&columns)
-        .map(|(recording, (angular_rate, specific_force))| Recording { angular_rate, specific_force, ..*recording })
+        .map(|(recording, (rate, force))| Recording {
+            angular_rate: rate.into(),
+            specific_force: force.into(),
+            ..*recording
+        })
         .collect();
     judge(calibration, uncalibrated, recordings, Some(&corrected), gravity_mps2, min_rest_s)
 }

@@ -83,15 +83,17 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
     // An even number of samples: the centre of a block lies between two of them.
     let block = (((BLOCK_S / dt_s / 2.0).round() as usize).max(1)) * 2;
     let up = |start: usize| {
-        let sum: Vector3<f64> = recording.specific_force[start..start + block].iter().map(|f| Vector3::from(*f)).sum();
+        let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();
         accelerometer.correct(sum / block as f64).normalize()
     };
     let mut start = m.first;
     while start + 2 * block <= m.last + 1 {
         let (first, second) = (up(start), up(start + block));
-        let turn: Vector3<f64> = recording.angular_rate[start + block / 2..start + block + block / 2]
+        let turn: Vector3<f64> = recording
+            .angular_rate
+            .slice(start + block / 2..start + block + block / 2)
             .iter()
-            .map(|w| Vector3::from(*w) - bias)
+            .map(|w| Vector3::from(w) - bias)
             .sum();
         pairs.push(Pair { up: (first + second) / 2.0, change: second - first, turn: turn * dt_s });
         start += block;
@@ -133,7 +135,7 @@ mod tests {
         // A slow tumble with a gyroscope in counts whose axes are turned: x reads -y, y reads x.
         let sensitivity = Matrix3::new(0.0, -4000.0, 50.0, 4200.0, 0.0, 0.0, 0.0, 80.0, 4100.0);
         let gyroscope = Triad::try_new(sensitivity, Vector3::new(32000.0, 33000.0, 32500.0)).unwrap();
-        let (mut time, mut force, mut rate) = (vec![], vec![], vec![]);
+        let (mut time, mut force, mut rate) = (vec![], Vec::<[f64; 3]>::new(), Vec::<[f64; 3]>::new());
         let mut integrator = imucal_core::integrate::Integrator::new();
         for k in 0..2000 {
             let t = f64::from(k) * 0.005;

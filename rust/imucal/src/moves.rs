@@ -229,7 +229,7 @@ impl Directions<'_> {
     /// Whether the gyroscope feels a hand: more than its noise within a tenth of a second.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
-        let rates = &self.recordings[*recording].angular_rate[rest.first..rest.end];
+        let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);
         let interval_s = (rest.end_s - rest.start_s) / (rates.len() - 1).max(1) as f64;
         let noise = self.noise[*recording].angular_rate / interval_s.sqrt();
         let window = ((0.1 / interval_s).round() as usize).clamp(2, rates.len());

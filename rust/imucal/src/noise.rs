@@ -30,7 +30,7 @@ use nalgebra::Vector6;
 use crate::check;
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
-use crate::recording::Recording;
+use crate::recording::{Recording, Samples};
 use crate::segment::Segments;
 use crate::simulate::share_out;
 
@@ -89,13 +89,13 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
     let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
     let rate_hz = (samples.len() - 1) as f64 / (end_s - start_s);
     let layout = Layout::new(samples.len());
-    let channels: [(&[[f64; 3]], usize); 6] = [0, 1, 2, 3, 4, 5].map(|channel| {
+    let channels: [(Samples<'_>, usize); 6] = [0, 1, 2, 3, 4, 5].map(|channel| {
         let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
-        (&rows[samples.clone()], channel % 3)
+        (rows.slice(samples.clone()), channel % 3)
     });
     let found: [Mutex<Option<Result<AxisNoise, Error>>>; 6] = std::array::from_fn(|_| Mutex::new(None));
     share_out(threads.get(), channels.iter().zip(&found).collect(), |((rows, axis), place)| {
-        let result = AxisNoise::identify(rows, *axis, rate_hz, &layout);
+        let result = AxisNoise::identify(*rows, *axis, rate_hz, &layout);
         *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
     });
     let mut axes = Vec::with_capacity(6);
@@ -153,11 +153,11 @@ fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &
     let near = rest.end.saturating_sub(NEAR).max(rest.start)..rest.end;
     [(recording.angular_rate, 0), (recording.specific_force, 3)].iter().all(|(rows, first)| {
         (0..3).all(|axis| {
-            let values = || rows[near.clone()].iter().map(|row| row[axis]);
+            let values = || rows.slice(near.clone()).axis(axis);
             let mean = values().sum::<f64>() / near.len() as f64;
             let variance = values().map(|value| (value - mean).powi(2)).sum::<f64>() / near.len() as f64;
             let limit = LIMIT * variance.sqrt().max(floor[first + axis]);
-            rows[rest.end..next].iter().all(|row| (row[axis] - mean).abs() <= limit)
+            rows.slice(rest.end..next).axis(axis).all(|value| (value - mean).abs() <= limit)
         })
     })
 }

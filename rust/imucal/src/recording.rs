@@ -3,6 +3,9 @@
 //! Rows are samples. Time is in seconds; a triad is either in SI units (m/s^2, rad/s) or in raw counts (`lsb`).
 //! A still sensor reads +g on the axis that points up.
 
+use std::borrow::Cow;
+use std::ops::Range;
+
 use crate::error::Error;
 
 /// The temperature, degC, that sensitivities and biases are for: the effects of temperature count from here.
@@ -17,6 +20,121 @@ pub enum RawUnit {
     Lsb,
 }
 
+/// The samples of a triad, (N, 3), in the type in which they are kept: nothing makes a copy of all of them.
+#[derive(Clone, Copy, Debug)]
+pub enum Samples<'a> {
+    /// Double precision.
+    F64(&'a [[f64; 3]]),
+    /// Single precision.
+    F32(&'a [[f32; 3]]),
+    /// Counts of 16 bits.
+    I16(&'a [[i16; 3]]),
+}
+
+impl<'a> Samples<'a> {
+    /// Number of samples.
+    pub fn len(self) -> usize {
+        match self {
+            Self::F64(rows) => rows.len(),
+            Self::F32(rows) => rows.len(),
+            Self::I16(rows) => rows.len(),
+        }
+    }
+
+    /// Whether there is no sample at all.
+    pub fn is_empty(self) -> bool {
+        self.len() == 0
+    }
+
+    /// One sample.
+    #[inline(always)]
+    pub fn at(self, sample: usize) -> [f64; 3] {
+        match self {
+            Self::F64(rows) => rows[sample],
+            Self::F32(rows) => widened(rows[sample]),
+            Self::I16(rows) => widened(rows[sample]),
+        }
+    }
+
+    /// A few samples in a row: as they are, or copied if they are kept in another type.
+    #[inline(always)]
+    pub fn part(self, samples: Range<usize>) -> Cow<'a, [[f64; 3]]> {
+        match self {
+            Self::F64(rows) => Cow::Borrowed(&rows[samples]),
+            Self::F32(rows) => Cow::Owned(rows[samples].iter().copied().map(widened).collect()),
+            Self::I16(rows) => Cow::Owned(rows[samples].iter().copied().map(widened).collect()),
+        }
+    }
+
+    /// These samples alone, in the type in which they are kept.
+    #[must_use]
+    pub fn slice(self, samples: Range<usize>) -> Self {
+        match self {
+            Self::F64(rows) => Self::F64(&rows[samples]),
+            Self::F32(rows) => Self::F32(&rows[samples]),
+            Self::I16(rows) => Self::I16(&rows[samples]),
+        }
+    }
+
+    /// All samples in their order.
+    #[inline(always)]
+    pub fn iter(self) -> impl ExactSizeIterator<Item = [f64; 3]> + DoubleEndedIterator + Clone + 'a {
+        (0..self.len()).map(move |sample| self.at(sample))
+    }
+
+    /// One axis of all samples.
+    #[inline(always)]
+    pub fn axis(self, axis: usize) -> impl ExactSizeIterator<Item = f64> + DoubleEndedIterator + Clone + 'a {
+        self.iter().map(move |row| row[axis])
+    }
+
+    /// Hands out one axis of each sample and of the next one; without asking each time how they are kept.
+    #[inline(always)]
+    pub(crate) fn neighbours(self, axis: usize, each: impl FnMut(f64, f64)) {
+        match self {
+            Self::F64(rows) => neighbours_of(rows, axis, each),
+            Self::F32(rows) => neighbours_of(rows, axis, each),
+            Self::I16(rows) => neighbours_of(rows, axis, each),
+        }
+    }
+}
+
+#[inline(always)]
+fn neighbours_of<T: Into<f64> + Copy>(rows: &[[T; 3]], axis: usize, mut each: impl FnMut(f64, f64)) {
+    for (before, after) in rows.iter().zip(rows.get(1..).unwrap_or_default()) {
+        each(before[axis].into(), after[axis].into());
+    }
+}
+
+#[inline(always)]
+fn widened<T: Into<f64>>([x, y, z]: [T; 3]) -> [f64; 3] {
+    [x.into(), y.into(), z.into()]
+}
+
+macro_rules! samples_from {
+    ($($kind:ty => $kept:ident),*) => {$(
+        impl<'a> From<&'a [[$kind; 3]]> for Samples<'a> {
+            fn from(rows: &'a [[$kind; 3]]) -> Self {
+                Self::$kept(rows)
+            }
+        }
+
+        impl<'a> From<&'a Vec<[$kind; 3]>> for Samples<'a> {
+            fn from(rows: &'a Vec<[$kind; 3]>) -> Self {
+                Self::$kept(rows)
+            }
+        }
+    )*};
+}
+
+samples_from!(f64 => F64, f32 => F32, i16 => I16);
+
+impl<'a, const N: usize> From<&'a [[f64; 3]; N]> for Samples<'a> {
+    fn from(rows: &'a [[f64; 3]; N]) -> Self {
+        Self::F64(rows)
+    }
+}
+
 /// Borrowed columns of one recording; all columns have the same length.
 #[derive(Clone, Copy, Debug)]
 pub struct Recording<'a> {
@@ -25,9 +143,9 @@ pub struct Recording<'a> {
     /// Time of each sample, s.
     pub time_s: &'a [f64],
     /// Accelerometer, in `accel_unit`.
-    pub specific_force: &'a [[f64; 3]],
+    pub specific_force: Samples<'a>,
     /// Gyroscope, in `gyro_unit`.
-    pub angular_rate: &'a [[f64; 3]],
+    pub angular_rate: Samples<'a>,
     /// Temperature, degC.
     pub temperature_degc: Option<&'a [f64]>,
     /// Angles of the stand's motors from their encoders, rad.
@@ -46,14 +164,14 @@ impl<'a> Recording<'a> {
     pub fn try_new(
         name: &'a str,
         time_s: &'a [f64],
-        specific_force: &'a [[f64; 3]],
-        angular_rate: &'a [[f64; 3]],
+        specific_force: impl Into<Samples<'a>>,
+        angular_rate: impl Into<Samples<'a>>,
     ) -> Result<Self, Error> {
         let recording = Self {
             name,
             time_s,
-            specific_force,
-            angular_rate,
+            specific_force: specific_force.into(),
+            angular_rate: angular_rate.into(),
             temperature_degc: None,
             stand_rad: None,
             accel_unit: RawUnit::Si,
@@ -99,6 +217,29 @@ impl<'a> Recording<'a> {
                 self.name,
                 len.unwrap_or(0)
             ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_are_the_same_numbers_in_every_type() {
+        let counts: Vec<[i16; 3]> = (0..20).map(|k| [k, -k * k, i16::MIN + k]).collect();
+        let single: Vec<[f32; 3]> = counts.iter().map(|row| row.map(f32::from)).collect();
+        let double: Vec<[f64; 3]> = counts.iter().map(|row| row.map(f64::from)).collect();
+        for samples in [Samples::from(&counts), Samples::from(&single), Samples::from(&double)] {
+            assert_eq!((samples.len(), samples.is_empty()), (20, false));
+            assert_eq!(samples.at(7), double[7]);
+            assert_eq!(samples.part(3..9).as_ref(), &double[3..9]);
+            assert!(samples.slice(3..9).iter().eq(double[3..9].iter().copied()));
+            assert!(samples.axis(2).rev().eq(double.iter().rev().map(|row| row[2])));
+            let mut pairs = Vec::new();
+            samples.neighbours(1, |before, after| pairs.push((before, after)));
+            assert!(pairs.into_iter().eq(double.windows(2).map(|pair| (pair[0][1], pair[1][1]))));
+            samples.slice(0..0).neighbours(0, |_, _| panic!("there is none"));
         }
     }
 }

@@ -19,7 +19,7 @@ use nalgebra::{Vector3, Vector6};
 
 use crate::error::Error;
 use crate::moves::variance_by_axis;
-use crate::recording::{RawUnit, Recording};
+use crate::recording::{RawUnit, Recording, Samples};
 use crate::stats::quantile_of;
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
@@ -195,13 +195,12 @@ impl Threshold {
 impl Segments {
     /// Means and noise of the corrected samples instead of the raw ones, SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
-        let rows =
-            |rows: &[[f64; 3]]| rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len() as f64;
+        let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);
         for rest in &mut self.rests {
             let range = rest.first..rest.end;
-            rest.specific_force.mean = rows(&corrected.specific_force[range.clone()]);
-            rest.angular_rate.mean = rows(&corrected.angular_rate[range]);
+            rest.specific_force.mean = mean(corrected.specific_force.slice(range.clone()));
+            rest.angular_rate.mean = mean(corrected.angular_rate.slice(range));
             for (mean, triad) in [
                 (&mut rest.specific_force, &calibration.accelerometer),
                 (&mut rest.angular_rate, &calibration.gyroscope),

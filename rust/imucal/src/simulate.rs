@@ -140,8 +140,8 @@ impl Simulation {
         Recording {
             name,
             time_s: &self.time_s,
-            specific_force: &self.specific_force,
-            angular_rate: &self.angular_rate,
+            specific_force: (&self.specific_force).into(),
+            angular_rate: (&self.angular_rate).into(),
             temperature_degc: Some(&self.temperature_degc),
             stand_rad: self.stand_rad.as_deref(),
             accel_unit: RawUnit::Si,

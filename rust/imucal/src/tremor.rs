@@ -16,7 +16,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::lsq::by_chance;
 use crate::moves::{Carried, UnitRest, variance_per_axis};
-use crate::recording::Recording;
+use crate::recording::{Recording, Samples};
 use crate::segment::{NoiseDensity, Rest, sample_interval_s};
 use crate::stats::{median, quantile, random_effects_mean};
 
@@ -66,9 +66,9 @@ impl<'a> Sensors<'a> {
         let (mut turn, mut last_rate) = (Vector3::zeros(), None);
         (0..samples).map(move |i| {
             let sample = if at_end { rest.end - 1 - i } else { rest.first + i };
-            let rate = self.gyroscope.inverse() * (Vector3::from(recording.angular_rate[sample]) - bias);
+            let rate = self.gyroscope.inverse() * (Vector3::from(recording.angular_rate.at(sample)) - bias);
             turn += last_rate.replace(rate).map_or_else(Vector3::zeros, |last| (last + rate) * (step / 2.0));
-            let force = self.accelerometer.correct(Vector3::from(recording.specific_force[sample]));
+            let force = self.accelerometer.correct(Vector3::from(recording.specific_force.at(sample)));
             force - turn.cross(&force)
         })
     }
@@ -153,7 +153,7 @@ impl Hand {
         let at = |at_end| self.force_at(recording, &rest.rest, sensors, bias, at_end).normalize();
         let (before, after) = (at(false), at(true));
         let up = (before + after).normalize();
-        let rate = |sample: usize| Vector3::from(recording.angular_rate[sample]);
+        let rate = |sample: usize| Vector3::from(recording.angular_rate.at(sample));
         // By trapezoids, as the turn is that from the first to the last sample.
         let seen = (first..end).map(rate).sum::<Vector3<f64>>() - (rate(first) + rate(end - 1)) / 2.0;
         let turn = (after - before).cross(&up);
@@ -248,8 +248,8 @@ fn common_wandering(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>
     let samples = (rest.end - rest.first) as f64;
     let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
     for i in rest.first..rest.end {
-        turn += (Vector3::from(recording.angular_rate[i]) - rest.angular_rate.mean) * dt_s;
-        products += (Vector3::from(recording.specific_force[i]) - rest.specific_force.mean) * turn.transpose();
+        turn += (Vector3::from(recording.angular_rate.at(i)) - rest.angular_rate.mean) * dt_s;
+        products += (Vector3::from(recording.specific_force.at(i)) - rest.specific_force.mean) * turn.transpose();
     }
     // Raw covariance of force and turn; the mean of the force is that of the rest already.
     let both = sensors.accelerometer.inverse() * (products / samples) * sensors.gyroscope.inverse().transpose();
@@ -260,11 +260,11 @@ fn common_wandering(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>
 }
 
 /// Standard deviation of the white noise of one sample, from fourth differences within the rests.
-fn white_noise(rows: &[[f64; 3]], rests: &[&Rest]) -> Vector3<f64> {
+fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     let (mut sum, mut count) = (Vector3::zeros(), 0.0);
     for rest in rests {
-        let rows = &rows[rest.first..rest.end];
-        sum += Arch::new().dispatch(SquaredDifferences(rows));
+        let rows = rows.part(rest.first..rest.end);
+        sum += Arch::new().dispatch(SquaredDifferences(&rows));
         count += (rows.len() + 1).saturating_sub(DIFFERENCE.len()) as f64;
     }
     (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)

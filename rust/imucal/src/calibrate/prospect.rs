@@ -227,11 +227,11 @@ impl UnitData<'_> {
         let turns: Vec<&Move> = moves.iter().filter(turned).collect();
         let reacts = |m: &&&Move| {
             let recording = &self.recordings[m.recording];
-            let rates = &recording.angular_rate[m.first..=m.last];
+            let rates = recording.angular_rate.slice(m.first..m.last + 1);
             let noise = self.segments[m.recording].noise_density.angular_rate
                 / sample_interval_s(&recording.time_s[m.first..=m.last]).sqrt();
             let squares: Vector3<f64> =
-                rates.iter().map(|rate| (Vector3::from(*rate) - self.bias.bias).map(|v| v * v)).sum();
+                rates.iter().map(|rate| (Vector3::from(rate) - self.bias.bias).map(|v| v * v)).sum();
             (0..3).any(|axis| (squares[axis] / rates.len() as f64).sqrt() > REACTS * noise[axis])
         };
         let silent = turns.len() >= 3 && 5 * turns.iter().filter(reacts).count() < turns.len();

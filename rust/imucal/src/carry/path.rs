@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
 use super::{Carried, Instructions, Sums};
-use crate::recording::Recording;
+use crate::recording::{Recording, Samples};
 
 /// When the samples of a path were taken.
 #[derive(Clone, Copy, Debug)]
@@ -41,7 +41,7 @@ impl<'a> Pace<'a> {
 /// Samples of a gyroscope in raw units, from the first to the last that a rotation is wanted between.
 #[derive(Clone, Copy, Debug)]
 pub struct Path<'a> {
-    raw: &'a [[f64; 3]],
+    raw: Samples<'a>,
     pace: Pace<'a>,
     is_cubic: bool,
     instructions: Instructions,
@@ -64,13 +64,13 @@ const FEW: usize = 16;
 
 impl<'a> Path<'a> {
     /// The rate goes straight from sample to sample; one time stamp for each, if there are any.
-    pub fn straight(raw: &'a [[f64; 3]], pace: Pace<'a>) -> Self {
-        Self { raw, pace, is_cubic: false, instructions: Instructions::Best }
+    pub fn straight(raw: impl Into<Samples<'a>>, pace: Pace<'a>) -> Self {
+        Self { raw: raw.into(), pace, is_cubic: false, instructions: Instructions::Best }
     }
 
     /// The rate between two samples is the cubic through four; the first and the last sample serve nothing else.
-    pub fn cubic(raw: &'a [[f64; 3]], pace: Pace<'a>) -> Self {
-        Self { raw, pace, is_cubic: true, instructions: Instructions::Best }
+    pub fn cubic(raw: impl Into<Samples<'a>>, pace: Pace<'a>) -> Self {
+        Self { raw: raw.into(), pace, is_cubic: true, instructions: Instructions::Best }
     }
 
     /// The same with other instructions than the best ones.
@@ -81,7 +81,7 @@ impl<'a> Path<'a> {
 
     /// Straight through samples `first..=last` of a recording.
     pub(crate) fn of(recording: &Recording<'a>, first: usize, last: usize) -> Self {
-        Self::straight(&recording.angular_rate[first..=last], Pace::of(&recording.time_s[first..=last]))
+        Self::straight(recording.angular_rate.slice(first..last + 1), Pace::of(&recording.time_s[first..=last]))
     }
 
     /// The rotation, `v_start = rotation * v_end`, for a gyroscope with these parameters.
@@ -126,8 +126,8 @@ impl<'a> Path<'a> {
         while at < steps {
             let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
             let range = at..at + count + 1 + around;
-            let stretch =
-                Stretch { raw: &self.raw[range.clone()], stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
+            let raw = self.raw.part(range.clone());
+            let stretch = Stretch { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
             let turned = if count < FEW { None } else { self.lanes::<CUBIC, SUMS>(stretch, &mut is_small) };
             let before = *rotation.to_rotation_matrix().matrix();
             if let Some(turned) = turned {
@@ -180,7 +180,7 @@ impl<'a> Path<'a> {
         let margin = usize::from(CUBIC);
         let mut rotation = UnitQuaternion::identity();
         let mut sums = Sums::zero();
-        let rate = |k: usize| gyroscope.correct(Vector3::from(self.raw[k]));
+        let rate = |k: usize| gyroscope.correct(Vector3::from(self.raw.at(k)));
         let weighted = |rotation: &UnitQuaternion<f64>, h: f64| rotation.to_rotation_matrix().matrix() * (h / 2.0);
         for k in steps.start + margin..steps.end + margin {
             let h = match self.pace {

@@ -2,6 +2,7 @@
 //! chance repeats of a coarse converter are none.
 
 use super::values::range;
+use crate::recording::Samples;
 
 /// Equal samples in a row that make a plateau.
 pub(super) const PLATEAU: usize = 3;
@@ -47,13 +48,14 @@ impl Kind {
 }
 
 /// Share of the neighbours of one axis that are equal, at values that are no end of it.
-pub(super) fn equal_neighbours(rows: &[[f64; 3]], axis: usize, ends: &[f64; 2]) -> f64 {
-    let inside = |pair: &&[[f64; 3]]| !ends.contains(&pair[0][axis]);
+pub(super) fn equal_neighbours(rows: Samples<'_>, axis: usize, ends: &[f64; 2]) -> f64 {
     let (mut equal, mut pairs) = (1.0, 1.0);
-    for pair in rows.windows(2).filter(inside) {
-        pairs += 1.0;
-        equal += f64::from(u8::from(pair[0][axis] == pair[1][axis]));
-    }
+    rows.neighbours(axis, |before, after| {
+        if !ends.contains(&before) {
+            pairs += 1.0;
+            equal += f64::from(u8::from(before == after));
+        }
+    });
     f64::min(equal / pairs, MOST_EQUAL)
 }
 
@@ -65,12 +67,12 @@ pub(super) struct Plateaus {
 }
 
 /// All plateaus of one axis. `ends` are the extremes and `steps` the converter's steps of the triad.
-pub(super) fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
+pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
     let mut found = Plateaus::default();
     let mut start = 0;
     for i in 1..=rows.len() {
-        let value = rows[start][axis];
-        if i < rows.len() && rows[i][axis] == value {
+        let value = rows.at(start)[axis];
+        if i < rows.len() && rows.at(i)[axis] == value {
             continue;
         }
         let run = start..i;
@@ -80,12 +82,12 @@ pub(super) fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], ste
         }
         // How far the channel is from the plateau, in steps, so many samples before and after it.
         let drop_at = |distance: usize| {
-            let row = |k: Option<usize>| k.and_then(|k| rows.get(k));
-            let drop = |row: Option<&[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
+            let row = |k: Option<usize>| k.filter(|&k| k < rows.len()).map(|k| rows.at(k));
+            let drop = |row: Option<[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
             [drop(row(run.start.checked_sub(distance))), drop(row(Some(run.end - 1 + distance)))]
         };
         // By how much another axis changes meanwhile, and by what share of its whole range.
-        let change = |k: usize| range(&rows[run.clone()], k);
+        let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
         // The recording's end and a missing value are no evidence against a steep edge.
@@ -107,12 +109,12 @@ pub(super) fn plateaus(rows: &[[f64; 3]], axis: usize, ends: &[[f64; 2]; 3], ste
 
 /// Whether the extreme value is taken at least twice as often as the values one step inside; the tail of a noise is
 /// not.
-pub(super) fn piles_up(rows: &[[f64; 3]], axis: usize, end: f64, step: f64) -> bool {
+pub(super) fn piles_up(rows: Samples<'_>, axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
-    for row in rows {
-        if row[axis] == end {
+    for value in rows.axis(axis) {
+        if value == end {
             at_end += 1;
-        } else if (row[axis] - end).abs() < 1.5 * step {
+        } else if (value - end).abs() < 1.5 * step {
             inside += 1;
         }
     }
@@ -130,8 +132,8 @@ mod tests {
                 [x(t), (700.0 * (5.0 * t).cos()).round(), 0.0]
             })
             .collect();
-        let ends = [0, 1, 2].map(|k| super::super::values::extremes(&rows, k));
-        plateaus(&rows, 0, &ends, &[1.0, 1.0, f64::INFINITY]).at_end[1].samples
+        let ends = [0, 1, 2].map(|k| super::super::values::extremes((&rows).into(), k));
+        plateaus((&rows).into(), 0, &ends, &[1.0, 1.0, f64::INFINITY]).at_end[1].samples
     }
 
     #[test]
@@ -152,8 +154,8 @@ mod tests {
             assert_eq!(plateaus(lengths).is_chance(equal), is_chance, "{lengths:?} {equal}");
         }
         let rows: Vec<[f64; 3]> = (0..3100).map(|i| [0.0, f64::from(i), 1.0]).collect();
-        assert!(equal_neighbours(&rows, 1, &[0.0, 3099.0]) < 1e-3);
-        assert!((equal_neighbours(&rows, 2, &[0.0, 2.0]) - MOST_EQUAL).abs() < 1e-12);
+        assert!(equal_neighbours((&rows).into(), 1, &[0.0, 3099.0]) < 1e-3);
+        assert!((equal_neighbours((&rows).into(), 2, &[0.0, 2.0]) - MOST_EQUAL).abs() < 1e-12);
     }
 
     #[test]

@@ -7,7 +7,7 @@ use super::survey::Survey;
 use super::values::converter_step;
 use super::{ACCEL, GYRO, Tally, names, unit_name};
 use crate::finding::Finding;
-use crate::recording::{RawUnit, Recording};
+use crate::recording::{RawUnit, Recording, Samples};
 use crate::stats::quantile;
 
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
@@ -49,7 +49,7 @@ pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     let [accel, gyro] = rails(recording, &Survey::of(recording));
     let mut stretches: Vec<Range<usize>> = Vec::new();
     for i in 0..recording.len() {
-        if !at_rail(&recording.specific_force[i], &accel) && !at_rail(&recording.angular_rate[i], &gyro) {
+        if !at_rail(&recording.specific_force.at(i), &accel) && !at_rail(&recording.angular_rate.at(i), &gyro) {
             continue;
         }
         match stretches.last_mut() {
@@ -77,7 +77,7 @@ fn rails(recording: &Recording, survey: &Survey) -> [[Rails; 3]; 2] {
 
 fn finding(
     recording: &Recording,
-    (rows, rails): (&[[f64; 3]], &[Rails; 3]),
+    (rows, rails): (Samples<'_>, &[Rails; 3]),
     unit: &'static str,
     (code, axes): (&'static str, [&str; 3]),
 ) -> Option<Finding> {
@@ -107,7 +107,7 @@ fn finding(
     }
     let mut any = Tally::default();
     for (i, row) in rows.iter().enumerate() {
-        if at_rail(row, rails) {
+        if at_rail(&row, rails) {
             any.add(i);
         }
     }
@@ -132,7 +132,7 @@ fn finding(
 /// length of the rows. Other powers of two are no evidence by themselves: 2048 or 16384 counts are 1 g of common accelerometers.
 /// `ends` are the extremes of each axis and `held` those of the values that it holds for a plateau's length.
 fn triad_rails(
-    rows: &[[f64; 3]],
+    rows: Samples<'_>,
     unit: RawUnit,
     lowest_over_median: f64,
     (ends, held): (&[[f64; 2]; 3], &[[f64; 2]; 3]),

@@ -53,7 +53,7 @@ impl Runs {
         }
         if end - start >= PLATEAU {
             let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
-            let (value, [low, high]) = (rows[start][channel % 3], self.held[channel]);
+            let (value, [low, high]) = (rows.at(start)[channel % 3], self.held[channel]);
             self.held[channel] = [low.min(value), high.max(value)];
         }
     }

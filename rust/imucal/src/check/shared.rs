@@ -71,7 +71,7 @@ fn changes<'a>(recording: &'a Recording<'_>) -> impl Iterator<Item = usize> + 'a
 }
 
 fn row_bits(recording: &Recording, i: usize) -> [u64; 6] {
-    let ([fx, fy, fz], [wx, wy, wz]) = (recording.specific_force[i], recording.angular_rate[i]);
+    let ([fx, fy, fz], [wx, wy, wz]) = (recording.specific_force.at(i), recording.angular_rate.at(i));
     [fx, fy, fz, wx, wy, wz].map(f64::to_bits)
 }
 

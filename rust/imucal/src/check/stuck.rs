@@ -5,7 +5,7 @@ use super::values::{converter_step, extremes, range};
 use super::{ACCEL, GYRO, names, unit_name};
 use crate::finding::{Finding, Place};
 use crate::observability;
-use crate::recording::Recording;
+use crate::recording::{Recording, Samples};
 
 /// Share of the recording over which an axis must stand still to be called stuck.
 const STUCK_SHARE: f64 = 0.5;
@@ -29,16 +29,16 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
             if (held as f64) < STUCK_SHARE * recording.len() as f64 || held < 3 {
                 continue;
             }
-            let meanwhile = &rows[first..=last];
+            let meanwhile = rows.slice(first..last + 1);
             let siblings = [(axis + 1) % 3, (axis + 2) % 3];
             let triad_is_dead = siblings.iter().all(|&k| range(meanwhile, k) == 0.0)
-                && (0..3).any(|k| moves_widely(&other[first..=last], k));
+                && (0..3).any(|k| moves_widely(other.slice(first..last + 1), k));
             let siblings_are_noisy = siblings.iter().any(|&k| moves(meanwhile, k) && is_noisy(meanwhile, k));
             if triad_is_dead || siblings.iter().any(|&k| moves(meanwhile, k)) {
                 stuck.push(Stuck {
                     column: names[axis],
                     // Adding zero takes the sign from a negative zero.
-                    value: rows[first][axis] + 0.0,
+                    value: rows.at(first)[axis] + 0.0,
                     unit,
                     held,
                     place: Place::new(recording, first, last),
@@ -119,18 +119,19 @@ fn stuck_axes(recording: &Recording, axes: &[Stuck], kind: Finding, way_out: &st
     })
 }
 
-fn moves(rows: &[[f64; 3]], axis: usize) -> bool {
+fn moves(rows: Samples<'_>, axis: usize) -> bool {
     range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
 }
 
 /// Most samples differ from the one before.
-fn is_noisy(rows: &[[f64; 3]], axis: usize) -> bool {
-    let changes = rows.windows(2).filter(|pair| pair[1][axis] != pair[0][axis]).count();
+fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
+    let mut changes = 0;
+    rows.neighbours(axis, |before, after| changes += usize::from(after != before));
     2 * changes > rows.len()
 }
 
 /// Beyond noise: the range is like the values themselves.
-fn moves_widely(rows: &[[f64; 3]], axis: usize) -> bool {
+fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())
 }

@@ -3,6 +3,7 @@
 //! Every check keeps what it wants to know in a small accumulator, which is fed one part of the recording after the
 //! other. A part is short enough to stay in the processor's cache while all of them look at it.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
@@ -24,6 +25,8 @@ pub(super) struct Part<'a> {
     /// Whether time and both triads are finite throughout.
     pub(super) is_finite: bool,
     equal: [u8; PART],
+    /// The accelerometer's rows and the gyroscope's.
+    triads: [Cow<'a, [[f64; 3]]>; 2],
 }
 
 /// What the checks know of a recording after one pass.
@@ -80,20 +83,17 @@ impl WithSimd for Surveying<'_> {
 impl<'a> Part<'a> {
     #[inline(always)]
     fn new(recording: &'a Recording<'a>, samples: Range<usize>) -> Self {
-        let (force, rate) = (&recording.specific_force[samples.clone()], &recording.angular_rate[samples.clone()]);
-        let is_finite = all_finite(&recording.time_s[samples.clone()])
-            && all_finite(force.as_flattened())
-            && all_finite(rate.as_flattened());
         let first = samples.start.max(1);
-        let before = first - 1..samples.end;
-        let force = same(recording.specific_force[before.clone()].as_flattened());
-        let rate = same(recording.angular_rate[before].as_flattened());
+        let triads = [recording.specific_force, recording.angular_rate].map(|rows| rows.part(first - 1..samples.end));
+        let [force, rate] = triads.each_ref().map(|rows| rows.as_flattened());
+        let is_finite = all_finite(&recording.time_s[samples.clone()]) && all_finite(force) && all_finite(rate);
+        let (force, rate) = (same(force), same(rate));
         let mut equal = [0; PART];
         let bits = force.as_chunks::<3>().0.iter().zip(rate.as_chunks::<3>().0);
         for (equal, ([fx, fy, fz], [wx, wy, wz])) in equal[first - samples.start..].iter_mut().zip(bits) {
             *equal = fx | fy << 1 | fz << 2 | wx << 3 | wy << 4 | wz << 5;
         }
-        Self { recording, samples, is_finite, equal }
+        Self { recording, samples, is_finite, equal, triads }
     }
 
     /// Each sample but the first of all, with a bit for every channel that has the value of the sample before.
@@ -103,8 +103,9 @@ impl<'a> Part<'a> {
     }
 
     /// The accelerometer's rows and the gyroscope's.
-    pub(super) fn triads(&self) -> [&'a [[f64; 3]]; 2] {
-        [self.recording.specific_force, self.recording.angular_rate].map(|rows| &rows[self.samples.clone()])
+    pub(super) fn triads(&self) -> [&[[f64; 3]]; 2] {
+        let own = usize::from(self.samples.start > 0);
+        self.triads.each_ref().map(|rows| &rows[own..])
     }
 }
 
@@ -155,7 +156,7 @@ mod tests {
         let [force, rate] = survey.extremes.ends;
         assert_eq!((force[0][0], force[2][1]), (-99.0, 99.0));
         for (ends, rows) in [(force, &columns.force), (rate, &columns.rate)] {
-            assert_eq!(ends, [0, 1, 2].map(|axis| super::super::values::extremes(rows, axis)));
+            assert_eq!(ends, [0, 1, 2].map(|axis| super::super::values::extremes(rows.into(), axis)));
         }
     }
 }

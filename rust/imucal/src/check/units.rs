@@ -7,7 +7,7 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 use super::survey::{Part, Survey};
 use super::{ACCEL, GYRO, names};
 use crate::finding::{Finding, Place};
-use crate::recording::{RawUnit, Recording};
+use crate::recording::{RawUnit, Recording, Samples};
 use crate::stats::quantile;
 
 /// |f| over g at rest that bias and scale of a sensor can explain.
@@ -112,21 +112,21 @@ fn within(value: f64, [low, high]: [f64; 2]) -> bool {
     (low..=high).contains(&value)
 }
 
-fn length([x, y, z]: &[f64; 3]) -> f64 {
+fn length([x, y, z]: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
 /// Median length of the finite rows in the ranges.
-fn median_norm(rows: &[[f64; 3]], ranges: &[Range<usize>]) -> Option<f64> {
-    let rows = ranges.iter().flat_map(|range| &rows[range.clone()]);
+fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
+    let rows = ranges.iter().flat_map(|range| rows.slice(range.clone()).iter());
     let mut norms: Vec<f64> = rows.map(length).filter(|norm| norm.is_finite()).collect();
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
 /// That median, if it is outside the limits; most recordings need no sorting to see that it is not.
-fn median_norm_beyond(rows: &[[f64; 3]], ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
+fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
     let mut lengths = Lengths::default();
-    ranges.iter().for_each(|range| lengths.add(&rows[range.clone()], limits));
+    ranges.iter().for_each(|range| lengths.add(&rows.part(range.clone()), limits));
     if lengths.have_median_within() {
         return None;
     }
@@ -175,7 +175,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si || recording.is_empty() {
         return None;
     }
-    let over = |row: &[f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
+    let over = |row: [f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
     let first = recording.angular_rate.iter().position(over)?;
     // One sample in a thousand may be a spike.
     let mut fastest: Vec<f64> = recording
@@ -188,7 +188,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     (rate > FASTEST_RADPS).then(|| Finding {
         columns: names(GYRO),
         place: Some(Place::new(recording, first, first)),
-        count: recording.angular_rate.iter().filter(|row| over(row)).count(),
+        count: recording.angular_rate.iter().filter(|row| over(*row)).count(),
         value: rate,
         unit: "rad/s",
         message: format!(
@@ -245,13 +245,12 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
         ),
     };
     let mut mean = [0.0; 3];
-    for row in rows[rest.clone()].iter().filter(|row| row.iter().all(|v| v.is_finite())) {
+    for row in rows.slice(rest.clone()).iter().filter(|row| row.iter().all(|v| v.is_finite())) {
         mean = [0, 1, 2].map(|k| mean[k] + row[k]);
     }
     let up = mean[2] / (mean[0].powi(2) + mean[1].powi(2) + mean[2].powi(2)).sqrt();
     let place = Place::new(recording, rest.start, rest.end - 1);
-    let has_sign =
-        || recording.accel_unit == RawUnit::Si || rows.as_flattened().iter().any(|v| *v < 0.0 && v.is_finite());
+    let has_sign = || recording.accel_unit == RawUnit::Si || rows.iter().flatten().any(|v| v < 0.0 && v.is_finite());
     (up < -NEARLY_UPRIGHT && has_sign()).then(|| Finding {
         columns: names(ACCEL),
         place: Some(place),

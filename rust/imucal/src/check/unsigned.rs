@@ -6,7 +6,7 @@
 use super::survey::Survey;
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
-use crate::recording::{RawUnit, Recording};
+use crate::recording::{RawUnit, Recording, Samples};
 
 /// Bits that converters and registers have.
 const BITS: std::ops::RangeInclusive<u32> = 8..=32;
@@ -28,7 +28,7 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
 fn finding(
     recording: &Recording,
     unit: RawUnit,
-    (rows, ends): (&[[f64; 3]], &[[f64; 2]; 3]),
+    (rows, ends): (Samples<'_>, &[[f64; 2]; 3]),
     axes: [&str; 3],
 ) -> Option<Finding> {
     let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
@@ -43,9 +43,10 @@ fn finding(
         return None;
     }
     let mut all = Tally::default();
-    for (i, pair) in rows.windows(2).enumerate() {
-        if jumping.iter().any(|&axis| is_jump(pair[0][axis], pair[1][axis], numbers)) {
-            all.add(i + 1);
+    for i in 1..rows.len() {
+        let (before, after) = (rows.at(i - 1), rows.at(i));
+        if jumping.iter().any(|&axis| is_jump(before[axis], after[axis], numbers)) {
+            all.add(i);
         }
     }
     let columns = names(jumping.iter().map(|&axis| axes[axis]));
@@ -76,14 +77,13 @@ fn is_jump(before: f64, after: f64, numbers: f64) -> bool {
 }
 
 /// Whether a channel jumps between its ends, and no longer once its upper half is negative.
-fn jumps_at_zero(rows: &[[f64; 3]], axis: usize, numbers: f64) -> bool {
+fn jumps_at_zero(rows: Samples<'_>, axis: usize, numbers: f64) -> bool {
     let signed = |v: f64| if v < numbers / 2.0 { v } else { v - numbers };
     let (mut jumps, mut left) = (0, 0);
-    for pair in rows.windows(2) {
-        let (before, after) = (pair[0][axis], pair[1][axis]);
+    rows.neighbours(axis, |before, after| {
         jumps += usize::from(is_jump(before, after, numbers));
         left += usize::from((signed(after) - signed(before)).abs() > (1.0 - 2.0 * END) * numbers);
-    }
+    });
     jumps >= FEWEST_JUMPS && LEFT * left <= jumps
 }
 

@@ -3,7 +3,7 @@
 use super::survey::{Part, Survey, all_finite};
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
-use crate::recording::Recording;
+use crate::recording::{Recording, Samples};
 use crate::stats::quantile;
 
 /// Temperature step between neighbours, K.
@@ -28,8 +28,8 @@ impl NotFinite {
         let recording = part.recording;
         if !part.is_finite {
             for i in part.samples.clone() {
-                let [fx, fy, fz] = recording.specific_force[i];
-                let [wx, wy, wz] = recording.angular_rate[i];
+                let [fx, fy, fz] = recording.specific_force.at(i);
+                let [wx, wy, wz] = recording.angular_rate.at(i);
                 if mark([recording.time_s[i], fx, fy, fz, wx, wy, wz], &mut self.columns) {
                     self.bad.add(i);
                     let [no_force, no_rate] =
@@ -124,14 +124,14 @@ fn not_finite(recording: &Recording, tally: Tally, all: &[&str], marked: &[bool]
 }
 
 /// Largest less smallest finite value; 0 without any.
-pub(super) fn range(rows: &[[f64; 3]], axis: usize) -> f64 {
+pub(super) fn range(rows: Samples<'_>, axis: usize) -> f64 {
     let [low, high] = extremes(rows, axis);
     (high - low).max(0.0)
 }
 
 /// Smallest and largest finite value; [inf, -inf] without any.
-pub(super) fn extremes(rows: &[[f64; 3]], axis: usize) -> [f64; 2] {
-    let values = rows.iter().map(|row| row[axis]).filter(|v| v.is_finite());
+pub(super) fn extremes(rows: Samples<'_>, axis: usize) -> [f64; 2] {
+    let values = rows.axis(axis).filter(|v| v.is_finite());
     // Without NaN there is no need for the slower minimum that takes care of it.
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
         [if v < low { v } else { low }, if v > high { v } else { high }]
@@ -180,10 +180,15 @@ impl Extremes {
 /// The converter's step: the size of the smallest differences between neighbours that are not zero, 5 % of them being
 /// smaller. Differences of rounding size are left out, and odd ones, as at a limit between two steps, do not count.
 /// Infinite for a constant.
-pub(super) fn converter_step(rows: &[[f64; 3]], axis: usize) -> f64 {
+pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
-    let differences = rows.windows(2).map(|pair| (pair[1][axis] - pair[0][axis]).abs());
-    let mut steps: Vec<f64> = differences.filter(|step| *step > rounding && step.is_finite()).collect();
+    let mut steps = Vec::new();
+    rows.neighbours(axis, |before, after| {
+        let step = (after - before).abs();
+        if step > rounding && step.is_finite() {
+            steps.push(step);
+        }
+    });
     if steps.is_empty() {
         return f64::INFINITY;
     }

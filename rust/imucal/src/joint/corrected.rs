@@ -13,6 +13,7 @@ use super::planes::Planes;
 use super::terms::{Sample, Terms};
 use crate::carry::times_hat;
 use crate::derivative::Derivative;
+use crate::recording::Samples;
 
 /// The samples of a move after correction, with one more on either side.
 pub(super) struct Corrected {
@@ -94,13 +95,13 @@ impl Route<'_> {
     /// The samples of the reach, freed of the effects.
     pub(super) fn correct(&self, model: &Model, terms: &Terms<'_>) -> Corrected {
         let reach = self.reach();
-        let corrected = |triad: &Triad<f64>, rows: &[[f64; 3]]| -> Vec<Vector3<f64>> {
-            rows.iter().map(|row| triad.correct(Vector3::from(*row))).collect()
+        let corrected = |triad: &Triad<f64>, rows: Samples<'_>, samples: Range<usize>| -> Vec<Vector3<f64>> {
+            rows.part(samples).iter().map(|row| triad.correct(Vector3::from(*row))).collect()
         };
-        let seen_rate = corrected(&model.gyroscope, &self.recording.angular_rate[reach.clone()]);
+        let seen_rate = corrected(&model.gyroscope, self.recording.angular_rate, reach.clone());
         let is_force_needed = self.with_blocks || terms.count > 0;
-        let forces = if is_force_needed { &self.recording.specific_force[reach.clone()] } else { &[] };
-        let seen_force = corrected(&model.accelerometer, forces);
+        let of_force = if is_force_needed { reach.clone() } else { 0..0 };
+        let seen_force = corrected(&model.accelerometer, self.recording.specific_force, of_force);
         let planes = |sensor: Sensor| Planes::new(&terms.sensors, sensor, reach.len());
         let mut all = Corrected {
             rate: seen_rate.clone(),

@@ -67,8 +67,8 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
         let stretch = |block: &Block| {
             let middle = usize::midpoint(block.samples.start, block.samples.end);
             let sample = (span.first + middle).min(span.last);
-            let rows = &recording.angular_rate[span.first + block.samples.start..span.first + block.samples.end];
-            let mean = rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len().max(1) as f64;
+            let rows = recording.angular_rate.slice(span.first + block.samples.start..span.first + block.samples.end);
+            let mean = rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len().max(1) as f64;
             Stretch {
                 time_s: recording.time_s[sample] - recording.time_s[0],
                 sample,

@@ -253,7 +253,7 @@ impl Route<'_> {
             let end = (start + 1..last).find(|&i| self.step(i).smooth != smooth).unwrap_or(last);
             let (turn, added) = if smooth {
                 let around = start - 1..end + 2;
-                Path::cubic(&rates[around.clone()], Pace::of(&time[around])).sums(gyroscope)
+                Path::cubic(rates.slice(around.clone()), Pace::of(&time[around])).sums(gyroscope)
             } else {
                 Path::of(self.recording, start, end).sums(gyroscope)
             };

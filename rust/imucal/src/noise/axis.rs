@@ -9,6 +9,7 @@ use super::likelihood::{Fit, Likelihood};
 use super::power_law::{FLICKER, KINDS, PerKind, QUANTISATION, WALK, WHITE, allan_variance, degrees_of_freedom};
 use crate::allan::{octave_factors, overlapping_deviations};
 use crate::error::Error;
+use crate::recording::Samples;
 
 /// Standard deviations by which the powers of an octave may be off the model: by chance once in 10^6.
 pub(super) const MISFIT: f64 = 5.0;
@@ -78,8 +79,8 @@ pub struct AxisNoise {
 
 impl AxisNoise {
     /// Of one column of the samples of a rest.
-    pub(super) fn identify(rows: &[[f64; 3]], axis: usize, rate_hz: f64, layout: &Layout) -> Result<Self, Error> {
-        let values = rows.iter().map(|row| row[axis]);
+    pub(super) fn identify(rows: Samples<'_>, axis: usize, rate_hz: f64, layout: &Layout) -> Result<Self, Error> {
+        let values = rows.axis(axis);
         let lsb = smallest_step(values.clone());
         let powers = layout.powers(values.clone());
         let model = Model::of(&powers, lsb * lsb / 12.0);

@@ -64,10 +64,12 @@ impl WithSimd for Summing<'_> {
         let part = (PART / block_samples).max(1) * block_samples;
         for start in (0..count * block_samples).step_by(part) {
             let end = (start + part).min(count * block_samples);
-            let (rates, forces) = (&recording.angular_rate[start..end], &recording.specific_force[start..end]);
-            for (steps, rows) in steps.iter_mut().zip([recording.angular_rate, recording.specific_force]) {
-                smallest_steps(&rows[start.saturating_sub(1)..end], steps);
+            let before = start.saturating_sub(1);
+            let triads = [recording.angular_rate, recording.specific_force].map(|rows| rows.part(before..end));
+            for (steps, rows) in steps.iter_mut().zip(&triads) {
+                smallest_steps(rows, steps);
             }
+            let [rates, forces] = triads.each_ref().map(|rows| &rows[start - before..]);
             for (rates, forces) in rates.chunks_exact(block_samples).zip(forces.chunks_exact(block_samples)) {
                 let mut block = Block::new();
                 rates.iter().zip(forces).for_each(|(w, f)| block.push(Vector3::from(*w), Vector3::from(*f)));
