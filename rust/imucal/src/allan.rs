@@ -10,7 +10,7 @@ use std::num::NonZeroUsize;
 use std::sync::Mutex;
 
 use crate::error::Error;
-use crate::simulate::share_out;
+use crate::workers::share_out;
 
 /// Differences that are summed for all averaging times before the next ones are: what one time has read is still in the cache
 /// for the next.

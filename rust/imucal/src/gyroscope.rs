@@ -26,6 +26,7 @@ use crate::observability;
 use crate::recording::Recording;
 use crate::robust;
 use crate::stats::rms;
+use crate::workers::{in_order, threads_for};
 
 pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 
@@ -126,7 +127,9 @@ impl<'a> Carrying<'a> {
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {
             return moved;
         }
-        let carried = self.paths.iter().map(|path| path.carry(triad)).collect();
+        let paths = &self.paths;
+        let threads = threads_for(paths.iter().map(Path::samples).sum());
+        let carried = in_order(threads, paths.len(), |k| paths[k].carry(triad));
         let new = Rc::new(Linearised { triad: *triad, carried });
         *self.last.borrow_mut() = Some(Rc::clone(&new));
         new

@@ -63,5 +63,6 @@ mod observability;
 mod robust;
 mod tremor;
 mod uncertainty;
+mod workers;
 
 pub use lsq::{FitReport, Termination};

@@ -32,7 +32,7 @@ use crate::error::Error;
 use crate::finding::{Finding, Severity};
 use crate::recording::{Recording, Samples};
 use crate::segment::Segments;
-use crate::simulate::share_out;
+use crate::workers::share_out;
 
 pub use axis::{AllanPoint, AxisNoise, Estimate};
 use cosines::Layout;

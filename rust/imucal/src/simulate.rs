@@ -42,7 +42,6 @@ pub mod tremor;
 mod truth;
 pub mod tumble;
 pub mod unit;
-mod workers;
 
 #[cfg(test)]
 mod tests;
@@ -57,7 +56,6 @@ pub use temperature::Temperature;
 pub use tremor::Tremor;
 pub use tumble::{HandMoves, Tumble};
 pub use unit::{Converter, Sensor, Unit};
-pub(crate) use workers::share_out;
 
 use std::num::NonZeroUsize;
 

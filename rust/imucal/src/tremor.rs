@@ -19,6 +19,7 @@ use crate::moves::{Carried, UnitRest, variance_per_axis};
 use crate::recording::{Recording, Samples};
 use crate::segment::{NoiseDensity, Rest, sample_interval_s};
 use crate::stats::{median, quantile, random_effects_mean};
+use crate::workers::{in_order, threads_for};
 
 /// Coefficients of the fourth difference and their sum of squares.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
@@ -82,7 +83,9 @@ impl Hand {
             specific_force: white_noise(recording.specific_force, rests) * dt_s.sqrt(),
             angular_rate: white_noise(recording.angular_rate, rests) * dt_s.sqrt(),
         };
-        let mut tremors: Vec<f64> = rests.iter().map(|rest| common_wandering(recording, rest, sensors, dt_s)).collect();
+        let threads = threads_for(recording.len());
+        let wandering = |k: usize| common_wandering(recording, rests[k], sensors, dt_s);
+        let mut tremors = in_order(threads, rests.len(), wandering);
         let force = rests.iter().map(|r| sensors.accelerometer.correct(r.specific_force.mean).norm()).sum::<f64>()
             / rests.len() as f64;
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
@@ -261,12 +264,14 @@ fn common_wandering(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>
 
 /// Standard deviation of the white noise of one sample, from fourth differences within the rests.
 fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
-    let (mut sum, mut count) = (Vector3::zeros(), 0.0);
-    for rest in rests {
-        let rows = rows.part(rest.first..rest.end);
-        sum += Arch::new().dispatch(SquaredDifferences(&rows));
-        count += (rows.len() + 1).saturating_sub(DIFFERENCE.len()) as f64;
-    }
+    let squares = |k: usize| {
+        let rows = rows.part(rests[k].first..rests[k].end);
+        let count = (rows.len() + 1).saturating_sub(DIFFERENCE.len()) as f64;
+        (Arch::new().dispatch(SquaredDifferences(&rows)), count)
+    };
+    let of_rests = in_order(threads_for(rows.len()), rests.len(), squares);
+    let (sum, count) =
+        of_rests.iter().fold((Vector3::zeros(), 0.0), |(sum, n), (squares, count)| (sum + squares, n + count));
     (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)
 }
 

@@ -73,6 +73,11 @@ impl<'a> Path<'a> {
         Self { raw: raw.into(), pace, is_cubic: true, instructions: Instructions::Best }
     }
 
+    /// Number of samples.
+    pub(crate) fn samples(&self) -> usize {
+        self.raw.len()
+    }
+
     /// The same with other instructions than the best ones.
     #[must_use]
     pub fn with(self, instructions: Instructions) -> Self {

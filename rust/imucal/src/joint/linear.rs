@@ -17,6 +17,7 @@ use crate::error::Error;
 use crate::moves::{Carried, End, Move, UnitRest, rows_across};
 use crate::recording::Recording;
 use crate::segment::NoiseDensity;
+use crate::workers::{in_order, threads_for};
 
 /// What the fit is made of.
 pub(crate) struct Prepared<'a> {
@@ -183,7 +184,6 @@ impl Prepared<'_> {
         let mut rests: Vec<Option<AtRest>> = (0..self.rests.len()).map(|_| None).collect();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
-        let mut next_move = 0;
         for k in (0..self.rests.len()).filter(|&k| self.used[k]) {
             let mean = self.rests[k].rest.specific_force.mean;
             let mut at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
@@ -191,28 +191,39 @@ impl Prepared<'_> {
                 attitudes[k] = Some(attitude::first(&at_rest.force.normalize()));
                 at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
             }
-            while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
-                let ends = &self.ends[next_move];
-                let direction = |rest: usize, end: &End, at_end: bool| {
-                    let direction = self.at_rest(rest, &end.raw, attitudes[k], &model, terms).direction();
-                    self.carried(direction, rest, at_end, &model)
-                };
-                let (before, after) = (direction(k, &ends[0], true), direction(m.to, &ends[1], false));
-                let route = Route {
-                    recording: &self.recordings[m.recording],
-                    span: m,
-                    rotation_world_from_start: attitudes[k],
-                    gravity_at_start: before.up * self.gravity_mps2,
-                    with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
-                };
-                let pass = route.pass(&model, terms);
+            // Each move leads to the attitude at the next rest.
+            while let Some(m) = self.moves.get(moves.len()).filter(|m| with_attitude && m.from == k) {
+                let at_move = self.at_move(moves.len(), attitudes[k], &model, terms);
+                let AtMove { pass, after, .. } = &at_move;
                 attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &pass.rotation, &after.up));
-                moves.push(AtMove { pass, before, after });
-                next_move += 1;
+                moves.push(at_move);
             }
             rests[k] = Some(at_rest);
         }
+        if !with_attitude {
+            let threads = threads_for(self.moves.iter().map(|m| m.last - m.first).sum());
+            moves = in_order(threads, self.moves.len(), |index| self.at_move(index, None, &model, terms));
+        }
         Ok(self.lines(model, terms, Rc::new(rests), Rc::new(moves)))
+    }
+
+    /// A move that begins with this attitude, if an effect needs it.
+    fn at_move(&self, index: usize, attitude: Option<UnitQuaternion<f64>>, model: &Model, terms: &Terms<'_>) -> AtMove {
+        let m = &self.moves[index];
+        let direction = |rest: usize, end: &End, at_end: bool| {
+            let direction = self.at_rest(rest, &end.raw, attitude, model, terms).direction();
+            self.carried(direction, rest, at_end, model)
+        };
+        let [end_before, end_after] = &self.ends[index];
+        let (before, after) = (direction(m.from, end_before, true), direction(m.to, end_after, false));
+        let route = Route {
+            recording: &self.recordings[m.recording],
+            span: m,
+            rotation_world_from_start: attitude,
+            gravity_at_start: before.up * self.gravity_mps2,
+            with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
+        };
+        AtMove { pass: route.pass(model, terms), before, after }
     }
 
     /// What the same passes say of rests and moves from rest to rest alone; `terms` are those of the linearisation without the

@@ -5,6 +5,7 @@ use nalgebra::{Vector3, Vector6};
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::recording::Recording;
+use crate::workers::{share_out, threads_for};
 
 /// Sums over [`BLOCK_S`](super::BLOCK_S) of samples, six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;
@@ -14,6 +15,8 @@ const MEANS: usize = 10;
 
 /// Samples that are looked at while they are near, in whole blocks.
 const PART: usize = 256;
+/// Samples that a thread takes at once.
+const JOB: usize = 1 << 16;
 /// Rows of a triad side by side: full registers.
 const ROWS: usize = 8;
 
@@ -41,46 +44,70 @@ impl Blocks {
 
 /// One pass over the samples, and at high rates a second one for the means.
 pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blocks {
-    Arch::new().dispatch(Summing { recording, block_samples })
+    let averaged = (block_samples / MEANS).max(1);
+    let count = recording.len() / block_samples;
+    let mut samples = vec![Block::new(); count];
+    let mut means = vec![Block::new(); if averaged > 1 { count } else { 0 }];
+    let of_job = (JOB / block_samples).max(1);
+    let mut steps = vec![[[f64::INFINITY; 3 * ROWS]; 2]; count.div_ceil(of_job)];
+    let mut of_means = means.chunks_mut(of_job);
+    let jobs = samples.chunks_mut(of_job).zip(&mut steps).enumerate().map(|(job, (samples, steps))| Summing {
+        recording,
+        block_samples,
+        averaged,
+        start: job * of_job * block_samples,
+        samples,
+        means: of_means.next().unwrap_or_default(),
+        steps,
+    });
+    let jobs = jobs.collect();
+    share_out(threads_for(recording.len()), jobs, |job: Summing<'_>| Arch::new().dispatch(job));
+    let of_channel =
+        |channel: usize| steps.iter().flat_map(move |of| of[channel / 3].iter().skip(channel % 3).step_by(3));
+    let smallest = |channel: usize| of_channel(channel).copied().fold(f64::INFINITY, f64::min);
+    let steps = Vector6::from_fn(|channel, _| smallest(channel));
+    Blocks { samples, means, averaged, steps }
 }
 
-/// The passes, made with the widest vectors that the processor has.
+/// The passes over some blocks, made with the widest vectors that the processor has.
 struct Summing<'a> {
     recording: &'a Recording<'a>,
     block_samples: usize,
+    averaged: usize,
+    /// The first sample of the first block.
+    start: usize,
+    samples: &'a mut [Block],
+    /// None if nothing is averaged.
+    means: &'a mut [Block],
+    /// Of some rows side by side: rate, then force.
+    steps: &'a mut [[f64; 3 * ROWS]; 2],
 }
 
 impl WithSimd for Summing<'_> {
-    type Output = Blocks;
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Blocks {
-        let Self { recording, block_samples } = self;
-        let averaged = (block_samples / MEANS).max(1);
-        let count = recording.len() / block_samples;
-        let mut samples = Vec::with_capacity(count);
-        let mut means = Vec::with_capacity(if averaged > 1 { count } else { 0 });
-        let mut steps = [[f64::INFINITY; 3 * ROWS]; 2];
-        let part = (PART / block_samples).max(1) * block_samples;
-        for start in (0..count * block_samples).step_by(part) {
-            let end = (start + part).min(count * block_samples);
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { recording, block_samples, averaged, start: first, samples, means, steps } = self;
+        let of_part = (PART / block_samples).max(1);
+        let mut means = means.iter_mut();
+        for (part, samples) in samples.chunks_mut(of_part).enumerate() {
+            let start = first + part * of_part * block_samples;
+            let end = start + samples.len() * block_samples;
             let before = start.saturating_sub(1);
             let triads = [recording.angular_rate, recording.specific_force].map(|rows| rows.part(before..end));
             for (steps, rows) in steps.iter_mut().zip(&triads) {
                 smallest_steps(rows, steps);
             }
             let [rates, forces] = triads.each_ref().map(|rows| &rows[start - before..]);
-            for (rates, forces) in rates.chunks_exact(block_samples).zip(forces.chunks_exact(block_samples)) {
-                let mut block = Block::new();
+            let blocks = rates.chunks_exact(block_samples).zip(forces.chunks_exact(block_samples));
+            for (block, (rates, forces)) in samples.iter_mut().zip(blocks) {
                 rates.iter().zip(forces).for_each(|(w, f)| block.push(Vector3::from(*w), Vector3::from(*f)));
-                samples.push(block);
-                if averaged > 1 {
-                    means.push(sum_means(rates, forces, averaged));
+                if let Some(mean) = means.next() {
+                    *mean = sum_means(rates, forces, averaged);
                 }
             }
         }
-        let smallest = |k: usize| steps[k / 3].iter().skip(k % 3).step_by(3).copied().fold(f64::INFINITY, f64::min);
-        Blocks { samples, means, averaged, steps: Vector6::from_fn(|channel, _| smallest(channel)) }
     }
 }
 
@@ -163,5 +190,47 @@ impl Colour {
     /// The factor; with fewer than 20 pairs the estimate says nothing, and white noise is assumed.
     pub(super) fn factor(&self) -> Vector6<f64> {
         self.sum.map(|total| if self.pairs >= 20.0 && total > 0.0 { total / self.pairs } else { 1.0 })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn jobs_and_parts_meet_without_a_seam() {
+        // More than two jobs, the last block of which is not full; the smallest step is between two of them.
+        let rough = |i: usize, axis: usize| (((i * i + 7 * axis) % 1009) as f64 - 504.0) * 10.0;
+        let samples = 2 * JOB + 333;
+        let mut rate: Vec<[f64; 3]> = (0..samples).map(|i| [0, 1, 2].map(|axis| rough(i, axis))).collect();
+        let force: Vec<[f64; 3]> = (0..samples).map(|i| [3, 4, 5].map(|axis| rough(i, axis))).collect();
+        let time_s: Vec<f64> = (0..samples).map(|i| i as f64 * 1e-3).collect();
+        for block_samples in [1, 7, 50, 400] {
+            let seam = (JOB / block_samples).max(1) * block_samples;
+            let before = rate[seam];
+            rate[seam] = rate[seam - 1].map(|value| value + 0.5);
+            let recording = Recording::try_new("rough", &time_s, &force, &rate).unwrap();
+            let found = sum_blocks(&recording, block_samples);
+            let count = samples / block_samples;
+            assert_eq!((found.samples.len(), found.means().len()), (count, count));
+            let mut steps = Vector6::repeat(f64::INFINITY);
+            for i in 1..count * block_samples {
+                for (channel, rows) in [&rate, &force].into_iter().enumerate() {
+                    for axis in 0..3 {
+                        let step = (rows[i][axis] - rows[i - 1][axis]).abs();
+                        let smallest = &mut steps[3 * channel + axis];
+                        *smallest = if step > 0.0 { smallest.min(step) } else { *smallest };
+                    }
+                }
+            }
+            assert_eq!(found.steps, steps, "{block_samples}");
+            for (k, block) in found.samples.iter().enumerate() {
+                assert_eq!(block.count(), block_samples);
+                let own = rate[k * block_samples..(k + 1) * block_samples].iter();
+                let mean = own.map(|row| row[1]).sum::<f64>() / block_samples as f64;
+                assert!((block.mean()[1] - mean).abs() < 1e-9, "block {k} of {block_samples}");
+            }
+            rate[seam] = before;
+        }
     }
 }

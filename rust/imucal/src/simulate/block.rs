@@ -12,8 +12,8 @@ use super::sensor::{Sampler, Seen};
 use super::stand::Stand;
 use super::stream::Stream;
 use super::truth::Truth;
-use super::workers::share_out;
 use super::{Added, Setup, Simulation};
+use crate::workers::share_out;
 
 /// Internal steps of a block and of a piece.
 const BLOCK_STEPS: usize = 32_768;

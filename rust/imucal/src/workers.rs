@@ -1,6 +1,25 @@
 //! Work shared out to threads.
 
+use std::num::NonZeroUsize;
 use std::sync::{Mutex, PoisonError};
+
+/// Fewer samples are passed over in about the time that threads take to start.
+const WORTH_THREADS: usize = 500_000;
+
+/// All processors where a pass over so many samples is worth it.
+pub(crate) fn threads_for(samples: usize) -> usize {
+    if samples < WORTH_THREADS { 1 } else { std::thread::available_parallelism().map_or(1, NonZeroUsize::get) }
+}
+
+/// What is made of each place below `count`, in their order.
+pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
+    if threads <= 1 {
+        return (0..count).map(work).collect();
+    }
+    let mut made: Vec<Option<R>> = (0..count).map(|_| None).collect();
+    share_out(threads, made.iter_mut().enumerate().collect(), |(place, made)| *made = Some(work(place)));
+    made.into_iter().flatten().collect()
+}
 
 /// Does every job once, on up to `threads` threads, in any order: the jobs must not depend on each other.
 pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) + Sync) {
@@ -34,6 +53,7 @@ mod tests {
             let mut done = vec![0; 50];
             share_out(threads, done.iter_mut().enumerate().collect(), |(i, place)| *place += i);
             assert!(done.iter().enumerate().all(|(i, place)| *place == i), "{threads} threads");
+            assert!(in_order(threads, 50, |i| i * i).into_iter().eq((0..50).map(|i| i * i)), "{threads} threads");
         }
     }
 }
