@@ -315,7 +315,9 @@ impl<'a> Joint<'a> {
         for &p in &self.fixed {
             all.col_mut(p).fill(0.0);
         }
-        (all.subcols(n, 1).to_owned(), all.subcols(0, n).to_owned())
+        let residual = all.subcols(n, 1).to_owned();
+        all.truncate(self.rows, n);
+        (residual, all)
     }
 }
 
