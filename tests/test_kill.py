@@ -124,8 +124,9 @@ def long_recording(tmp_path_factory):
 
 
 def heed_interrupts():
-    """A test run in the background of a script ignores SIGINT, and what it starts would inherit that."""
+    """A test run in the background of a script ignores SIGINT, one under nohup SIGHUP: a child would, too."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def writing(output, *words, before=heed_interrupts):

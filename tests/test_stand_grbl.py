@@ -368,7 +368,7 @@ def test_the_motors_are_stopped_when_the_command_is_ended(name, code, tmp_path):
             ],
             stderr=subprocess.PIPE,
             text=True,
-            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+            preexec_fn=heed_signals,
         ) as child,
     ):
         while not moving_first(stand.controller):
@@ -387,6 +387,12 @@ def test_the_motors_are_stopped_when_the_command_is_ended(name, code, tmp_path):
     assert f"imucal stand recover {journal} -o {output}" in shown
     assert Path(journal).exists()
     assert '"no_result"' in (tmp_path / "run.json").read_text()
+
+
+def heed_signals():
+    """As at a terminal: a test run in the background, or under nohup, ignores some, and so would a child."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def moving_first(controller):

@@ -398,6 +398,8 @@ def test_a_terminal_that_is_closed_ends_a_run_as_an_interrupt_does(tmp_path):
     command = [Path(sys.executable).with_name("imucal"), "stand", "run", "random", "--speed", "5"]
     child, master = pty.fork()
     if child == 0:
+        # Under nohup it is ignored, and would be by the child.
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
         os.execv(command[0], [*map(str, command), "-o", str(output)])
     journal = journal_of(output)
     while len(read_journal_or_none(journal)) <= 100:
