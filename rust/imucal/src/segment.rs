@@ -120,13 +120,13 @@ impl Segments {
         let dt_s = sample_interval_s(recording.time_s);
         let block_samples = ((BLOCK_S / dt_s).round() as usize).max(1);
         let sums = sum_blocks(recording, block_samples);
-        let Blocks { samples: blocks, averaged, steps, .. } = &sums;
+        let Blocks { samples: blocks, variances, averaged, steps } = &sums;
         let averaged = *averaged as f64;
         let min_blocks = ((min_rest_s / (block_samples as f64 * dt_s)).round() as usize).max(2);
         if blocks.len() < WINDOW_BLOCKS.max(min_blocks) {
             return Err(no_rest(recording, min_rest_s));
         }
-        let (statistic, floor) = window_statistic(sums.means(), &(steps / averaged.sqrt()));
+        let (statistic, floor) = window_statistic(variances, &(steps / averaged.sqrt()));
         let threshold = choose_threshold(&statistic, min_blocks);
         let gravity = gravity_size(recording, blocks);
         let still: Vec<_> = Levels::of(&statistic, threshold.0, threshold.0)

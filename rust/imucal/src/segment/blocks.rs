@@ -4,6 +4,7 @@ use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
 use pulp::{Arch, Simd, WithSimd};
 
+use super::WINDOW_BLOCKS;
 use crate::recording::Recording;
 use crate::workers::{share_out, threads_for};
 
@@ -27,19 +28,12 @@ const GROUP_BLOCKS: usize = 5;
 pub(super) struct Blocks {
     /// Sums of the samples.
     pub(super) samples: Vec<Block>,
-    /// Sums of means over `averaged` samples each. The noise of single samples grows with the rate until slow motion
-    /// drowns in it; that of these means does not. Empty where they are the samples themselves.
-    means: Vec<Block>,
+    /// Variance of each channel in every window, one for each block that it may start at, of means over `averaged` samples. The
+    /// noise of single samples grows with the rate until slow motion drowns in it; that of these means does not.
+    pub(super) variances: [Vec<f64>; 6],
     pub(super) averaged: usize,
     /// Smallest step of each channel (its resolution).
     pub(super) steps: Vector6<f64>,
-}
-
-impl Blocks {
-    /// Sums of the means.
-    pub(super) fn means(&self) -> &[Block] {
-        if self.averaged == 1 { &self.samples } else { &self.means }
-    }
 }
 
 /// One pass over the samples, and at high rates a second one for the means.
@@ -47,26 +41,30 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
     let averaged = (block_samples / MEANS).max(1);
     let count = recording.len() / block_samples;
     let mut samples = vec![Block::new(); count];
-    let mut means = vec![Block::new(); if averaged > 1 { count } else { 0 }];
+    let mut variances = [(); 6].map(|()| vec![0.0; (count + 1).saturating_sub(WINDOW_BLOCKS)]);
     let of_job = (JOB / block_samples).max(1);
     let mut steps = vec![[[f64::INFINITY; 3 * ROWS]; 2]; count.div_ceil(of_job)];
-    let mut of_means = means.chunks_mut(of_job);
+    let mut of_windows = variances.each_mut().map(|of_channel| of_channel.chunks_mut(of_job));
     let jobs = samples.chunks_mut(of_job).zip(&mut steps).enumerate().map(|(job, (samples, steps))| Summing {
         recording,
         block_samples,
         averaged,
-        start: job * of_job * block_samples,
+        first: job * of_job,
         samples,
-        means: of_means.next().unwrap_or_default(),
+        variances: of_windows.each_mut().map(|of_channel| of_channel.next().unwrap_or_default()),
         steps,
     });
     let jobs = jobs.collect();
     share_out(threads_for(recording.len()), jobs, |job: Summing<'_>| Arch::new().dispatch(job));
+    if averaged == 1 {
+        let to = variances.each_mut().map(Vec::as_mut_slice);
+        Arch::new().dispatch(Windows { blocks: &samples, to });
+    }
     let of_channel =
         |channel: usize| steps.iter().flat_map(move |of| of[channel / 3].iter().skip(channel % 3).step_by(3));
     let smallest = |channel: usize| of_channel(channel).copied().fold(f64::INFINITY, f64::min);
     let steps = Vector6::from_fn(|channel, _| smallest(channel));
-    Blocks { samples, means, averaged, steps }
+    Blocks { samples, variances, averaged, steps }
 }
 
 /// The passes over some blocks, made with the widest vectors that the processor has.
@@ -74,11 +72,11 @@ struct Summing<'a> {
     recording: &'a Recording<'a>,
     block_samples: usize,
     averaged: usize,
-    /// The first sample of the first block.
-    start: usize,
+    /// The first block.
+    first: usize,
     samples: &'a mut [Block],
-    /// None if nothing is averaged.
-    means: &'a mut [Block],
+    /// Of the windows that begin in these blocks; left alone where nothing is averaged.
+    variances: [&'a mut [f64]; 6],
     /// Of some rows side by side: rate, then force.
     steps: &'a mut [[f64; 3 * ROWS]; 2],
 }
@@ -87,12 +85,12 @@ impl WithSimd for Summing<'_> {
     type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        let Self { recording, block_samples, averaged, start: first, samples, means, steps } = self;
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { recording, block_samples, averaged, first, samples, variances, steps } = self;
         let of_part = (PART / block_samples).max(1);
-        let mut means = means.iter_mut();
+        let mut means = Vec::new();
         for (part, samples) in samples.chunks_mut(of_part).enumerate() {
-            let start = first + part * of_part * block_samples;
+            let start = (first + part * of_part) * block_samples;
             let end = start + samples.len() * block_samples;
             let before = start.saturating_sub(1);
             let triads = [recording.angular_rate, recording.specific_force].map(|rows| rows.part(before..end));
@@ -103,10 +101,58 @@ impl WithSimd for Summing<'_> {
             let blocks = rates.chunks_exact(block_samples).zip(forces.chunks_exact(block_samples));
             for (block, (rates, forces)) in samples.iter_mut().zip(blocks) {
                 rates.iter().zip(forces).for_each(|(w, f)| block.push(Vector3::from(*w), Vector3::from(*f)));
-                if let Some(mean) = means.next() {
-                    *mean = sum_means(rates, forces, averaged);
+                if averaged > 1 {
+                    means.push(sum_means(rates, forces, averaged));
                 }
             }
+        }
+        if averaged > 1 && !variances[0].is_empty() {
+            // The last windows reach into the blocks of the next job.
+            for block in means.len()..variances[0].len() + WINDOW_BLOCKS - 1 {
+                let own = (first + block) * block_samples..(first + block + 1) * block_samples;
+                let (rates, forces) = (recording.angular_rate.part(own.clone()), recording.specific_force.part(own));
+                means.push(sum_means(&rates, &forces, averaged));
+            }
+            Windows { blocks: &means, to: variances }.with_simd(simd);
+        }
+    }
+}
+
+/// The variance of each channel in every window, made with the widest vectors that the processor has.
+///
+/// The windows that begin in one stretch of their length are what is left of it and what has come of the next: three
+/// merges for a window instead of ten.
+struct Windows<'a> {
+    blocks: &'a [Block],
+    /// As many as there are windows.
+    to: [&'a mut [f64]; 6],
+}
+
+impl WithSimd for Windows<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { blocks: mut ahead, mut to } = self;
+        let (mut at, windows) = (0, to[0].len());
+        while let Some((stretch, next)) = ahead.split_first_chunk::<WINDOW_BLOCKS>() {
+            let mut left = *stretch;
+            for k in (0..WINDOW_BLOCKS - 1).rev() {
+                let after = left[k + 1];
+                left[k].merge(&after);
+            }
+            let mut come = Block::new();
+            for (k, left) in left.iter().enumerate().take(windows - at) {
+                if k > 0 {
+                    come.merge(&next[k - 1]);
+                }
+                let mut window = *left;
+                window.merge(&come);
+                let variance = window.variance();
+                to.iter_mut().zip(&variance).for_each(|(of_channel, v)| of_channel[at] = *v);
+                at += 1;
+            }
+            ahead = next;
         }
     }
 }
@@ -198,6 +244,31 @@ mod tests {
     use super::*;
 
     #[test]
+    fn every_window_is_the_merged_sum_of_its_blocks() {
+        let blocks: Vec<Block> = (0..47)
+            .map(|k| {
+                let mut block = Block::new();
+                for i in 0..5 {
+                    let x = (f64::from(k * 5 + i) * 1.7).sin();
+                    block.push(Vector3::new(x, 1e4 + x * x, f64::from(k)), Vector3::new(-x, 0.0, 9.8));
+                }
+                block
+            })
+            .collect();
+        for count in [0_usize, 9, 10, 11, 19, 20, 21, 47] {
+            let mut found = [(); 6].map(|()| vec![0.0; (count + 1).saturating_sub(WINDOW_BLOCKS)]);
+            let to = found.each_mut().map(Vec::as_mut_slice);
+            Arch::new().dispatch(Windows { blocks: &blocks[..count], to });
+            let expected: Vec<_> = blocks[..count].windows(WINDOW_BLOCKS).map(|w| merge(w).variance()).collect();
+            assert!(found.iter().all(|of_channel| of_channel.len() == expected.len()));
+            for (k, expected) in expected.iter().enumerate() {
+                let found = Vector6::from_fn(|channel, _| found[channel][k]);
+                assert!((found - expected).norm() < 1e-9 * (1.0 + expected.norm()), "{count}: {found} {expected}");
+            }
+        }
+    }
+
+    #[test]
     fn jobs_and_parts_meet_without_a_seam() {
         // More than two jobs, the last block of which is not full; the smallest step is between two of them.
         let rough = |i: usize, axis: usize| (((i * i + 7 * axis) % 1009) as f64 - 504.0) * 10.0;
@@ -212,7 +283,7 @@ mod tests {
             let recording = Recording::try_new("rough", &time_s, &force, &rate).unwrap();
             let found = sum_blocks(&recording, block_samples);
             let count = samples / block_samples;
-            assert_eq!((found.samples.len(), found.means().len()), (count, count));
+            assert_eq!(found.samples.len(), count);
             let mut steps = Vector6::repeat(f64::INFINITY);
             for i in 1..count * block_samples {
                 for (channel, rows) in [&rate, &force].into_iter().enumerate() {
@@ -229,6 +300,16 @@ mod tests {
                 let own = rate[k * block_samples..(k + 1) * block_samples].iter();
                 let mean = own.map(|row| row[1]).sum::<f64>() / block_samples as f64;
                 assert!((block.mean()[1] - mean).abs() < 1e-9, "block {k} of {block_samples}");
+            }
+            let averaged = found.averaged;
+            let means: Vec<Block> = (0..count)
+                .map(|k| k * block_samples..(k + 1) * block_samples)
+                .map(|own| sum_means(&rate[own.clone()], &force[own], averaged))
+                .collect();
+            let windows = means.windows(WINDOW_BLOCKS).map(|window| merge(window).variance());
+            for (k, variance) in windows.enumerate() {
+                let found = Vector6::from_fn(|channel, _| found.variances[channel][k]);
+                assert!((found - variance).norm() < 1e-9 * variance.norm(), "window {k} of {block_samples}");
             }
             rate[seam] = before;
         }

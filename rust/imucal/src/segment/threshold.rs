@@ -6,13 +6,13 @@ use nalgebra::Vector6;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::WINDOW_BLOCKS;
-use super::blocks::Block;
 use super::edges::trim;
 use crate::stats::quantile_of;
 
 /// The statistic of every window (one per block it may start at) and the noise floor (variances).
-pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f64>, Vector6<f64>) {
-    let variances = Arch::new().dispatch(Windows(blocks));
+///
+/// `variances` are those of each channel in the windows, `steps` the smallest steps of the channels.
+pub(super) fn window_statistic(variances: &[Vec<f64>; 6], steps: &Vector6<f64>) -> (Vec<f64>, Vector6<f64>) {
     // A coarse converter may read one number throughout a rest: its floor is that of the rounding. A channel that
     // never changes has no step at all and no say.
     let rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
@@ -25,7 +25,7 @@ pub(super) fn window_statistic(blocks: &[Block], steps: &Vector6<f64>) -> (Vec<f
     let mut before: Vec<bool> = Vec::new();
     // The floor of each channel is that of the windows that are quiet in all channels together.
     for _ in 0..4 {
-        Arch::new().dispatch(Ratios { variances: &variances, floor: &floor, statistic: &mut statistic });
+        Arch::new().dispatch(Ratios { variances, floor: &floor, statistic: &mut statistic });
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
         let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
         let quiet: Vec<bool> = statistic.iter().map(|s| *s <= limit).collect();
@@ -65,43 +65,6 @@ impl WithSimd for Ratios<'_> {
             let (rate, force) = ([a, b, c], [d, e, f]);
             *statistic = (0..3).map(|k| rate[k] * weights[k] + force[k] * weights[3 + k]).sum();
         }
-    }
-}
-
-/// The variance of each channel in every window, made with the widest vectors that the processor has.
-///
-/// The windows that begin in one stretch of their length are what is left of it and what has come of the next: three
-/// merges for a window instead of ten.
-struct Windows<'a>(&'a [Block]);
-
-impl WithSimd for Windows<'_> {
-    type Output = [Vec<f64>; 6];
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> [Vec<f64>; 6] {
-        let count = (self.0.len() + 1).saturating_sub(WINDOW_BLOCKS);
-        let mut variances = [(); 6].map(|()| Vec::with_capacity(count));
-        let mut ahead = self.0;
-        while let Some((stretch, next)) = ahead.split_first_chunk::<WINDOW_BLOCKS>() {
-            let mut left = *stretch;
-            for k in (0..WINDOW_BLOCKS - 1).rev() {
-                let after = left[k + 1];
-                left[k].merge(&after);
-            }
-            let mut come = Block::new();
-            for (k, left) in left.iter().enumerate() {
-                if k > 0 {
-                    let Some(block) = next.get(k - 1) else { break };
-                    come.merge(block);
-                }
-                let mut window = *left;
-                window.merge(&come);
-                let variance = window.variance();
-                variances.iter_mut().zip(&variance).for_each(|(of_channel, v)| of_channel.push(*v));
-            }
-            ahead = next;
-        }
-        variances
     }
 }
 
@@ -180,32 +143,7 @@ impl Levels {
 
 #[cfg(test)]
 mod tests {
-    use super::super::blocks::merge;
     use super::*;
-    use nalgebra::Vector3;
-
-    #[test]
-    fn every_window_is_the_merged_sum_of_its_blocks() {
-        let blocks: Vec<Block> = (0..47)
-            .map(|k| {
-                let mut block = Block::new();
-                for i in 0..5 {
-                    let x = (f64::from(k * 5 + i) * 1.7).sin();
-                    block.push(Vector3::new(x, 1e4 + x * x, f64::from(k)), Vector3::new(-x, 0.0, 9.8));
-                }
-                block
-            })
-            .collect();
-        for count in [0, 9, 10, 11, 19, 20, 21, 47] {
-            let found = Arch::new().dispatch(Windows(&blocks[..count]));
-            let expected: Vec<_> = blocks[..count].windows(WINDOW_BLOCKS).map(|w| merge(w).variance()).collect();
-            assert!(found.iter().all(|of_channel| of_channel.len() == expected.len()));
-            for (k, expected) in expected.iter().enumerate() {
-                let found = Vector6::from_fn(|channel, _| found[channel][k]);
-                assert!((found - expected).norm() < 1e-9 * (1.0 + expected.norm()), "{count}: {found} {expected}");
-            }
-        }
-    }
 
     #[test]
     fn stretches_are_the_blocks_of_still_windows_at_any_threshold() {
