@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import imucal
+from children import heed_signals
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 
@@ -123,13 +124,7 @@ def long_recording(tmp_path_factory):
     return path
 
 
-def heed_interrupts():
-    """A test run in the background of a script ignores SIGINT, one under nohup SIGHUP: a child would, too."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
-
-
-def writing(output, *words, before=heed_interrupts):
+def writing(output, *words, before=heed_signals):
     """The installed command at work, caught in the middle of its writing."""
     process = subprocess.Popen(
         [COMMAND, *map(str, words), "-o", str(output)],
@@ -219,7 +214,7 @@ def test_interrupted_at_any_time(long_recording, tmp_path):
             stderr=subprocess.PIPE,
             text=True,
             env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
-            preexec_fn=heed_interrupts,
+            preexec_fn=heed_signals,
         )
         process.stdout.readline()
         time.sleep(delay_s)

@@ -15,6 +15,7 @@ from imucal import Program, Step
 if sys.platform == "win32":
     pytest.skip("pseudo-terminals are POSIX", allow_module_level=True)
 
+from children import heed_signals
 from grbl_controller import Controller
 from imucal.stand.grbl import GrblDriver
 from imucal.stand.grbl_talk import Patience
@@ -387,12 +388,6 @@ def test_the_motors_are_stopped_when_the_command_is_ended(name, code, tmp_path):
     assert f"imucal stand recover {journal} -o {output}" in shown
     assert Path(journal).exists()
     assert '"no_result"' in (tmp_path / "run.json").read_text()
-
-
-def heed_signals():
-    """As at a terminal: a test run in the background, or under nohup, ignores some, and so would a child."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def moving_first(controller):

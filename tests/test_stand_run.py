@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import imucal
+from children import heed_signals
 from imucal import Program, Step
 from imucal.cli import main
 from imucal.stand.faults import SimulatedUnit
@@ -376,7 +377,7 @@ def test_interrupted_the_command_says_where_the_samples_are(tmp_path):
         [*command, "--driver", "simulated", "--speed", "5", "-o", str(output)],
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=heed_signals,
     )
     journal = journal_of(output)
     while not (journal.exists() and len(read_journal_or_none(journal)) > 100):
@@ -398,8 +399,7 @@ def test_a_terminal_that_is_closed_ends_a_run_as_an_interrupt_does(tmp_path):
     command = [Path(sys.executable).with_name("imucal"), "stand", "run", "random", "--speed", "5"]
     child, master = pty.fork()
     if child == 0:
-        # Under nohup it is ignored, and would be by the child.
-        signal.signal(signal.SIGHUP, signal.SIG_DFL)
+        heed_signals()
         os.execv(command[0], [*map(str, command), "-o", str(output)])
     journal = journal_of(output)
     while len(read_journal_or_none(journal)) <= 100:

@@ -261,17 +261,9 @@ def _fits_float32(column: Any) -> bool:
     """Whether float32 holds every number of a column of this type, and NaN for an empty cell."""
     import pyarrow as pa
 
-    return any(
-        is_type(column.type)
-        for is_type in (
-            pa.types.is_float32,
-            pa.types.is_float16,
-            pa.types.is_int16,
-            pa.types.is_uint16,
-            pa.types.is_int8,
-            pa.types.is_uint8,
-        )
-    )
+    kind = column.type
+    most_bits = 16 if pa.types.is_integer(kind) else 32 if pa.types.is_floating(kind) else 0
+    return bool(most_bits and kind.bit_width <= most_bits)
 
 
 def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:

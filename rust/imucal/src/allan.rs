@@ -7,10 +7,9 @@
 //! x are N rates at equal intervals, less their mean, and tau = m intervals. (IEEE Std 1139; for inertial sensors IEEE Std 952.)
 
 use std::num::NonZeroUsize;
-use std::sync::Mutex;
 
 use crate::error::Error;
-use crate::workers::share_out;
+use crate::workers::in_order;
 
 /// Differences that are summed for all averaging times before the next ones are: what one time has read is still in the cache
 /// for the next.
@@ -89,9 +88,7 @@ fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<
     let mut order: Vec<usize> = (0..factors.len()).collect();
     order.sort_unstable_by_key(|&k| factors[k]);
     let job_len = BLOCK * BLOCKS_PER_JOB;
-    let parts: Vec<Mutex<Vec<f64>>> =
-        (0..phase.len().div_ceil(job_len)).map(|_| Mutex::new(vec![0.0; factors.len()])).collect();
-    share_out(threads, parts.iter().enumerate().collect(), |(job, part)| {
+    let of_job = |job: usize| {
         let mut sums = vec![0.0; factors.len()];
         for start in (job * job_len..((job + 1) * job_len).min(phase.len())).step_by(BLOCK) {
             for &k in &order {
@@ -103,14 +100,11 @@ fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<
                 }
             }
         }
-        if let Ok(mut part) = part.lock() {
-            *part = sums;
-        }
-    });
+        sums
+    };
     let mut total = vec![0.0; factors.len()];
-    for part in parts {
-        let part = part.into_inner().unwrap_or_default();
-        total.iter_mut().zip(part).for_each(|(total, part)| *total += part);
+    for sums in in_order(threads, phase.len().div_ceil(job_len), of_job) {
+        total.iter_mut().zip(sums).for_each(|(total, sum)| *total += sum);
     }
     total
 }

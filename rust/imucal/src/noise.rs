@@ -23,16 +23,15 @@ mod power_law;
 
 use std::num::NonZeroUsize;
 use std::ops::Range;
-use std::sync::{Mutex, PoisonError};
 
 use nalgebra::Vector6;
 
 use crate::check;
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
-use crate::recording::{Recording, Samples};
+use crate::recording::Recording;
 use crate::segment::Segments;
-use crate::workers::share_out;
+use crate::workers::in_order;
 
 pub use axis::{AllanPoint, AxisNoise, Estimate};
 use cosines::Layout;
@@ -89,22 +88,11 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
     let (start_s, end_s) = (recording.time_s[samples.start], recording.time_s[samples.end - 1]);
     let rate_hz = (samples.len() - 1) as f64 / (end_s - start_s);
     let layout = Layout::new(samples.len());
-    let channels: [(Samples<'_>, usize); 6] = [0, 1, 2, 3, 4, 5].map(|channel| {
+    let of_channel = |channel: usize| {
         let rows = if channel < 3 { recording.specific_force } else { recording.angular_rate };
-        (rows.slice(samples.clone()), channel % 3)
-    });
-    let found: [Mutex<Option<Result<AxisNoise, Error>>>; 6] = std::array::from_fn(|_| Mutex::new(None));
-    share_out(threads.get(), channels.iter().zip(&found).collect(), |((rows, axis), place)| {
-        let result = AxisNoise::identify(*rows, *axis, rate_hz, &layout);
-        *place.lock().unwrap_or_else(PoisonError::into_inner) = Some(result);
-    });
-    let mut axes = Vec::with_capacity(6);
-    for place in found {
-        match place.into_inner().unwrap_or_else(PoisonError::into_inner) {
-            Some(axis) => axes.push(axis?),
-            None => return Err(Error::Fit("an axis was not judged: run it again".into())),
-        }
-    }
+        AxisNoise::identify(rows.slice(samples.clone()), channel % 3, rate_hz, &layout)
+    };
+    let axes: Vec<AxisNoise> = in_order(threads.get(), 6, of_channel).into_iter().collect::<Result<_, _>>()?;
     findings.extend(remarks(recording, end_s - start_s, rate_hz, &axes));
     let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not judged".into()))?;
     let [ax, ay, az, gx, gy, gz] = triads;

@@ -92,10 +92,8 @@ pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: 
     let mut findings = Vec::new();
     let whole = 0..recording.len();
     let everything = std::slice::from_ref(&whole);
-    let seen_without_rests = || {
-        median_norm(recording.specific_force, everything)
-            .is_some_and(|norm| !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES))
-    };
+    let with_moves = WITH_MOVES.map(|share| share * STANDARD_GRAVITY_MPS2);
+    let seen_without_rests = || median_norm_beyond(recording.specific_force, everything, with_moves).is_some();
     if recording.accel_unit == RawUnit::Si
         && let Some(norm) =
             median_norm_beyond(recording.specific_force, &rests, AT_REST.map(|share| share * gravity_mps2))
