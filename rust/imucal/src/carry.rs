@@ -105,12 +105,13 @@ impl Sums {
         a
     }
 
-    /// Adds the trapezoid over a step: the rotations at its ends times half its length, and the rates there.
-    fn add_trapezoid(&mut self, [before, after]: [&Matrix3<f64>; 2], [w0, w1]: [&Vector3<f64>; 2]) {
+    /// Adds a sample of a trapezoid: the rotation there times its share of the time, and the rate that the entries multiply.
+    #[inline(always)]
+    pub(crate) fn add_sample(&mut self, weight: &Matrix3<f64>, rate: &Vector3<f64>) {
         for (j, sum) in self.by_turn.iter_mut().enumerate() {
-            *sum += before * w0[j] + after * w1[j];
+            *sum += weight * rate[j];
         }
-        self.bias += before + after;
+        self.bias += weight;
     }
 
     pub(crate) fn add(&mut self, other: &Self) {

@@ -1,14 +1,20 @@
 //! Work shared out to threads.
 
 use std::num::NonZeroUsize;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, OnceLock, PoisonError};
 
 /// Fewer samples are passed over in about the time that threads take to start.
 const WORTH_THREADS: usize = 500_000;
 
 /// All processors where a pass over so many samples is worth it.
 pub(crate) fn threads_for(samples: usize) -> usize {
-    if samples < WORTH_THREADS { 1 } else { std::thread::available_parallelism().map_or(1, NonZeroUsize::get) }
+    if samples < WORTH_THREADS { 1 } else { processors() }
+}
+
+/// How many threads can run at once: asked for once, for it takes as long as a short pass.
+pub(crate) fn processors() -> usize {
+    static COUNT: OnceLock<usize> = OnceLock::new();
+    *COUNT.get_or_init(|| std::thread::available_parallelism().map_or(1, NonZeroUsize::get))
 }
 
 /// What is made of each place below `count`, in their order.

@@ -198,7 +198,8 @@ impl<'a> Path<'a> {
             let before = weighted(&rotation, h);
             rotation *= so3::exp(&(mean * h + w0.cross(&w1) * (h * h / 12.0)));
             rotation.renormalize_fast();
-            sums.add_trapezoid([&before, &weighted(&rotation, h)], [&w0, &w1]);
+            sums.add_sample(&before, &w0);
+            sums.add_sample(&weighted(&rotation, h), &w1);
         }
         (rotation, sums)
     }

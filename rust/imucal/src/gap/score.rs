@@ -1,6 +1,6 @@
 //! Scoring every candidate beside a model.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -16,6 +16,7 @@ use super::stage::Stage;
 use super::{Score, Trace};
 use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;
+use crate::workers::{in_order, processors};
 
 /// Prior widths in units of the typical size.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
@@ -59,57 +60,65 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let left = |projection: &Projection<'_>, candidate: &Candidate| {
         projection.left(gram, &candidate.columns, |k| candidate.typical[k])
     };
-    let spectrum = |candidate: &Candidate| {
-        let all = of_noise.as_ref().map_or_else(Vec::new, |of_noise| left(of_noise, candidate).spectrum());
-        all.into_iter().filter(|value| *value >= LEAST_CHANGE).collect::<Vec<f64>>()
+    let spectrum = |place: usize| {
+        let all = of_noise.as_ref().map_or_else(Vec::new, |of_noise| left(of_noise, &candidates[place]).spectrum());
+        all.into_iter().filter(|value| *value >= LEAST_CHANGE).count()
     };
-    let spectra: Vec<Vec<f64>> = candidates.iter().map(spectrum).collect();
+    let dofs: Vec<usize> = in_order(processors(), candidates.len(), spectrum);
     let tests = {
         let mut seen: Vec<&str> =
-            candidates.iter().zip(&spectra).filter(|(_, s)| !s.is_empty()).map(|(c, _)| c.name.as_str()).collect();
+            candidates.iter().zip(&dofs).filter(|(_, dof)| **dof > 0).map(|(c, _)| c.name.as_str()).collect();
         seen.sort_unstable();
         seen.dedup();
         seen.len()
     };
-    let mut noncentralities = BTreeMap::new();
-    for (candidate, spectrum) in candidates.iter().zip(&spectra) {
-        if spectrum.is_empty() {
-            if !blind.iter().any(|(name, _)| *name == candidate.name) {
-                blind.push((candidate.name.clone(), observable(&candidate.name)));
-            }
-            continue;
-        }
-        let dof = spectrum.len();
-        let noncentrality = *noncentralities.entry(dof).or_insert_with(|| visible_noncentrality(dof, tests));
+    let noncentralities: BTreeMap<usize, f64> = {
+        let distinct: BTreeSet<usize> = dofs.iter().copied().filter(|dof| *dof > 0).collect();
+        distinct.into_iter().map(|dof| (dof, visible_noncentrality(dof, tests))).collect()
+    };
+    let log_before = stage.evidence.log;
+    let deviance_before = stage.evidence.deviance;
+    // The size that would be seen, and the score.
+    let look = |place: usize| -> Option<(f64, Option<Judged>)> {
+        let (candidate, dof) = (&candidates[place], dofs[place]);
+        let noncentrality = noncentralities.get(&dof)?;
         let change = widened.as_ref().map_or(0.0, |widened| left(widened, candidate).trace());
         let size = (noncentrality / change).sqrt() * candidate.typical[0];
-        match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
-            Some(entry) => entry.1 = entry.1.min(size),
-            None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
-        }
         let with = |width: f64| {
             let columns: Vec<Column> = model.iter().copied().chain(candidate.columns(width)).collect();
             gram.evidence(&columns)
         };
-        let Some(free) = with(NO_PRIOR) else { continue };
-        // The scales hardly depend on the width, and the best one not at all on what little they do.
-        let at_free = Projection::new(gram, model, &free.scales);
-        let best_width = at_free.and_then(|at_free| left(&at_free, candidate).best_width(&WIDTHS));
-        let Some((width, _)) = best_width else { continue };
-        let Some(best) = with(width) else { continue };
-        let log_bayes_factor = best.log - stage.evidence.log;
-        let statistic = (stage.evidence.deviance - free.deviance).max(0.0);
-        let score = Score {
-            name: candidate.name.clone(),
-            log_bayes_factor,
-            statistic,
-            dof,
-            p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
-            rivals: Vec::new(),
+        let judged = || {
+            let free = with(NO_PRIOR)?;
+            // The scales hardly depend on the width, and the best one not at all on what little they do.
+            let (width, _) = left(&Projection::new(gram, model, &free.scales)?, candidate).best_width(&WIDTHS)?;
+            let statistic = (deviance_before - free.deviance).max(0.0);
+            let score = Score {
+                name: candidate.name.clone(),
+                log_bayes_factor: with(width)?.log - log_before,
+                statistic,
+                dof,
+                p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
+                rivals: Vec::new(),
+            };
+            Some(Judged { score, width, shape: candidate.shape })
         };
-        let judged = Judged { score, width, shape: candidate.shape };
+        Some((size, judged()))
+    };
+    for (candidate, seen) in candidates.iter().zip(in_order(processors(), candidates.len(), look)) {
+        let Some((size, judged)) = seen else {
+            if !blind.iter().any(|(name, _)| *name == candidate.name) {
+                blind.push((candidate.name.clone(), observable(&candidate.name)));
+            }
+            continue;
+        };
+        match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
+            Some(entry) => entry.1 = entry.1.min(size),
+            None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
+        }
+        let Some(judged) = judged else { continue };
         match scores.iter_mut().find(|other| other.score.name == candidate.name) {
-            Some(other) if other.score.log_bayes_factor >= log_bayes_factor => {}
+            Some(other) if other.score.log_bayes_factor >= judged.score.log_bayes_factor => {}
             Some(other) => *other = judged,
             None => scores.push(judged),
         }

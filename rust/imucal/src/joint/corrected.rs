@@ -1,10 +1,12 @@
 //! The samples of a move, freed of the effects, and the effects' columns there.
 
+use std::borrow::Cow;
 use std::ops::Range;
 
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::integrate::increment;
 use imucal_core::sensor::Triad;
+use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::model::{Model, surroundings};
@@ -22,6 +24,22 @@ pub(super) struct Corrected {
     pub(super) force: Vec<Vector3<f64>>,
     pub(super) seen_rate: Vec<Vector3<f64>>,
     pub(super) seen_force: Vec<Vector3<f64>>,
+}
+
+/// A correction on its way: what is corrected so far, and the columns of the effects at the last of it.
+pub(super) struct Correction<'a> {
+    route: &'a Route<'a>,
+    model: &'a Model,
+    /// The effects whose columns are asked for.
+    terms: Cow<'a, Terms<'a>>,
+    /// Those that change anything.
+    active: Terms<'a>,
+    slopes: Vec<Vector3<f64>>,
+    attitude: Option<UnitQuaternion<f64>>,
+    columns: Vec<Vector3<f64>>,
+    /// How many samples are corrected.
+    done: usize,
+    pub(super) all: Corrected,
     /// Columns of the effects on either sensor.
     pub(super) on_rate: Planes,
     pub(super) on_force: Planes,
@@ -92,8 +110,8 @@ impl Route<'_> {
         Step { before, smooth: even(time[i] - time[i - 1]) && even(time[i + 2] - time[i + 1]) }
     }
 
-    /// The samples of the reach, freed of the effects.
-    pub(super) fn correct(&self, model: &Model, terms: &Terms<'_>) -> Corrected {
+    /// The samples of the reach, to be freed of the effects.
+    pub(super) fn correct<'t>(&'t self, model: &'t Model, terms: &'t Terms<'t>) -> Correction<'t> {
         let reach = self.reach();
         let corrected = |triad: &Triad<f64>, rows: Samples<'_>, samples: Range<usize>| -> Vec<Vector3<f64>> {
             rows.part(samples).iter().map(|row| triad.correct(Vector3::from(*row))).collect()
@@ -102,63 +120,77 @@ impl Route<'_> {
         let is_force_needed = self.with_blocks || terms.count > 0;
         let of_force = if is_force_needed { reach.clone() } else { 0..0 };
         let seen_force = corrected(&model.accelerometer, self.recording.specific_force, of_force);
-        let planes = |sensor: Sensor| Planes::new(&terms.sensors, sensor, reach.len());
-        let mut all = Corrected {
-            rate: seen_rate.clone(),
-            force: seen_force.clone(),
-            seen_rate,
-            seen_force,
+        let active = terms.active(&model.values);
+        // What turns the unit is all that the end of a move tells of.
+        let terms = if self.with_blocks { Cow::Borrowed(terms) } else { Cow::Owned(terms.of(Sensor::Gyroscope)) };
+        let passes = if active.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
+        let needs_slopes = passes > 1 || terms.needs(Need::AngularAcceleration);
+        let derivative = needs_slopes.then(|| Derivative::smooth(&self.recording.time_s[reach.clone()], &seen_rate));
+        let planes = |sensor: Sensor| Planes::new(&terms.sensors, sensor);
+        let mut correction = Correction {
+            route: self,
+            model,
+            active,
+            slopes: Vec::new(),
+            attitude: None,
+            columns: terms.room(),
+            done: 0,
+            all: Corrected { rate: seen_rate.clone(), force: seen_force.clone(), seen_rate, seen_force },
             on_rate: planes(Sensor::Gyroscope),
             on_force: planes(Sensor::Accelerometer),
+            terms,
         };
-        if terms.count == 0 {
-            return all;
-        }
-        let active = terms.active(&model.values);
-        let needs_slopes = terms.needs(Need::AngularAcceleration);
-        let passes = if active.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
-        let derivative =
-            needs_slopes.then(|| Derivative::smooth(&self.recording.time_s[reach.clone()], &all.seen_rate));
         for pass in 1..=passes {
-            let slopes = derivative.as_ref().map_or_else(Vec::new, |derivative| derivative.of(&all.rate));
-            self.correct_once(&mut all, &slopes, model, [&active, terms], pass == passes);
+            correction.slopes = derivative.as_ref().map_or_else(Vec::new, |d| d.of(&correction.all.rate));
+            correction.done = 0;
+            correction.attitude = self.rotation_world_from_start;
+            if pass < passes {
+                correction.advance(reach.len(), false);
+            }
         }
-        all
+        correction
+    }
+}
+
+impl Correction<'_> {
+    /// Corrects all samples before this one, and has their columns.
+    pub(super) fn until(&mut self, end: usize) {
+        self.advance(end.min(self.all.rate.len()), true);
     }
 
-    fn correct_once(
-        &self,
-        all: &mut Corrected,
-        slopes: &[Vector3<f64>],
-        model: &Model,
-        [active, terms]: [&Terms<'_>; 2],
-        with_columns: bool,
-    ) {
-        let mut attitude = self.rotation_world_from_start;
-        let mut columns = terms.room();
-        let all_active = active.all.len() == terms.all.len();
-        for (k, index) in self.reach().enumerate() {
-            let mut around = surroundings(self.recording, index);
-            around.angular_acceleration = slopes.get(k).copied();
-            if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
-                let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
+    fn advance(&mut self, end: usize, with_columns: bool) {
+        if self.terms.all.is_empty() && self.active.all.is_empty() {
+            return;
+        }
+        let Self { route, model, terms, active, all, columns, .. } = self;
+        let first = route.reach().start;
+        let all_active = terms.all.iter().all(|term| active.all.iter().any(|own| own.first == term.first));
+        for k in self.done..end {
+            let index = first + k;
+            let mut around = surroundings(route.recording, index);
+            around.angular_acceleration = self.slopes.get(k).copied();
+            if let (Some(attitude), true) = (&mut self.attitude, index > route.span.first) {
+                let h = route.recording.time_s[index] - route.recording.time_s[index - 1];
                 // Without its own rate yet, the sample takes the seen one less what the effects were just before.
                 let rate = all.seen_rate[k] - (all.seen_rate[k - 1] - all.rate[k - 1]);
-                *attitude *= UnitQuaternion::from_scaled_axis(increment(&all.rate[k - 1], &rate, h));
+                *attitude *= so3::exp(&increment(&all.rate[k - 1], &rate, h));
             }
-            around.rotation_world_from_body = attitude;
-            let sample = Sample { recording: self.span.recording, index };
+            around.rotation_world_from_body = self.attitude;
+            let sample = Sample { recording: route.span.recording, index };
             let (seen_rate, seen_force) = (all.seen_rate[k], all.seen_force[k]);
-            let state = active.settle(&model.values, seen_rate, seen_force, &around, sample, &mut columns);
+            let state = active.settle(&model.values, seen_rate, seen_force, &around, sample, columns);
             (all.rate[k], all.force[k]) = (state.angular_rate, state.specific_force);
             if with_columns {
                 // Else the last pass has just made them.
                 if !all_active {
-                    terms.columns_at(&model.values, &state, sample, &mut columns);
+                    terms.columns_at(&model.values, &state, sample, columns);
                 }
-                all.on_rate.push(&columns);
-                all.on_force.push(&columns);
+                self.on_rate.push(columns);
+                if route.with_blocks {
+                    self.on_force.push(columns);
+                }
             }
         }
+        self.done = end;
     }
 }

@@ -169,6 +169,9 @@ pub(crate) const INSIDE: usize = 5;
 pub(crate) const STAND_RESTS: usize = 6;
 pub(crate) const STAND_MOVES: usize = 7;
 
+/// With effects, or with blocks inside the move, a sample costs as much as so many in the kernel.
+const COST: usize = 30;
+
 impl Prepared<'_> {
     /// The first rest behind a move that takes no part: the heading is not known from there on.
     pub(crate) fn heading_lost(&self) -> Option<usize> {
@@ -181,9 +184,13 @@ impl Prepared<'_> {
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
         let model = Model::of(parameters, terms)?;
         let with_attitude = terms.needs(Need::Attitude);
+        let active = terms.active(&model.values);
+        // Where nothing adds to the rate the kernel is fast enough to go ahead.
+        let goes_ahead = active.all.is_empty();
         let mut rests: Vec<Option<AtRest>> = (0..self.rests.len()).map(|_| None).collect();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
+        let mut next_move = 0;
         for k in (0..self.rests.len()).filter(|&k| self.used[k]) {
             let mean = self.rests[k].rest.specific_force.mean;
             let mut at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
@@ -192,38 +199,68 @@ impl Prepared<'_> {
                 at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
             }
             // Each move leads to the attitude at the next rest.
-            while let Some(m) = self.moves.get(moves.len()).filter(|m| with_attitude && m.from == k) {
-                let at_move = self.at_move(moves.len(), attitudes[k], &model, terms);
-                let AtMove { pass, after, .. } = &at_move;
-                attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &pass.rotation, &after.up));
-                moves.push(at_move);
+            while let Some(m) = self.moves.get(next_move).filter(|m| with_attitude && m.from == k) {
+                let (rotation, up) = if goes_ahead {
+                    let [before, after] = self.directions(next_move, None, &model, &active);
+                    (self.route(next_move, None, &before, terms).rotation(&model.gyroscope), after.up)
+                } else {
+                    let at_move = self.at_move(next_move, attitudes[k], &model, terms);
+                    let led = (at_move.pass.rotation, at_move.after.up);
+                    moves.push(at_move);
+                    led
+                };
+                attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &rotation, &up));
+                next_move += 1;
             }
             rests[k] = Some(at_rest);
         }
-        if !with_attitude {
-            let threads = threads_for(self.moves.iter().map(|m| m.last - m.first).sum());
-            moves = in_order(threads, self.moves.len(), |index| self.at_move(index, None, &model, terms));
+        if moves.is_empty() {
+            let samples: usize = self.moves.iter().map(|m| m.last - m.first).sum();
+            let cost = if terms.count > 0 || terms.kinds.in_motion || terms.kinds.encoders { COST } else { 1 };
+            let start = |index: usize| attitudes[self.moves[index].from].filter(|_| with_attitude);
+            let at_move = |index: usize| self.at_move(index, start(index), &model, terms);
+            moves = in_order(threads_for(cost * samples), self.moves.len(), at_move);
         }
         Ok(self.lines(model, terms, Rc::new(rests), Rc::new(moves)))
     }
 
     /// A move that begins with this attitude, if an effect needs it.
     fn at_move(&self, index: usize, attitude: Option<UnitQuaternion<f64>>, model: &Model, terms: &Terms<'_>) -> AtMove {
-        let m = &self.moves[index];
-        let direction = |rest: usize, end: &End, at_end: bool| {
+        let [before, after] = self.directions(index, attitude, model, terms);
+        AtMove { pass: self.route(index, attitude, &before, terms).pass(model, terms), before, after }
+    }
+
+    /// Gravity before and after a move.
+    fn directions(
+        &self,
+        index: usize,
+        attitude: Option<UnitQuaternion<f64>>,
+        model: &Model,
+        terms: &Terms<'_>,
+    ) -> [EndDirection; 2] {
+        let Move { from, to, .. } = self.moves[index];
+        [(from, true), (to, false)].map(|(rest, at_end)| {
+            let end = &self.ends[index][usize::from(!at_end)];
             let direction = self.at_rest(rest, &end.raw, attitude, model, terms).direction();
             self.carried(direction, rest, at_end, model)
-        };
-        let [end_before, end_after] = &self.ends[index];
-        let (before, after) = (direction(m.from, end_before, true), direction(m.to, end_after, false));
-        let route = Route {
-            recording: &self.recordings[m.recording],
-            span: m,
+        })
+    }
+
+    fn route(
+        &self,
+        index: usize,
+        attitude: Option<UnitQuaternion<f64>>,
+        before: &EndDirection,
+        terms: &Terms<'_>,
+    ) -> Route<'_> {
+        let span = &self.moves[index];
+        Route {
+            recording: &self.recordings[span.recording],
+            span,
             rotation_world_from_start: attitude,
             gravity_at_start: before.up * self.gravity_mps2,
             with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
-        };
-        AtMove { pass: route.pass(model, terms), before, after }
+        }
     }
 
     /// What the same passes say of rests and moves from rest to rest alone; `terms` are those of the linearisation without the
@@ -258,7 +295,7 @@ impl Prepared<'_> {
         let seen = model.accelerometer.correct(*reading);
         // Without effects nothing depends on them.
         let moments =
-            if terms.count == 0 { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
+            if terms.all.is_empty() { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
         let around: Vec<Surroundings<f64>> =
             moments.into_iter().map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment }).collect();
         let mut columns = vec![Vector3::zeros(); terms.count];

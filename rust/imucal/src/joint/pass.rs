@@ -21,9 +21,10 @@
 use std::ops::Range;
 
 use imucal_core::sensor::Triad;
+use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::corrected::Corrected;
+use super::corrected::Correction;
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, turned_by_parameters};
 use super::planes::{Planes, Sum};
 use super::terms::Terms;
@@ -136,33 +137,70 @@ impl Route<'_> {
         }
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
-        let corrected = self.correct(model, terms);
+        let mut correction = self.correct(model, terms);
+        if !self.with_blocks {
+            return self.to_end(&mut correction, model, terms);
+        }
         let mut walk = Walk {
             rotation: Matrix3::identity(),
             base: Sums::zero(),
-            effects: Sum::zero(&corrected.on_rate),
+            effects: Sum::zero(&correction.on_rate),
             weights: Vec::new(),
             blocks: Vec::new(),
-            attitudes: if self.with_blocks { vec![Matrix3::identity()] } else { Vec::new() },
+            attitudes: vec![Matrix3::identity()],
         };
         let of_block = ((BLOCK_S * (last - first) as f64 / span.duration_s).round() as usize).max(1);
         let mut start = first;
         while start < last {
-            let end = (start + if self.with_blocks { of_block } else { TOGETHER }).min(last);
+            let end = (start + of_block).min(last);
             // Steps that do not fill a block belong to none.
-            let is_block = self.with_blocks && end - start == of_block;
-            self.walk(start..end, &corrected, model, terms, is_block, &mut walk);
+            self.walk(start..end, &mut correction, model, terms, end - start == of_block, &mut walk);
             start = end;
         }
-        let turn = turn(&walk.base, 1.0, Some((&walk.effects, &corrected.on_rate)), model, terms.total());
+        let turn = turn(&walk.base, 1.0, Some((&walk.effects, &correction.on_rate)), model, terms.total());
         Pass { rotation: walk.rotation, turn, blocks: walk.blocks, attitudes: walk.attitudes }
+    }
+
+    /// From rest to rest: the sums are trapezoids over the samples, as those of the kernel are.
+    fn to_end(&self, correction: &mut Correction<'_>, model: &Model, terms: &Terms<'_>) -> Pass {
+        let (time, Range { start: mut at, end: last }) = (self.recording.time_s, self.span.first..self.span.last);
+        let mut rotation = UnitQuaternion::identity();
+        let mut here = Matrix3::identity();
+        let (mut base, mut effects) = (Sums::zero(), Sum::zero(&correction.on_rate));
+        let mut weights: Vec<[Matrix3<f64>; 1]> = Vec::new();
+        while at < last {
+            let steps = at..(at + TOGETHER).min(last);
+            let before = self.step(at).before;
+            correction.until(before + steps.len() + 2);
+            let rates = &correction.all.rate;
+            weights.clear();
+            weights.resize(steps.len() + 1, [Matrix3::zeros()]);
+            for (k, i) in steps.clone().enumerate() {
+                let (h, step) = (time[i + 1] - time[i], self.step(i));
+                weights[k][0] += here * (h / 2.0);
+                let coning = rates[step.before].cross(&rates[step.before + 1]) * (h * h / 12.0);
+                rotation *= so3::exp(&(step.mean(|k| rates[k]) * h + coning));
+                rotation.renormalize_fast();
+                here = *rotation.to_rotation_matrix().matrix();
+                weights[k + 1][0] += here * (h / 2.0);
+            }
+            for ([weight], seen) in weights.iter().zip(&correction.all.seen_rate[before..]) {
+                base.add_sample(weight, seen);
+            }
+            let [more] = correction.on_rate.weighted(before, &weights);
+            effects.add(&more);
+            correction.on_rate.forget_before(before + steps.len());
+            at = steps.end;
+        }
+        let turn = turn(&base, 1.0, Some((&effects, &correction.on_rate)), model, terms.total());
+        Pass { rotation: *rotation.to_rotation_matrix().matrix(), turn, blocks: Vec::new(), attitudes: Vec::new() }
     }
 
     /// Takes these steps, and makes a block of them if they are one.
     fn walk(
         &self,
         steps: Range<usize>,
-        corrected: &Corrected,
+        correction: &mut Correction<'_>,
         model: &Model,
         terms: &Terms<'_>,
         is_block: bool,
@@ -171,7 +209,11 @@ impl Route<'_> {
         let (time, count) = (self.recording.time_s, steps.len());
         let k_first = self.step(steps.start).before;
         // From one sample before the first step to one after the last, where there are any.
-        let reached = k_first.saturating_sub(1)..(k_first + count + 2).min(corrected.rate.len());
+        let reached = k_first.saturating_sub(1)..(k_first + count + 2).min(correction.all.rate.len());
+        correction.until(reached.end);
+        correction.on_rate.forget_before(reached.start);
+        correction.on_force.forget_before(reached.start);
+        let (corrected, on_rate, on_force) = (&correction.all, &correction.on_rate, &correction.on_force);
         walk.weights.clear();
         walk.weights.resize(reached.len(), [Matrix3::zeros(); 2]);
         let mut turned = Vec::with_capacity(count);
@@ -184,7 +226,7 @@ impl Route<'_> {
             let turn = step.mean(|k| corrected.rate[k]) * h;
             let seen = step.mean(|k| corrected.seen_rate[k]) * h;
             let a = walk.base.step(&mut walk.rotation, h, [&w0, &w1], &turn, &seen);
-            if !corrected.on_rate.parameters().is_empty() {
+            if !on_rate.parameters().is_empty() {
                 // A mean over the block has this share of what the step adds.
                 let share = (count - j) as f64 / count as f64;
                 step.weigh(&a, h, [&w0, &w1], |k, weight| {
@@ -195,9 +237,7 @@ impl Route<'_> {
                     }
                 });
             }
-            if self.with_blocks {
-                walk.attitudes.push(walk.rotation);
-            }
+            walk.attitudes.push(walk.rotation);
             if is_block {
                 gathered.force += walk.rotation * corrected.force[k1];
                 let effects = corrected.seen_force[k1] - corrected.force[k1];
@@ -210,27 +250,27 @@ impl Route<'_> {
         }
         if !is_block {
             let weights: Vec<[Matrix3<f64>; 1]> = walk.weights.iter().map(|[end, _]| [*end]).collect();
-            let [end] = corrected.on_rate.weighted(reached.start, &weights);
+            let [end] = on_rate.weighted(reached.start, &weights);
             walk.effects.add(&end);
             return;
         }
-        let [end, mean] = corrected.on_rate.weighted(reached.start, &walk.weights);
+        let [end, mean] = on_rate.weighted(reached.start, &walk.weights);
         let mut mean_turn = walk.effects.clone();
         mean_turn.add(&mean);
         walk.effects.add(&end);
-        let [on_force] = corrected.on_force.weighted(k_first + 1, &turned);
+        let [force_columns] = on_force.weighted(k_first + 1, &turned);
 
         let n = count as f64;
         let force = gathered.force / n;
-        let turn = turn(&gathered.base, n, Some((&mean_turn, &corrected.on_rate)), model, terms.total());
+        let turn = turn(&gathered.base, n, Some((&mean_turn, on_rate)), model, terms.total());
         // Turning the start of the move by phi moves the force by phi x force.
         let mut jacobian: Vec<Vector3<f64>> = turn.iter().map(|turn| turn.cross(&force)).collect();
         let by_parameters = turned_by_parameters(&model.accelerometer, &gathered.rotation, &gathered.by_force);
         for p in ACCEL {
             jacobian[p] = by_parameters.column(p) / n;
         }
-        for (k, p) in corrected.on_force.parameters().iter().enumerate() {
-            jacobian[BASE + p] = on_force.column(k) / -n;
+        for (k, p) in on_force.parameters().iter().enumerate() {
+            jacobian[BASE + p] = force_columns.column(k) / -n;
         }
         let first = self.span.first;
         walk.blocks.push(Block {
@@ -241,6 +281,11 @@ impl Route<'_> {
             force,
             jacobian,
         });
+    }
+
+    /// The rotation without effects.
+    pub(crate) fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
+        self.carried(gyroscope).0
     }
 
     /// Rotation and sums without effects, as the kernel takes them: steps in a row that are alike together.

@@ -20,16 +20,18 @@ pub(super) struct Planes {
     runs: Vec<Range<usize>>,
     /// Length of a plane: full registers.
     width: usize,
+    /// The first sample that is kept.
+    first: usize,
     numbers: Vec<f64>,
 }
 
 impl Planes {
-    /// No sample yet, with room for so many; `sensors` has the sensor of each parameter.
-    pub(super) fn new(sensors: &[Sensor], own: Sensor, samples: usize) -> Self {
+    /// No sample yet; `sensors` has the sensor of each parameter.
+    pub(super) fn new(sensors: &[Sensor], own: Sensor) -> Self {
         let parameters: Vec<usize> = (0..sensors.len()).filter(|&p| sensors[p] == own).collect();
         let width = parameters.len().next_multiple_of(MOST_LANES);
         let runs = parameters.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[0] + run.len()).collect();
-        Self { parameters, runs, width, numbers: Vec::with_capacity(samples * 3 * width) }
+        Self { parameters, runs, width, first: 0, numbers: Vec::new() }
     }
 
     /// Places of the parameters among those of all terms.
@@ -54,12 +56,20 @@ impl Planes {
         }
     }
 
+    /// Keeps samples from `first` on: what is kept stays in the processor's cache.
+    pub(super) fn forget_before(&mut self, first: usize) {
+        let gone = (first.saturating_sub(self.first) * 3 * self.width).min(self.numbers.len());
+        self.numbers.drain(..gone);
+        self.first = self.first.max(first);
+    }
+
     /// Sums over the samples from `first` on, each times its matrices; one sum for each matrix.
     pub(super) fn weighted<const M: usize>(&self, first: usize, weights: &[[Matrix3<f64>; M]]) -> [Sum; M] {
         let size = 3 * self.width;
         let mut sums = [(); M].map(|()| Sum { width: self.width, numbers: vec![0.0; size] });
-        let numbers = &self.numbers[first * size..(first + weights.len()) * size];
         if !self.parameters.is_empty() {
+            let start = (first - self.first) * size;
+            let numbers = &self.numbers[start..start + weights.len() * size];
             let to = sums.each_mut().map(|sum| sum.numbers.as_mut_slice());
             Arch::new().dispatch(Weighted { width: self.width, numbers, weights, to });
         }
@@ -137,10 +147,11 @@ mod tests {
         let sensors: Vec<Sensor> =
             (0..21).map(|p| if p % 3 == 1 { Sensor::Accelerometer } else { Sensor::Gyroscope }).collect();
         let column = |k: usize, p: usize| Vector3::new((k + p) as f64, (k * p) as f64, 1.0 / (1 + k + p) as f64);
-        let mut planes = Planes::new(&sensors, Sensor::Gyroscope, 7);
+        let mut planes = Planes::new(&sensors, Sensor::Gyroscope);
         for k in 0..7 {
             planes.push(&(0..sensors.len()).map(|p| column(k, p)).collect::<Vec<_>>());
         }
+        planes.forget_before(1);
         let weight = |k: usize, m: usize| Matrix3::from_fn(|r, c| ((k + 3 * r) as f64 - (m * c) as f64).sin());
         let weights: Vec<[Matrix3<f64>; 2]> = (2..6).map(|k| [weight(k, 1), weight(k, 2)]).collect();
         let sums = planes.weighted(2, &weights);

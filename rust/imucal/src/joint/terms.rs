@@ -40,6 +40,8 @@ pub struct UserField<'a> {
 const SHAPE_STEP: f64 = 1e-4;
 /// Passes of the fixed point; one shrinks the error by the slope of the effects, a per cent or less.
 const MOST_PASSES: usize = 24;
+/// By which one pass may shrink it less than the one before.
+const SLACK: f64 = 10.0;
 
 /// One term.
 #[derive(Clone, Debug)]
@@ -271,6 +273,11 @@ impl<'a> Terms<'a> {
         Self { all: self.all.iter().filter(is_active).cloned().collect(), ..self.clone() }
     }
 
+    /// Those of a sensor; parameters keep their places.
+    pub(super) fn of(&self, sensor: Sensor) -> Self {
+        Self { all: self.all.iter().filter(|term| term.sensor == sensor).cloned().collect(), ..self.clone() }
+    }
+
     /// The true state behind what the sensors see.
     pub(crate) fn settle(
         &self,
@@ -286,6 +293,7 @@ impl<'a> Terms<'a> {
             return state;
         }
         let (reads_rate, reads_force) = (self.reads(Sensor::Gyroscope), self.reads(Sensor::Accelerometer));
+        let mut last_change = None;
         for _ in 0..MOST_PASSES {
             self.columns_at(values, &state, sample, columns);
             let (on_rate, on_force) = self.sums(values, columns);
@@ -293,9 +301,13 @@ impl<'a> Terms<'a> {
             let by_rate = if reads_rate { (rate - state.angular_rate).amax() } else { 0.0 };
             let by_force = if reads_force { (force - state.specific_force).amax() } else { 0.0 };
             (state.angular_rate, state.specific_force) = (rate, force);
-            if by_rate + by_force <= 1e-15 * (1.0 + seen_force.amax()) {
+            let change = by_rate + by_force;
+            // The next change is smaller by as much as this one was, or nearly.
+            let next = last_change.map_or(change, |last: f64| change * (SLACK * change / last).min(1.0));
+            if next <= 1e-15 * (1.0 + seen_force.amax()) {
                 break;
             }
+            last_change = Some(change);
         }
         state
     }
