@@ -80,7 +80,7 @@ pub(crate) fn design(
     let rows = Rows { columns, groups, items, axes: axes_of(linear) };
     let residual = residual.col_as_slice(0).to_vec();
     Ok(Design {
-        gram: Known::new(&rows.columns, &residual, &rows.groups).gram(),
+        gram: Gram::of(&rows.columns, &residual, &rows.groups),
         model: columns_of(own, precisions, &values, 0..own.total()),
         candidates,
         residual,
@@ -152,8 +152,7 @@ impl Design {
             if group == INSIDE { first + prepared.rests[item / 2].recording } else { group }
         };
         let groups: Vec<usize> = groups.iter().zip(items).map(apart).collect();
-        let gram = Known::new(columns, &self.residual, &groups).gram();
-        (Cow::Owned(gram), first..first + prepared.recordings.len())
+        (Cow::Owned(Gram::of(columns, &self.residual, &groups)), first..first + prepared.recordings.len())
     }
 
     /// Its residuals, to be predicted item by item.
@@ -163,8 +162,8 @@ impl Design {
     }
 
     /// Its columns, for others to come beside them.
-    pub(crate) fn known(&self) -> Known {
-        Known::new(&self.rows.columns, &self.residual, &self.rows.groups)
+    pub(crate) fn known(&self) -> Known<'_> {
+        Known::new(&self.rows.columns, &self.residual, &self.rows.groups, &self.gram)
     }
 
     /// The axes that its directions across gravity are made with.

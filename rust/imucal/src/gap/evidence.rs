@@ -59,7 +59,7 @@ impl Gram {
     #[cfg(test)]
     pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let last = columns.ncols() - 1;
-        super::known::Known::new(&columns.subcols(0, last).to_owned(), columns.col_as_slice(last), group_of_row).gram()
+        Self::of(&columns.subcols(0, last).to_owned(), columns.col_as_slice(last), group_of_row)
     }
 
     /// The same columns with another residual.

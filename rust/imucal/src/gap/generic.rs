@@ -139,9 +139,11 @@ pub(crate) struct Moment {
     pub(crate) acceleration: Vector3<f64>,
 }
 
-/// The moments at rests that take part, and on the way of each move.
+/// The moments at the rests that take part, and on the way of each move.
 pub(crate) struct Moments {
-    pub(crate) rests: Vec<(usize, Moment)>,
+    /// Which rests these are.
+    pub(crate) used: Vec<usize>,
+    pub(crate) rests: Vec<Moment>,
     pub(crate) moves: Vec<Vec<Moment>>,
 }
 
@@ -205,7 +207,7 @@ fn shape(block: Block, kernel: Kernel, moments: &Moments, gravity_mps2: f64) -> 
             let points: Vec<Moment> = if block == Block::GyroscopeScale {
                 moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
             } else {
-                moments.rests.iter().map(|(_, moment)| *moment).collect()
+                moments.rests.clone()
             };
             let temperatures: Vec<f64> = points.iter().filter_map(|m| m.temperature_degc).collect();
             if points.len() < 3 || (kernel == Kernel::Temperature && temperatures.len() < points.len()) {
@@ -258,56 +260,81 @@ impl Hypothesis {
         self.block.typical()
     }
 
-    /// What the columns add to the sensor, SI units.
-    pub(crate) fn columns(&self, at: &Moment) -> Vec<Vector3<f64>> {
-        let force = at.up * self.gravity_mps2;
+    /// Number of columns: each is about one axis, those about x come first, then as many about y and z.
+    pub(crate) fn width(&self) -> usize {
+        3 * match &self.shape {
+            Shape::Varies(smooth, _) => smooth.width(),
+            Shape::Follows(smooth, _) if self.kernel == Kernel::Rate => smooth.width() + 6,
+            Shape::Follows(smooth, _) => smooth.width() + 3,
+            Shape::Turns => 9,
+        }
+    }
+
+    /// What the columns add to the sensor, SI units, moment by moment.
+    pub(crate) fn columns(&self, moments: &[Moment]) -> Vec<f64> {
+        let force = |at: &Moment| at.up * self.gravity_mps2;
         match &self.shape {
-            Shape::Varies(..) => {
-                let input = match self.block {
+            Shape::Varies(smooth, spread) => {
+                let input = |at: &Moment| match self.block {
                     Block::GyroscopeScale => at.rate,
-                    Block::AccelerometerScale => force,
+                    Block::AccelerometerScale => force(at),
                     Block::GyroscopeBias | Block::AccelerometerBias => Vector3::repeat(1.0),
                 };
-                self.shares(at).into_iter().map(|share| share.component_mul(&input)).collect()
+                self.varying(smooth, *spread, moments, input)
             }
             Shape::Follows(smooth, largest) => {
-                let (input, change) = if self.kernel == Kernel::Rate {
-                    (at.rate, at.acceleration * LAG_S)
-                } else {
-                    (force, Vector3::zeros())
-                };
-                let curves = [0, 1, 2].map(|axis| smooth.at(&(input[axis] / largest), near_on_curve));
-                let along = (0..smooth.width()).flat_map(|c| {
-                    let curves = &curves;
-                    (0..3).map(move |axis| Vector3::ith(axis, input[axis] * curves[axis][c]))
-                });
-                let products = (0..3).flat_map(|k| {
-                    let product = input[k] * input[(k + 1) % 3] / largest;
-                    (0..3).map(move |axis| Vector3::ith(axis, product))
-                });
-                let changes = (0..3).flat_map(|k| (0..3).map(move |axis| Vector3::ith(axis, change[k])));
-                let last = if self.kernel == Kernel::Rate { 3 } else { 0 };
-                along.chain(products).chain(changes.take(3 * last)).collect()
+                let of_rate = self.kernel == Kernel::Rate;
+                let inputs: Vec<Vector3<f64>> =
+                    moments.iter().map(|at| if of_rate { at.rate } else { force(at) }).collect();
+                let places: Vec<f64> = inputs.iter().flatten().map(|input| input / largest).collect();
+                let curves = smooth.at(&places, near_on_curve);
+                let mut all = Vec::with_capacity(moments.len() * self.width());
+                for (m, (at, input)) in moments.iter().zip(&inputs).enumerate() {
+                    let products = Vector3::from_fn(|k, _| input[k] * input[(k + 1) % 3] / largest);
+                    let change = at.acceleration * LAG_S;
+                    for axis in 0..3 {
+                        all.extend(curves.col_as_slice(3 * m + axis).iter().map(|curve| input[axis] * curve));
+                        all.extend(&products);
+                        all.extend(change.iter().filter(|_| of_rate));
+                    }
+                }
+                all
             }
             Shape::Turns => {
-                let w = at.rate;
-                let products = (0..3).flat_map(|a| (a..3).map(move |b| w[a] * w[b]));
-                let parts: Vec<f64> = products.chain(at.acceleration.iter().copied()).collect();
-                parts.iter().flat_map(|part| (0..3).map(move |axis| Vector3::ith(axis, *part))).collect()
+                let parts = |at: &Moment| {
+                    let (w, change) = (at.rate, at.acceleration);
+                    [w.x * w.x, w.x * w.y, w.x * w.z, w.y * w.y, w.y * w.z, w.z * w.z, change.x, change.y, change.z]
+                };
+                moments.iter().flat_map(|at| [parts(at); 3]).flatten().collect()
             }
         }
     }
 
-    /// What is wrong with the block at a moment, for each column.
-    pub(crate) fn shares(&self, at: &Moment) -> Vec<Vector3<f64>> {
+    /// What is wrong with the block for each column, moment by moment.
+    pub(crate) fn shares(&self, moments: &[Moment]) -> Vec<f64> {
         match &self.shape {
-            Shape::Varies(smooth, spread) => {
-                let parts = smooth.at(at, |a, b| covariance(self.kernel, *spread, a, b));
-                parts.iter().flat_map(|part| (0..3).map(move |axis| Vector3::ith(axis, *part))).collect()
-            }
-            Shape::Follows(_, largest) => self.columns(at).into_iter().map(|column| column / *largest).collect(),
-            Shape::Turns => self.columns(at),
+            Shape::Varies(smooth, spread) => self.varying(smooth, *spread, moments, |_| Vector3::repeat(1.0)),
+            Shape::Follows(_, largest) => self.columns(moments).iter().map(|number| number / largest).collect(),
+            Shape::Turns => self.columns(moments),
         }
+    }
+
+    /// What varies with what the kernel knows, times something along each axis.
+    fn varying(
+        &self,
+        smooth: &Smooth<Moment>,
+        spread: f64,
+        moments: &[Moment],
+        times: impl Fn(&Moment) -> Vector3<f64>,
+    ) -> Vec<f64> {
+        let shares = smooth.at(moments, |a, b| covariance(self.kernel, spread, a, b));
+        let mut all = Vec::with_capacity(moments.len() * self.width());
+        for (m, at) in moments.iter().enumerate() {
+            for times in &times(at) {
+                all.extend(shares.col_as_slice(m).iter().map(|share| share * times));
+            }
+        }
+        all
     }
 
     /// Whether it is the moves that show it.

@@ -1,111 +1,176 @@
 //! Sums of products of columns and residuals, group by group: of a model's columns, and with others beside them.
 
+use std::borrow::Cow;
+use std::ops::Range;
+
 use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::{Accum, Mat};
+use faer::{Accum, Mat, MatMut, MatRef};
 
 use super::evidence::Gram;
+use crate::stats::dot;
 
-/// Columns in groups of rows.
-pub(crate) struct Known {
-    groups: Vec<Group>,
-}
-
-struct Group {
-    group: usize,
-    rows: Vec<usize>,
-    /// Their part of the columns, the residual last.
-    columns: Mat<f64>,
-    /// `[J r]^T [J r]`.
-    sum: Mat<f64>,
+/// A model's columns and residuals in groups of rows, with their sums.
+pub(crate) struct Known<'a> {
+    groups: Vec<(Rows, Part<'a>, Vec<f64>)>,
+    gram: &'a Gram,
 }
 
 /// Columns that come beside known ones, in the same groups of rows.
-pub(crate) struct Others {
+pub(crate) struct Others<'a> {
     /// Of each group its part of them, and the sums of their own products.
-    parts: Vec<(Mat<f64>, Mat<f64>)>,
+    parts: Vec<(Part<'a>, Mat<f64>)>,
+    width: usize,
 }
 
-impl Known {
-    pub(crate) fn new(columns: &Mat<f64>, residual: &[f64], group_of_row: &[usize]) -> Self {
-        let count = group_of_row.iter().max().map_or(0, |last| last + 1);
-        let of_group = |group: usize| {
-            let rows: Vec<usize> = (0..group_of_row.len()).filter(|&row| group_of_row[row] == group).collect();
-            let mut columns = part(columns, &rows, 1);
-            let last = columns.ncols() - 1;
-            columns.col_as_slice_mut(last).iter_mut().zip(&rows).for_each(|(to, &row)| *to = residual[row]);
-            let sum = squared(&columns);
-            (!rows.is_empty()).then_some(Group { group, rows, columns, sum })
-        };
-        Self { groups: (0..count).filter_map(of_group).collect() }
-    }
+/// The rows of a group, as runs without gaps.
+struct Rows {
+    group: usize,
+    runs: Vec<Range<usize>>,
+}
 
-    /// Other columns of the same rows.
-    pub(crate) fn others(&self, columns: &Mat<f64>) -> Others {
-        let of_group = |Group { rows, .. }: &Group| {
-            let part = part(columns, rows, 0);
-            let own = squared(&part);
-            (part, own)
-        };
-        Others { parts: self.groups.iter().map(of_group).collect() }
-    }
+/// The columns of a group: these rows of a matrix.
+struct Part<'a> {
+    columns: Cow<'a, Mat<f64>>,
+    rows: Range<usize>,
+}
 
-    /// The sums with other columns, which come before the residual.
-    pub(crate) fn with(&self, others: &Others) -> Gram {
-        let known = self.count();
-        let width = others.parts.first().map_or(0, |(part, _)| part.ncols());
-        let last = known + width;
-        let joined = |(Group { columns, sum, .. }, (part, own)): (&Group, &(Mat<f64>, Mat<f64>))| {
-            let cross = columns.transpose() * part;
-            let mut all = Mat::zeros(last + 1, last + 1);
-            for i in 0..=known {
-                let to = all.col_as_slice_mut(if i < known { i } else { last });
-                to[..known].copy_from_slice(&sum.col_as_slice(i)[..known]);
-                to[known..last].iter_mut().enumerate().for_each(|(j, to)| *to = cross[(i, j)]);
-                to[last] = sum[(known, i)];
+impl Gram {
+    /// The sums of columns and a residual, which comes last.
+    pub(crate) fn of(columns: &Mat<f64>, residual: &[f64], group_of_row: &[usize]) -> Self {
+        let last = columns.ncols();
+        let groups = Rows::of_groups(group_of_row);
+        let sum = |rows: &Rows| {
+            let (part, own) = (rows.part(columns), rows.values(residual));
+            let mut sum = Mat::zeros(last + 1, last + 1);
+            square(part.view(), sum.as_mut().submatrix_mut(0, 0, last, last));
+            for j in 0..last {
+                let product = dot(part.column(j), &own);
+                (sum[(j, last)], sum[(last, j)]) = (product, product);
             }
-            for j in 0..width {
-                let to = all.col_as_slice_mut(known + j);
-                to[..known].copy_from_slice(&cross.col_as_slice(j)[..known]);
-                to[known..last].copy_from_slice(own.col_as_slice(j));
-                to[last] = cross[(known, j)];
-            }
-            all
+            sum[(last, last)] = dot(&own, &own);
+            sum
         };
-        let sums = self.groups.iter().zip(&others.parts).map(joined).collect();
-        self.gram_of(sums, last)
-    }
-
-    /// The sums of these columns alone.
-    pub(crate) fn gram(&self) -> Gram {
-        self.gram_of(self.groups.iter().map(|known| known.sum.clone()).collect(), self.count())
-    }
-
-    /// How many columns there are beside the residual.
-    fn count(&self) -> usize {
-        self.groups.first().map_or(0, |known| known.sum.ncols().saturating_sub(1))
-    }
-
-    fn gram_of(&self, sums: Vec<Mat<f64>>, residual: usize) -> Gram {
-        Gram {
-            sums,
-            rows: self.groups.iter().map(|known| known.rows.len() as f64).collect(),
-            groups: self.groups.iter().map(|known| known.group).collect(),
-            residual,
+        Self {
+            sums: groups.iter().map(sum).collect(),
+            rows: groups.iter().map(|rows| rows.count() as f64).collect(),
+            groups: groups.iter().map(|rows| rows.group).collect(),
+            residual: last,
         }
     }
 }
 
+impl<'a> Known<'a> {
+    /// `gram` are the sums of these columns and residuals.
+    pub(crate) fn new(columns: &'a Mat<f64>, residual: &[f64], group_of_row: &[usize], gram: &'a Gram) -> Self {
+        let of_group = |rows: Rows| {
+            let (part, residual) = (rows.part(columns), rows.values(residual));
+            (rows, part, residual)
+        };
+        Self { groups: Rows::of_groups(group_of_row).into_iter().map(of_group).collect(), gram }
+    }
+
+    /// Other columns of the same rows.
+    pub(crate) fn others<'b>(&self, columns: &'b Mat<f64>) -> Others<'b> {
+        let width = columns.ncols();
+        let of_group = |(rows, ..): &(Rows, Part<'_>, Vec<f64>)| {
+            let part = rows.part(columns);
+            let mut own = Mat::zeros(width, width);
+            square(part.view(), own.as_mut());
+            (part, own)
+        };
+        Others { parts: self.groups.iter().map(of_group).collect(), width }
+    }
+
+    /// The sums with other columns, which come before the residual.
+    pub(crate) fn with(&self, others: &Others<'_>) -> Gram {
+        let (known, width) = (self.gram.residual, others.width);
+        let last = known + width;
+        let joined = |(group, (part, own)): (usize, &(Part<'_>, Mat<f64>))| {
+            let ((_, columns, residual), sum) = (&self.groups[group], &self.gram.sums[group]);
+            let cross = columns.view().transpose() * part.view();
+            let mut all = Mat::zeros(last + 1, last + 1);
+            for i in 0..=known {
+                let to = all.col_as_slice_mut(if i < known { i } else { last });
+                to[..known].copy_from_slice(&sum.col_as_slice(i)[..known]);
+                to[last] = sum[(known, i)];
+            }
+            for j in 0..width {
+                let to = all.col_as_slice_mut(known + j);
+                to[..known].copy_from_slice(cross.col_as_slice(j));
+                to[known..last].copy_from_slice(own.col_as_slice(j));
+                to[last] = dot(part.column(j), residual);
+            }
+            for (i, j) in (known..last).flat_map(|j| (0..known).chain([last]).map(move |i| (i, j))) {
+                all[(j, i)] = all[(i, j)];
+            }
+            all
+        };
+        Gram {
+            sums: others.parts.iter().enumerate().map(joined).collect(),
+            rows: self.gram.rows.clone(),
+            groups: self.gram.groups.clone(),
+            residual: last,
+        }
+    }
+}
+
+impl Rows {
+    /// Of all groups that have any.
+    fn of_groups(group_of_row: &[usize]) -> Vec<Self> {
+        let count = group_of_row.iter().max().map_or(0, |last| last + 1);
+        let mut all: Vec<Self> = (0..count).map(|group| Self { group, runs: Vec::new() }).collect();
+        for (row, &group) in group_of_row.iter().enumerate() {
+            match all[group].runs.last_mut() {
+                Some(run) if run.end == row => run.end += 1,
+                _ => all[group].runs.push(row..row + 1),
+            }
+        }
+        all.retain(|rows| !rows.runs.is_empty());
+        all
+    }
+
+    fn count(&self) -> usize {
+        self.runs.iter().map(Range::len).sum()
+    }
+
+    fn values(&self, column: &[f64]) -> Vec<f64> {
+        self.runs.iter().flat_map(|run| &column[run.clone()]).copied().collect()
+    }
+
+    /// These rows of a matrix; they are copied only where there are gaps.
+    fn part<'m>(&self, columns: &'m Mat<f64>) -> Part<'m> {
+        if let [run] = self.runs.as_slice() {
+            return Part { columns: Cow::Borrowed(columns), rows: run.clone() };
+        }
+        let mut part = Mat::zeros(self.count(), columns.ncols());
+        for j in 0..columns.ncols() {
+            let from = columns.col_as_slice(j);
+            let values = self.runs.iter().flat_map(|run| &from[run.clone()]);
+            part.col_as_slice_mut(j).iter_mut().zip(values).for_each(|(to, value)| *to = *value);
+        }
+        Part { rows: 0..part.nrows(), columns: Cow::Owned(part) }
+    }
+}
+
+impl Part<'_> {
+    fn view(&self) -> MatRef<'_, f64> {
+        self.columns.subrows(self.rows.start, self.rows.len())
+    }
+
+    fn column(&self, j: usize) -> &[f64] {
+        &self.columns.col_as_slice(j)[self.rows.clone()]
+    }
+}
+
 /// `A^T A`: one half of it is made, the other is the same.
-fn squared(a: &Mat<f64>) -> Mat<f64> {
+fn square(a: MatRef<'_, f64>, mut sum: MatMut<'_, f64>) {
     use BlockStructure::{Rectangular, TriangularLower};
-    let mut sum = Mat::zeros(a.ncols(), a.ncols());
     let parallelism = faer::get_global_parallelism();
-    let transposed = a.transpose();
     triangular::matmul(
-        &mut sum,
+        sum.as_mut(),
         TriangularLower,
         Accum::Replace,
-        transposed,
+        a.transpose(),
         Rectangular,
         a,
         Rectangular,
@@ -117,15 +182,4 @@ fn squared(a: &Mat<f64>) -> Mat<f64> {
             sum[(i, j)] = sum[(j, i)];
         }
     }
-    sum
-}
-
-/// Some rows of a matrix, with room for more columns.
-fn part(columns: &Mat<f64>, rows: &[usize], more: usize) -> Mat<f64> {
-    let mut part = Mat::zeros(rows.len(), columns.ncols() + more);
-    for j in 0..columns.ncols() {
-        let from = columns.col_as_slice(j);
-        part.col_as_slice_mut(j).iter_mut().zip(rows).for_each(|(to, &row)| *to = from[row]);
-    }
-    part
 }

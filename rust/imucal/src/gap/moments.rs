@@ -10,6 +10,8 @@ use super::design::axes_of;
 use super::generic::{Block, Hypothesis, Moment, Moments, hypotheses};
 use crate::error::Error;
 use crate::joint::{Field, Joint, Linear, Model, Prepared, Terms, Way, ways};
+use crate::moves::Move;
+use crate::stats::dot;
 
 /// Of the blocks inside a move one in so many is enough for what changes slowly.
 const EVERY: usize = 5;
@@ -46,31 +48,34 @@ impl<'a> Setting<'a> {
 
     /// Whitened columns of a hypothesis.
     pub(crate) fn columns(&self, hypothesis: &Hypothesis) -> Mat<f64> {
-        let at = |moment: &Moment| hypothesis.columns(moment);
-        let mut rests = vec![Vec::new(); self.prepared.rests.len()];
-        for (k, moment) in &self.moments.rests {
-            rests[*k] = at(moment);
+        let Moments { used, rests, moves } = &self.moments;
+        let (sensor, width) = (hypothesis.block.sensor(), hypothesis.width());
+        let mut at_rests = vec![0.0; self.prepared.rests.len() * width];
+        for (k, numbers) in used.iter().zip(hypothesis.columns(rests).chunks_exact(width)) {
+            at_rests[k * width..][..width].copy_from_slice(numbers);
         }
-        let width = self.moments.rests.first().map_or(0, |(k, _)| rests[*k].len());
-        let sensor = hypothesis.block.sensor();
         // From rest to rest the force inside the moves is not looked at.
         let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
-        let of_move = |way: &Vec<Moment>| if on_the_way { way.iter().map(at).collect() } else { Vec::new() };
-        let moves = self.moments.moves.iter().map(of_move).collect();
-        let field = Field { sensor, width, rests, moves };
+        let of_move = |way: &Vec<Moment>| if on_the_way { hypothesis.columns(way) } else { Vec::new() };
+        let field = Field { sensor, width, rests: at_rests, moves: moves.iter().map(of_move).collect() };
         self.problem.by_field(&self.linear, &self.ways, &field)
     }
 
-    /// Each rest, or the rest before each move, and what is wrong there for each column of a hypothesis.
-    pub(crate) fn shares(&self, hypothesis: &Hypothesis) -> Vec<(usize, Vec<Vector3<f64>>)> {
-        if hypothesis.is_of_moves() {
-            let middle = |(m, way): (usize, &Vec<Moment>)| {
-                Some((self.prepared.moves[m].from, hypothesis.shares(way.get(way.len() / 2)?)))
-            };
-            self.moments.moves.iter().enumerate().filter_map(middle).collect()
+    /// Each rest, or the rest before each move, and what is wrong there on each axis with these weights of a hypothesis' columns.
+    pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
+        let Moments { used, rests, moves } = &self.moments;
+        let (places, moments): (Vec<usize>, Vec<Moment>) = if hypothesis.is_of_moves() {
+            let middle = |(span, way): (&Move, &Vec<Moment>)| Some((span.from, *way.get(way.len() / 2)?));
+            self.prepared.moves.iter().zip(moves).filter_map(middle).unzip()
         } else {
-            self.moments.rests.iter().map(|(k, moment)| (*k, hypothesis.shares(moment))).collect()
-        }
+            used.iter().copied().zip(rests.iter().copied()).unzip()
+        };
+        let count = weights.len() / 3;
+        let along =
+            |shares: &[f64], axis: usize| dot(&shares[axis * count..][..count], &weights[axis * count..][..count]);
+        let shares = hypothesis.shares(&moments);
+        let wrong = shares.chunks_exact(weights.len()).map(|shares| Vector3::from_fn(|axis, _| along(shares, axis)));
+        places.into_iter().zip(wrong).collect()
     }
 }
 
@@ -122,5 +127,6 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, ways: &[Way]) -> Moments {
             acceleration: Vector3::zeros(),
         }
     };
-    Moments { rests: linear.directions().map(|(k, up)| (k, at_rest(k, up))).collect(), moves }
+    let (used, rests) = linear.directions().map(|(k, up)| (k, at_rest(k, up))).unzip();
+    Moments { used, rests, moves }
 }

@@ -42,7 +42,7 @@ pub(super) struct BestGeneric {
 /// The best hypothesis so far beside a model.
 struct Best<'a> {
     stage: &'a Stage,
-    known: Known,
+    known: Known<'a>,
     found: Option<(f64, Hypothesis, Vec<f64>)>,
 }
 
@@ -52,7 +52,7 @@ impl<'a> Best<'a> {
     }
 
     /// Takes a hypothesis with its columns if it explains more.
-    fn ask(&mut self, hypothesis: &Hypothesis, others: &Others, width: usize) {
+    fn ask(&mut self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) {
         let (model, before) = (&self.stage.design.model, &self.stage.evidence);
         let (gram, typical) = (self.known.with(others), hypothesis.typical());
         let own = model.len()..model.len() + width;
@@ -82,8 +82,7 @@ impl<'a> Best<'a> {
 
     fn finish(self, setting: &Setting<'_>) -> Option<BestGeneric> {
         let (log_bayes_factor, hypothesis, weights) = self.found?;
-        let sum = |columns: Vec<Vector3<f64>>| columns.iter().zip(&weights).map(|(c, weight)| c * *weight).sum();
-        let wrong = setting.shares(&hypothesis).into_iter().map(|(place, columns)| (place, sum(columns))).collect();
+        let wrong = setting.wrong(&hypothesis, &weights);
         Some(BestGeneric { block: hypothesis.block, kernel: hypothesis.kernel, log_bayes_factor, wrong })
     }
 }

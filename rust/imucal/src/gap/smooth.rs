@@ -2,8 +2,6 @@
 
 use faer::Mat;
 
-use crate::stats::dot;
-
 /// Eigenvalues below this share of the largest one are left out.
 const SMALLEST: f64 = 1e-3;
 
@@ -43,12 +41,16 @@ impl<T> Smooth<T> {
         self.weights.ncols()
     }
 
-    /// All functions at a point, with the kernel that they were made of.
-    pub(crate) fn at(&self, x: &T, kernel: impl Fn(&T, &T) -> f64) -> Vec<f64> {
-        let near: Vec<f64> = self.points.iter().map(|point| kernel(x, point)).collect();
-        let own = near.iter().sum::<f64>() / near.len() as f64;
-        let centred: Vec<f64> = near.iter().zip(&self.means).map(|(k, mean)| k - own - mean + self.mean).collect();
-        (0..self.width()).map(|c| dot(self.weights.col_as_slice(c), &centred)).collect()
+    /// All functions at some points, a column for each, with the kernel that they were made of.
+    pub(crate) fn at(&self, points: &[T], kernel: impl Fn(&T, &T) -> f64) -> Mat<f64> {
+        let n = self.points.len();
+        let mut near = Mat::from_fn(n, points.len(), |i, x| kernel(&points[x], &self.points[i]));
+        for x in 0..points.len() {
+            let near = near.col_as_slice_mut(x);
+            let own = near.iter().sum::<f64>() / n as f64;
+            near.iter_mut().zip(&self.means).for_each(|(k, mean)| *k += self.mean - own - mean);
+        }
+        self.weights.transpose() * near
     }
 }
 
@@ -62,7 +64,7 @@ mod tests {
         let points: Vec<f64> = (1..=5).map(f64::from).collect();
         let walk = |a: &f64, b: &f64| a.min(*b);
         let smooth = Smooth::new(points.clone(), walk, 5).unwrap();
-        let at = |x: f64| smooth.at(&x, walk);
+        let at = |x: f64| smooth.at(&[x], walk).col_as_slice(0).to_vec();
         for (a, b) in at(2.5).iter().zip(at(2.0).iter().zip(at(3.0))) {
             assert!((a - (b.0 + b.1) / 2.0).abs() < 1e-12);
         }

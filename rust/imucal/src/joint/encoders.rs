@@ -330,7 +330,7 @@ impl EncoderMove<'_> {
         let mut z = vec![0.0; n + 1];
         for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
             // The second state is the error of the direction at the start, of which the stand knows nothing.
-            let mut filter = Filter::new(n, [0.0, noise.start]);
+            let mut filter = Filter::new(n + 1, [0.0, noise.start]);
             let mut last_s = 0.0;
             for (block, (mean, jacobian)) in pass.blocks.iter().zip(&turns) {
                 filter.walk(noise.walk * (block.time_s - last_s));

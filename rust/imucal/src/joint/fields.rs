@@ -6,14 +6,16 @@
 //! turn(t) = -sum A Phi dt from the start of the move to t
 //! ```
 
+use std::ops::Range;
+
 use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
-use super::inside::{self, EndDirection};
+use super::inside::{Place, Rows};
 use super::linear::{AtMove, Linear, Prepared, Source};
 use super::model::GYRO_BIAS;
-use super::pass::{Block, Pass, Route};
+use super::pass::{Block, Route};
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
@@ -38,14 +40,44 @@ pub(crate) struct Way {
     end: Matrix3<f64>,
 }
 
-/// Columns of a field, SI units.
+/// Columns of a field, each about one axis: those about x come first, then as many about y and z. Numbers in SI units.
 pub(crate) struct Field {
     pub(crate) sensor: Sensor,
+    /// Number of columns.
     pub(crate) width: usize,
-    /// By rest.
-    pub(crate) rests: Vec<Vec<Vector3<f64>>>,
+    /// Rest by rest.
+    pub(crate) rests: Vec<f64>,
     /// By move, stretch by stretch.
-    pub(crate) moves: Vec<Vec<Vec<Vector3<f64>>>>,
+    pub(crate) moves: Vec<Vec<f64>>,
+}
+
+impl Field {
+    fn at_rest(&self, rest: usize) -> &[f64] {
+        &self.rests[rest * self.width..][..self.width]
+    }
+
+    fn in_move(&self, k: usize, stretch: usize) -> &[f64] {
+        &self.moves[k][stretch * self.width..][..self.width]
+    }
+
+    /// The axis that a column is about.
+    fn axis(&self, column: usize) -> usize {
+        3 * column / self.width
+    }
+
+    /// Its columns about each axis.
+    fn own(&self, axis: usize) -> Range<usize> {
+        let count = self.width / 3;
+        axis * count..(axis + 1) * count
+    }
+
+    /// Adds numbers times what belongs to their axis.
+    fn add(&self, by_axis: &Vector3<f64>, numbers: &[f64], to: &mut [f64]) {
+        for axis in 0..3 {
+            let (own, by) = (self.own(axis), by_axis[axis]);
+            to[own.clone()].iter_mut().zip(&numbers[own]).for_each(|(to, number)| *to += by * number);
+        }
+    }
 }
 
 /// The way of each move at a linearisation without effects; of the blocks inside the moves only one in `every`.
@@ -82,94 +114,129 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
     Ok(prepared.moves.iter().zip(linear.moves.iter()).map(way).collect())
 }
 
-impl Way {
-    /// What a field has turned at each stretch, and at the end: it goes straight from one stretch to the next.
-    fn turns(&self, columns: &[Vec<Vector3<f64>>], width: usize) -> Vec<Vec<Vector3<f64>>> {
-        let mut sums = vec![Vector3::zeros(); width];
-        let mut turns = Vec::with_capacity(self.stretches.len() + 1);
+impl Field {
+    /// What it has turned at each stretch of a move, and at the end: it goes straight from one stretch to the next. Of each the
+    /// first component for all columns, then the second and the third.
+    fn turns(&self, k: usize, way: &Way, turns: &mut Vec<f64>) {
+        let width = self.width;
+        turns.clear();
+        turns.resize((way.stretches.len() + 1) * 3 * width, 0.0);
+        let Some(last) = way.stretches.len().checked_sub(1) else { return };
         let mut before = Matrix3::zeros();
-        for (k, turn) in self.stretches.iter().map(|s| s.turn).chain([self.end]).enumerate() {
-            let here = columns.get(k).or(columns.last());
-            let last = k.checked_sub(1).and_then(|k| columns.get(k)).or(here);
-            let more = turn - before;
-            if let (Some(here), Some(last)) = (here, last) {
-                for ((sum, here), last) in sums.iter_mut().zip(here).zip(last) {
-                    *sum += more * ((here + last) * 0.5);
-                }
+        for (stretch, turn) in way.stretches.iter().map(|s| s.turn).chain([way.end]).enumerate() {
+            let (done, open) = turns.split_at_mut(stretch * 3 * width);
+            let sums = &mut open[..3 * width];
+            if let Some(before) = done.len().checked_sub(sums.len()) {
+                sums.copy_from_slice(&done[before..]);
             }
-            turns.push(sums.clone());
+            let half = (turn - before) / 2.0;
+            for component in 0..3 {
+                let by_axis = half.row(component).transpose();
+                let sums = &mut sums[component * width..][..width];
+                self.add(&by_axis, self.in_move(k, stretch.saturating_sub(1)), sums);
+                self.add(&by_axis, self.in_move(k, stretch.min(last)), sums);
+            }
             before = turn;
         }
-        turns
+    }
+}
+
+/// Along `d`, of turns by components.
+fn along(d: &Vector3<f64>, turns: &[f64], z: &mut [f64]) {
+    let (x, others) = turns.split_at(z.len());
+    let (y, third) = others.split_at(z.len());
+    for (((z, x), y), third) in z.iter_mut().zip(x).zip(y).zip(third) {
+        *z = d.x * x + d.y * y + d.z * third;
     }
 }
 
 impl Joint<'_> {
     /// Whitened derivatives of all residuals but those against the stand by the columns of a field.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[Way], field: &Field) -> Mat<f64> {
-        let (head, width) = (linear.lines.len(), field.width);
-        let of_gyroscope = field.sensor == Sensor::Gyroscope;
-        let raw = |columns: &[Vector3<f64>]| -> Vec<Vector3<f64>> {
-            let triad = if of_gyroscope { &linear.model.gyroscope } else { &linear.model.accelerometer };
-            columns.iter().map(|column| triad.sensitivity() * column).collect()
-        };
-        let at_rests: Vec<Vec<Vector3<f64>>> = field.rests.iter().map(|columns| raw(columns)).collect();
-        let turns: Vec<Vec<Vec<Vector3<f64>>>> = ways
-            .iter()
-            .zip(&field.moves)
-            .map(|(way, columns)| if of_gyroscope { way.turns(columns, width) } else { Vec::new() })
-            .collect();
-        let mut lines = Mat::zeros(head, width);
-        let mut component = 0;
-        for (row, line) in linear.lines.iter().enumerate() {
-            if !of_gyroscope {
-                for (rest, by) in &line.by_means {
-                    for (c, column) in at_rests[*rest].iter().enumerate() {
-                        lines[(row, c)] -= by.dot(column);
-                    }
-                }
-            } else if let Source::Move(k) = line.source {
-                let along = across(&linear.moves[k]).row(component).transpose();
-                component = 1 - component;
-                for (c, turn) in turns[k].last().into_iter().flatten().enumerate() {
-                    lines[(row, c)] = along.dot(turn);
-                }
-            }
+        let mut all = Mat::zeros(self.rows(), field.width);
+        let mut lines = Mat::zeros(linear.lines.len(), field.width);
+        if field.sensor == Sensor::Gyroscope {
+            self.by_rate(linear, ways, field, &mut lines, &mut all);
+        } else {
+            self.by_force(linear, ways, field, &mut lines, &mut all);
         }
         self.weights.whitening.apply(&mut lines);
-        let mut all = Mat::zeros(self.rows(), width);
-        all.as_mut().subrows_mut(0, head).copy_from(&lines);
-        if of_gyroscope {
-            for (place, (rest, _)) in linear.rates.iter().enumerate() {
-                for (c, column) in at_rests[*rest].iter().enumerate() {
-                    let white = self.weights.rates[*rest] * column;
-                    (0..3).for_each(|axis| all[(head + 3 * place + axis, c)] = -white[axis]);
-                }
-            }
-        }
+        all.as_mut().subrows_mut(0, lines.nrows()).copy_from(&lines);
         self.let_wander(&mut all);
-        if linear.sees_inside() {
-            let mut row = head + 3 * linear.rates.len();
-            for (k, at_move) in linear.moves.iter().enumerate() {
-                let (from, to) = (self.prepared.moves[k].from, self.prepared.moves[k].to);
-                let end = |up: &Vector3<f64>, rest: usize| EndDirection {
-                    up: *up,
-                    jacobian: if of_gyroscope {
-                        vec![Vector3::zeros(); width]
-                    } else {
-                        field.rests[rest].iter().map(|c| (up * up.dot(c) - c) / self.prepared.gravity_mps2).collect()
-                    },
-                };
-                let (before, after) = (end(&at_move.before.up, from), end(&at_move.after.up, to));
-                let pass = moved(&at_move.pass, &ways[k], &field.moves[k], turns[k].as_slice(), width);
+        all
+    }
+
+    /// By an error of the rate: lines that are still to be whitened, and what comes behind them.
+    fn by_rate(&self, linear: &Linear, ways: &[Way], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
+        let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
+        let mut row = lines.nrows();
+        for (rest, _) in &linear.rates {
+            let white = self.weights.rates[*rest] * linear.model.gyroscope.sensitivity();
+            for (c, number) in field.at_rest(*rest).iter().enumerate() {
+                (0..3).for_each(|axis| all[(row + axis, c)] = -white[(axis, field.axis(c))] * number);
+            }
+            row += 3;
+        }
+        let (mut turns, mut turned) = (Vec::new(), Vec::with_capacity(ways.len()));
+        let mut rows = Rows::new(all, row);
+        for (k, (at_move, way)) in linear.moves.iter().zip(ways).enumerate() {
+            let AtMove { pass, before, after } = at_move;
+            field.turns(k, way, &mut turns);
+            let (here, end) = turns.split_at(way.stretches.len() * 3 * width);
+            turned.push(end.to_vec());
+            if linear.sees_inside() {
+                let carried = pass.rotation * after.up * gravity_mps2;
                 let noise = &self.weights.inside[k];
-                inside::innovations(&pass, &before, &after, noise, self.prepared.gravity_mps2, |z| {
-                    (0..width).for_each(|c| all[(row, c)] = z[c]);
-                    row += 1;
+                rows.innovations(pass, &before.up, noise, gravity_mps2, |place, d, z| match place {
+                    // A turn t moves the force by t x f: along d that is (f x d) . t.
+                    Place::Block(k) => along(&pass.blocks[k].force.cross(d), &here[k * 3 * width..], z),
+                    Place::End => along(&carried.cross(d), end, z),
                 });
             }
         }
-        all
+        let (mut component, mut z) = (0, vec![0.0; width]);
+        for (row, line) in linear.lines.iter().enumerate() {
+            if let Source::Move(k) = line.source {
+                along(&across(&linear.moves[k]).row(component).transpose(), &turned[k], &mut z);
+                (0..width).for_each(|c| lines[(row, c)] = z[c]);
+                component = 1 - component;
+            }
+        }
+    }
+
+    /// By an error of the force.
+    fn by_force(&self, linear: &Linear, ways: &[Way], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
+        for (row, line) in linear.lines.iter().enumerate() {
+            for (rest, by) in &line.by_means {
+                let by_axis = linear.model.accelerometer.sensitivity().tr_mul(by);
+                for (c, number) in field.at_rest(*rest).iter().enumerate() {
+                    lines[(row, c)] -= by_axis[field.axis(c)] * number;
+                }
+            }
+        }
+        if !linear.sees_inside() {
+            return;
+        }
+        let mut rows = Rows::new(all, lines.nrows() + 3 * linear.rates.len());
+        for (k, (at_move, way)) in linear.moves.iter().zip(ways).enumerate() {
+            let AtMove { pass, before, after } = at_move;
+            let Move { from, to, .. } = self.prepared.moves[k];
+            let (at_start, at_end) = (field.at_rest(from), field.at_rest(to));
+            let level = |up: &Vector3<f64>, d: &Vector3<f64>| d - up * up.dot(d);
+            let noise = &self.weights.inside[k];
+            rows.innovations(pass, &before.up, noise, self.prepared.gravity_mps2, |place, d, z| {
+                z.fill(0.0);
+                // The rests before and after tell directions of gravity by the same accelerometer.
+                field.add(&level(&before.up, d), at_start, z);
+                match place {
+                    Place::Block(stretch) => {
+                        let by_axis = -way.stretches[stretch].attitude.tr_mul(d);
+                        field.add(&by_axis, field.in_move(k, stretch), z);
+                    }
+                    Place::End => field.add(&-level(&after.up, &pass.rotation.tr_mul(d)), at_end, z),
+                }
+            });
+        }
     }
 }
 
@@ -178,24 +245,4 @@ fn across(at_move: &AtMove) -> Matrix2x3<f64> {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);
     across * pass.rotation.transpose() * before.up.cross_matrix()
-}
-
-/// The pass of a move with the derivatives by a field in place of those by the parameters.
-fn moved(pass: &Pass, way: &Way, columns: &[Vec<Vector3<f64>>], turns: &[Vec<Vector3<f64>>], width: usize) -> Pass {
-    let still = vec![Vector3::zeros(); width];
-    let block = |(k, block): (usize, &Block)| {
-        let turn = turns.get(k).unwrap_or(&still);
-        let jacobian = if turns.is_empty() {
-            columns[k].iter().map(|column| -(way.stretches[k].attitude * column)).collect()
-        } else {
-            turn.iter().map(|turn| turn.cross(&block.force)).collect()
-        };
-        Block { turn: Vec::new(), jacobian, samples: block.samples.clone(), ..*block }
-    };
-    Pass {
-        rotation: pass.rotation,
-        turn: turns.last().unwrap_or(&still).clone(),
-        blocks: pass.blocks.iter().enumerate().map(block).collect(),
-        attitudes: Vec::new(),
-    }
 }

@@ -8,8 +8,10 @@
 //! error of the gyroscope's white noise walks; its innovations, as of a scalar Kalman filter, are white. The last
 //! residual of a move is the rest after it.
 
+use faer::Mat;
 use nalgebra::Vector3;
 
+use super::linear::AtMove;
 use super::pass::{Block, Pass};
 use crate::moves::across;
 
@@ -38,65 +40,121 @@ pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
     3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
 }
 
-/// Hands every white residual to `push`: its derivative by every parameter, and the residual itself as the last number.
-pub(crate) fn innovations(
-    pass: &Pass,
-    start: &EndDirection,
-    end: &EndDirection,
-    noise: &InsideNoise,
-    gravity_mps2: f64,
-    mut push: impl FnMut(&[f64]),
-) {
-    let n = start.jacobian.len();
-    let [first, second] = across(&start.up);
-    let g2 = gravity_mps2 * gravity_mps2;
-    let mut z = vec![0.0; n + 1];
-    for (channel, d) in [start.up, first, second].iter().enumerate() {
-        let across = channel > 0;
-        let mut filter = Filter::new(n, [if across { g2 * noise.start } else { 0.0 }]);
-        let walk = if across { g2 * noise.walk } else { 0.0 };
-        let mut last_s = 0.0;
-        for block in &pass.blocks {
-            force(block, start, gravity_mps2, d, &mut z);
-            filter.walk(walk * (block.time_s - last_s));
-            last_s = block.time_s;
-            filter.innovate(&mut z, [1.0], noise.force / block.duration_s);
-            push(&z);
-        }
-        if across {
-            let carried = pass.rotation * end.up;
-            for p in 0..n {
-                let by_end = pass.turn[p].cross(&carried) + pass.rotation * end.jacobian[p];
-                z[p] = d.dot(&(by_end - start.jacobian[p])) * gravity_mps2;
+/// Where a residual inside a move is seen: in one of its blocks, or by the rest after it.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Place {
+    Block(usize),
+    End,
+}
+
+/// Rows of a matrix, from one on, for the residuals inside the moves.
+pub(super) struct Rows<'a> {
+    matrix: &'a mut Mat<f64>,
+    next: usize,
+    /// Those of one move, number by number.
+    gathered: Vec<f64>,
+}
+
+impl<'a> Rows<'a> {
+    pub(super) fn new(matrix: &'a mut Mat<f64>, first: usize) -> Self {
+        Self { matrix, next: first, gathered: Vec::new() }
+    }
+
+    /// The white residuals of a move with gravity along `up` at its start; `seen` says what each is before, where and along which
+    /// direction.
+    pub(super) fn innovations(
+        &mut self,
+        pass: &Pass,
+        up: &Vector3<f64>,
+        noise: &InsideNoise,
+        gravity_mps2: f64,
+        mut seen: impl FnMut(Place, &Vector3<f64>, &mut [f64]),
+    ) {
+        let (width, count) = (self.matrix.ncols(), count(pass, false));
+        self.gathered.resize(count * width, 0.0);
+        let mut rows = self.gathered.chunks_exact_mut(width.max(1));
+        let [first, second] = across(up);
+        let g2 = gravity_mps2 * gravity_mps2;
+        for (channel, d) in [*up, first, second].iter().enumerate() {
+            let across = channel > 0;
+            let mut filter = Filter::new(width, [if across { g2 * noise.start } else { 0.0 }]);
+            let walk = if across { g2 * noise.walk } else { 0.0 };
+            let mut last_s = 0.0;
+            for ((k, block), z) in pass.blocks.iter().enumerate().zip(&mut rows) {
+                seen(Place::Block(k), d, z);
+                filter.walk(walk * (block.time_s - last_s));
+                last_s = block.time_s;
+                filter.innovate(z, [1.0], noise.force / block.duration_s);
             }
-            z[n] = d.dot(&(carried - start.up)) * gravity_mps2;
-            filter.innovate(&mut z, [1.0], g2 * noise.end);
-            push(&z);
+            if across && let Some(z) = rows.next() {
+                seen(Place::End, d, z);
+                filter.innovate(z, [1.0], g2 * noise.end);
+            }
+        }
+        self.put();
+        self.next += count;
+    }
+
+    /// The row after them.
+    pub(super) fn next(&self) -> usize {
+        self.next
+    }
+
+    /// Writes what is gathered. The matrix holds columns: some rows are taken together, for one by one they would go to as many
+    /// places as there are columns.
+    fn put(&mut self) {
+        let width = self.matrix.ncols().max(1);
+        for (tile, rows) in self.gathered.chunks(TOGETHER * width).enumerate() {
+            let first = self.next + tile * TOGETHER;
+            for c in 0..self.matrix.ncols() {
+                let to = self.matrix.col_as_slice_mut(c)[first..].iter_mut();
+                to.zip(rows[c..].iter().step_by(width)).for_each(|(to, value)| *to = *value);
+            }
+        }
+    }
+}
+
+/// A residual inside a move along `d`, m/s^2, after its derivatives by the parameters.
+pub(super) fn seen(at_move: &AtMove, gravity_mps2: f64, place: Place, d: &Vector3<f64>, z: &mut [f64]) {
+    let AtMove { pass, before, after } = at_move;
+    match place {
+        Place::Block(k) => force(&pass.blocks[k], before, gravity_mps2, d, z),
+        Place::End => {
+            let n = before.jacobian.len();
+            let carried = pass.rotation * after.up;
+            for p in 0..n {
+                let by_end = pass.turn[p].cross(&carried) + pass.rotation * after.jacobian[p];
+                z[p] = d.dot(&(by_end - before.jacobian[p])) * gravity_mps2;
+            }
+            z[n] = d.dot(&(carried - before.up)) * gravity_mps2;
         }
     }
 }
 
 /// The residual of a block along `d`, m/s^2, after its derivatives.
 pub(super) fn force(block: &Block, start: &EndDirection, gravity_mps2: f64, d: &Vector3<f64>, z: &mut [f64]) {
-    let n = start.jacobian.len();
-    for p in 0..n {
-        z[p] = d.dot(&(block.jacobian[p] - start.jacobian[p] * gravity_mps2));
+    let at_start = d * gravity_mps2;
+    for ((z, here), start) in z.iter_mut().zip(&block.jacobian).zip(&start.jacobian) {
+        *z = d.dot(here) - at_start.dot(start);
     }
-    z[n] = d.dot(&(block.force - start.up * gravity_mps2));
+    z[start.jacobian.len()] = d.dot(&(block.force - start.up * gravity_mps2));
 }
+
+/// Rows that are written together.
+const TOGETHER: usize = 16;
 
 /// A random walk and what does not change, seen together through white noise, for a residual and all its derivatives at once.
 pub(super) struct Filter<const N: usize> {
-    states: [Vec<f64>; N],
+    states: Vec<[f64; N]>,
     covariance: [[f64; N]; N],
 }
 
 impl<const N: usize> Filter<N> {
-    /// For a residual and `parameters` derivatives; `variances` are those of the states at the start. The first one walks.
-    pub(super) fn new(parameters: usize, variances: [f64; N]) -> Self {
+    /// For so many numbers, a residual and derivatives; `variances` are those of the states at the start. The first one walks.
+    pub(super) fn new(width: usize, variances: [f64; N]) -> Self {
         let mut covariance = [[0.0; N]; N];
         (0..N).for_each(|i| covariance[i][i] = variances[i]);
-        Self { states: [0; N].map(|_| vec![0.0; parameters + 1]), covariance }
+        Self { states: vec![[0.0; N]; width], covariance }
     }
 
     /// The walk goes on by this variance.
@@ -109,17 +167,17 @@ impl<const N: usize> Filter<N> {
         let shared: [f64; N] =
             std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
         let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
-        let (gain, sigma) = (shared.map(|s| s / total), total.sqrt());
-        // What is known and does not walk says nothing of what comes.
-        if shared != [0.0; N] {
-            for (state, look) in self.states.iter().zip(&look) {
-                seen.iter_mut().zip(state).for_each(|(value, state)| *value -= look * state);
-            }
-            for (state, gain) in self.states.iter_mut().zip(&gain) {
-                state.iter_mut().zip(&*seen).for_each(|(state, value)| *state += gain * value);
+        let (gain, per_sigma) = (shared.map(|s| s / total), 1.0 / total.sqrt());
+        if shared == [0.0; N] {
+            // What is known and does not walk says nothing of what comes.
+            seen.iter_mut().for_each(|value| *value *= per_sigma);
+        } else {
+            for (value, state) in seen.iter_mut().zip(&mut self.states) {
+                let innovation = (0..N).fold(*value, |value, i| value - look[i] * state[i]);
+                (0..N).for_each(|i| state[i] += gain[i] * innovation);
+                *value = innovation * per_sigma;
             }
         }
-        seen.iter_mut().for_each(|value| *value /= sigma);
         for i in 0..N {
             for j in 0..N {
                 self.covariance[i][j] -= gain[i] * shared[j];
@@ -131,7 +189,6 @@ impl<const N: usize> Filter<N> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use faer::Mat;
 
     /// The innovations are what the Cholesky factor of the covariance makes of the residuals.
     #[test]
@@ -140,7 +197,7 @@ mod tests {
         let covariance = |i: usize, j: usize| start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 };
         let seen: Vec<f64> = (0..n).map(|i| ((i * i) as f64).sin()).collect();
         let factor = Mat::from_fn(n, n, covariance).llt(faer::Side::Lower).unwrap().L().to_owned();
-        let mut filter = Filter::new(0, [start]);
+        let mut filter = Filter::new(1, [start]);
         let mut whitened: Vec<f64> = Vec::new();
         for (i, value) in seen.iter().enumerate() {
             if i > 0 {

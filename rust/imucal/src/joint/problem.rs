@@ -8,8 +8,8 @@ use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
 use super::encoders::{self, About, EncoderMove, Encoders, StandModel};
-use super::inside;
-use super::linear::{Line, Linear, Prepared, Source};
+use super::inside::{self, Rows};
+use super::linear::{AtMove, Line, Linear, Prepared, Source};
 use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 use super::prior::Prior;
 use super::report::JointFit;
@@ -284,13 +284,13 @@ impl<'a> Joint<'a> {
             row += 3;
         }
         self.let_wander(&mut all);
-        let mut put = |row: &mut usize, z: &[f64], sigma: f64| {
-            for (p, value) in z.iter().enumerate() {
-                all[(*row, p)] = *value / sigma;
-            }
-            *row += 1;
-        };
         if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
+            let mut put = |row: &mut usize, z: &[f64], sigma: f64| {
+                for (p, value) in z.iter().enumerate() {
+                    all[(*row, p)] = *value / sigma;
+                }
+                *row += 1;
+            };
             let mut against_stand = linear.groups().stand_rests.start;
             self.stand_rows(encoders, linear, |about, z, sigma| match about {
                 About::Force => put(&mut row, z, sigma),
@@ -298,12 +298,14 @@ impl<'a> Joint<'a> {
             });
             row = against_stand;
         } else if self.terms.kinds.in_motion {
-            for (k, m) in linear.moves.iter().enumerate() {
-                let noise = &self.weights.inside[k];
-                inside::innovations(&m.pass, &m.before, &m.after, noise, self.prepared.gravity_mps2, |z| {
-                    put(&mut row, z, 1.0);
+            let (mut rows, gravity_mps2) = (Rows::new(&mut all, row), self.prepared.gravity_mps2);
+            for (at_move, noise) in linear.moves.iter().zip(&self.weights.inside) {
+                let AtMove { pass, before, .. } = at_move;
+                rows.innovations(pass, &before.up, noise, gravity_mps2, |place, d, z| {
+                    inside::seen(at_move, gravity_mps2, place, d, z);
                 });
             }
+            row = rows.next();
         }
         for prior in &self.priors {
             for (k, typical) in prior.typical.iter().enumerate() {
