@@ -22,6 +22,7 @@ mod predict;
 mod projection;
 mod revise;
 mod score;
+mod shares;
 mod smooth;
 mod stage;
 mod start;

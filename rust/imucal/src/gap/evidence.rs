@@ -62,24 +62,6 @@ impl Gram {
         Self::of(&columns.subcols(0, last).to_owned(), columns.col_as_slice(last), group_of_row)
     }
 
-    /// The same columns with another residual.
-    pub(crate) fn with_residual(&self, columns: &Mat<f64>, residual: &[f64], group_of_row: &[usize]) -> Self {
-        let mut sums = self.sums.clone();
-        let of_group = |wanted: usize| {
-            let own = residual.iter().zip(group_of_row);
-            own.map(|(value, group)| if *group == wanted { *value } else { 0.0 }).collect::<Vec<f64>>()
-        };
-        for (sum, &group) in sums.iter_mut().zip(&self.groups) {
-            let own = of_group(group);
-            for j in 0..columns.ncols() {
-                let product = dot(columns.col_as_slice(j), &own);
-                (sum[(j, self.residual)], sum[(self.residual, j)]) = (product, product);
-            }
-            sum[(self.residual, self.residual)] = dot(&own, &own);
-        }
-        Self { sums, rows: self.rows.clone(), groups: self.groups.clone(), residual: self.residual }
-    }
-
     /// The evidence of a model with these columns; `None` where it is not determined.
     pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
         let n = columns.len();

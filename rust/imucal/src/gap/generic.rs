@@ -3,9 +3,12 @@
 //! A hypothesis is a block, what is wrong with which sensor, and a kernel, the covariance of what is wrong at two moments. In
 //! its eigenvectors it is a set of independent columns with a normal prior, and is judged like an effect.
 
+use std::sync::Arc;
+
 use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
+use super::shares::{Moment, Moments, Place, Shares};
 use super::smooth::Smooth;
 
 /// What varies.
@@ -122,31 +125,6 @@ const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     all
 };
 
-/// What the kernels know of a moment.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Moment {
-    pub(crate) recording: usize,
-    /// Since the first sample of the recording.
-    pub(crate) time_s: f64,
-    /// Direction of gravity in the body.
-    pub(crate) up: Vector3<f64>,
-    /// A horizontal direction of the world in the body, carried along by the gyroscope.
-    pub(crate) ahead: Vector3<f64>,
-    pub(crate) temperature_degc: Option<f64>,
-    /// Rotation vector of the move that led here, rad.
-    pub(crate) turn: Vector3<f64>,
-    pub(crate) rate: Vector3<f64>,
-    pub(crate) acceleration: Vector3<f64>,
-}
-
-/// The moments at the rests that take part, and on the way of each move.
-pub(crate) struct Moments {
-    /// Which rests these are.
-    pub(crate) used: Vec<usize>,
-    pub(crate) rests: Vec<Moment>,
-    pub(crate) moves: Vec<Vec<Moment>>,
-}
-
 /// A block that varies in a pattern.
 #[derive(Clone)]
 pub(crate) struct Hypothesis {
@@ -158,26 +136,19 @@ pub(crate) struct Hypothesis {
 
 #[derive(Clone)]
 enum Shape {
-    /// With what the kernel knows of a moment; the spread of the temperatures sets its length.
-    Varies(Smooth<Moment>, f64),
+    /// With what the kernel knows of a moment.
+    Varies(Arc<Shares>),
     /// With the sensor's own input, up to so much: along each axis a curve, products of axes, the change of the rate.
     Follows(Smooth<f64>, f64),
     /// With products of rates and their change.
     Turns,
 }
 
-/// Two attitudes this far apart hardly belong together: length of the kernels, as a distance of unit vectors.
-const LENGTH: f64 = 0.6;
-/// A rotation by less about an axis is none, rad.
-const LEAST_TURN_RAD: f64 = 0.01;
 /// Length of the curve along an axis, as a share of its largest input, and points that it goes through.
 const CURVE_LENGTH: f64 = 0.5;
 const CURVE_POINTS: usize = 9;
 /// A scale that lags by this time is as wrong as a typical one, s.
 const LAG_S: f64 = 0.1;
-/// The most columns on an axis: those of a walk are waves, the shortest of a tenth of the recording.
-const MOST_WAVES: usize = 20;
-const MOST: usize = 12;
 
 /// All hypotheses about the blocks that are asked about and that the recordings can tell of.
 pub(crate) fn hypotheses(
@@ -187,71 +158,35 @@ pub(crate) fn hypotheses(
     asked: impl Fn(Block) -> bool,
 ) -> Vec<Hypothesis> {
     let pairs: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
+    let mut known: Vec<(Kernel, bool, Option<Arc<Shares>>)> = Vec::new();
+    let mut shares = |kernel: Kernel, in_moves: bool| {
+        if let Some((.., same)) = known.iter().find(|(of, at, _)| (*of, *at) == (kernel, in_moves)) {
+            return same.clone();
+        }
+        let shares = Shares::new(kernel, in_moves, moments).map(Arc::new);
+        known.push((kernel, in_moves, shares.clone()));
+        shares
+    };
     let made = pairs.iter().filter(|(block, _)| asked(*block)).filter_map(|&(block, kernel)| {
-        let shape = shape(block, kernel, moments, gravity_mps2)?;
+        let shape = match (block, kernel) {
+            (Block::AccelerometerBias, Kernel::Rate) => Shape::Turns,
+            (_, Kernel::Rate | Kernel::Force) => curve(kernel, moments, gravity_mps2)?,
+            _ => Shape::Varies(shares(kernel, block == Block::GyroscopeScale)?),
+        };
         Some(Hypothesis { block, kernel, shape, gravity_mps2 })
     });
     made.collect()
 }
 
-fn shape(block: Block, kernel: Kernel, moments: &Moments, gravity_mps2: f64) -> Option<Shape> {
-    match (block, kernel) {
-        (Block::AccelerometerBias, Kernel::Rate) => Some(Shape::Turns),
-        (_, Kernel::Rate | Kernel::Force) => {
-            let rates = moments.moves.iter().flatten().map(|moment| moment.rate.amax());
-            let largest = if kernel == Kernel::Rate { rates.fold(0.0, f64::max) } else { gravity_mps2 };
-            let grid = (0..CURVE_POINTS).map(|k| 2.0 * k as f64 / (CURVE_POINTS - 1) as f64 - 1.0).collect();
-            Smooth::new(grid, near_on_curve, MOST).filter(|_| largest > 0.0).map(|s| Shape::Follows(s, largest))
-        }
-        _ => {
-            let points: Vec<Moment> = if block == Block::GyroscopeScale {
-                moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
-            } else {
-                moments.rests.clone()
-            };
-            let temperatures: Vec<f64> = points.iter().filter_map(|m| m.temperature_degc).collect();
-            if points.len() < 3 || (kernel == Kernel::Temperature && temperatures.len() < points.len()) {
-                return None;
-            }
-            let end = |fold: fn(f64, f64) -> f64, start: f64| temperatures.iter().copied().fold(start, fold);
-            let spread = end(f64::max, f64::NEG_INFINITY) - end(f64::min, f64::INFINITY);
-            let most = if kernel == Kernel::RandomWalk { MOST_WAVES } else { MOST };
-            let smooth = Smooth::new(points, |a, b| covariance(kernel, spread, a, b), most)?;
-            Some(Shape::Varies(smooth, spread))
-        }
-    }
-}
-
-fn near(square: f64) -> f64 {
-    (-0.5 * square / (LENGTH * LENGTH)).exp()
+fn curve(kernel: Kernel, moments: &Moments, gravity_mps2: f64) -> Option<Shape> {
+    let rates = moments.moves.iter().flatten().map(|moment| moment.rate.amax());
+    let largest = if kernel == Kernel::Rate { rates.fold(0.0, f64::max) } else { gravity_mps2 };
+    let grid = (0..CURVE_POINTS).map(|k| 2.0 * k as f64 / (CURVE_POINTS - 1) as f64 - 1.0).collect();
+    Smooth::new(grid, near_on_curve, CURVE_POINTS).filter(|_| largest > 0.0).map(|s| Shape::Follows(s, largest))
 }
 
 fn near_on_curve(a: &f64, b: &f64) -> f64 {
     (-0.5 * ((a - b) / CURVE_LENGTH).powi(2)).exp()
-}
-
-fn covariance(kernel: Kernel, temperatures_k: f64, a: &Moment, b: &Moment) -> f64 {
-    match kernel {
-        Kernel::RandomWalk if a.recording != b.recording => 0.0,
-        Kernel::RandomWalk => a.time_s.min(b.time_s),
-        Kernel::Attitude => near((a.up - b.up).norm_squared() + (a.ahead - b.ahead).norm_squared()),
-        Kernel::Temperature => {
-            let scale = temperatures_k / 4.0;
-            let difference = a.temperature_degc.zip(b.temperature_degc).map_or(0.0, |(a, b)| a - b);
-            if scale > 0.0 { (-0.5 * (difference / scale).powi(2)).exp() } else { 1.0 }
-        }
-        Kernel::LastMotion => (0..3).map(|axis| direction(a.turn[axis]) * direction(b.turn[axis])).sum(),
-        Kernel::Heading => {
-            let side = |m: &Moment| m.up.cross(&m.ahead);
-            a.ahead.dot(&b.ahead) + side(a).dot(&side(b))
-        }
-        Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near((a.up - b.up).norm_squared()),
-    }
-}
-
-/// The sign of a turn, rad; none for what is no turn.
-fn direction(turn_rad: f64) -> f64 {
-    if turn_rad.abs() < LEAST_TURN_RAD { 0.0 } else { turn_rad.signum() }
 }
 
 impl Hypothesis {
@@ -263,7 +198,7 @@ impl Hypothesis {
     /// Number of columns: each is about one axis, those about x come first, then as many about y and z.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
-            Shape::Varies(smooth, _) => smooth.width(),
+            Shape::Varies(shares) => shares.width(),
             Shape::Follows(smooth, _) if self.kernel == Kernel::Rate => smooth.width() + 6,
             Shape::Follows(smooth, _) => smooth.width() + 3,
             Shape::Turns => 9,
@@ -271,16 +206,17 @@ impl Hypothesis {
     }
 
     /// What the columns add to the sensor, SI units, moment by moment.
-    pub(crate) fn columns(&self, moments: &[Moment]) -> Vec<f64> {
+    pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
+        let moments = moments.at(place);
         match &self.shape {
-            Shape::Varies(smooth, spread) => {
+            Shape::Varies(shares) => {
                 let input = |at: &Moment| match self.block {
                     Block::GyroscopeScale => at.rate,
                     Block::AccelerometerScale => force(at),
                     Block::GyroscopeBias | Block::AccelerometerBias => Vector3::repeat(1.0),
                 };
-                self.varying(smooth, *spread, moments, input)
+                shares.times(place, moments.iter().map(input))
             }
             Shape::Follows(smooth, largest) => {
                 let of_rate = self.kernel == Kernel::Rate;
@@ -311,30 +247,12 @@ impl Hypothesis {
     }
 
     /// What is wrong with the block for each column, moment by moment.
-    pub(crate) fn shares(&self, moments: &[Moment]) -> Vec<f64> {
+    pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
-            Shape::Varies(smooth, spread) => self.varying(smooth, *spread, moments, |_| Vector3::repeat(1.0)),
-            Shape::Follows(_, largest) => self.columns(moments).iter().map(|number| number / largest).collect(),
-            Shape::Turns => self.columns(moments),
+            Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),
+            Shape::Follows(_, largest) => self.columns(moments, place).iter().map(|number| number / largest).collect(),
+            Shape::Turns => self.columns(moments, place),
         }
-    }
-
-    /// What varies with what the kernel knows, times something along each axis.
-    fn varying(
-        &self,
-        smooth: &Smooth<Moment>,
-        spread: f64,
-        moments: &[Moment],
-        times: impl Fn(&Moment) -> Vector3<f64>,
-    ) -> Vec<f64> {
-        let shares = smooth.at(moments, |a, b| covariance(self.kernel, spread, a, b));
-        let mut all = Vec::with_capacity(moments.len() * self.width());
-        for (m, at) in moments.iter().enumerate() {
-            for times in &times(at) {
-                all.extend(shares.col_as_slice(m).iter().map(|share| share * times));
-            }
-        }
-        all
     }
 
     /// Whether it is the moves that show it.

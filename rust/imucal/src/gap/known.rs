@@ -43,11 +43,7 @@ impl Gram {
             let (part, own) = (rows.part(columns), rows.values(residual));
             let mut sum = Mat::zeros(last + 1, last + 1);
             square(part.view(), sum.as_mut().submatrix_mut(0, 0, last, last));
-            for j in 0..last {
-                let product = dot(part.column(j), &own);
-                (sum[(j, last)], sum[(last, j)]) = (product, product);
-            }
-            sum[(last, last)] = dot(&own, &own);
+            part.put_residual(&own, last, &mut sum);
             sum
         };
         Self {
@@ -56,6 +52,15 @@ impl Gram {
             groups: groups.iter().map(|rows| rows.group).collect(),
             residual: last,
         }
+    }
+
+    /// Those of the same columns with another residual.
+    pub(crate) fn with_residual(&self, columns: &Mat<f64>, residual: &[f64], group_of_row: &[usize]) -> Self {
+        let mut all = self.clone();
+        for (rows, sum) in Rows::of_groups(group_of_row).iter().zip(&mut all.sums) {
+            rows.part(columns).put_residual(&rows.values(residual), self.residual, sum);
+        }
+        all
     }
 }
 
@@ -100,9 +105,8 @@ impl<'a> Known<'a> {
                 to[known..last].copy_from_slice(own.col_as_slice(j));
                 to[last] = dot(part.column(j), residual);
             }
-            for (i, j) in (known..last).flat_map(|j| (0..known).chain([last]).map(move |i| (i, j))) {
-                all[(j, i)] = all[(i, j)];
-            }
+            all.as_mut().submatrix_mut(known, 0, width, known).copy_from(cross.transpose());
+            (known..last).for_each(|j| all[(j, last)] = all[(last, j)]);
             all
         };
         Gram {
@@ -159,6 +163,15 @@ impl Part<'_> {
 
     fn column(&self, j: usize) -> &[f64] {
         &self.columns.col_as_slice(j)[self.rows.clone()]
+    }
+
+    /// Puts the products with a residual, which has this place, into the sums.
+    fn put_residual(&self, residual: &[f64], place: usize, sum: &mut Mat<f64>) {
+        for j in 0..self.columns.ncols() {
+            let product = dot(self.column(j), residual);
+            (sum[(j, place)], sum[(place, j)]) = (product, product);
+        }
+        sum[(place, place)] = dot(residual, residual);
     }
 }
 

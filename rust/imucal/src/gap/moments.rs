@@ -7,7 +7,8 @@ use imucal_core::effects::Sensor;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::design::axes_of;
-use super::generic::{Block, Hypothesis, Moment, Moments, hypotheses};
+use super::generic::{Block, Hypothesis, hypotheses};
+use super::shares::{Moment, Moments, Place};
 use crate::error::Error;
 use crate::joint::{Field, Joint, Linear, Model, Prepared, Terms, Way, ways};
 use crate::moves::Move;
@@ -48,34 +49,37 @@ impl<'a> Setting<'a> {
 
     /// Whitened columns of a hypothesis.
     pub(crate) fn columns(&self, hypothesis: &Hypothesis) -> Mat<f64> {
-        let Moments { used, rests, moves } = &self.moments;
         let (sensor, width) = (hypothesis.block.sensor(), hypothesis.width());
-        let mut at_rests = vec![0.0; self.prepared.rests.len() * width];
-        for (k, numbers) in used.iter().zip(hypothesis.columns(rests).chunks_exact(width)) {
-            at_rests[k * width..][..width].copy_from_slice(numbers);
+        let mut rests = vec![0.0; self.prepared.rests.len() * width];
+        let at_rests = hypothesis.columns(&self.moments, Place::Rests);
+        for (k, numbers) in self.moments.used.iter().zip(at_rests.chunks_exact(width)) {
+            rests[k * width..][..width].copy_from_slice(numbers);
         }
         // From rest to rest the force inside the moves is not looked at.
         let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
-        let of_move = |way: &Vec<Moment>| if on_the_way { hypothesis.columns(way) } else { Vec::new() };
-        let field = Field { sensor, width, rests: at_rests, moves: moves.iter().map(of_move).collect() };
+        let of_move = |k| if on_the_way { hypothesis.columns(&self.moments, Place::Move(k)) } else { Vec::new() };
+        let field = Field { sensor, width, rests, moves: (0..self.ways.len()).map(of_move).collect() };
         self.problem.by_field(&self.linear, &self.ways, &field)
     }
 
     /// Each rest, or the rest before each move, and what is wrong there on each axis with these weights of a hypothesis' columns.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
-        let Moments { used, rests, moves } = &self.moments;
-        let (places, moments): (Vec<usize>, Vec<Moment>) = if hypothesis.is_of_moves() {
-            let middle = |(span, way): (&Move, &Vec<Moment>)| Some((span.from, *way.get(way.len() / 2)?));
-            self.prepared.moves.iter().zip(moves).filter_map(middle).unzip()
-        } else {
-            used.iter().copied().zip(rests.iter().copied()).unzip()
-        };
         let count = weights.len() / 3;
-        let along =
-            |shares: &[f64], axis: usize| dot(&shares[axis * count..][..count], &weights[axis * count..][..count]);
-        let shares = hypothesis.shares(&moments);
-        let wrong = shares.chunks_exact(weights.len()).map(|shares| Vector3::from_fn(|axis, _| along(shares, axis)));
-        places.into_iter().zip(wrong).collect()
+        let wrong = |shares: &[f64]| {
+            let own = |axis: usize| axis * count..(axis + 1) * count;
+            Vector3::from_fn(|axis, _| dot(&shares[own(axis)], &weights[own(axis)]))
+        };
+        let at = |place: Place| hypothesis.shares(&self.moments, place);
+        if hypothesis.is_of_moves() {
+            let middle = |(k, span): (usize, &Move)| {
+                let (shares, moments) = (at(Place::Move(k)), self.moments.moves[k].len());
+                Some((span.from, wrong(shares.chunks_exact(weights.len()).nth(moments / 2)?)))
+            };
+            self.prepared.moves.iter().enumerate().filter_map(middle).collect()
+        } else {
+            let shares = at(Place::Rests);
+            self.moments.used.iter().copied().zip(shares.chunks_exact(weights.len()).map(wrong)).collect()
+        }
     }
 }
 

@@ -1,0 +1,135 @@
+//! What kernels say of the moments at which hypotheses are put.
+
+use faer::Mat;
+use nalgebra::Vector3;
+
+use super::Kernel;
+use super::smooth::Smooth;
+
+/// What the kernels know of a moment.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Moment {
+    pub(crate) recording: usize,
+    /// Since the first sample of the recording.
+    pub(crate) time_s: f64,
+    /// Direction of gravity in the body.
+    pub(crate) up: Vector3<f64>,
+    /// A horizontal direction of the world in the body, carried along by the gyroscope.
+    pub(crate) ahead: Vector3<f64>,
+    pub(crate) temperature_degc: Option<f64>,
+    /// Rotation vector of the move that led here, rad.
+    pub(crate) turn: Vector3<f64>,
+    pub(crate) rate: Vector3<f64>,
+    pub(crate) acceleration: Vector3<f64>,
+}
+
+/// The moments at the rests that take part, and on the way of each move.
+pub(crate) struct Moments {
+    /// Which rests these are.
+    pub(crate) used: Vec<usize>,
+    pub(crate) rests: Vec<Moment>,
+    pub(crate) moves: Vec<Vec<Moment>>,
+}
+
+/// Some of the moments.
+#[derive(Clone, Copy)]
+pub(crate) enum Place {
+    Rests,
+    Move(usize),
+}
+
+impl Moments {
+    pub(super) fn at(&self, place: Place) -> &[Moment] {
+        match place {
+            Place::Rests => &self.rests,
+            Place::Move(k) => &self.moves[k],
+        }
+    }
+}
+
+/// Functions of what a kernel knows of a moment, the same for all blocks that vary with it.
+pub(super) struct Shares {
+    /// A column for each rest that takes part.
+    rests: Mat<f64>,
+    /// By move, a column for each moment.
+    moves: Vec<Mat<f64>>,
+}
+
+/// Two attitudes this far apart hardly belong together: length of the kernels, as a distance of unit vectors.
+const LENGTH: f64 = 0.6;
+/// A rotation by less about an axis is none, rad.
+const LEAST_TURN_RAD: f64 = 0.01;
+/// The most columns on an axis: those of a walk are waves, the shortest of a tenth of the recording.
+const MOST_WAVES: usize = 20;
+const MOST: usize = 12;
+
+impl Shares {
+    /// As smooth as the kernel says in the middle of the moves, or at the rests; `None` where it is the same at all of these.
+    pub(super) fn new(kernel: Kernel, in_moves: bool, moments: &Moments) -> Option<Self> {
+        let points: Vec<Moment> = if in_moves {
+            moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
+        } else {
+            moments.rests.clone()
+        };
+        let temperatures: Vec<f64> = points.iter().filter_map(|m| m.temperature_degc).collect();
+        if points.len() < 3 || (kernel == Kernel::Temperature && temperatures.len() < points.len()) {
+            return None;
+        }
+        // The spread of the temperatures sets the length of their kernel.
+        let end = |fold: fn(f64, f64) -> f64, start: f64| temperatures.iter().copied().fold(start, fold);
+        let spread = end(f64::max, f64::NEG_INFINITY) - end(f64::min, f64::INFINITY);
+        let most = if kernel == Kernel::RandomWalk { MOST_WAVES } else { MOST };
+        let alike = |a: &Moment, b: &Moment| covariance(kernel, spread, a, b);
+        let smooth = Smooth::new(points, alike, most)?;
+        let moves = moments.moves.iter().map(|way| smooth.at(way, alike)).collect();
+        Some(Self { rests: smooth.at(&moments.rests, alike), moves })
+    }
+
+    /// Number of functions.
+    pub(super) fn width(&self) -> usize {
+        self.rests.nrows()
+    }
+
+    /// Times a number for each axis at each moment.
+    pub(super) fn times(&self, place: Place, numbers: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
+        let shares = match place {
+            Place::Rests => &self.rests,
+            Place::Move(k) => &self.moves[k],
+        };
+        let mut all = Vec::with_capacity(3 * shares.nrows() * shares.ncols());
+        for (m, numbers) in (0..shares.ncols()).zip(numbers) {
+            for number in &numbers {
+                all.extend(shares.col_as_slice(m).iter().map(|share| share * number));
+            }
+        }
+        all
+    }
+}
+
+fn near(square: f64) -> f64 {
+    (-0.5 * square / (LENGTH * LENGTH)).exp()
+}
+
+fn covariance(kernel: Kernel, temperatures_k: f64, a: &Moment, b: &Moment) -> f64 {
+    match kernel {
+        Kernel::RandomWalk if a.recording != b.recording => 0.0,
+        Kernel::RandomWalk => a.time_s.min(b.time_s),
+        Kernel::Attitude => near((a.up - b.up).norm_squared() + (a.ahead - b.ahead).norm_squared()),
+        Kernel::Temperature => {
+            let scale = temperatures_k / 4.0;
+            let difference = a.temperature_degc.zip(b.temperature_degc).map_or(0.0, |(a, b)| a - b);
+            if scale > 0.0 { (-0.5 * (difference / scale).powi(2)).exp() } else { 1.0 }
+        }
+        Kernel::LastMotion => (0..3).map(|axis| direction(a.turn[axis]) * direction(b.turn[axis])).sum(),
+        Kernel::Heading => {
+            let side = |m: &Moment| m.up.cross(&m.ahead);
+            a.ahead.dot(&b.ahead) + side(a).dot(&side(b))
+        }
+        Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near((a.up - b.up).norm_squared()),
+    }
+}
+
+/// The sign of a turn, rad; none for what is no turn.
+fn direction(turn_rad: f64) -> f64 {
+    if turn_rad.abs() < LEAST_TURN_RAD { 0.0 } else { turn_rad.signum() }
+}
