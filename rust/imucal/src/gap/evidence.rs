@@ -66,13 +66,13 @@ impl Gram {
     pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
         let n = columns.len();
         let size = self.sizes(columns);
-        // Columns of length one: sums of squares would lose the small ones otherwise.
+        // Columns of length one: sums of squares would lose the small ones otherwise. Of what is symmetric the lower half is enough.
         let part = |sum: &Mat<f64>| {
             let mut part = Mat::zeros(n, n);
             for j in 0..n {
                 let from = sum.col_as_slice(columns[j].place);
-                let to = part.col_as_slice_mut(j).iter_mut();
-                to.zip(columns).zip(&size).for_each(|((to, c), own)| *to = from[c.place] / (own * size[j]));
+                let to = part.col_as_slice_mut(j)[j..].iter_mut();
+                to.zip(&columns[j..]).zip(&size[j..]).for_each(|((to, c), own)| *to = from[c.place] / (own * size[j]));
             }
             part
         };
@@ -90,8 +90,8 @@ impl Gram {
             let mut normal = Mat::from_fn(n, n, |i, j| if i == j { precision[i] + RIDGE } else { 0.0 });
             for (part, scale) in parts.iter().zip(&scales) {
                 for j in 0..n {
-                    let sum = normal.col_as_slice_mut(j).iter_mut();
-                    sum.zip(part.col_as_slice(j)).for_each(|(sum, value)| *sum += value / scale);
+                    let sum = normal.col_as_slice_mut(j)[j..].iter_mut();
+                    sum.zip(&part.col_as_slice(j)[j..]).for_each(|(sum, value)| *sum += value / scale);
                 }
             }
             let right = Mat::from_fn(n, 1, |i, _| {
@@ -104,12 +104,19 @@ impl Gram {
             let mut settled = true;
             let mut chi2 = vec![0.0; parts.len()];
             for (g, part) in parts.iter().enumerate() {
-                let delta_alone = delta.col_as_slice(0);
-                let bend: f64 = (0..n).map(|j| dot(part.col_as_slice(j), delta_alone) * delta_alone[j]).sum();
-                let slope: f64 = (0..n).map(|i| rights[g][i] * delta[(i, 0)]).sum();
+                let delta = delta.col_as_slice(0);
+                let bend_of = |j: usize| {
+                    let part = &part.col_as_slice(j)[j..];
+                    delta[j] * (2.0 * dot(part, &delta[j..]) - part[0] * delta[j])
+                };
+                let spent_of = |j: usize| {
+                    let (inverse, part) = (&inverse.col_as_slice(j)[j..], &part.col_as_slice(j)[j..]);
+                    2.0 * dot(inverse, part) - inverse[0] * part[0]
+                };
+                let bend: f64 = (0..n).map(bend_of).sum();
+                let slope = dot(&rights[g], delta);
                 chi2[g] = (squares[g] + 2.0 * slope + bend).max(0.0);
-                // Both are symmetric.
-                let spent = (0..n).map(|j| dot(inverse.col_as_slice(j), part.col_as_slice(j))).sum::<f64>() / scales[g];
+                let spent = (0..n).map(spent_of).sum::<f64>() / scales[g];
                 let free = self.rows[g] - spent;
                 let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
                 settled &= (scale / scales[g] - 1.0).abs() < 1e-4;
