@@ -12,26 +12,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
-
-import numpy as np
 
 from imucal.calibration import Calibration
-from imucal.effects import UserEffect, by_name, catalogue, find
-from imucal.errors import FitError, InputError, NotEnoughMotionError
+from imucal.effects import UserEffect, by_name, find
+from imucal.errors import InputError
 from imucal.evaluate import MIN_REST_S, require_calibration
 from imucal.gap.outcome import data_fault, outcome
 from imucal.gap.result import Gap
 from imucal.gap.trial import Trial
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recordings
 
-if TYPE_CHECKING:
-    from imucal import _core
-
 __all__ = ["find_gap"]
-
-# By so many standard deviations a known number is met, and is determined.
-SURE: Final = 3.0
 
 
 def find_gap(
@@ -79,12 +70,14 @@ def find_gap(
             raise
         return replace(data_fault(error.findings), user_effects=tuple(named.values()))
     found = trial.search(before, wanted)
-    refused = _no_earth_rate(trial, found)
-    if refused is not None:
-        others = wanted if wanted is not None else [effect.name for effect in catalogue()]
-        found = trial.search(before, [name for name in others if name != "earth_rate"])
     path, after, notes = trial.accepted(before, [score.name for score in found.path])
-    notes += [] if refused is None else [refused]
+    if found.not_the_earth is not None:
+        size, sigma = found.not_the_earth
+        known = find("earth_rate").parameters[0].typical
+        notes.append(
+            f"earth_rate fits these recordings with {size:.3g} +- {sigma:.1g} rad/s, and the Earth turns "
+            f"with {known:.4g}: something else is there, or they do not determine it"
+        )
     notes += [
         f"{name} fits these recordings (log Bayes factor {evidence:.1f}) and does not predict rests and "
         f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
@@ -107,28 +100,3 @@ def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> 
     if not candidates:
         raise InputError("candidates is empty, so there is nothing to look for: give names, or leave it out")
     return [find(name).name for name in candidates if name not in own]
-
-
-def _no_earth_rate(trial: Trial, found: _core.Search) -> str | None:
-    """Why what was named earth_rate is not it: the rate of the Earth is known; None if it may be.
-
-    Its direction is free, for the heading is not known and every latitude is possible.
-    """
-    path = [score.name for score in found.path]
-    if "earth_rate" not in path:
-        return None
-    try:
-        calibration = trial.fit(path).calibration
-    except (FitError, NotEnoughMotionError) as error:
-        return f"earth_rate was found and cannot be fitted: {error}"
-    own = [k for k, name in enumerate(calibration.covariance_names) if name.startswith("earth_rate_")]
-    values = next(values for values in calibration.effects if values.name == "earth_rate").values
-    size, known = float(np.linalg.norm(values)), find("earth_rate").parameters[0].typical
-    direction = np.asarray(values) / size
-    sigma = float(np.sqrt(direction @ np.asarray(calibration.covariance)[np.ix_(own, own)] @ direction))
-    if abs(size - known) <= SURE * sigma and sigma <= known / SURE:
-        return None
-    return (
-        f"earth_rate fits these recordings with {size:.3g} +- {sigma:.1g} rad/s, and the Earth turns with "
-        f"{known:.4g}: something else is there, or they do not determine it"
-    )

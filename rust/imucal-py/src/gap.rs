@@ -47,6 +47,8 @@ pub(crate) struct Search {
     generic: Option<Py<GenericFinding>>,
     /// Name, log Bayes factor, gain on what is held out and its standard deviation.
     not_predictive: Vec<(String, f64, f64, f64)>,
+    /// Size and standard deviation, rad/s.
+    not_the_earth: Option<(f64, f64)>,
     not_observable: Vec<(String, String)>,
     smallest_visible: Vec<(String, f64, String)>,
     /// Name, kind of residual with how many times the noise it leaves there, and the share that the base takes up.
@@ -117,6 +119,7 @@ pub(crate) fn search_gap(
             .into_iter()
             .map(|n| (n.name, n.log_bayes_factor, n.gain, n.gain_std))
             .collect(),
+        not_the_earth: found.not_the_earth,
         not_observable: found.not_observable,
         smallest_visible: found.smallest_visible,
         traces: found.traces.into_iter().map(|t| (t.name, t.times_noise, t.taken_up)).collect(),

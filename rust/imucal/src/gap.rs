@@ -4,6 +4,7 @@
 //!   of each kind of residual taken into account.
 //! * `generic`: what is not in the catalogue competes with whole paths of named effects.
 //! * `predict`: an effect has to predict what it was not fitted to.
+//! * `earth`: an effect whose size is known has to have it.
 //! * `detect`: how small an effect would have been seen.
 //!
 //! [`search()`] looks at one or more recordings of a unit. Judging what it found on a control recording, and refusing what makes
@@ -12,6 +13,7 @@
 mod attitudes;
 mod design;
 mod detect;
+mod earth;
 mod evidence;
 mod generic;
 mod known;
@@ -42,6 +44,9 @@ pub struct Search {
     pub generic: Option<GenericFinding>,
     /// Effects that fit these recordings and do not predict rests and moves that they were not fitted to.
     pub not_predictive: Vec<NotPredictive>,
+    /// Size of what has the pattern of the Earth's rate and is not it, and its standard deviation, rad/s: `earth_rate` was not looked for
+    /// then.
+    pub not_the_earth: Option<(f64, f64)>,
     /// Effects that these recordings cannot show, and what would.
     pub not_observable: Vec<(String, String)>,
     /// Smallest rms size of a parameter that is seen with 90 % probability beside the final model, by effect, and its unit; of a

@@ -56,7 +56,7 @@ pub(crate) use terms::{Kinds, Term, Terms};
 pub(crate) use wander::Wander;
 pub use wander::{BiasWander, UnitWander};
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use faer::Mat;
 use imucal_core::effects::{Effect, Need};
@@ -143,7 +143,7 @@ pub(crate) fn fit_for_search(
     terms: &Terms<'_>,
     start: &Model,
     width: impl Fn(&Term<'_>) -> Option<f64>,
-) -> Result<Rc<Linear>, Error> {
+) -> Result<Arc<Linear>, Error> {
     let parameters = start.parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;

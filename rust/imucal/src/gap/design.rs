@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::iter::once;
 use std::ops::Range;
-use std::rc::Rc;
+use std::sync::Arc;
 
 use faer::Mat;
 
@@ -27,13 +27,14 @@ pub(crate) struct Candidate {
 }
 
 /// Residuals at a model and the columns beside it.
+#[derive(Clone)]
 pub(crate) struct Design {
     pub(crate) gram: Gram,
     /// Columns of the model that is there: base, its effects, the stand.
     pub(crate) model: Vec<Column>,
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) residual: Vec<f64>,
-    pub(crate) rows: Rc<Rows>,
+    pub(crate) rows: Arc<Rows>,
 }
 
 /// Columns of one linearisation.
@@ -52,9 +53,9 @@ pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),
     all: &Terms<'_>,
-    linear: &Rc<Linear>,
+    linear: &Arc<Linear>,
 ) -> Result<Design, Error> {
-    let (residual, jacobian) = Joint::of_noise(prepared, all, Rc::clone(linear))?.whiten(linear);
+    let (residual, jacobian) = Joint::of_noise(prepared, all, Arc::clone(linear))?.whiten(linear);
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
     let of_own: Vec<_> = own.all.iter().map(|t| (place_in_all(t.name()), t.count())).map(|(p, n)| p..p + n).collect();
     let values: Vec<f64> = of_own.iter().flat_map(|places| &linear.model.values[places.clone()]).copied().collect();
@@ -72,10 +73,17 @@ pub(crate) fn design(
         });
         width += term.linear;
     }
-    let mut columns = Mat::zeros(residual.nrows(), width);
-    for (to, from) in parts.into_iter().flatten().enumerate() {
-        columns.col_as_slice_mut(to).copy_from_slice(jacobian.col_as_slice(from));
-    }
+    let order: Vec<usize> = parts.into_iter().flatten().collect();
+    // Beside a model without effects the columns stand in their order.
+    let columns = if order.iter().copied().eq(0..jacobian.ncols()) {
+        jacobian
+    } else {
+        let mut columns = Mat::zeros(residual.nrows(), width);
+        for (to, from) in order.into_iter().enumerate() {
+            columns.col_as_slice_mut(to).copy_from_slice(jacobian.col_as_slice(from));
+        }
+        columns
+    };
     let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, linear, own.kinds));
     let rows = Rows { columns, groups, items, axes: axes_of(linear) };
     let residual = residual.col_as_slice(0).to_vec();
@@ -84,7 +92,7 @@ pub(crate) fn design(
         model: columns_of(own, precisions, &values, 0..own.total()),
         candidates,
         residual,
-        rows: Rc::new(rows),
+        rows: Arc::new(rows),
     })
 }
 
@@ -112,7 +120,7 @@ impl Design {
         &self,
         prepared: &Prepared<'_>,
         (own, precisions): (&Terms<'_>, &[f64]),
-        linear: &Rc<Linear>,
+        linear: &Arc<Linear>,
     ) -> Result<Option<Self>, Error> {
         let of_term = |term: &Term<'_>| {
             let same = |c: &&Candidate| c.name == term.name() && c.shape.is_none() && c.columns.len() == term.count();
@@ -122,7 +130,7 @@ impl Design {
         if axes_of(linear) != self.rows.axes {
             return Ok(None);
         }
-        let (residual, _) = Joint::of_noise(prepared, own, Rc::clone(linear))?.whiten(linear);
+        let (residual, _) = Joint::of_noise(prepared, own, Arc::clone(linear))?.whiten(linear);
         let residual = residual.col_as_slice(0).to_vec();
         let places = (0..BASE).chain(joining.into_iter().flatten()).chain(BASE..self.model.len());
         let is_left = |candidate: &&Candidate| !own.all.iter().any(|term| term.name() == candidate.name);
@@ -131,14 +139,15 @@ impl Design {
             model: columns_of(own, precisions, &linear.model.values, places),
             candidates: self.candidates.iter().filter(is_left).cloned().collect(),
             residual,
-            rows: Rc::clone(&self.rows),
+            rows: Arc::clone(&self.rows),
         }))
     }
 
     /// Without the candidates of these names.
-    pub(crate) fn without(mut self, is_out: impl Fn(&str) -> bool) -> Self {
-        self.candidates.retain(|candidate| !is_out(&candidate.name));
-        self
+    pub(crate) fn without(&self, is_out: impl Fn(&str) -> bool) -> Self {
+        let mut left = self.clone();
+        left.candidates.retain(|candidate| !is_out(&candidate.name));
+        left
     }
 
     /// The sums with what is inside the moves of each recording in a group of its own, and these groups.

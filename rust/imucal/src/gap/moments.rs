@@ -1,6 +1,6 @@
 //! Where generic hypotheses are put: rests and moves of a linearisation, and the columns of a hypothesis there.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -21,7 +21,7 @@ const EVERY: usize = 5;
 pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
     problem: Joint<'a>,
-    linear: Rc<Linear>,
+    linear: Arc<Linear>,
     ways: Vec<Way>,
     moments: Moments,
 }
@@ -30,8 +30,8 @@ impl<'a> Setting<'a> {
     /// `none` are no terms at all: what a model's effects change is nothing beside how coarse a pattern is.
     pub(crate) fn new(prepared: &'a Prepared<'a>, none: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let plain = Model { values: Vec::new(), stand: Vec::new(), ..model.clone() };
-        let linear = Rc::new(prepared.linearise(none, &plain.parameters())?);
-        let problem = Joint::of_noise(prepared, none, Rc::clone(&linear))?;
+        let linear = Arc::new(prepared.linearise(none, &plain.parameters())?);
+        let problem = Joint::of_noise(prepared, none, Arc::clone(&linear))?;
         let ways = ways(prepared, &linear, if linear.sees_inside() { 1 } else { EVERY })?;
         let moments = moments(prepared, &linear, &ways);
         Ok(Self { prepared, problem, linear, ways, moments })

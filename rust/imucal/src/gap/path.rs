@@ -1,13 +1,14 @@
 //! The forward path: score, add, refit; then leave out again what the others have made superfluous.
 
 use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::Arc;
 
 use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
 use super::design::Design;
 use super::detect::FALSE_ALARM;
+use super::earth;
 use super::pattern::Pattern;
 use super::score::{Judged, Judgement, gain, judge, scattering_rests, traces};
 use super::stage::{Beside, FitKey, Member, Stage};
@@ -157,9 +158,9 @@ pub(super) struct Hunt<'a> {
     /// Fits that have been made.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
     /// The last of them, the latest first, linearised where they ended.
-    pub(super) recent: RefCell<Vec<(FitKey, Rc<Linear>)>>,
+    pub(super) recent: RefCell<Vec<(FitKey, Arc<Linear>)>>,
     /// The model without effects and all candidates beside it, once it is known.
-    pub(super) ground: RefCell<Option<Rc<Design>>>,
+    pub(super) ground: RefCell<Option<Arc<Design>>>,
 }
 
 impl<'a> Hunt<'a> {
@@ -221,11 +222,20 @@ impl<'a> Hunt<'a> {
         triads: [&Triad<f64>; 2],
         open: Vec<EffectChoice>,
     ) -> Result<(Search, Near), Error> {
-        let (stage, open) = self.start(prepared, triads, open)?;
-        let first = judge(&stage);
-        let traces = traces(&stage);
-        let plain_scales = stage.evidence.scales.clone();
-        let Walk { stage, path, not_predictive, last } = self.walk(prepared, &open, stage, &first)?;
+        let (mut start, mut open) = self.start(prepared, triads, open)?;
+        let mut first = judge(&start);
+        let mut walk = self.walk(prepared, &open, start.clone(), &first)?;
+        let not_the_earth = walk.stage.not_the_earth();
+        if not_the_earth.is_some() {
+            open.retain(|choice| choice.effect.name != earth::NAME);
+            start = start.without(earth::NAME);
+            *self.ground.borrow_mut() = Some(Arc::clone(&start.design));
+            first = judge(&start);
+            walk = self.walk(prepared, &open, start.clone(), &first)?;
+        }
+        let traces = traces(&start);
+        let plain_scales = start.evidence.scales;
+        let Walk { stage, path, not_predictive, last } = walk;
         let (patterns, contradiction) = self.patterns(prepared, triads, &open, &stage)?;
         let generic = patterns
             .into_iter()
@@ -247,6 +257,7 @@ impl<'a> Hunt<'a> {
             ranking,
             generic: generic.map(|g| g.finding()),
             not_predictive,
+            not_the_earth,
             not_observable: self.left_out.clone(),
             smallest_visible,
             traces,

@@ -5,7 +5,7 @@ use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
 
-use super::evidence::Column;
+use super::evidence::{Column, Evidence};
 use super::generic::Hypothesis;
 use super::known::{Known, Others};
 use super::moments::Setting;
@@ -17,6 +17,7 @@ use super::{Block, GenericFinding, Kernel, Scattering};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
+use crate::workers::{in_order, processors};
 
 /// Prior widths in units of the typical bias.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
@@ -39,22 +40,22 @@ pub(super) struct BestGeneric {
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// The best hypothesis so far beside a model.
-struct Best<'a> {
-    stage: &'a Stage,
+/// A model that hypotheses come beside.
+struct Judge<'a> {
     known: Known<'a>,
-    found: Option<(f64, Hypothesis, Vec<f64>)>,
+    model: &'a [Column],
+    before: &'a Evidence,
 }
 
-impl<'a> Best<'a> {
+impl<'a> Judge<'a> {
     fn new(stage: &'a Stage) -> Self {
-        Self { stage, known: stage.design.known(), found: None }
+        Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// Takes a hypothesis with its columns if it explains more.
-    fn ask(&mut self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) {
-        let (model, before) = (&self.stage.design.model, &self.stage.evidence);
-        let (gram, typical) = (self.known.with(others), hypothesis.typical());
+    /// Logarithm of the Bayes factor of a hypothesis with its columns, and their weights; `None` where it comes to nothing.
+    fn ask(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(f64, Vec<f64>)> {
+        let Self { known, model, before } = self;
+        let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = model.len()..model.len() + width;
         let with = |width: f64| {
             let precision = 1.0 / (width * typical).powi(2);
@@ -66,24 +67,15 @@ impl<'a> Best<'a> {
             projection.left(&gram, &own, |_| typical).best_width(&WIDTHS)
         };
         // What gains next to nothing at the scales of the model gains no more by narrowing them.
-        let Some((first, _)) = best_width(&before.scales).filter(|(_, gain)| *gain > WORTH_ASKING) else { return };
-        let Some(mut evidence) = with(first) else { return };
+        let (first, _) = best_width(&before.scales).filter(|(_, gain)| *gain > WORTH_ASKING)?;
+        let mut evidence = with(first)?;
         // What explains much narrows the scales, and is the larger for it.
         if let Some((again, _)) = best_width(&evidence.scales).filter(|(width, _)| *width != first)
             && let Some(other) = with(again).filter(|other| other.log > evidence.log)
         {
             evidence = other;
         }
-        let log_bayes_factor = evidence.log - before.log;
-        if self.found.as_ref().is_none_or(|(most, ..)| log_bayes_factor > *most) {
-            self.found = Some((log_bayes_factor, hypothesis.clone(), evidence.theta[model.len()..].to_vec()));
-        }
-    }
-
-    fn finish(self, setting: &Setting<'_>) -> Option<BestGeneric> {
-        let (log_bayes_factor, hypothesis, weights) = self.found?;
-        let wrong = setting.wrong(&hypothesis, &weights);
-        Some(BestGeneric { block: hypothesis.block, kernel: hypothesis.kernel, log_bayes_factor, wrong })
+        Some((evidence.log - before.log, evidence.theta[model.len()..].to_vec()))
     }
 }
 
@@ -93,14 +85,29 @@ fn best_generics<const N: usize>(
     stages: [&Stage; N],
     asked: impl Fn(Block) -> bool,
 ) -> [Option<BestGeneric>; N] {
-    let mut all = stages.map(Best::new);
-    for hypothesis in setting.hypotheses(asked) {
-        let columns = setting.columns(&hypothesis);
+    let judges = stages.map(Judge::new);
+    let hypotheses = setting.hypotheses(asked);
+    let heard = in_order(processors(), hypotheses.len(), |place| {
+        let hypothesis = &hypotheses[place];
+        let columns = setting.columns(hypothesis);
         // Rows are in the same groups beside all of these.
-        let Some(others) = all.first().map(|best| best.known.others(&columns)) else { continue };
-        all.iter_mut().for_each(|best| best.ask(&hypothesis, &others, columns.ncols()));
-    }
-    all.map(|best| best.finish(setting))
+        let others = judges.first().map(|judge| judge.known.others(&columns));
+        judges.each_ref().map(|judge| judge.ask(hypothesis, others.as_ref()?, columns.ncols()))
+    });
+    std::array::from_fn(|judge| {
+        let mut best: Option<(&Hypothesis, &(f64, Vec<f64>))> = None;
+        for (hypothesis, heard) in hypotheses.iter().zip(&heard) {
+            if let Some(heard) = heard[judge].as_ref().filter(|own| best.is_none_or(|(_, best)| own.0 > best.0)) {
+                best = Some((hypothesis, heard));
+            }
+        }
+        best.map(|(hypothesis, (log_bayes_factor, weights))| BestGeneric {
+            block: hypothesis.block,
+            kernel: hypothesis.kernel,
+            log_bayes_factor: *log_bayes_factor,
+            wrong: setting.wrong(hypothesis, weights),
+        })
+    })
 }
 
 /// Logarithms of Bayes factors on the same residuals.

@@ -1,6 +1,6 @@
 //! A model on the path: fitted, and linearised with what stands beside it.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
@@ -21,8 +21,9 @@ const SHAPE_WIDTH: f64 = 3.0;
 const MOST_RECENT: usize = 3;
 
 /// A model on the path.
+#[derive(Clone)]
 pub(super) struct Stage {
-    pub(super) design: Rc<Design>,
+    pub(super) design: Arc<Design>,
     pub(super) evidence: Evidence,
     /// The fit.
     pub(super) model: Model,
@@ -38,6 +39,11 @@ impl Stage {
     /// The parameters of a member among those of the model.
     pub(super) fn place(&self, name: &str) -> Option<std::ops::Range<usize>> {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
+    }
+
+    /// Without one of the candidates beside it.
+    pub(super) fn without(&self, name: &str) -> Self {
+        Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }
     }
 
     /// For fits of the same model.
@@ -111,7 +117,7 @@ impl Hunt<'_> {
             Beside::Candidates => {
                 let ground = self.ground.borrow().clone();
                 let joined = ground.and_then(|ground| ground.joined(prepared, own, &linear).transpose());
-                let design = |all: &Terms<'_>, linear: &Rc<Linear>| design(prepared, own, all, linear);
+                let design = |all: &Terms<'_>, linear: &Arc<Linear>| design(prepared, own, all, linear);
                 joined.unwrap_or_else(|| self.with_candidates(prepared, own.0, &linear.model, open, design))?
             }
         };
@@ -126,7 +132,7 @@ impl Hunt<'_> {
         let sensors = terms.all.iter().map(|term| term.sensor).collect();
         let place = |t: &Term<'_>| (t.name().to_owned(), BASE + t.first..BASE + t.first + t.count());
         let places = terms.all.iter().map(place).collect();
-        Ok(Stage { design: Rc::new(design), evidence, members, model, sensors, places })
+        Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
     /// Where a fit ends, linearised there: several stages stand at the same model.
@@ -137,13 +143,13 @@ impl Hunt<'_> {
         start: &Model,
         width: impl Fn(&Term<'_>) -> Option<f64>,
         key: FitKey,
-    ) -> Result<Rc<Linear>, Error> {
+    ) -> Result<Arc<Linear>, Error> {
         if let Some((_, linear)) = self.recent.borrow().iter().find(|(fit, _)| *fit == key) {
-            return Ok(Rc::clone(linear));
+            return Ok(Arc::clone(linear));
         }
         let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, model)| model.parameters());
         let linear = match known {
-            Some(parameters) => Rc::new(prepared.linearise(terms, &parameters)?),
+            Some(parameters) => Arc::new(prepared.linearise(terms, &parameters)?),
             None => {
                 let linear = joint::fit_for_search(prepared, terms, start, width)?;
                 self.fits.borrow_mut().push((key.clone(), linear.model.clone()));
@@ -152,7 +158,7 @@ impl Hunt<'_> {
         };
         let mut recent = self.recent.borrow_mut();
         recent.truncate(MOST_RECENT - 1);
-        recent.insert(0, (key, Rc::clone(&linear)));
+        recent.insert(0, (key, Arc::clone(&linear)));
         Ok(linear)
     }
 
@@ -164,7 +170,7 @@ impl Hunt<'_> {
         terms: &Terms<'_>,
         model: &Model,
         open: &[EffectChoice],
-        work: impl FnOnce(&Terms<'_>, &Rc<Linear>) -> Result<T, Error>,
+        work: impl FnOnce(&Terms<'_>, &Arc<Linear>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
         let of_catalogue = |term: &Term<'_>| open.iter().find(|choice| choice.effect.name == term.name()).copied();
@@ -187,6 +193,6 @@ impl Hunt<'_> {
             }
         }
         let parameters = Model { values, ..model.clone() }.parameters();
-        work(&all, &Rc::new(prepared.linearise(&all, &parameters)?))
+        work(&all, &Arc::new(prepared.linearise(&all, &parameters)?))
     }
 }

@@ -1,6 +1,6 @@
 //! Where a search starts: the model without effects, and whether a hand carried the unit.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -49,7 +49,7 @@ impl Hunt<'_> {
             open = left;
         }
         let stage = self.stage(prepared, triads, &open, &[], Beside::Candidates)?;
-        *self.ground.borrow_mut() = Some(Rc::clone(&stage.design));
+        *self.ground.borrow_mut() = Some(Arc::clone(&stage.design));
         Ok((stage, open))
     }
 
@@ -77,7 +77,7 @@ impl Hunt<'_> {
         let none = Terms::try_new(&[], &[], &self.samples, kinds)?;
         let at_ends = Kinds { in_motion: false, ..kinds };
         let none_at_ends = Terms { kinds: at_ends, ..none.clone() };
-        let linear = Rc::new(prepared.linearise(&none, &model.parameters())?);
+        let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // More columns only explain more.
         let (gram, groups) = seen.insides_apart(prepared);
@@ -102,11 +102,11 @@ impl Hunt<'_> {
                     && inside(&gram, *group, &of_turning)? > UNEXPLAINED * plain;
             }
             let all = Terms { kinds: at_ends, ..all.clone() };
-            let linear = || Rc::new(prepared.without_insides(linear, &all));
+            let linear = || Arc::new(prepared.without_insides(linear, &all));
             is_carried.then(|| design(prepared, (&none_at_ends, &[]), &all, &linear())).transpose()
         })?;
         let is_carried = ground.is_some();
-        *self.ground.borrow_mut() = ground.map(|ground| Rc::new(ground.without(is_blind_by_hand)));
+        *self.ground.borrow_mut() = ground.map(|ground| Arc::new(ground.without(is_blind_by_hand)));
         Ok(is_carried)
     }
 }

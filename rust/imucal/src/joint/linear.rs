@@ -1,7 +1,7 @@
 //! The residuals of the joint fit and their derivatives at given parameters.
 
 use std::ops::Range;
-use std::rc::Rc;
+use std::sync::Arc;
 
 use imucal_core::effects::{Need, Sensor, Surroundings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
@@ -84,10 +84,10 @@ pub(crate) struct Linear {
     pub(crate) lines: Vec<Line>,
     /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
     pub(crate) rates: Vec<(usize, [Line; 3])>,
-    pub(crate) moves: Rc<Vec<AtMove>>,
+    pub(crate) moves: Arc<Vec<AtMove>>,
     /// Direction of gravity at the rests that take part.
     pub(super) directions: Vec<(usize, EndDirection)>,
-    rests: Rc<Vec<Option<AtRest>>>,
+    rests: Arc<Vec<Option<AtRest>>>,
     kinds: Kinds,
 }
 
@@ -221,7 +221,7 @@ impl Prepared<'_> {
             let at_move = |index: usize| self.at_move(index, start(index), &model, terms);
             moves = in_order(threads_for(cost * samples), self.moves.len(), at_move);
         }
-        Ok(self.lines(model, terms, Rc::new(rests), Rc::new(moves)))
+        Ok(self.lines(model, terms, Arc::new(rests), Arc::new(moves)))
     }
 
     /// A move that begins with this attitude, if an effect needs it.
@@ -266,7 +266,7 @@ impl Prepared<'_> {
     /// What the same passes say of rests and moves from rest to rest alone; `terms` are those of the linearisation without the
     /// residuals inside the moves.
     pub(crate) fn without_insides(&self, linear: &Linear, terms: &Terms<'_>) -> Linear {
-        self.lines(linear.model.clone(), terms, Rc::clone(&linear.rests), Rc::clone(&linear.moves))
+        self.lines(linear.model.clone(), terms, Arc::clone(&linear.rests), Arc::clone(&linear.moves))
     }
 
     /// A direction at the last (`at_end`) or first sample of a rest, had its samples been carried there with the bias of the
@@ -314,7 +314,13 @@ impl Prepared<'_> {
         AtRest { force, force_jacobian, by_mean: *model.accelerometer.inverse(), on_rate, columns }
     }
 
-    fn lines(&self, model: Model, terms: &Terms<'_>, rests: Rc<Vec<Option<AtRest>>>, moves: Rc<Vec<AtMove>>) -> Linear {
+    fn lines(
+        &self,
+        model: Model,
+        terms: &Terms<'_>,
+        rests: Arc<Vec<Option<AtRest>>>,
+        moves: Arc<Vec<AtMove>>,
+    ) -> Linear {
         let n = terms.total();
         let mut directions = Vec::new();
         let (mut lines, mut rates) = (Vec::new(), Vec::new());

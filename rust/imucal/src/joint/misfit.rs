@@ -7,7 +7,7 @@
 //! with P of (25) for all N residuals. The share of a rest (its norm and its mean rates) or of a move is d of (25): the misfit as
 //! a fit without it would see it, so that it follows chi2 whatever its leverage. Nothing is widened here.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use super::linear::{Linear, Prepared, Source};
 use super::outliers::Without;
@@ -44,8 +44,8 @@ pub(crate) struct Misfits {
 
 impl Misfits {
     /// `linear` is what the fit has ended at.
-    pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Rc<Linear>) -> Result<Self, Error> {
-        let problem = Joint::of_noise(prepared, terms, Rc::clone(linear))?;
+    pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Arc<Linear>) -> Result<Self, Error> {
+        let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let without = Without::new(&problem, linear);
         let (mut of_rests, mut of_moves) =
             (vec![Vec::new(); prepared.rests.len()], vec![Vec::new(); linear.moves.len()]);

@@ -12,7 +12,7 @@
 #[cfg(test)]
 mod tests;
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use faer::Mat;
 use nalgebra::{DMatrix, DVector};
@@ -68,15 +68,15 @@ pub(crate) fn outliers(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
     model: &Model,
-    known: Option<&Rc<Linear>>,
+    known: Option<&Arc<Linear>>,
 ) -> Result<Vec<Item>, Error> {
     const DIRECTIONS: Kinds = Kinds { in_motion: false, encoders: false };
     let known = known.filter(|_| terms.kinds == DIRECTIONS);
     let terms = Terms { kinds: DIRECTIONS, ..terms.clone() };
     let parameters = Model { stand: Vec::new(), ..model.clone() }.parameters();
     let linear =
-        known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Rc::new), |known| Ok(Rc::clone(known)))?;
-    let problem = Joint::of_noise(prepared, &terms, Rc::clone(&linear))?;
+        known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Arc::new), |known| Ok(Arc::clone(known)))?;
+    let problem = Joint::of_noise(prepared, &terms, Arc::clone(&linear))?;
     let groups = groups(&linear);
     let mut without = Without::new(&problem, &linear);
     let (mut rests, mut moves) = (prepared.used.to_vec(), vec![true; linear.moves.len()]);

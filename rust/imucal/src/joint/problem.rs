@@ -1,7 +1,6 @@
 //! The joint problem: residuals whitened for the solver.
 
-use std::cell::RefCell;
-use std::rc::Rc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -35,9 +34,9 @@ pub(crate) struct Joint<'a> {
     pub(crate) fixed: Vec<usize>,
     pub(super) priors: Vec<Prior>,
     /// The last linearisation, which took a pass over the samples.
-    last: RefCell<Place>,
+    last: Mutex<Place>,
     /// What was made of it nearby.
-    near: RefCell<Place>,
+    near: Mutex<Place>,
     rows: usize,
 }
 
@@ -45,12 +44,16 @@ pub(crate) struct Joint<'a> {
 #[derive(Clone)]
 struct Place {
     parameters: Vec<f64>,
-    linear: Rc<Linear>,
+    linear: Arc<Linear>,
+}
+
+fn known(place: &Mutex<Place>) -> MutexGuard<'_, Place> {
+    place.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<'a> Joint<'a> {
     pub(crate) fn new(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, parameters: &[f64]) -> Result<Self, Error> {
-        let linear = Rc::new(prepared.linearise(terms, parameters)?);
+        let linear = Arc::new(prepared.linearise(terms, parameters)?);
         let weights = Weights::of(prepared, terms, &linear, None);
         Self::with(prepared, terms, linear, weights)
     }
@@ -59,7 +62,7 @@ impl<'a> Joint<'a> {
     pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
-        linear: Rc<Linear>,
+        linear: Arc<Linear>,
     ) -> Result<Self, Error> {
         let weights = Weights::of_noise(prepared, terms, &linear);
         Self::with(prepared, terms, linear, weights)
@@ -67,7 +70,7 @@ impl<'a> Joint<'a> {
 
     /// The problem at the end of a fit, with its weights.
     pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
-        let mut problem = Self::with(prepared, terms, Rc::clone(&fit.linear), fit.weights.clone())?;
+        let mut problem = Self::with(prepared, terms, Arc::clone(&fit.linear), fit.weights.clone())?;
         problem.hold(fit.priors.clone());
         Ok(problem)
     }
@@ -75,12 +78,12 @@ impl<'a> Joint<'a> {
     fn with(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
-        linear: Rc<Linear>,
+        linear: Arc<Linear>,
         weights: Weights,
     ) -> Result<Self, Error> {
         let rows = linear.groups().stand_moves.end;
-        let place = Place { parameters: linear.model.parameters(), linear: Rc::clone(&linear) };
-        let (last, near) = (RefCell::new(place.clone()), RefCell::new(place));
+        let place = Place { parameters: linear.model.parameters(), linear: Arc::clone(&linear) };
+        let (last, near) = (Mutex::new(place.clone()), Mutex::new(place));
         let mut joint =
             Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), priors: Vec::new(), last, near, rows };
         joint.let_biases_wander(&linear)?;
@@ -106,37 +109,38 @@ impl<'a> Joint<'a> {
     }
 
     /// The linearisation at these parameters, or what the last one makes of them if it is near.
-    pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Rc<Linear>, Error> {
+    pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         for place in [&self.last, &self.near] {
-            if place.borrow().parameters == parameters {
-                return Ok(Rc::clone(&place.borrow().linear));
+            let place = known(place);
+            if place.parameters == parameters {
+                return Ok(Arc::clone(&place.linear));
             }
         }
         self.linear_within(parameters, NEAR)
     }
 
     /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
-    pub(crate) fn linear_at_end(&self, parameters: &[f64]) -> Result<Rc<Linear>, Error> {
+    pub(crate) fn linear_at_end(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         self.linear_within(parameters, NEAR_IN_SEARCH)
     }
 
-    fn linear_within(&self, parameters: &[f64], distance: f64) -> Result<Rc<Linear>, Error> {
+    fn linear_within(&self, parameters: &[f64], distance: f64) -> Result<Arc<Linear>, Error> {
         let Some(moved) = self.moved(parameters, distance)? else { return self.linear_anew(parameters) };
-        let linear = Rc::new(moved);
-        *self.near.borrow_mut() = Place { parameters: parameters.to_vec(), linear: Rc::clone(&linear) };
+        let linear = Arc::new(moved);
+        *known(&self.near) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
         Ok(linear)
     }
 
     /// The linearisation at these parameters.
-    fn linear_anew(&self, parameters: &[f64]) -> Result<Rc<Linear>, Error> {
-        let linear = Rc::new(self.prepared.linearise(self.terms, parameters)?);
-        *self.last.borrow_mut() = Place { parameters: parameters.to_vec(), linear: Rc::clone(&linear) };
+    fn linear_anew(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
+        let linear = Arc::new(self.prepared.linearise(self.terms, parameters)?);
+        *known(&self.last) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
         Ok(linear)
     }
 
     /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
-        let is_moved = self.last.borrow().parameters != parameters && self.moved(parameters, NEAR)?.is_some();
+        let is_moved = known(&self.last).parameters != parameters && self.moved(parameters, NEAR)?.is_some();
         if is_moved {
             self.linear_anew(parameters)?;
         }
@@ -147,7 +151,7 @@ impl<'a> Joint<'a> {
     ///
     /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
     fn moved(&self, parameters: &[f64], distance: f64) -> Result<Option<Linear>, Error> {
-        let Place { parameters: from, linear } = &*self.last.borrow();
+        let Place { parameters: from, linear } = &*known(&self.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
         if in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
             return Ok(None);

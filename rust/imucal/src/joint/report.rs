@@ -1,6 +1,6 @@
 //! What the joint fit says.
 
-use std::rc::Rc;
+use std::sync::Arc;
 
 use faer::Mat;
 use nalgebra::Matrix3;
@@ -31,7 +31,7 @@ pub(crate) struct JointFit {
     pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,
     pub(crate) terms: Vec<TermEstimate>,
     /// Residuals and derivatives at its end.
-    pub(crate) linear: Rc<Linear>,
+    pub(crate) linear: Arc<Linear>,
     pub(super) weights: Weights,
     pub(super) priors: Vec<Prior>,
 }

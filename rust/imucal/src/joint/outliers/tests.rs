@@ -193,8 +193,8 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
     let small = run(&RandomMoves { moves: 13, ..RandomMoves::default() }, 4).with_bad_move(6);
     with(&small, |prepared, terms, model| {
         let parameters = model.parameters();
-        let linear = Rc::new(prepared.linearise(terms, &parameters).unwrap());
-        let problem = Joint::of_noise(prepared, terms, Rc::clone(&linear)).unwrap();
+        let linear = Arc::new(prepared.linearise(terms, &parameters).unwrap());
+        let problem = Joint::of_noise(prepared, terms, Arc::clone(&linear)).unwrap();
         let lines: Vec<_> = linear.lines.iter().chain(linear.rates.iter().flat_map(|(_, lines)| lines)).collect();
         let n = lines.len();
         let residuals = DVector::from_fn(n, |i, _| lines[i].residual);
