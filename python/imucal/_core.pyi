@@ -54,6 +54,7 @@ __all__ = [
     "identify_noise",
     "inspect",
     "integrate",
+    "is_earth_rate",
     "optimal_program",
     "parameter_names",
     "plan_effect_parameters",
@@ -631,6 +632,7 @@ class Search:
     def in_motion_left_out(self) -> str | None: ...
 
 def attitudes(time_s: _Array, angular_rate: _Array, at: Sequence[int]) -> _Array: ...
+def is_earth_rate(size_radps: float, sigma_radps: float) -> bool: ...
 def gap_design(
     recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
 ) -> tuple[_Array, _Array, list[tuple[str, _Array]]]: ...

@@ -12,15 +12,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from imucal.calibration import Calibration
-from imucal.effects import UserEffect, by_name, find
-from imucal.errors import InputError
+from imucal.effects import UserEffect, by_name, catalogue, find
+from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.evaluate import MIN_REST_S, require_calibration
 from imucal.gap.outcome import data_fault, outcome
 from imucal.gap.result import Gap
 from imucal.gap.trial import Trial
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recordings
+
+if TYPE_CHECKING:
+    from imucal import _core
 
 __all__ = ["find_gap"]
 
@@ -70,14 +76,12 @@ def find_gap(
             raise
         return replace(data_fault(error.findings), user_effects=tuple(named.values()))
     found = trial.search(before, wanted)
+    refused = _not_the_earth(trial, found)
+    if refused is not None and "earth_rate" in [score.name for score in found.path]:
+        others = wanted if wanted is not None else [effect.name for effect in catalogue()]
+        found = trial.search(before, [name for name in others if name != "earth_rate"])
     path, after, notes = trial.accepted(before, [score.name for score in found.path])
-    if found.not_the_earth is not None:
-        size, sigma = found.not_the_earth
-        known = find("earth_rate").parameters[0].typical
-        notes.append(
-            f"earth_rate fits these recordings with {size:.3g} +- {sigma:.1g} rad/s, and the Earth turns "
-            f"with {known:.4g}: something else is there, or they do not determine it"
-        )
+    notes += [] if refused is None else [refused]
     notes += [
         f"{name} fits these recordings (log Bayes factor {evidence:.1f}) and does not predict rests and "
         f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
@@ -100,3 +104,36 @@ def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> 
     if not candidates:
         raise InputError("candidates is empty, so there is nothing to look for: give names, or leave it out")
     return [find(name).name for name in candidates if name not in own]
+
+
+def _not_the_earth(trial: Trial, found: _core.Search) -> str | None:
+    """Why what was named earth_rate is not it: the rate of the Earth is known; None if it may be.
+
+    Its direction is free, for the heading is not known and every latitude is possible. Where that is clear
+    the search has looked for something else already.
+    """
+    if found.not_the_earth is not None:
+        return _not_as_fast(*found.not_the_earth)
+    path = [score.name for score in found.path]
+    if "earth_rate" not in path:
+        return None
+    try:
+        calibration = trial.fit(path).calibration
+    except (FitError, NotEnoughMotionError) as error:
+        return f"earth_rate was found and cannot be fitted: {error}"
+    own = [k for k, name in enumerate(calibration.covariance_names) if name.startswith("earth_rate_")]
+    values = next(values for values in calibration.effects if values.name == "earth_rate").values
+    size = float(np.linalg.norm(values))
+    direction = np.asarray(values) / size
+    sigma = float(np.sqrt(direction @ np.asarray(calibration.covariance)[np.ix_(own, own)] @ direction))
+    from imucal import _core
+
+    return None if _core.is_earth_rate(size, sigma) else _not_as_fast(size, sigma)
+
+
+def _not_as_fast(size_radps: float, sigma_radps: float) -> str:
+    known = find("earth_rate").parameters[0].typical
+    return (
+        f"earth_rate fits these recordings with {size_radps:.3g} +- {sigma_radps:.1g} rad/s, and the Earth "
+        f"turns with {known:.4g}: something else is there, or they do not determine it"
+    )

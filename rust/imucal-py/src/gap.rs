@@ -128,6 +128,12 @@ pub(crate) fn search_gap(
     })
 }
 
+/// Whether a rate is that of the Earth, and is determined.
+#[pyfunction]
+pub(crate) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
+    library::is_earth_rate(size_radps, sigma_radps)
+}
+
 /// Rotations `[w, x, y, z]` from the body at the samples `at` of a stretch, and half-way between each two, to the body at the
 /// first sample, (2 n - 1, 4).
 #[pyfunction]

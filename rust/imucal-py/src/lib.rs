@@ -32,7 +32,7 @@ mod _core {
     use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};
     #[pymodule_export]
-    use super::gap::{EffectScore, GenericFinding, Search, attitudes, gap_design, search_gap};
+    use super::gap::{EffectScore, GenericFinding, Search, attitudes, gap_design, is_earth_rate, search_gap};
     #[pymodule_export]
     use super::noise::{AxisNoise, Noise, NoiseEstimate, allan_deviations, allan_factors, identify_noise};
     use super::options::{CalibrateOptions, frame_named};

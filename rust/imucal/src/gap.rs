@@ -30,6 +30,7 @@ mod stage;
 mod start;
 
 pub use attitudes::attitudes;
+pub use earth::is_earth_rate;
 pub use generic::{Block, Kernel};
 pub use path::{Visible, linearise, search, smallest_visible};
 
@@ -44,8 +45,8 @@ pub struct Search {
     pub generic: Option<GenericFinding>,
     /// Effects that fit these recordings and do not predict rests and moves that they were not fitted to.
     pub not_predictive: Vec<NotPredictive>,
-    /// Size of what has the pattern of the Earth's rate and is not it, and its standard deviation, rad/s: `earth_rate` was not looked for
-    /// then.
+    /// Size of what has the pattern of the Earth's rate and is clearly not it, and its standard deviation, rad/s: `earth_rate` was not
+    /// looked for then.
     pub not_the_earth: Option<(f64, f64)>,
     /// Effects that these recordings cannot show, and what would.
     pub not_observable: Vec<(String, String)>,

@@ -12,9 +12,17 @@ use super::stage::Stage;
 pub(super) const NAME: &str = "earth_rate";
 /// By so many standard deviations a known number is met, and is determined.
 const SURE: f64 = 3.0;
+/// By which the last fit may say another standard deviation than a search, whose biases do not wander.
+const SLACK: f64 = 2.0;
+
+/// Whether a rate is that of the Earth, and is determined.
+pub fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
+    (size_radps - EARTH_RATE_RADPS).abs() <= SURE * sigma_radps && sigma_radps <= EARTH_RATE_RADPS / SURE
+}
 
 impl Stage {
-    /// The size of `earth_rate` in this model and its standard deviation, rad/s, if that is not the Earth's or not determined.
+    /// The size of `earth_rate` in this model and its standard deviation, rad/s, if that is not the Earth's or not determined, whatever
+    /// the last fit will say.
     pub(super) fn not_the_earth(&self) -> Option<(f64, f64)> {
         let member = self.members.iter().find(|member| member.name == NAME)?;
         let own: Vec<usize> = self.place(NAME)?.collect();
@@ -26,7 +34,8 @@ impl Stage {
         let rate = DVector::from_column_slice(&member.values);
         let size = rate.norm();
         let sigma = (rate.dot(&(covariance * &rate)).sqrt()) / size;
-        let is_met = (size - EARTH_RATE_RADPS).abs() <= SURE * sigma && sigma <= EARTH_RATE_RADPS / SURE;
-        (!is_met).then_some((size, sigma))
+        let (least, most) = (sigma / SLACK, sigma * SLACK);
+        let is_off = (size - EARTH_RATE_RADPS).abs() > SURE * most;
+        (is_off || least > EARTH_RATE_RADPS / SURE).then_some((size, sigma))
     }
 }
