@@ -160,7 +160,7 @@ pub(crate) fn fit_for_search(
         }
         found = minimize(&problem, &found.parameters, SEARCH)?;
     }
-    problem.linear_at_end(&found.parameters)
+    problem.linear_at_end(&found)
 }
 
 fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Solution, Error> {

@@ -8,6 +8,8 @@
 //! order in what a part of the data moves the parameters by, less than a standard deviation. Weights are those of the whole fit. A
 //! rest is left out with the mean of its force: the moves before and after it are one then.
 
+use std::ops::Range;
+
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
@@ -114,26 +116,22 @@ impl Parts {
     /// The change of the parameters where these columns are free and others of `others` are left out.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
-        let mut basis: Vec<Vec<f64>> = Vec::with_capacity(columns.len());
+        let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());
         for &column in columns {
             let (first, values) = &self.units[column];
-            let mut direction = vec![0.0; rows];
-            direction[*first..first + values.len()].copy_from_slice(values);
-            let length = norm(&direction);
+            let mut direction = Stretch { first: *first, values: values.clone() };
+            let length = norm(&direction.values);
             // Twice is enough.
             for _ in 0..2 {
-                for known in &basis {
-                    let along = dot(known, &direction);
-                    direction.iter_mut().zip(known).for_each(|(d, k)| *d -= along * k);
-                }
+                basis.iter().for_each(|known| direction.leave_out(known));
             }
-            let left = norm(&direction);
+            let left = norm(&direction.values);
             if left > LEAST * length {
-                direction.iter_mut().for_each(|d| *d /= left);
+                direction.values.iter_mut().for_each(|d| *d /= left);
                 basis.push(direction);
             }
         }
-        let basis = Mat::from_fn(rows, basis.len(), |row, c| basis[c][row]);
+        let basis = Mat::from_fn(rows, basis.len(), |row, c| basis[c].at(row));
         let seen = &self.shared - &basis * (basis.transpose() * &self.shared);
         let mut normal = seen.transpose() * &seen + &self.given;
         for (_, own) in self.others.iter().filter(|(source, _)| !is_out(*source)) {
@@ -150,6 +148,39 @@ impl Parts {
             change[p] = solved[(place, 0)] / self.size[p];
         }
         Some(change)
+    }
+}
+
+/// A column that is nothing but for some rows in a row: errors are shared by neighbours, so few of these meet.
+struct Stretch {
+    first: usize,
+    values: Vec<f64>,
+}
+
+impl Stretch {
+    fn rows(&self) -> Range<usize> {
+        self.first..self.first + self.values.len()
+    }
+
+    fn at(&self, row: usize) -> f64 {
+        row.checked_sub(self.first).and_then(|k| self.values.get(k)).copied().unwrap_or(0.0)
+    }
+
+    /// Takes away what is along a direction of length one.
+    fn leave_out(&mut self, known: &Self) {
+        let (own, other) = (self.rows(), known.rows());
+        let both = own.start.max(other.start)..own.end.min(other.end);
+        if both.is_empty() {
+            return;
+        }
+        let all = own.start.min(other.start)..own.end.max(other.end);
+        let part = |of: &Self| both.start - of.first..both.end - of.first;
+        let along = dot(&self.values[part(self)], &known.values[part(known)]);
+        self.values.splice(0..0, std::iter::repeat_n(0.0, own.start - all.start));
+        self.values.resize(all.len(), 0.0);
+        self.first = all.start;
+        let to = &mut self.values[other.start - all.start..];
+        to.iter_mut().zip(&known.values).for_each(|(d, k)| *d -= along * k);
     }
 }
 

@@ -88,6 +88,9 @@ pub(crate) struct Linear {
     /// Direction of gravity at the rests that take part.
     pub(super) directions: Vec<(usize, EndDirection)>,
     rests: Arc<Vec<Option<AtRest>>>,
+    /// By how much the parameters have changed since the moves were passed; empty where they have not. Residuals inside the moves follow
+    /// their derivatives by it.
+    pub(super) change: Vec<f64>,
     kinds: Kinds,
 }
 
@@ -111,7 +114,8 @@ impl Linear {
 
     /// The residuals after a small change of the parameters; all else stays.
     pub(super) fn moved(&self, change: &[f64], model: Model) -> Self {
-        let mut moved = Self { model, ..self.clone() };
+        let inside = if self.kinds.in_motion { change } else { &[] };
+        let mut moved = Self { model, change: inside.to_vec(), ..self.clone() };
         for line in moved.lines.iter_mut().chain(moved.rates.iter_mut().flat_map(|(_, lines)| lines)) {
             line.residual += line.change(change);
         }
@@ -343,7 +347,7 @@ impl Prepared<'_> {
             directions.push((k, at_rest.direction()));
             rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
         }
-        Linear { model, lines, rates, moves, directions, rests, kinds: terms.kinds }
+        Linear { model, lines, rates, moves, directions, rests, change: Vec::new(), kinds: terms.kinds }
     }
 
     /// Components of the carried minus the measured direction, across the latter.

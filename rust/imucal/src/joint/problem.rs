@@ -19,8 +19,8 @@ use crate::error::Error;
 use crate::lsq::{self, Residuals, Solution};
 
 /// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
-/// order in the parameters' errors, a part in 10^8 of a standard deviation for those of a good sensor.
-const NEAR: f64 = 0.01;
+/// order in the parameters' errors. A fit that ends there is linearised anew, and what is left is a part in 10^6 of a standard deviation.
+const NEAR: f64 = 0.3;
 /// A search that only asks what explains the residuals goes further: a part in a thousand is left out.
 const NEAR_IN_SEARCH: f64 = 3.0;
 
@@ -120,8 +120,18 @@ impl<'a> Joint<'a> {
     }
 
     /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
-    pub(crate) fn linear_at_end(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
-        self.linear_within(parameters, NEAR_IN_SEARCH)
+    pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
+        let Kinds { in_motion, encoders } = self.terms.kinds;
+        if !in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
+            return self.linear_within(&found.parameters, NEAR_IN_SEARCH);
+        }
+        // The derivatives inside the moves are at hand here.
+        let last = known(&self.last).clone();
+        let change = Mat::from_fn(found.parameters.len(), 1, |p, _| found.parameters[p] - last.parameters[p]);
+        if (&found.jacobian * &change).norm_l2() < NEAR_IN_SEARCH {
+            return Ok(Arc::new(last.linear.moved(change.col_as_slice(0), Model::of(&found.parameters, self.terms)?)));
+        }
+        self.linear_anew(&found.parameters)
     }
 
     fn linear_within(&self, parameters: &[f64], distance: f64) -> Result<Arc<Linear>, Error> {
@@ -302,7 +312,8 @@ impl<'a> Joint<'a> {
             });
             row = against_stand;
         } else if self.terms.kinds.in_motion {
-            let (mut rows, gravity_mps2) = (Rows::new(&mut all, row), self.prepared.gravity_mps2);
+            let (first, gravity_mps2) = (row, self.prepared.gravity_mps2);
+            let mut rows = Rows::new(&mut all, first);
             for (at_move, noise) in linear.moves.iter().zip(&self.weights.inside) {
                 let AtMove { pass, before, .. } = at_move;
                 rows.innovations(pass, &before.up, noise, gravity_mps2, |place, d, z| {
@@ -310,6 +321,9 @@ impl<'a> Joint<'a> {
                 });
             }
             row = rows.next();
+            for (p, change) in linear.change.iter().enumerate().filter(|(_, change)| **change != 0.0) {
+                (first..row).for_each(|at| all[(at, n)] += all[(at, p)] * change);
+            }
         }
         for prior in &self.priors {
             for (k, typical) in prior.typical.iter().enumerate() {
