@@ -62,6 +62,17 @@ def test_a_real_unit_is_given_no_effect_that_does_not_predict(data_file, unit, v
     assert gap.gap["before"] == gap.gap["after"]
 
 
+def test_what_turns_three_times_as_fast_as_the_earth_is_not_it_and_one_search_says_so():
+    program = imucal.Program.random(seed=4, moves=40, hold_s=8.0, move_s=2.0)
+    run = imucal.simulate(program, rate_hz=100.0, seed=5, effects={"earth_rate": [1.6e-4, 0.0, 1.4e-4]})
+    stages = []
+    gap = imucal.find_gap(run.recording, stage=stages.append)
+    assert "earth_rate" not in [effect["name"] for effect in gap.effects]
+    assert any(note.startswith("earth_rate fits these recordings with 0.0002") for note in gap.notes)
+    assert sum(stage.startswith("scoring") for stage in stages) == 1
+    assert not any("earth_rate" in stage for stage in stages)
+
+
 def test_a_real_unit_whose_gyroscope_clips_is_a_fault(data_file):
     path = data_file("mpu6050/example_data_calibration.csv")
     rec = imucal.read(path, columns=COUNTS, rate_hz=100.0, skip_rows=5)

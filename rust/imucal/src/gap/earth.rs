@@ -39,3 +39,15 @@ impl Stage {
         (is_off || least > EARTH_RATE_RADPS / SURE).then_some((size, sigma))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_earth_is_met_by_its_rate_and_by_what_is_sure_of_it() {
+        assert!(is_earth_rate(7.4e-5, 1e-6));
+        assert!(!is_earth_rate(7.8e-5, 1e-6));
+        assert!(!is_earth_rate(7.3e-5, 3e-5));
+    }
+}

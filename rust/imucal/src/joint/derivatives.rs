@@ -3,8 +3,8 @@
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
 use super::encoders::STAND_PARAMETERS;
-use super::linear::Prepared;
 use super::model::{BASE, GYRO_SENSITIVITY, Model};
+use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};
 use super::tests::{Run, STAND_RAD};

@@ -13,9 +13,10 @@ use imucal_core::effects::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
 use super::inside::{Place, Rows};
-use super::linear::{AtMove, Linear, Prepared, Source};
+use super::linear::{AtMove, Linear, Source};
 use super::model::GYRO_BIAS;
 use super::pass::{Block, Route};
+use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;

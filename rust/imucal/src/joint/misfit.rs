@@ -9,8 +9,9 @@
 
 use std::sync::Arc;
 
-use super::linear::{Linear, Prepared, Source};
+use super::linear::{Linear, Source};
 use super::outliers::Without;
+use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::Terms;
 use crate::error::Error;

@@ -18,8 +18,9 @@ use faer::Mat;
 use nalgebra::{DMatrix, DVector};
 use statrs::function::gamma::ln_gamma;
 
-use super::linear::{Linear, Prepared, Source};
+use super::linear::{Linear, Source};
 use super::model::Model;
+use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;

@@ -9,7 +9,8 @@
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
 //!
-//! with w for v in the second part of T_ij's, small as it is.
+//! with w for v in the second part of T_ij's, small as it is. Where only the end of the move is asked for, the sums are trapezoids
+//! over the samples, as those of the kernel are.
 //!
 //! The error of a smooth motion falls with the fourth power of the sample interval; straight lines between the samples
 //! leave one of the second, for the rate's curvature does not cancel where the attitude changes.
@@ -56,7 +57,7 @@ pub(crate) struct Block {
     pub(crate) duration_s: f64,
     /// Its samples, counted from the first of the move.
     pub(crate) samples: Range<usize>,
-    /// Mean of d_turn_d_p.
+    /// Mean of d_turn_d_p; without encoders that of the base parameters alone.
     pub(crate) turn: Vec<Vector3<f64>>,
     /// Mean of the corrected force, turned to the body frame at the start of the move, m/s^2.
     pub(crate) force: Vector3<f64>,
@@ -272,6 +273,8 @@ impl Route<'_> {
         for (k, p) in on_force.parameters().iter().enumerate() {
             jacobian[BASE + p] = force_columns.column(k) / -n;
         }
+        // What effects turn is asked for by the stand alone.
+        let turn = if terms.kinds.encoders { turn } else { turn[..BASE].to_vec() };
         let first = self.span.first;
         walk.blocks.push(Block {
             time_s: f64::midpoint(time[steps.start], time[steps.end]) - time[first],

@@ -1,6 +1,6 @@
 //! The joint problem: residuals whitened for the solver.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -8,47 +8,29 @@ use nalgebra::Vector3;
 
 use super::encoders::{self, About, EncoderMove, Encoders, StandModel};
 use super::inside::{self, Rows};
-use super::linear::{AtMove, Line, Linear, Prepared, Source};
+use super::linear::{AtMove, Line, Linear, Source};
 use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
+use super::nearby::Nearby;
+use super::prepared::Prepared;
 use super::prior::Prior;
 use super::report::JointFit;
-use super::terms::{Kinds, Term, Terms};
+use super::terms::Terms;
 use super::wander::{UnitWander, Wander, Wandering};
 use super::weights::Weights;
 use crate::error::Error;
 use crate::lsq::{self, Residuals, Solution};
 
-/// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
-/// order in the parameters' errors. A fit that ends there is linearised anew, and what is left is a part in 10^6 of a standard deviation.
-const NEAR: f64 = 0.3;
-/// A search that only asks what explains the residuals goes further: a part in a thousand is left out.
-const NEAR_IN_SEARCH: f64 = 3.0;
-
 /// The joint problem.
 pub(crate) struct Joint<'a> {
     pub(crate) prepared: &'a Prepared<'a>,
-    terms: &'a Terms<'a>,
+    pub(super) terms: &'a Terms<'a>,
     pub(crate) weights: Weights,
     wandering: Option<Wandering>,
     /// Parameters that stay where they start.
     pub(crate) fixed: Vec<usize>,
     pub(super) priors: Vec<Prior>,
-    /// The last linearisation, which took a pass over the samples.
-    last: Mutex<Place>,
-    /// What was made of it nearby.
-    near: Mutex<Place>,
+    pub(super) nearby: Nearby,
     rows: usize,
-}
-
-/// A linearisation and its parameters.
-#[derive(Clone)]
-struct Place {
-    parameters: Vec<f64>,
-    linear: Arc<Linear>,
-}
-
-fn known(place: &Mutex<Place>) -> MutexGuard<'_, Place> {
-    place.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<'a> Joint<'a> {
@@ -82,10 +64,9 @@ impl<'a> Joint<'a> {
         weights: Weights,
     ) -> Result<Self, Error> {
         let rows = linear.groups().stand_moves.end;
-        let place = Place { parameters: linear.model.parameters(), linear: Arc::clone(&linear) };
-        let (last, near) = (Mutex::new(place.clone()), Mutex::new(place));
+        let nearby = Nearby::new(Arc::clone(&linear));
         let mut joint =
-            Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), priors: Vec::new(), last, near, rows };
+            Self { prepared, terms, weights, wandering: None, fixed: Vec::new(), priors: Vec::new(), nearby, rows };
         joint.let_biases_wander(&linear)?;
         Ok(joint)
     }
@@ -106,75 +87,6 @@ impl<'a> Joint<'a> {
         let raw = self.raw_scale(Sensor::Gyroscope, &model.parameters());
         let seen = self.weights.bias_instability;
         (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
-    }
-
-    /// The linearisation at these parameters, or what the last one makes of them if it is near.
-    pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
-        for place in [&self.last, &self.near] {
-            let place = known(place);
-            if place.parameters == parameters {
-                return Ok(Arc::clone(&place.linear));
-            }
-        }
-        self.linear_within(parameters, NEAR)
-    }
-
-    /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
-    pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
-        let Kinds { in_motion, encoders } = self.terms.kinds;
-        if !in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
-            return self.linear_within(&found.parameters, NEAR_IN_SEARCH);
-        }
-        // The derivatives inside the moves are at hand here.
-        let last = known(&self.last).clone();
-        let change = Mat::from_fn(found.parameters.len(), 1, |p, _| found.parameters[p] - last.parameters[p]);
-        if (&found.jacobian * &change).norm_l2() < NEAR_IN_SEARCH {
-            return Ok(Arc::new(last.linear.moved(change.col_as_slice(0), Model::of(&found.parameters, self.terms)?)));
-        }
-        self.linear_anew(&found.parameters)
-    }
-
-    fn linear_within(&self, parameters: &[f64], distance: f64) -> Result<Arc<Linear>, Error> {
-        let Some(moved) = self.moved(parameters, distance)? else { return self.linear_anew(parameters) };
-        let linear = Arc::new(moved);
-        *known(&self.near) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
-        Ok(linear)
-    }
-
-    /// The linearisation at these parameters.
-    fn linear_anew(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
-        let linear = Arc::new(self.prepared.linearise(self.terms, parameters)?);
-        *known(&self.last) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
-        Ok(linear)
-    }
-
-    /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
-    pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
-        let is_moved = known(&self.last).parameters != parameters && self.moved(parameters, NEAR)?.is_some();
-        if is_moved {
-            self.linear_anew(parameters)?;
-        }
-        Ok(is_moved)
-    }
-
-    /// What the last linearisation makes of these parameters, if they are within this distance and all residuals are lines.
-    ///
-    /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
-    fn moved(&self, parameters: &[f64], distance: f64) -> Result<Option<Linear>, Error> {
-        let Place { parameters: from, linear } = &*known(&self.last);
-        let Kinds { in_motion, encoders } = self.terms.kinds;
-        if in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
-            return Ok(None);
-        }
-        let change: Vec<f64> = parameters.iter().zip(from).map(|(to, from)| to - from).collect();
-        let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(&change));
-        self.weights.whitening.apply(&mut lines);
-        let rates = linear.rates.iter().map(|(rest, rates)| {
-            let change = Vector3::from_fn(|axis, _| rates[axis].change(&change));
-            (self.weights.rates[*rest] * change).norm_squared()
-        });
-        let is_near = lines.squared_norm_l2() + rates.sum::<f64>() < distance * distance;
-        is_near.then(|| Ok(linear.moved(&change, Model::of(parameters, self.terms)?))).transpose()
     }
 
     /// Takes the weights that a fit leaves.

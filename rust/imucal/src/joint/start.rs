@@ -3,8 +3,8 @@
 use imucal_core::sensor::Triad;
 
 use super::encoders;
-use super::linear::Prepared;
 use super::model::Model;
+use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 
 /// A model that other fits are near to: they end where they would without it, and sooner.

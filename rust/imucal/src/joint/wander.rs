@@ -13,7 +13,8 @@ use std::f64::consts::PI;
 use faer::Mat;
 use imucal_core::effects::Sensor;
 
-use super::linear::{Linear, Prepared};
+use super::linear::Linear;
+use super::prepared::Prepared;
 use super::problem::Joint;
 use crate::error::Error;
 use crate::recording::Recording;

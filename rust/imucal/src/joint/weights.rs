@@ -9,8 +9,9 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::encoders::Encoders;
 use super::inside::InsideNoise;
-use super::linear::{Linear, Prepared, Source};
+use super::linear::{Linear, Source};
 use super::model::Model;
+use super::prepared::Prepared;
 use super::scatter::{Excess, Scatter};
 use super::terms::Terms;
 use super::wander::{self, Wander};

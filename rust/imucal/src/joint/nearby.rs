@@ -1,0 +1,117 @@
+//! Linearisations of a problem: a pass over the samples, or what the last one makes of parameters nearby.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use faer::Mat;
+use nalgebra::Vector3;
+
+use super::linear::Linear;
+use super::model::Model;
+use super::problem::Joint;
+use super::terms::{Kinds, Term};
+use crate::error::Error;
+use crate::lsq::Solution;
+
+/// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
+/// order in the parameters' errors. A fit that ends there is linearised anew, and what is left is a part in 10^6 of a standard deviation.
+const NEAR: f64 = 0.3;
+/// A search that only asks what explains the residuals goes further: a part in a thousand is left out.
+const NEAR_IN_SEARCH: f64 = 3.0;
+
+/// The linearisations that are known, whichever thread asks.
+pub(super) struct Nearby {
+    /// The last one that took a pass over the samples.
+    last: Mutex<Place>,
+    /// What was made of it nearby.
+    near: Mutex<Place>,
+}
+
+/// A linearisation and its parameters.
+#[derive(Clone)]
+struct Place {
+    parameters: Vec<f64>,
+    linear: Arc<Linear>,
+}
+
+fn known(place: &Mutex<Place>) -> MutexGuard<'_, Place> {
+    place.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl Nearby {
+    /// One is known.
+    pub(super) fn new(linear: Arc<Linear>) -> Self {
+        let place = Place { parameters: linear.model.parameters(), linear };
+        Self { last: Mutex::new(place.clone()), near: Mutex::new(place) }
+    }
+}
+
+impl Joint<'_> {
+    /// The linearisation at these parameters, or what the last one makes of them if it is near.
+    pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
+        for place in [&self.nearby.last, &self.nearby.near] {
+            let place = known(place);
+            if place.parameters == parameters {
+                return Ok(Arc::clone(&place.linear));
+            }
+        }
+        self.linear_within(parameters, NEAR)
+    }
+
+    /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
+    pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
+        let Kinds { in_motion, encoders } = self.terms.kinds;
+        if !in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
+            return self.linear_within(&found.parameters, NEAR_IN_SEARCH);
+        }
+        // The derivatives inside the moves are at hand here.
+        let last = known(&self.nearby.last).clone();
+        let change = Mat::from_fn(found.parameters.len(), 1, |p, _| found.parameters[p] - last.parameters[p]);
+        if (&found.jacobian * &change).norm_l2() < NEAR_IN_SEARCH {
+            return Ok(Arc::new(last.linear.moved(change.col_as_slice(0), Model::of(&found.parameters, self.terms)?)));
+        }
+        self.linear_anew(&found.parameters)
+    }
+
+    fn linear_within(&self, parameters: &[f64], distance: f64) -> Result<Arc<Linear>, Error> {
+        let Some(moved) = self.moved(parameters, distance)? else { return self.linear_anew(parameters) };
+        let linear = Arc::new(moved);
+        *known(&self.nearby.near) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
+        Ok(linear)
+    }
+
+    /// The linearisation at these parameters.
+    fn linear_anew(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
+        let linear = Arc::new(self.prepared.linearise(self.terms, parameters)?);
+        *known(&self.nearby.last) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
+        Ok(linear)
+    }
+
+    /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
+    pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
+        let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, NEAR)?.is_some();
+        if is_moved {
+            self.linear_anew(parameters)?;
+        }
+        Ok(is_moved)
+    }
+
+    /// What the last linearisation makes of these parameters, if they are within this distance and all residuals are lines.
+    ///
+    /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
+    fn moved(&self, parameters: &[f64], distance: f64) -> Result<Option<Linear>, Error> {
+        let Place { parameters: from, linear } = &*known(&self.nearby.last);
+        let Kinds { in_motion, encoders } = self.terms.kinds;
+        if in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
+            return Ok(None);
+        }
+        let change: Vec<f64> = parameters.iter().zip(from).map(|(to, from)| to - from).collect();
+        let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(&change));
+        self.weights.whitening.apply(&mut lines);
+        let rates = linear.rates.iter().map(|(rest, rates)| {
+            let change = Vector3::from_fn(|axis, _| rates[axis].change(&change));
+            (self.weights.rates[*rest] * change).norm_squared()
+        });
+        let is_near = lines.squared_norm_l2() + rates.sum::<f64>() < distance * distance;
+        is_near.then(|| Ok(linear.moved(&change, Model::of(parameters, self.terms)?))).transpose()
+    }
+}
