@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 
 use super::shares::{Moment, Moments, Place, Shares};
 use super::smooth::Smooth;
+use crate::workers::{in_order, processors};
 
 /// What varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,21 +158,24 @@ pub(crate) fn hypotheses(
     gravity_mps2: f64,
     asked: impl Fn(Block) -> bool,
 ) -> Vec<Hypothesis> {
-    let pairs: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
-    let mut known: Vec<(Kernel, bool, Option<Arc<Shares>>)> = Vec::new();
-    let mut shares = |kernel: Kernel, in_moves: bool| {
-        if let Some((.., same)) = known.iter().find(|(of, at, _)| (*of, *at) == (kernel, in_moves)) {
-            return same.clone();
-        }
-        let shares = Shares::new(kernel, in_moves, moments).map(Arc::new);
-        known.push((kernel, in_moves, shares.clone()));
-        shares
+    let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
+    let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, _)| asked(*block)).collect();
+    // With what the kernel knows of a moment, in the middle of the moves or at the rests.
+    let varies = |(block, kernel): (Block, Kernel)| {
+        (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
-    let made = pairs.iter().filter(|(block, _)| asked(*block)).filter_map(|&(block, kernel)| {
-        let shape = match (block, kernel) {
-            (Block::AccelerometerBias, Kernel::Rate) => Shape::Turns,
-            (_, Kernel::Rate | Kernel::Force) => curve(kernel, moments, gravity_mps2)?,
-            _ => Shape::Varies(shares(kernel, block == Block::GyroscopeScale)?),
+    let mut known: Vec<(Kernel, bool)> = Vec::new();
+    for key in pairs.iter().copied().filter_map(varies) {
+        if !known.contains(&key) {
+            known.push(key);
+        }
+    }
+    let shares = in_order(processors(), known.len(), |k| Shares::new(known[k].0, known[k].1, moments).map(Arc::new));
+    let made = pairs.iter().filter_map(|&(block, kernel)| {
+        let shape = match varies((block, kernel)) {
+            Some(key) => Shape::Varies(shares[known.iter().position(|own| *own == key)?].clone()?),
+            None if (block, kernel) == (Block::AccelerometerBias, Kernel::Rate) => Shape::Turns,
+            None => curve(kernel, moments, gravity_mps2)?,
         };
         Some(Hypothesis { block, kernel, shape, gravity_mps2 })
     });

@@ -66,24 +66,28 @@ impl Held<'_> {
             scales[place]
         };
         let scale: Vec<f64> = self.groups.iter().map(|group| scale_of(*group)).collect();
+        let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
+        let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
+        let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
         // Columns of length one, the scales in them; the residual is the last one.
-        let size: Vec<f64> = columns
-            .iter()
-            .map(|c| {
-                let square: f64 = (0..scale.len()).map(|row| self.columns[(row, c.place)].powi(2) / scale[row]).sum();
-                square.max(c.precision).sqrt().max(1e-300)
-            })
-            .collect();
-        let whole = Mat::from_fn(scale.len(), n + 1, |row, c| {
-            let value = if c < n { self.columns[(row, columns[c].place)] / size[c] } else { self.residual[row] };
-            value / scale[row].sqrt()
-        });
+        let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
+        let size: Vec<f64> = (0..=n).map(length).collect();
+        for (j, of_column) in size.iter().enumerate() {
+            all.col_as_slice_mut(j).iter_mut().zip(&size).for_each(|(sum, of_row)| *sum /= of_row * of_column);
+        }
         let items = self.items.iter().max().map_or(0, |last| last + 1);
         let rows_of = |fold: usize| -> Vec<usize> {
             (0..scale.len()).filter(|&row| self.items[row] * FOLDS / items == fold).collect()
         };
-        let part = |rows: &[usize]| Mat::from_fn(rows.len(), n + 1, |i, c| whole[(rows[i], c)]);
-        let all = whole.transpose() * &whole;
+        let part = |rows: &[usize]| {
+            let mut part = Mat::zeros(rows.len(), n + 1);
+            for c in 0..=n {
+                let from = columns.get(c).map_or(self.residual, |column| self.columns.col_as_slice(column.place));
+                let to = part.col_as_slice_mut(c).iter_mut().zip(rows);
+                to.for_each(|(to, &row)| *to = from[row] * weight[row] / size[c]);
+            }
+            part
+        };
         let precision: Vec<f64> = (0..n).map(|c| columns[c].precision / (size[c] * size[c])).collect();
         let mut densities = vec![None; items];
         for fold in 0..FOLDS {
@@ -96,8 +100,8 @@ impl Held<'_> {
             let normal = Mat::from_fn(n, n, |i, j| seen[(i, j)] + if i == j { precision[i] + RIDGE } else { 0.0 });
             let right = Mat::from_fn(n, 1, |i, _| -(seen[(i, n)] + precision[i] * columns[i].value * size[i]));
             let delta = normal.llt(faer::Side::Lower).ok()?.solve(&right);
-            for (i, &row) in rows.iter().enumerate() {
-                let left = own[(i, n)] + (0..n).map(|c| own[(i, c)] * delta[(c, 0)]).sum::<f64>();
+            let left = own.subcols(0, n) * delta + own.subcols(n, 1);
+            for (left, &row) in left.col_as_slice(0).iter().zip(&rows) {
                 *densities[self.items[row]].get_or_insert(0.0) -= 0.5 * (left * left + scale[row].ln());
             }
         }
