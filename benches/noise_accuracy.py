@@ -5,14 +5,13 @@ Units at rest are simulated with noise of known size, identified, and compared w
 
 import os
 
-# Two processes share the machine; threads within them would only get in each other's way.
+# Two processes share the machine: threads of NumPy within them would only get in each other's way.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import argparse
 import dataclasses
 import math
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
@@ -22,6 +21,7 @@ from rich.progress import track
 import imucal
 from accuracy.band import BESIDE, binomial
 from allan import REPORT
+from pool import pool_of
 from sections import write_section
 
 SECTION = "The figures and their bands"
@@ -138,7 +138,7 @@ def main() -> None:
     arguments.add_argument("--processes", type=int, default=2)
     given = arguments.parse_args()
     judge = Judge()
-    with ProcessPoolExecutor(given.processes) as pool:
+    with pool_of(given.processes) as pool:
         for case in track(CASES, "identifying"):
             # Other seeds for each: the same ones would make the same errors.
             first = 1 + 1000 * CASES.index(case)

@@ -2,15 +2,14 @@
 
 import os
 
-# Two processes share the machine; threads within them would only get in each other's way.
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+# Two processes share the machine: threads of NumPy within them would only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import argparse
 import sys
 import time
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from accuracy.figures import SceneFigures
 from accuracy.page import page
 from accuracy.scene import CONDITIONS, HELD, PAPER
 from accuracy.trial import trial
+from pool import pool_of
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "accuracy.md"
@@ -32,7 +32,7 @@ SCENES = {"paper": (PAPER,), "hand-held": (HELD,), "conditions": CONDITIONS}
 
 def many(work: Callable[[int], Any], runs: int, processes: int, words: str) -> list[Any]:
     """The work for the seeds 1 to `runs`."""
-    with ProcessPoolExecutor(processes) as pool:
+    with pool_of(processes) as pool:
         done = pool.map(work, range(1, runs + 1), chunksize=8)
         return list(track(done, words, total=runs, disable=not sys.stderr.isatty()))
 

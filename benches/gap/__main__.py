@@ -2,15 +2,15 @@
 
 import os
 
-# Two processes share the machine; threads within them would only get in each other's way.
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+# Two processes share the machine: threads of NumPy within them would only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import argparse
 import json
 import sys
 import traceback
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,7 @@ from gap.gates import gates
 from gap.judge import Mark
 from gap.page import page, record
 from gap.suite import TOOL, run, suite
+from pool import pool_of
 
 ROOT = Path(__file__).resolve().parents[2]
 REPORT = ROOT / "docs" / "results" / "gap.md"
@@ -95,7 +96,7 @@ def main() -> int:
     marks = answered(given.log)
     known = {mark.key for mark in marks}
     numbers = [number for number in numbers if suite(share)[number].key not in known][: given.most]
-    with ProcessPoolExecutor(given.processes) as pool:
+    with pool_of(given.processes) as pool:
         jobs = [pool.submit(work, number) for number in numbers]
         for finished in track(as_completed(jobs), "asking", total=len(jobs), disable=given.quick):
             done = finished.result()

@@ -2,13 +2,12 @@
 
 import os
 
-# Two processes share the machine; threads within them would only get in each other's way.
-for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "RAYON_NUM_THREADS"):
+# Two processes share the machine: threads of NumPy within them would only get in each other's way.
+for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
 import argparse
 import sys
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from rich.progress import track
@@ -16,6 +15,7 @@ from rich.progress import track
 from plan.agreement import Agreement, cases, planned
 from plan.duration import curve, durations, visible
 from plan.page import figure, gates, page
+from pool import pool_of
 
 RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
 RUNS = 1000
@@ -27,7 +27,7 @@ def main() -> int:
     arguments.add_argument("--processes", type=int, default=2)
     arguments.add_argument("--output", type=Path, default=RESULTS, help="folder of plan.md and plan.svg")
     given = arguments.parse_args()
-    with ProcessPoolExecutor(given.processes) as pool:
+    with pool_of(given.processes) as pool:
         searched = pool.submit(durations)
         points = pool.submit(curve)
         agreements = []
