@@ -38,10 +38,7 @@ ROUNDS = 3
 
 
 def peak_bytes() -> int:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-
-
-def peak_since_reset_bytes() -> int:
+    """Resident memory at most, since the start of the process or since it was reset."""
     status = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) * 1024  # type: ignore[index]
 
@@ -97,7 +94,7 @@ def calibrate_arrays(folder: Path, small: str | None = None) -> dict[str, float]
     before = now_bytes() - size
     start = time.perf_counter()
     result = imucal.calibrate(recording, joint=False)
-    took_s, peak = time.perf_counter() - start, peak_since_reset_bytes() - before
+    took_s, peak = time.perf_counter() - start, peak_bytes() - before
     return {"s": took_s, "memory": peak / size, "beyond_mb": (peak - size) / 1e6, "moves": len(result.moves)}
 
 

@@ -27,7 +27,8 @@ mod step;
 mod tests;
 
 use imucal_core::sensor::Triad;
-use nalgebra::{Matrix3, Vector3};
+use imucal_core::so3;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::recording::Recording;
 
@@ -139,6 +140,13 @@ impl Sums {
         }
         sums
     }
+}
+
+/// Turns on by a step of `h` seconds with this mean rate and these rates at its ends.
+#[inline(always)]
+pub(crate) fn turn_on(rotation: &mut UnitQuaternion<f64>, mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) {
+    *rotation *= so3::exp(&(mean * h + w0.cross(w1) * (h * h / 12.0)));
+    rotation.renormalize_fast();
 }
 
 /// `m [v]x`.

@@ -1,12 +1,11 @@
 //! A stretch of a gyroscope's samples and its integral.
 
 use imucal_core::sensor::Triad;
-use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
-use super::{Carried, Instructions, Sums};
+use super::{Carried, Instructions, Sums, turn_on};
 use crate::recording::{Recording, Samples};
 
 /// When the samples of a path were taken.
@@ -196,8 +195,7 @@ impl<'a> Path<'a> {
             let inner = w0 + w1;
             let mean = if CUBIC { (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0 } else { inner / 2.0 };
             let before = weighted(&rotation, h);
-            rotation *= so3::exp(&(mean * h + w0.cross(&w1) * (h * h / 12.0)));
-            rotation.renormalize_fast();
+            turn_on(&mut rotation, &mean, [&w0, &w1], h);
             sums.add_sample(&before, &w0);
             sums.add_sample(&weighted(&rotation, h), &w1);
         }

@@ -2,8 +2,8 @@
 //!
 //! Its direction is free, for the heading is not known and every latitude is possible.
 
+use faer::Mat;
 use imucal_core::EARTH_RATE_RADPS;
-use nalgebra::{DMatrix, DVector};
 
 use super::evidence::Column;
 use super::stage::Stage;
@@ -17,7 +17,13 @@ const SLACK: f64 = 2.0;
 
 /// Whether a rate is that of the Earth, and is determined.
 pub fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
-    (size_radps - EARTH_RATE_RADPS).abs() <= SURE * sigma_radps && sigma_radps <= EARTH_RATE_RADPS / SURE
+    may_be(size_radps, sigma_radps, 1.0)
+}
+
+/// The same where the standard deviation may be larger or smaller by a factor.
+fn may_be(size_radps: f64, sigma_radps: f64, slack: f64) -> bool {
+    let is_near = (size_radps - EARTH_RATE_RADPS).abs() <= SURE * slack * sigma_radps;
+    is_near && sigma_radps <= slack * EARTH_RATE_RADPS / SURE
 }
 
 impl Stage {
@@ -30,13 +36,11 @@ impl Stage {
         // The prior is that of a search, and the data are to say it.
         own.iter().for_each(|&k| columns[k] = Column { precision: 0.0, ..columns[k] });
         let covariance = self.design.gram.covariance(&columns, &self.evidence.scales, &own)?;
-        let covariance = DMatrix::from_fn(own.len(), own.len(), |i, k| covariance[(i, k)]);
-        let rate = DVector::from_column_slice(&member.values);
-        let size = rate.norm();
-        let sigma = (rate.dot(&(covariance * &rate)).sqrt()) / size;
-        let (least, most) = (sigma / SLACK, sigma * SLACK);
-        let is_off = (size - EARTH_RATE_RADPS).abs() > SURE * most;
-        (is_off || least > EARTH_RATE_RADPS / SURE).then_some((size, sigma))
+        let rate = Mat::from_fn(own.len(), 1, |k, _| member.values[k]);
+        let size = rate.norm_l2();
+        let sigma = (rate.transpose() * covariance * &rate)[(0, 0)].sqrt() / size;
+        // What is not a number is left to the last fit.
+        (!sigma.is_nan() && !may_be(size, sigma, SLACK)).then_some((size, sigma))
     }
 }
 

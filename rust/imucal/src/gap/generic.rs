@@ -127,7 +127,6 @@ const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
 };
 
 /// A block that varies in a pattern.
-#[derive(Clone)]
 pub(crate) struct Hypothesis {
     pub(crate) block: Block,
     pub(crate) kernel: Kernel,
@@ -135,7 +134,6 @@ pub(crate) struct Hypothesis {
     gravity_mps2: f64,
 }
 
-#[derive(Clone)]
 enum Shape {
     /// With what the kernel knows of a moment.
     Varies(Arc<Shares>),

@@ -76,8 +76,7 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         let distinct: BTreeSet<usize> = dofs.iter().copied().filter(|dof| *dof > 0).collect();
         distinct.into_iter().map(|dof| (dof, visible_noncentrality(dof, tests))).collect()
     };
-    let log_before = stage.evidence.log;
-    let deviance_before = stage.evidence.deviance;
+    let before = &stage.evidence;
     // The size that would be seen, and the score.
     let look = |place: usize| -> Option<(f64, Option<Judged>)> {
         let (candidate, dof) = (&candidates[place], dofs[place]);
@@ -92,10 +91,10 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
             let free = with(NO_PRIOR)?;
             // The scales hardly depend on the width, and the best one not at all on what little they do.
             let (width, _) = left(&Projection::new(gram, model, &free.scales)?, candidate).best_width(&WIDTHS)?;
-            let statistic = (deviance_before - free.deviance).max(0.0);
+            let statistic = (before.deviance - free.deviance).max(0.0);
             let score = Score {
                 name: candidate.name.clone(),
-                log_bayes_factor: with(width)?.log - log_before,
+                log_bayes_factor: with(width)?.log - before.log,
                 statistic,
                 dof,
                 p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),

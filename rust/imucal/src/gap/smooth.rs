@@ -8,7 +8,6 @@ const SMALLEST: f64 = 1e-3;
 /// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)`, k without what all points share, `k = U diag(s) U^T` at the points:
 /// there their squares have a mean of one, and between them they are what the kernel expects (Rasmussen and Williams, Gaussian
 /// Processes for Machine Learning, 2006, (2.25)).
-#[derive(Clone)]
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,

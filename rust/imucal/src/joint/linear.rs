@@ -181,7 +181,7 @@ impl Prepared<'_> {
                 source: Source::Norm(k),
             });
             while self.moves.get(next_move).is_some_and(|m| m.from == k) {
-                if !terms.kinds.in_motion && !terms.kinds.encoders {
+                if !terms.kinds.look_inside() {
                     lines.extend(self.move_lines(next_move, &moves[next_move], &rests));
                 }
                 next_move += 1;

@@ -54,26 +54,21 @@ impl Joint<'_> {
                 return Ok(Arc::clone(&place.linear));
             }
         }
-        self.linear_within(parameters, NEAR)
+        self.linear_within(parameters, NEAR, None)
     }
 
     /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
     pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
-        let Kinds { in_motion, encoders } = self.terms.kinds;
-        if !in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
-            return self.linear_within(&found.parameters, NEAR_IN_SEARCH);
-        }
-        // The derivatives inside the moves are at hand here.
-        let last = known(&self.nearby.last).clone();
-        let change = Mat::from_fn(found.parameters.len(), 1, |p, _| found.parameters[p] - last.parameters[p]);
-        if (&found.jacobian * &change).norm_l2() < NEAR_IN_SEARCH {
-            return Ok(Arc::new(last.linear.moved(change.col_as_slice(0), Model::of(&found.parameters, self.terms)?)));
-        }
-        self.linear_anew(&found.parameters)
+        self.linear_within(&found.parameters, NEAR_IN_SEARCH, Some(&found.jacobian))
     }
 
-    fn linear_within(&self, parameters: &[f64], distance: f64) -> Result<Arc<Linear>, Error> {
-        let Some(moved) = self.moved(parameters, distance)? else { return self.linear_anew(parameters) };
+    fn linear_within(
+        &self,
+        parameters: &[f64],
+        distance: f64,
+        jacobian: Option<&Mat<f64>>,
+    ) -> Result<Arc<Linear>, Error> {
+        let Some(moved) = self.moved(parameters, distance, jacobian)? else { return self.linear_anew(parameters) };
         let linear = Arc::new(moved);
         *known(&self.nearby.near) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
         Ok(linear)
@@ -88,30 +83,42 @@ impl Joint<'_> {
 
     /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
-        let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, NEAR)?.is_some();
+        let is_moved =
+            known(&self.nearby.last).parameters != parameters && self.moved(parameters, NEAR, None)?.is_some();
         if is_moved {
             self.linear_anew(parameters)?;
         }
         Ok(is_moved)
     }
 
-    /// What the last linearisation makes of these parameters, if they are within this distance and all residuals are lines.
+    /// What the last linearisation makes of these parameters, if they are within this distance and all residuals are lines. How far they
+    /// go inside the moves is said by whitened derivatives, if these are at hand.
     ///
     /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
-    fn moved(&self, parameters: &[f64], distance: f64) -> Result<Option<Linear>, Error> {
+    fn moved(&self, parameters: &[f64], distance: f64, jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
-        if in_motion || encoders || self.terms.all.iter().any(Term::has_shape) {
+        if encoders || self.terms.all.iter().any(Term::has_shape) {
             return Ok(None);
         }
-        let change: Vec<f64> = parameters.iter().zip(from).map(|(to, from)| to - from).collect();
-        let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(&change));
+        let change = Mat::from_fn(parameters.len(), 1, |p, _| parameters[p] - from[p]);
+        let square = match jacobian {
+            Some(jacobian) if in_motion => (jacobian * &change).squared_norm_l2(),
+            None if in_motion => return Ok(None),
+            _ => self.square_of_lines(linear, change.col_as_slice(0)),
+        };
+        let moved = || Ok(linear.moved(change.col_as_slice(0), Model::of(parameters, self.terms)?));
+        (square < distance * distance).then(moved).transpose()
+    }
+
+    /// Sum of the squares of what a change of the parameters does to the whitened lines and rates.
+    fn square_of_lines(&self, linear: &Linear, change: &[f64]) -> f64 {
+        let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(change));
         self.weights.whitening.apply(&mut lines);
         let rates = linear.rates.iter().map(|(rest, rates)| {
-            let change = Vector3::from_fn(|axis, _| rates[axis].change(&change));
+            let change = Vector3::from_fn(|axis, _| rates[axis].change(change));
             (self.weights.rates[*rest] * change).norm_squared()
         });
-        let is_near = lines.squared_norm_l2() + rates.sum::<f64>() < distance * distance;
-        is_near.then(|| Ok(linear.moved(&change, Model::of(parameters, self.terms)?))).transpose()
+        lines.squared_norm_l2() + rates.sum::<f64>()
     }
 }

@@ -22,7 +22,6 @@
 use std::ops::Range;
 
 use imucal_core::sensor::Triad;
-use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::corrected::Correction;
@@ -31,7 +30,7 @@ use super::planes::{Planes, Sum};
 use super::terms::Terms;
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
-use crate::carry::{Pace, Path, Sums};
+use crate::carry::{Pace, Path, Sums, turn_on};
 use crate::moves::Move;
 use crate::recording::Recording;
 
@@ -164,7 +163,8 @@ impl Route<'_> {
 
     /// From rest to rest: the sums are trapezoids over the samples, as those of the kernel are.
     fn to_end(&self, correction: &mut Correction<'_>, model: &Model, terms: &Terms<'_>) -> Pass {
-        let (time, Range { start: mut at, end: last }) = (self.recording.time_s, self.span.first..self.span.last);
+        let (time, last) = (self.recording.time_s, self.span.last);
+        let mut at = self.span.first;
         let mut rotation = UnitQuaternion::identity();
         let mut here = Matrix3::identity();
         let (mut base, mut effects) = (Sums::zero(), Sum::zero(&correction.on_rate));
@@ -179,9 +179,8 @@ impl Route<'_> {
             for (k, i) in steps.clone().enumerate() {
                 let (h, step) = (time[i + 1] - time[i], self.step(i));
                 weights[k][0] += here * (h / 2.0);
-                let coning = rates[step.before].cross(&rates[step.before + 1]) * (h * h / 12.0);
-                rotation *= so3::exp(&(step.mean(|k| rates[k]) * h + coning));
-                rotation.renormalize_fast();
+                let ends = [&rates[step.before], &rates[step.before + 1]];
+                turn_on(&mut rotation, &step.mean(|k| rates[k]), ends, h);
                 here = *rotation.to_rotation_matrix().matrix();
                 weights[k + 1][0] += here * (h / 2.0);
             }

@@ -82,9 +82,8 @@ impl Prepared<'_> {
         }
         if moves.is_empty() {
             let samples: usize = self.moves.iter().map(|m| m.last - m.first).sum();
-            let cost = if terms.count > 0 || terms.kinds.in_motion || terms.kinds.encoders { COST } else { 1 };
-            let start = |index: usize| attitudes[self.moves[index].from].filter(|_| with_attitude);
-            let at_move = |index: usize| self.at_move(index, start(index), &model, terms);
+            let cost = if terms.count > 0 || terms.kinds.look_inside() { COST } else { 1 };
+            let at_move = |index: usize| self.at_move(index, attitudes[self.moves[index].from], &model, terms);
             moves = in_order(threads_for(cost * samples), self.moves.len(), at_move);
         }
         Ok(self.lines(model, terms, Arc::new(rests), Arc::new(moves)))
@@ -125,7 +124,7 @@ impl Prepared<'_> {
             span,
             rotation_world_from_start: attitude,
             gravity_at_start: before.up * self.gravity_mps2,
-            with_blocks: terms.kinds.in_motion || terms.kinds.encoders,
+            with_blocks: terms.kinds.look_inside(),
         }
     }
 

@@ -153,6 +153,11 @@ impl Kinds {
             encoders: choices.iter().any(|choice| choice.effect.sensor == Sensor::Encoder),
         }
     }
+
+    /// Whether they are about what is inside the moves.
+    pub(super) fn look_inside(self) -> bool {
+        self.in_motion || self.encoders
+    }
 }
 
 impl<'a> Terms<'a> {
