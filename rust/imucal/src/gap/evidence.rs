@@ -64,6 +64,11 @@ impl Gram {
 
     /// The evidence of a model with these columns; `None` where it is not determined.
     pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
+        self.evidence_near(columns, &vec![1.0; self.sums.len()])
+    }
+
+    /// The same, the scales of a model that is nearly this one being known: they are where the rounds begin.
+    pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let n = columns.len();
         let size = self.sizes(columns);
         // Columns of length one: sums of squares would lose the small ones otherwise. Of what is symmetric the lower half is enough.
@@ -85,7 +90,7 @@ impl Gram {
         let squares: Vec<f64> = self.sums.iter().map(|sum| sum[(self.residual, self.residual)]).collect();
         let precision: Vec<f64> = (0..n).map(|i| columns[i].precision / (size[i] * size[i])).collect();
         let offset: Vec<f64> = (0..n).map(|i| columns[i].value * size[i]).collect();
-        let mut scales = vec![1.0; parts.len()];
+        let mut scales = near.to_vec();
         for round in 1..=SCALE_ROUNDS {
             let mut normal = Mat::from_fn(n, n, |i, j| if i == j { precision[i] + RIDGE } else { 0.0 });
             for (part, scale) in parts.iter().zip(&scales) {

@@ -57,10 +57,10 @@ impl<'a> Judge<'a> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = model.len()..model.len() + width;
-        let with = |width: f64| {
+        let with = |width: f64, near: &[f64]| {
             let precision = 1.0 / (width * typical).powi(2);
             let own = own.clone().map(|place| Column { place, precision, value: 0.0 });
-            gram.evidence(&model.iter().copied().chain(own).collect::<Vec<Column>>())
+            gram.evidence_near(&model.iter().copied().chain(own).collect::<Vec<Column>>(), near)
         };
         let best_width = |scales: &[f64]| {
             let projection = Projection::new(&gram, model, scales)?;
@@ -68,10 +68,10 @@ impl<'a> Judge<'a> {
         };
         // What gains next to nothing at the scales of the model gains no more by narrowing them.
         let (first, _) = best_width(&before.scales).filter(|(_, gain)| *gain > WORTH_ASKING)?;
-        let mut evidence = with(first)?;
+        let mut evidence = with(first, &before.scales)?;
         // What explains much narrows the scales, and is the larger for it.
         if let Some((again, _)) = best_width(&evidence.scales).filter(|(width, _)| *width != first)
-            && let Some(other) = with(again).filter(|other| other.log > evidence.log)
+            && let Some(other) = with(again, &evidence.scales).filter(|other| other.log > evidence.log)
         {
             evidence = other;
         }

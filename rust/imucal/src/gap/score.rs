@@ -83,18 +83,18 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
         let noncentrality = noncentralities.get(&dof)?;
         let change = widened.as_ref().map_or(0.0, |widened| left(widened, candidate).trace());
         let size = (noncentrality / change).sqrt() * candidate.typical[0];
-        let with = |width: f64| {
+        let with = |width: f64, near: &[f64]| {
             let columns: Vec<Column> = model.iter().copied().chain(candidate.columns(width)).collect();
-            gram.evidence(&columns)
+            gram.evidence_near(&columns, near)
         };
         let judged = || {
-            let free = with(NO_PRIOR)?;
+            let free = with(NO_PRIOR, &before.scales)?;
             // The scales hardly depend on the width, and the best one not at all on what little they do.
             let (width, _) = left(&Projection::new(gram, model, &free.scales)?, candidate).best_width(&WIDTHS)?;
             let statistic = (before.deviance - free.deviance).max(0.0);
             let score = Score {
                 name: candidate.name.clone(),
-                log_bayes_factor: with(width)?.log - before.log,
+                log_bayes_factor: with(width, &free.scales)?.log - before.log,
                 statistic,
                 dof,
                 p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
@@ -133,7 +133,7 @@ pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
     let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
     let candidate = candidates.iter().find(same)?;
     let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
-    let scales = gram.evidence(&with)?.scales;
+    let scales = gram.evidence_near(&with, &stage.evidence.scales)?.scales;
     // A scale is chi2 over what is free; the rows are a little more than that.
     let mut chances = scales.iter().zip(&gram.rows).map(|(scale, rows)| p_value(scale * rows, *rows as usize));
     if chances.all(|chance| chance > NOISE_CHANCE) {
