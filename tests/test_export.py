@@ -483,6 +483,32 @@ def test_left_handed_axes_are_refused_where_a_frame_is_needed(name):
         imucal.export(left, name)
 
 
+@pytest.mark.parametrize("name", ["px4", "ardupilot", "ros"])
+def test_a_gyroscope_turned_against_the_accelerometer_is_refused_where_it_has_no_place(name):
+    turn = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+    turned = imucal.Calibration(ACCELEROMETER, imucal.Triad(GYROSCOPE.sensitivity @ turn, [0, 0, 0]))
+    said = (
+        "gyroscope is turned .*its x lies along y, its y lies along z, its z lies along x.* swap its columns"
+    )
+    with pytest.raises(imucal.InputError, match=said):
+        imucal.export(turned, name)
+    half_turn = imucal.Calibration(ACCELEROMETER, imucal.Triad(np.diag([-1.0, -1.0, 1.0]), [0, 0, 0]))
+    with pytest.raises(
+        imucal.InputError, match="its x lies along -x, its y lies along -y, its z lies along z"
+    ):
+        imucal.export(half_turn, name)
+
+
+@pytest.mark.parametrize("name", ["px4", "ardupilot"])
+def test_axes_that_are_all_turned_are_turned_back(name):
+    turned = imucal.Calibration(*(imucal.Triad(np.diag([-1.0, -1.0, 1.0]), [0, 0, 0]) for _ in range(2)))
+    exported = imucal.export(turned, name)
+    assert not exported.lost
+    rate, force = exported.same_as.apply([[0.1, 0.2, 0.3]], [[1.0, 2.0, 3.0]])
+    np.testing.assert_array_equal(rate, [[0.1, 0.2, 0.3]])
+    np.testing.assert_array_equal(force, [[1.0, 2.0, 3.0]])
+
+
 # --- the command ----------------------------------------------------------------------------------
 
 

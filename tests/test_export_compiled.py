@@ -314,6 +314,7 @@ def test_an_effect_of_ones_own_is_said_to_be_lost():
 
 
 FUSION = """
+#pragma once
 typedef union { float array[3]; struct { float x, y, z; } axis; } FusionVector;
 typedef union {
     float array[3][3];
@@ -336,6 +337,24 @@ def test_the_constants_of_fusion_compile(tmp_path):
     gcc("-std=c99", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", tmp_path / "main.c")
 
 
+def test_two_units_of_fusion_in_one_program_have_two_names(tmp_path):
+    (tmp_path / "Fusion.h").write_text(FUSION)
+    other = dataclasses.replace(UNIT, gyroscope=TRIANGULAR.accelerometer)
+    for unit, file, name in ((UNIT, "a", None), (other, "b", None), (other, "c", "gimbal")):
+        imucal.export(unit, "fusion", name=name).save(tmp_path / f"{file}.h")
+    names = [
+        f"{prefix}{sensor}{what}"
+        for prefix in ("", "gimbal_")
+        for sensor in ("gyroscope", "accelerometer")
+        for what in ("Misalignment", "Sensitivity", "Offset")
+    ]
+    use = f"int main(void) {{ return {' + '.join(f'(int)sizeof({name})' for name in names)}; }}"
+    include = {file: f'#include "{file}.h"' for file in ("a", "b", "c")}
+    assert compiled(tmp_path, include["a"], include["c"], include["a"], use) == ""
+    said = compiled(tmp_path, include["a"], include["b"], use)
+    assert "another calibration is included as imucal" in said
+
+
 # --- Rust -----------------------------------------------------------------------------------------
 
 
@@ -352,7 +371,7 @@ def test_the_rust_module_says_which_surroundings_its_effects_need():
     said = text.replace("\n//   ", " ")
     assert "temperature_difference_k (temperature of the sensor less REFERENCE_TEMPERATURE_DEGC)" in said
     assert all(field in said for field in ("time_s (since", "angular_acceleration (derivative"))
-    assert "left in: gyro_bias_temperature, accel_lever_arm, accel_bias_drift\n" in said
+    assert "what needs them is left in: gyro_bias_temperature, accel_lever_arm, accel_bias_drift\n" in said
     assert "pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;" in text
     text = imucal.export(with_effects(typical(effects[names[0]], 9)), "rust").text
     assert "Surroundings" not in text and "TEMPERATURE" not in text

@@ -42,7 +42,7 @@ def export(
         typer.Option(
             "--name",
             metavar="PREFIX",
-            help="c-header: how its names start, instead of imucal; two units in one program need two.",
+            help="c-header, fusion: how the names start; two units in one program need two.",
         ),
     ] = None,
     min_rest_s: MinRest = 1.0,

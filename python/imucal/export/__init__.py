@@ -124,12 +124,12 @@ def export(
     """The calibration in `format`, a name of `FORMATS`.
 
     noise   figures of a recording at rest that the calibration has corrected, for kalibr-imu and gazebo
-    name    how guard, macros and functions of a c-header start, "imucal" if not given: two units in one
+    name    how all names of a c-header start, "imucal" if not given, and those of fusion: two units in one
             program need two names
 
     Raises InputError for a format that is not known, for raw counts where the other program takes none, for
-    left-handed axes where it has no place for them, for noise figures that are missing, and for a name that C
-    cannot have or the format has no place for.
+    left-handed axes, or a sensor turned against the other, where it has no place for them, for noise figures
+    that are missing, and for a name that C cannot have or the format has no place for.
     """
     form = find_format(format)
     if name is not None:

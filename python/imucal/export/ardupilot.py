@@ -44,8 +44,9 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     notes = (
         "Raw are samples without ArduPilot's own corrections: record with INS_ACCOFFS and INS_GYROFFS 0, "
         "INS_ACCSCAL 1 and INS_TCAL1_ENABLE 0.",
-        "For the first sensors. Set INS_GYR_CAL to 0, or ArduPilot takes other offsets of the gyroscope at "
-        "each start.",
+        "For the first sensors. INS_ACC_ID and INS_GYR_ID, which are not in this file, must be their device "
+        "IDs, or ArduPilot calls them not calibrated: its own calibration, made once, sets them.",
+        "Set INS_GYR_CAL to 0, or ArduPilot takes other offsets of the gyroscope at each start.",
     )
     return Written(
         body="\n".join(f"{name},{number(value, single=True)}" for name, value in rows) + "\n",

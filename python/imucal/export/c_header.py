@@ -1,7 +1,6 @@
 """The correction as a C header: `imucal_correct_f64` and `imucal_correct_f32`, effects included.
 
-Another prefix than `imucal` can be chosen, for firmware with several units. Two calibrations under one prefix
-are a compile error: their guard would otherwise drop the second one in silence.
+Another prefix than `imucal` can be chosen, for firmware with several units.
 
 The loop is that of imucal-core, `EffectSet::remove` (docs/model.md (16)): true <- seen - effects(true) until
 nothing changes but rounding. In double it gives the numbers of `Calibration.apply`.
@@ -9,7 +8,6 @@ nothing changes but rounding. In double it gives the numbers of `Calibration.app
 
 from __future__ import annotations
 
-import hashlib
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -18,8 +16,8 @@ from typing import TYPE_CHECKING, Final
 
 from imucal.calibration import Calibration
 from imucal.effects import EffectValues
-from imucal.errors import InputError
 from imucal.export.c_fields import FIELDS, WARM_UPS, product_of
+from imucal.export.c_file import PREFIX, guarded, require_prefix
 from imucal.export.format import SI, Format, Written, block_comment, number
 from imucal.export.model import FRAMES, inverse, linear, lost_effects, temperature_note
 
@@ -35,7 +33,6 @@ ARGUMENTS: Final = {
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
 MAX_PASSES: Final = 32
-PREFIX: Final = "imucal"
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
@@ -51,32 +48,12 @@ def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PRE
         *_function(calibration, effects, needs, prefix, single=True),
     ]
     return Written(
-        body="\n".join(_guarded(content, prefix)),
+        body="\n".join(guarded(content, prefix, "calibration")),
         lost=lost_effects(calibration, FIELDS),
         same_as=linear(calibration, effects),
         frame=FRAMES[calibration.frame],
         notes=_notes(calibration, effects, needs),
     )
-
-
-def _guarded(content: Sequence[str], prefix: str) -> list[str]:
-    """The file, with a macro that says which calibration it is."""
-    start = f"{prefix.upper()}_CALIBRATION"
-    # The preprocessor compares whole numbers alone; whether a name is defined it knows for any name.
-    identity = f"{start}_{hashlib.sha256(repr(content).encode()).hexdigest()[:16].upper()}"
-    return [
-        f"#ifndef {start}_H",
-        f"#define {start}_H",
-        f"#define {identity}",
-        "",
-        *content,
-        "",
-        f"#elif !defined({identity})",
-        f'#error "another calibration is included as {prefix}: export each with a name, '
-        'imucal export --name PREFIX"',
-        "#endif",
-        "",
-    ]
 
 
 def _macros(calibration: Calibration, prefix: str) -> list[str]:
@@ -286,10 +263,7 @@ def _sums(values: EffectValues, literal: Callable[[float], str]) -> dict[int, li
 
 def named(prefix: str) -> Format:
     """The format with another prefix; InputError if C cannot have it."""
-    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
-        raise InputError(
-            f"{prefix!r} cannot start the names of a C header: use letters, digits and _, a letter first"
-        )
+    require_prefix(prefix)
     return replace(
         C_HEADER,
         formula=C_HEADER.formula.replace(f"{PREFIX}_", f"{prefix}_"),

@@ -8,12 +8,15 @@ takes deg/s and g, so the sensitivities lead there from any raw unit.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration
+from imucal.export.c_file import PREFIX, guarded, require_prefix
 from imucal.export.format import Format, Written, block_comment, number
 from imucal.export.model import FRAMES, linear, lost_effects
 from imucal.recording import STANDARD_GRAVITY_MPS2
@@ -26,22 +29,23 @@ __all__ = ["FUSION"]
 PER_SI_UNIT: Final = {"gyroscope": 180 / np.pi, "accelerometer": 1 / STANDARD_GRAVITY_MPS2}
 
 
-def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+def write(calibration: Calibration, noise: NoiseResult | None, prefix: str | None = None) -> Written:
     """T = diag(gain) N with the directions of the sensor's axes as rows of N; N^-1 is the misalignment."""
-    lines = ["#ifndef IMUCAL_FUSION_H", "#define IMUCAL_FUSION_H", "", '#include "Fusion.h"', ""]
+    start = f"{prefix}_" if prefix else ""
+    lines = ['#include "Fusion.h"', ""]
     for sensor in ("gyroscope", "accelerometer"):
         triad = getattr(calibration, sensor)
         gain = np.linalg.norm(triad.sensitivity, axis=1)
         misalignment = np.linalg.inv(triad.sensitivity / gain[:, None])
         rows = ",\n    ".join(_row(row) for row in misalignment)
         lines += [
-            f"static const FusionMatrix {sensor}Misalignment = {{{{\n    {rows},\n}}}};",
-            f"static const FusionVector {sensor}Sensitivity = {{{_row(PER_SI_UNIT[sensor] / gain)}}};",
-            f"static const FusionVector {sensor}Offset = {{{_row(triad.bias)}}};",
+            f"static const FusionMatrix {start}{sensor}Misalignment = {{{{\n    {rows},\n}}}};",
+            f"static const FusionVector {start}{sensor}Sensitivity = {{{_row(PER_SI_UNIT[sensor] / gain)}}};",
+            f"static const FusionVector {start}{sensor}Offset = {{{_row(triad.bias)}}};",
             "",
         ]
     return Written(
-        body="\n".join([*lines, "#endif", ""]),
+        body="\n".join(guarded(lines[:-1], prefix or PREFIX, "fusion")),
         lost=lost_effects(calibration),
         same_as=linear(calibration),
         frame=FRAMES[calibration.frame],
@@ -51,6 +55,12 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 def _row(values: FloatArray) -> str:
     return f"{{{', '.join(number(value, single=True) + 'f' for value in values)}}}"
+
+
+def named(prefix: str) -> Format:
+    """The format with names that start with a prefix; InputError if C cannot have it."""
+    require_prefix(prefix)
+    return replace(FUSION, write=partial(write, prefix=prefix))
 
 
 FUSION = Format(
@@ -65,4 +75,5 @@ FUSION = Format(
     layout=block_comment,
     write=write,
     takes_counts=True,
+    named=named,
 )

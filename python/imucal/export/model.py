@@ -62,7 +62,7 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
             "the axes of the accelerometer are left-handed (its sensitivity has a negative determinant): "
             "turn the sign of one axis in the recording, of its gyroscope too, and calibrate again"
         )
-    if np.array_equal(old, old.T if frame == "symmetric" else np.tril(old)):
+    if _is_in(frame, old):
         return replace(linear(calibration), frame=frame), np.eye(3)
     accel, gyro = _core.convert_frame(old, calibration.gyroscope.sensitivity, frame)
     moved = replace(
@@ -72,6 +72,14 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
         frame=frame,
     )
     return moved, np.asarray(np.linalg.solve(accel, old), dtype=np.float64)
+
+
+def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
+    """Whether the accelerometer's sensitivity has the form that this frame gives it."""
+    if frame == "triangular":
+        return np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all())
+    # A half turn is symmetric as well.
+    return np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all())
 
 
 def turned(rotation: FloatArray) -> str:
@@ -102,9 +110,29 @@ def per_axis(sensitivity: FloatArray) -> FloatArray:
 
 
 def misalignment(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:
-    """The loss of what is off the diagonal, in words; none if nothing is there."""
+    """The loss of what is off the diagonal, in words; none if nothing is there.
+
+    Raises InputError where it is no loss but another direction.
+    """
+    _require_along_axes(sensor, sensitivity)
     largest = np.abs(sensitivity / np.diag(sensitivity)[:, None] - np.eye(3)).max()
     return (f"misalignment of the {sensor}, up to {largest:.3g} rad",) if largest > 0 else ()
+
+
+def _require_along_axes(sensor: str, sensitivity: FloatArray) -> None:
+    """Refuse a sensor whose axes point elsewhere than those of the body frame, with InputError.
+
+    Programs that correct each axis by itself have no place for more than small angles.
+    """
+    if (np.diag(sensitivity) < np.abs(sensitivity).max(axis=1)).any():
+        axes = ", ".join(
+            f"its {axis} lies along {'-' if row[along] < 0 else ''}{'xyz'[along]}"
+            for axis, row, along in zip("xyz", sensitivity, np.abs(sensitivity).argmax(axis=1), strict=True)
+        )
+        raise InputError(
+            f"the {sensor} is turned against the body frame ({axes}), and this format knows no such turn: "
+            "swap its columns and their signs in the recording until they agree, and calibrate again"
+        )
 
 
 def off_scale(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:

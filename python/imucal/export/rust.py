@@ -110,7 +110,7 @@ def _surroundings_note(calibration: Calibration, effects: Sequence[EffectValues]
     fields = [text for need, text in SURROUNDINGS.items() if any(need in needed for needed in needs.values())]
     return (
         f"Use correct_at, with these Surroundings: {', '.join(fields)}",
-        f"Without them, as by correct, these effects are left in: {', '.join(left_in)}",
+        f"Without them, as by correct, what needs them is left in: {', '.join(left_in)}",
     )
 
 

@@ -29,6 +29,9 @@ pub enum Order {
 }
 
 /// Adds up the rotation of a move, sample by sample.
+///
+/// In `f32` the turn of one step is rounded to 6e-8 rad: of a slow turn at a high rate, 0.01 rad/s at 8 kHz, a hundredth is lost. There
+/// push means over some samples, or take `f64`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator<F: RealField + Copy> {
     order: Order,
