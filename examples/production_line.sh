@@ -7,6 +7,11 @@
 set -u
 serial=$1 run=$2 control=$3
 
+# It names files.
+case $serial in
+    ''|.*|*/*) echo "the serial number is '$serial': read it again" >&2; exit 1 ;;
+esac
+
 # A unit that comes a second time must not stay where its first verdict put it.
 mkdir -p passed rejected results || exit 1
 rm -f -- "$serial.json" "passed/$serial.json" "rejected/$serial.json" "results/$serial.json" || exit 1

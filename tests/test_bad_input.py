@@ -4,6 +4,7 @@ Refused: the named error with its reason code, exit code 1, no calibration file.
 Warned: the calibration is right and lists the code. A message says what, where, the number, and the way out.
 """
 
+import dataclasses
 import errno
 import functools
 import json
@@ -565,6 +566,68 @@ def test_inspect_shows_what_is_refused(name, tmp_path, capsys):
     # What the columns and rests show is a finding; what only the fit shows is said to be missing.
     shown = capsys.readouterr().out
     assert REFUSED[name].code == "recordings_overlap" or re.search(rf"\[({REFUSED[name].code})\]", shown)
+
+
+def test_apply_refuses_counts_that_lost_their_sign(tmp_path, capsys):
+    recording = simulated().recording
+    unit = imucal.calibrate(counts(recording)).calibration
+    assert np.isfinite(unit.apply_recording(counts(recording)).angular_rate).all()
+    said = "counts_unsigned.* subtract 65536 from those above 32767"
+    with pytest.raises(InputError, match=re.compile(said, re.DOTALL)):
+        unit.apply_recording(counts(recording, wrap=65536))
+    unit.save(tmp_path / "cal.json")
+    [run] = written(counts(recording, wrap=65536), tmp_path)
+    assert main(["apply", str(tmp_path / "cal.json"), run, "-o", str(tmp_path / "out.csv")]) == 1
+    assert re.search(said, capsys.readouterr().err, re.DOTALL)
+    assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("serial_number", "said"),
+    [(42, "give text, '42'"), ("", "is empty"), (" ", "is empty"), ("a\nb", "can be printed")],
+)
+def test_what_is_no_serial_number_is_refused(serial_number, said, tmp_path, capsys):
+    recording = simulated().recording
+    with pytest.raises(InputError, match=said):
+        imucal.calibrate(recording, serial_number=serial_number)
+    with pytest.raises(InputError, match=said):
+        dataclasses.replace(simulated().truth.calibration, serial_number=serial_number)
+    if isinstance(serial_number, str):
+        [run] = written(recording, tmp_path)
+        assert main(["calibrate", run, "--serial-number", serial_number]) == 1
+        assert said in capsys.readouterr().err
+
+
+def test_a_control_recording_counts_once(tmp_path, capsys):
+    run, control = simulated().recording, simulated(seed=2).recording
+    said = "the control recordings .* have the same .* samples: give every recording once"
+    with pytest.raises(InputError, match=said):
+        imucal.calibrate(run, control=[control, control])
+    unit = imucal.calibrate(run).calibration
+    with pytest.raises(InputError, match=said):
+        imucal.evaluate(unit, [control, changed(control, name="copy")])
+
+
+@pytest.mark.parametrize("share", [0.3, 0.45])
+def test_a_bias_that_jumps_is_no_good_verdict(share):
+    recording = simulated().recording
+    jump = np.zeros((len(recording), 3))
+    jump[int((1 - share) * len(recording)) :, 0] = 0.02
+    result = imucal.calibrate(changed(recording, angular_rate=recording.angular_rate + jump))
+    assert result.verdict == "poor"
+    assert "rests are left out, their mean rates being far from those of the others" in result.reasons[0]
+
+
+@pytest.mark.parametrize("rows", [50, None])
+def test_old_line_ends_are_read(rows, tmp_path):
+    imucal.write(simulated().recording, tmp_path / "run.csv")
+    lines = (tmp_path / "run.csv").read_bytes().splitlines()[:rows]
+    (tmp_path / "old.csv").write_bytes(b"\r".join([*lines, b""]))
+    (tmp_path / "new.csv").write_bytes(b"\n".join([*lines, b""]))
+    old, new = (imucal.read(tmp_path / name) for name in ("old.csv", "new.csv"))
+    np.testing.assert_array_equal(old.angular_rate, new.angular_rate)
+    whole = list(imucal.io.read_pieces(tmp_path / "old.csv"))
+    assert sum(map(len, whole)) == len(new)
 
 
 @pytest.mark.parametrize("name", POOR)

@@ -146,6 +146,17 @@ def test_json_keeps_the_result_when_the_summary_is_interrupted(run_csv, monkeypa
         assert list(json.loads(text)) == ["recordings"]
 
 
+@pytest.mark.parametrize("command", [["demo"], ["demo", "gap"]])
+def test_a_demonstration_writes_over_none_but_its_own(command, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("of a real unit")
+    assert main([*command, "-o", "."]) == 1
+    assert "run.csv is there already" in capsys.readouterr().err
+    assert Path("run.csv").read_text() == "of a real unit"
+    for _ in range(2):
+        assert main([*command, "-o", "new"]) == 0
+
+
 def test_json_of_a_group_that_is_a_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("demo").write_text("no folder")

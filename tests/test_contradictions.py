@@ -99,6 +99,27 @@ def test_a_slow_turn_between_rests_of_a_hand_leaves_no_trace_in_the_bias(seed, r
             assert abs(own.value - other.value) < other.std
 
 
+@pytest.mark.parametrize("seed", range(1, 11))
+def test_a_turn_about_the_vertical_in_a_rest_of_a_hand_leaves_no_trace_in_the_bias(seed):
+    hand = imucal.Tumble(seed=seed, poses=30, tremor_deg=0.2)
+    run = imucal.simulate(hand, unit="bmi088", seed=seed, rate_hz=RATE_HZ)
+    start_s, end_s = run.truth.rests[15]
+    middle_s = (start_s + end_s) / 2
+    turning = inside(run, middle_s - 1, middle_s + 1)
+    # Ten degrees in two seconds: gravity does not show them, nor always the mean rate.
+    w, x, y, z = run.truth.rotation_wxyz[turning].T
+    up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1)
+    profile = 1 - np.cos(np.pi * (run.truth.time_s[turning] - middle_s + 1))
+    rate = run.recording.angular_rate.copy()
+    rate[turning] += np.radians(10) / 2 * profile[:, None] * up
+    result, _ = calibrated(run, rate=rate)
+    cut, _ = calibrated(run, keep=~inside(run, start_s - 0.1, end_s + 0.1))
+    assert result.rests[15]["excluded"] in ("rest_not_still", "contradicts_other_rests")
+    for own, other in zip(result.parameters, cut.parameters, strict=True):
+        if own.name.startswith("gyro_bias"):
+            assert abs(own.value - other.value) < 2 * other.std
+
+
 @pytest.mark.parametrize("seed", range(1, 7))
 def test_bad_rests_and_bad_moves_are_named_and_no_others(seed):
     run, random = simulated(seed), np.random.default_rng(seed)

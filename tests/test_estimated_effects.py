@@ -218,6 +218,17 @@ def test_what_cannot_be_meant_is_refused(options, message, two_runs, capsys):
     assert message in capsys.readouterr().err
 
 
+def test_effects_of_ones_own_need_the_symmetric_frame_too(two_runs):
+    own = imucal.UserEffect(
+        "own",
+        "gyroscope",
+        (imucal.EffectParameter("k", "1", 1.0),),
+        lambda state: np.zeros((len(state.time_s), 3, 1)),
+    )
+    with pytest.raises(imucal.InputError, match="leave frame at symmetric"):
+        imucal.calibrate(imucal.read(two_runs / "run.parquet"), effects=[own], frame="triangular")
+
+
 def test_several_recordings_tell_more_of_an_effect_than_one(two_runs):
     recordings = [imucal.read(two_runs / name) for name in ("run.parquet", "control.parquet")]
     names = ["accel_bias_temperature", "gyro_scale_temperature"]

@@ -429,6 +429,15 @@ def test_what_a_refit_changes_of_a_given_calibration_is_not_the_effects():
     assert "the given calibration does not fit these recordings" in without_control.summary()
 
 
+def test_a_given_calibration_in_another_frame_is_refused():
+    run = imucal.simulate("random", seed=1, rate_hz=50).recording
+    triangular = imucal.calibrate(run, frame="triangular").calibration
+    with pytest.raises(
+        imucal.InputError, match=r"in the triangular body frame.* make it with frame='symmetric'"
+    ):
+        imucal.find_gap(run, calibration=triangular)
+
+
 def test_a_given_calibration_of_other_units_is_refused():
     run, control = pair()
     in_counts = dataclasses.replace(imucal.calibrate(run).calibration, gyro_unit="lsb")

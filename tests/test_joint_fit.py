@@ -120,6 +120,13 @@ def test_scipy_finds_the_same_minimum_and_the_same_sigmas(seed):
 # --- a bias that wanders, no profile given ---
 
 
+@pytest.mark.parametrize(("rate_hz", "codes"), [(100, []), (50, ["noise_overestimated"])])
+def test_a_tremor_that_is_taken_for_noise_is_said(rate_hz, codes):
+    hand = imucal.Tumble(seed=1, poses=25, tremor_deg=0.1)
+    result = imucal.calibrate(imucal.simulate(hand, seed=1, rate_hz=rate_hz).recording)
+    assert [finding.code for finding in result.findings] == codes
+
+
 def wandering(seed, bias_instability_degph):
     """A run of the paper's unit whose gyroscope wanders by so much, and its calibration without a profile."""
     unit = imucal.Unit.named("paper")

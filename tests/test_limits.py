@@ -435,7 +435,11 @@ def test_a_first_limits_file_from_good_units(tmp_path, monkeypatch, capsys):
             "moves": 39,
         }
         unit(
-            accelerometer=accelerometer, gyroscope=gyroscope, calibration_set=figures, control_set=None
+            accelerometer=accelerometer,
+            gyroscope=gyroscope,
+            calibration_set=figures,
+            control_set=None,
+            serial_number=name,
         ).save(name)
     assert main(["limits", "template", *names, "-o", "limits.json", "--deviations", "3"]) == 0
     assert "mean +- 3 standard deviations of 30 units" in capsys.readouterr().out
@@ -463,8 +467,21 @@ def _symmetric(random, scale):
     ("units", "deviations", "message"),
     [
         ([unit()], 4, "1 unit has no spread"),
-        ([unit(), unit()], 4, "two calibrations have the same numbers"),
-        ([unit(), unit((0.02, 0, 0))], 4, "accel_bias_x is the same in all units"),
+        ([unit(), unit()], 4, "unit 1 and unit 2 have the same numbers"),
+        ([unit(), unit((0.02, 0, 0))], 4, "the serial number 0042 comes 2 times"),
+        ([unit(), unit((0.02, 0, 0), serial_number="0043")], 4, "accel_bias_x is the same in all units"),
+        (
+            [
+                unit(),
+                unit(
+                    (0.02, 0, 0),
+                    serial_number=None,
+                    control_set={**GOOD, "rests": 20, "moves": 19, "chi2_per_dof": 400.0},
+                ),
+            ],
+            4,
+            "unit 2 is no good unit, control set: residuals are 20 times",
+        ),
         ([unit(), unit((0.02, 0, 0), gyro_unit="lsb")], 4, "unit 2 has other parameters than unit 1"),
         ([unit(), unit((0.02, 0, 0))], -1, "the number of standard deviations is -1"),
     ],

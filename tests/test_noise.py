@@ -116,7 +116,7 @@ def test_bad_series_are_refused(arguments, message):
         imucal.allan_deviation(*arguments)
 
 
-@pytest.mark.parametrize("threads", [0, -1])
+@pytest.mark.parametrize("threads", [0, -1, 2.0, True, "2", float("nan")])
 def test_no_number_of_threads_is_refused(threads, recording):
     with pytest.raises(imucal.InputError, match=r"threads is .*: a whole number, one or more"):
         imucal.allan_deviation([1.0, 2.0], 1.0, threads=threads)

@@ -68,6 +68,44 @@ def test_a_target_ends_the_run_early(tmp_path):
     assert max(bias) < 2e-4 * 1.2
 
 
+def test_a_target_that_is_missed_is_said(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run = ["stand", "run", "random", "--driver", "simulated", "--speed", "2000", "-o", "run.csv"]
+    assert main([*run, "--target-sigma", "gyro_bias_*=1e-12"]) == 2
+    shown = capsys.readouterr().out
+    assert "target_missed: the program ended before" in shown
+    assert "run: completed at step" in shown
+    assert Path("run.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--port", "/dev/ttyACM0"), "--port is no option of the driver simulated: give --driver grbl"),
+        (
+            ("--source", "/dev/ttyUSB0"),
+            "--source is no option of the driver simulated: give --driver grbl or m",
+        ),
+        (("--packet", "no-such.json"), "--packet is no option of the driver simulated"),
+        (("--sample-rate", "100"), "--sample-rate is no option of the driver simulated"),
+        (
+            ("--driver", "manual", "--speed", "1000"),
+            "--speed is no option of the driver manual: give --driver sim",
+        ),
+        (
+            ("--driver", "manual", "--port", "x"),
+            "--port is no option of the driver manual: give --driver grbl, or",
+        ),
+    ],
+)
+def test_options_of_another_driver_are_refused(options, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    for command in (["run", "random", "-o", "run.csv"], ["calibrate", "-o", "units"]):
+        assert main(["stand", *command, *options]) == 1
+        assert said in capsys.readouterr().err
+        assert not (tmp_path / "run.csv").exists()
+
+
 def test_targets_that_mean_nothing_are_refused():
     for text in ("gyro_bias_x", "gyro_bias_x=fast", "gyro_bias_x=-1", "gyro_bias_w=1e-4", "=1"):
         with pytest.raises(imucal.InputError, match="the target"):
@@ -209,6 +247,23 @@ def written(tmp_path):
             rows.append(block)
             ends.append(path.stat().st_size)
     return path, ends, np.concatenate(rows)
+
+
+def test_a_journal_that_cannot_begin_leaves_nothing(tmp_path, monkeypatch):
+    path = tmp_path / "run.csv.journal"
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    before = set(Path("/proc/self/fd").iterdir())
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "write", full)
+        with pytest.raises(imucal.InputError, match="No space left"):
+            Journal(path, ("time_s", "value"), {})
+    assert not path.exists()
+    assert set(Path("/proc/self/fd").iterdir()) == before
+    with Journal(path, ("time_s", "value"), {}):
+        pass
 
 
 def test_a_power_cut_at_any_byte_costs_the_unfinished_block_alone(written, tmp_path):

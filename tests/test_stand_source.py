@@ -112,6 +112,10 @@ def test_lines_by_template_and_checksum():
     assert decoder.feed(good[5:] + b"1,2\r\n" + b"1,2,x*00\r\n") == [(12.0, 0.5)]
     assert decoder.counts() == {"lines_damaged": 3}
     assert LineDecoder("a, b").feed(b"1\t2\n3 ;4\n5\n") == [(1.0, 2.0), (3.0, 4.0)]
+    # With another number of values than is named no line is whole, and that is said.
+    other = LineDecoder("a,b")
+    assert other.feed(b"1,2,3\n" * 5) == []
+    assert other.counts() == {"lines_damaged": 4}
     # A line without end does not fill the memory.
     endless = LineDecoder("a")
     for _ in range(100):
@@ -165,6 +169,20 @@ def test_counters_that_turn_over_go_on():
     assert rows[:, 0].tolist() == [100.0 * n for n in numbers]
     assert source.counts()["packets_missing"] == 3
     assert source.counts()["packets_repeated"] == 1
+
+
+@pytest.mark.parametrize("number", ["nan", "inf", "-inf"])
+@pytest.mark.parametrize("counter", ["time_us", "sequence"])
+def test_a_counter_that_is_no_number_costs_its_sample_alone(counter, number):
+    rates = {} if counter == "time_us" else {"rate_hz": 100.0}
+    lines = [number, "100", number, "200", "nan", "300"]
+    fed = [f"{counted},{n}\n".encode() for n, counted in enumerate(lines)]
+    source = StreamSource(Fed(*fed), LineDecoder(f"{counter},a"), **rates)
+    rows = heard(source)
+    assert rows[:, 1].tolist() == [1.0, 3.0, 5.0]
+    assert rows[:, 0].tolist() == ([100.0, 200.0, 300.0] if counter == "time_us" else [1.0, 2.0, 3.0])
+    assert source.counts()["counters_not_finite"] == 3
+    assert source.counts()["unit_restarts"] == 0
 
 
 def test_a_unit_that_starts_anew_does_not_go_back_in_time():
@@ -316,6 +334,9 @@ def test_by_hand_with_the_command_and_a_pipe(tmp_path):
     assert np.array_equal(read.time_s, np.arange(len(read)) / 100)
 
 
+SIX = "time_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps"
+
+
 @pytest.mark.parametrize(
     ("options", "asks_for"),
     [
@@ -325,7 +346,8 @@ def test_by_hand_with_the_command_and_a_pipe(tmp_path):
         (("--driver", "manual", "--source", "-"), "--columns"),
         (("--driver", "manual", "--source", "-", "--columns", "a", "--packet", "b"), "either"),
         (("--driver", "manual", "--source", "nowhere", "--columns", "time_s,a"), "accel_x"),
-        (("--driver", "grbl", "--port", "nowhere", "--source", "no", "--columns", "time_s,a"), "cannot be"),
+        (("--driver", "grbl", "--port", "nowhere", "--source", "no", "--columns", "time_s,a"), "accel_x"),
+        (("--driver", "grbl", "--port", "nowhere", "--source", "no", "--columns", SIX), "cannot be"),
     ],
 )
 def test_equipment_that_is_incomplete(options, asks_for, tmp_path, monkeypatch, capsys):

@@ -9,6 +9,7 @@ import pytest
 
 import imucal
 from imucal.document import to_json
+from imucal.effects import catalogue
 
 FOLDER = resources.files("imucal")
 SCHEMA = json.loads((FOLDER / "schema" / "unit-1.json").read_text(encoding="utf-8"))
@@ -127,6 +128,26 @@ def test_a_profile_of_ones_own_is_drawn_from(tmp_path):
     unit = imucal.Unit.random(tmp_path / "own.json", 1)
     assert (unit.gyroscope.bias != 0).all()
     assert (unit.accelerometer.sensitivity == np.eye(3)).all()
+
+
+@pytest.mark.parametrize("effect", catalogue(), ids=lambda effect: effect.name)
+def test_a_profile_may_spread_any_effect(effect, tmp_path):
+    document = file_of("ideal")
+    unit = effect.parameters[0].unit
+    document["spread"][effect.name] = {"value": 1e-3, "unit": unit, "limit": "typical"}
+    (tmp_path / "own.json").write_text(json.dumps(document))
+    drawn = imucal.Unit.random(tmp_path / "own.json", 1)
+    assert [values.name for values in drawn.effects] == [effect.name]
+    [values] = drawn.effects
+    assert (values.values != 0).all()
+    assert (values.shape is None) == (effect.shape is None)
+    document["spread"][effect.name]["value"] = [1e-3, 2e-3, 3e-3]
+    (tmp_path / "own.json").write_text(json.dumps(document))
+    if effect.plain == 3:
+        imucal.Unit.random(tmp_path / "own.json", 1)
+    else:
+        with pytest.raises(imucal.FormatError, match=f"{effect.name}.value is .* must be a number"):
+            imucal.Unit.random(tmp_path / "own.json", 1)
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ class Contaminated:
 
 def slip(seed: int, random: np.random.Generator) -> Contaminated:
     program = Program.random(seed=seed)
-    end_s = sum(step.move_s + step.hold_s for step in program.steps)
+    end_s = program.duration_s
     time_s = random.uniform(1.0, end_s - 1.0)
     turn_deg = random.uniform(1.0, 3.0) * _direction(random)
     stand = Stand(slip_deg=tuple(turn_deg.tolist()), slip_time_s=float(time_s))

@@ -55,9 +55,7 @@ class Sealed:
             raise ValueError("the tool has not asked for a motion yet")
         scene = self.__scene
         if heat_and_cool:
-            scene = replace(
-                scene, temperature=cycle(sum(step.move_s + step.hold_s for step in program.steps))
-            )
+            scene = replace(scene, temperature=cycle(program.duration_s))
         return record(scene, seed, program, name="advised")
 
     def truth(self, said: object, seed: int) -> imucal.Truth:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.calibration import Calibration, Frame, Provenance, Triad, as_frame
+from imucal.calibration import Calibration, Frame, Provenance, Triad, as_frame, require_serial_number
 from imucal.calibration_result import CalibrationResult
 from imucal.document import now, without_nan
 from imucal.effects import EffectValues, State, UserEffect
@@ -26,10 +26,12 @@ from imucal.evaluate import (
     poor_figures,
     reported,
 )
+from imucal.finding import Finding
 from imucal.one_unit import of_one_unit, require_other_data
 from imucal.options import Options, UserField, asked_for, wander_of
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source, as_recordings
 from imucal.unit import Unit
+from imucal.whole import is_whole
 
 if TYPE_CHECKING:
     from imucal import _core
@@ -43,6 +45,10 @@ SCALES = ("norms", "moves", "inside", "stand")
 MOST_FOLDS = 1000
 # Share of the rests or of the moves that may contradict the others in a good calibration.
 MOST_CONTRADICTING = 0.1
+# Share of the rests that may be slow turns.
+MOST_NOT_STILL = 0.2
+# Chance makes residuals that much smaller than noise does less often than once in a million.
+TOO_SURE = 1 - 1e-6
 # A field that depends on the corrected state changes by less each time, by the size of the effects or so.
 MOST_FIELD_ROUNDS = 20
 # A change of a field by this share changes its parameters by as much.
@@ -91,12 +97,18 @@ def calibrate(
     from imucal import _core
 
     unit_data = of_one_unit(recordings)
-    if folds is not None and not 2 <= folds <= MOST_FOLDS:
+    if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
-            f"folds is {folds}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
+            f"folds is {folds!r}: a whole number from 2 to {MOST_FOLDS} is needed to leave moves out"
         )
     body_frame = as_frame(frame)
     wanted, partly, own = asked_for(effects)
+    if own and body_frame != "symmetric":
+        raise InputError(
+            "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the "
+            "effects out"
+        )
+    require_serial_number(serial_number)
     options = Options(
         float(gravity_mps2),
         body_frame,
@@ -172,13 +184,18 @@ def calibrated(
         *poor_figures("calibration set", figures),
         *_too_many_contradict("rests", outcome.rests),
         *_too_many_contradict("moves", outcome.moves),
+        *_too_many_not_still(outcome.rests),
         *(judged.reasons if judged else ()),
     ]
     return CalibrationResult(
         calibration=calibration,
         rests=reported(outcome.rests, REST, unit_data, _misfit),
         moves=reported(outcome.moves, MOVE, unit_data, _misfit),
-        findings=(*(f for r in unit_data for f in r.findings), *outcome.findings),
+        findings=(
+            *(f for r in unit_data for f in r.findings),
+            *outcome.findings,
+            *_too_loud(outcome, unit_data),
+        ),
         held_out=_held_out(outcome, options.folds),
         control=judged,
         reasons=tuple(reasons),
@@ -296,6 +313,39 @@ def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) ->
         f"calibration set: {count} of {len(items)} {what} contradict the others: the linear model does not "
         "describe this unit or this motion"
     ]
+
+
+def _too_many_not_still(rests: Sequence[_core.Rest]) -> list[str]:
+    """A few slow turns look like rests; many mean rates that differ are another bias."""
+    count = sum(rest.excluded == "rest_not_still" for rest in rests)
+    if count <= MOST_NOT_STILL * len(rests):
+        return []
+    return [
+        f"calibration set: {count} of {len(rests)} rests are left out, their mean rates being far from those "
+        "of the others: the unit was not still, its bias has jumped, as it may when power is lost, or these "
+        "are of another unit"
+    ]
+
+
+def _too_loud(outcome: _core.Outcome, unit_data: Sequence[Recording]) -> Iterator[Finding]:
+    """Noise that explains far more than is left: what was taken for noise is a motion."""
+    misfit = outcome.misfit
+    if outcome.joint_fit is None or misfit is None or misfit.p_value < TOO_SURE:
+        return
+    ratio = (misfit.chi2 / misfit.degrees_of_freedom) ** 0.5
+    yield Finding(
+        "noise_overestimated",
+        "warning",
+        " and ".join(recording.name for recording in unit_data),
+        (),
+        None,
+        misfit.degrees_of_freedom,
+        ratio,
+        "1",
+        f"residuals are {ratio:.2g} times what the noise at the rests explains: standard deviations are too "
+        "large by as much, and small effects are not seen",
+        "a hand that trembles is told from noise at 100 Hz or more; on a table see that nothing shakes it",
+    )
 
 
 def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, float]:

@@ -44,6 +44,18 @@ def as_frame(name: str) -> Frame:
     raise InputError(f"frame is {name!r}: give symmetric or triangular")
 
 
+def require_serial_number(serial_number: str | None) -> None:
+    """Refuse what is no serial number, with InputError: files and tables are named after it."""
+    if serial_number is None:
+        return
+    if not isinstance(serial_number, str):
+        raise InputError(f"the serial number is {serial_number!r}: give text, {str(serial_number)!r}")
+    if not serial_number.strip():
+        raise InputError("the serial number is empty: give that of the unit, or none")
+    if not serial_number.isprintable():
+        raise InputError(f"the serial number is {serial_number!r}: give characters that can be printed")
+
+
 @dataclass(frozen=True, eq=False)
 class Triad:
     """Three axes of one kind: sensitivity (3, 3) in raw units per SI unit, bias (3,) in raw units.
@@ -120,6 +132,7 @@ class Calibration:
 
     def __post_init__(self) -> None:
         as_frame(self.frame)
+        require_serial_number(self.serial_number)
         if not (np.isfinite(self.gravity_mps2) and self.gravity_mps2 > 0):
             raise InputError(f"gravity_mps2 is {self.gravity_mps2}: a positive number is needed")
         if self.covariance is not None:
@@ -264,8 +277,9 @@ class Calibration:
         Time counts from the recording's first sample or from `start_s`, temperature from 25 degC; the angular
         acceleration is the derivative of the rate. NaN stays NaN, and a sample is NaN where the effects are
         too large to be undone.
-        Raises InputError for other raw units than expected, if a column is missing that an effect depends on,
-        without the definition of a user's effect, and for a piece where the whole is needed.
+        Raises InputError for other raw units than expected, for negative counts that were read as unsigned
+        numbers, if a column is missing that an effect depends on, without the definition of a user's effect,
+        and for a piece where the whole is needed.
         """
         from imucal import _core
         from imucal.correction import remove_user_effects, require_surroundings

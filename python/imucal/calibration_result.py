@@ -166,7 +166,7 @@ class CalibrationResult:
             )
         lines += self.notes
         findings = [*self.findings, *(self.control.findings if self.control else ())]
-        lines += [f"{finding.severity}: {finding}" for finding in findings]
+        lines += [finding.line for finding in findings]
         if self.judgement is not None:
             lines += [*(f"warning: {warning}" for warning in self.judgement.warnings), self.judgement.count]
         lines.append("; ".join((f"verdict: {self.verdict}", *self.reasons)))

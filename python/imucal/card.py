@@ -42,7 +42,7 @@ def write_card(program: Program, path: str | os.PathLike[str]) -> None:
         _item(number, _attitude(pose), step.hold_s)
         for number, (pose, step) in enumerate(zip(angles, program.steps, strict=True), start=1)
     )
-    minutes = sum(step.hold_s + step.move_s for step in program.steps) / 60.0
+    minutes = program.duration_s / 60.0
     move_s = max(step.move_s for step in program.steps)
     write_text(
         path,

@@ -15,6 +15,7 @@ from imucal.document import now, plain, without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
 from imucal.judgement import Judgement
+from imucal.one_unit import require_different
 from imucal.recording import Recording, as_recordings
 
 if TYPE_CHECKING:
@@ -155,6 +156,7 @@ def evaluate(
     judges = as_recordings(recordings)
     if not judges:
         raise InputError("there is no recording to judge on: give at least one")
+    require_different(judges)
     for recording in judges:
         calibration.require_raw_units(recording)
     uncalibrated = as_it_comes(calibration)
@@ -199,7 +201,8 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
                 seen,
                 float(seen),
                 "files",
-                "this calibration was made of it, so it says nothing about new data",
+                "this calibration was made of the same file: unless of another part of it, it says nothing "
+                "about new data",
                 "judge on another recording of the unit",
             )
 

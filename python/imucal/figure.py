@@ -13,7 +13,7 @@ from imucal.document import Node
 from imucal.errors import FormatError
 from imucal.recording import STANDARD_GRAVITY_MPS2
 
-__all__ = ["Figure"]
+__all__ = ["Figure", "units_of"]
 
 _G: Final = STANDARD_GRAVITY_MPS2
 _DEG: Final = math.pi / 180.0
@@ -44,6 +44,11 @@ COUNTS: Final[dict[str, dict[str, float]]] = {
 }
 
 
+def units_of(si_unit: str) -> dict[str, float]:
+    """The units in which a figure of this SI unit may be given, and how many SI units one of them is."""
+    return UNITS.get(si_unit, {si_unit: 1.0})
+
+
 @dataclass(frozen=True, eq=False)
 class Figure:
     """A number, or an array of numbers, with its unit."""
@@ -68,11 +73,12 @@ class Figure:
         if per_axis and isinstance(value.value, list):
             shape = (3,)
         number = value.array(*shape) if shape else value.number()
-        if unit in UNITS[si_unit]:
-            return number * UNITS[si_unit][unit]
+        units = units_of(si_unit)
+        if unit in units:
+            return number * units[unit]
         if unit in COUNTS.get(si_unit, {}):
             if np.any(np.asarray(number) == 0):
                 raise FormatError(f"{value.file}: {value.path} is 0 {unit}: another number is needed")
             return COUNTS[si_unit][unit] / number
-        known = (*UNITS[si_unit], *COUNTS.get(si_unit, {}))
+        known = (*units, *COUNTS.get(si_unit, {}))
         raise FormatError(f"{figure.file}: {figure.path}.unit is {unit!r}: give one of {', '.join(known)}")

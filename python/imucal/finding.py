@@ -40,6 +40,11 @@ class Finding:
     def __str__(self) -> str:
         return f"{self.recording}: {self.message} [{self.code}]: {self.way_out}"
 
+    @property
+    def line(self) -> str:
+        """As in texts and reports: the severity, and what `str` says."""
+        return f"{self.severity}: {self}"
+
     def to_dict(self) -> dict[str, Any]:
         """The fields as a dictionary that JSON can hold."""
         return {**asdict(self), "columns": list(self.columns)}

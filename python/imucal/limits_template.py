@@ -6,6 +6,7 @@ min, max = mean -+ k s        s: standard deviation over the units
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -13,6 +14,7 @@ import numpy as np
 
 from imucal.calibration import Calibration
 from imucal.errors import InputError
+from imucal.evaluate import saved_reasons
 from imucal.limits import COUNTS, FIGURES, FigureLimit, Limits, ParameterLimit
 
 __all__ = ["DEVIATIONS", "limits_from"]
@@ -31,7 +33,8 @@ def limits_from(calibrations: Sequence[Calibration], deviations: float = DEVIATI
     twice the largest, rests and moves the least number, effects those that any unit carries. Figures are
     those of the calibration and control sets, where every unit has them.
 
-    Raises InputError for fewer than two units, a unit given twice, and units of different parameters.
+    Raises InputError for fewer than two units, a unit given twice, one whose own figures are poor, and units
+    of different parameters.
     """
     if not (math.isfinite(deviations) and deviations > 0):
         raise InputError(f"the number of standard deviations is {deviations}: a positive number is needed")
@@ -44,8 +47,23 @@ def limits_from(calibrations: Sequence[Calibration], deviations: float = DEVIATI
                 f"unit {number} has other parameters than unit 1: give units of one kind, calibrated alike"
             )
     values = np.array([[parameter.value for parameter in c.parameters] for c in calibrations])
-    if len(np.unique(values, axis=0)) < len(values):
-        raise InputError("two calibrations have the same numbers: give every unit once")
+    for number, own in enumerate(values):
+        for other in range(number):
+            if np.array_equal(own, values[other]):
+                raise InputError(
+                    f"unit {other + 1} and unit {number + 1} have the same numbers: give every unit once"
+                )
+    serials = Counter(c.serial_number for c in calibrations if c.serial_number is not None)
+    twice = sorted(serial for serial, count in serials.items() if count > 1)
+    if twice:
+        raise InputError(
+            f"the serial number {twice[0]} comes {serials[twice[0]]} times: give every unit once"
+        )
+    for number, calibration in enumerate(calibrations, start=1):
+        if reasons := saved_reasons(calibration):
+            raise InputError(
+                f"unit {number} is no good unit, {reasons[0]}: limits are made of units that are"
+            )
     return Limits(
         tuple(_parameters(calibrations, values, deviations)),
         tuple(_figures(calibrations, deviations)),

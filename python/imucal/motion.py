@@ -44,6 +44,11 @@ class Program:
     steps: tuple[Step, ...]
     stand: Stand | None = None
 
+    @property
+    def duration_s(self) -> float:
+        """All turns and holds, s."""
+        return sum(step.move_s + step.hold_s for step in self.steps)
+
     @staticmethod
     def random(
         *, seed: int, moves: int = 45, max_rate_dps: float = 120.0, move_s: float = 2.0, hold_s: float = 5.0
@@ -116,6 +121,11 @@ class Tumble:
     move_s: float = 2.0
     tremor_deg: float = 0.0
     translation_mm: float = 100.0
+
+    @property
+    def duration_s(self) -> float:
+        """All rests and moves, s."""
+        return self.poses * self.hold_s + (self.poses - 1) * self.move_s
 
     def __post_init__(self) -> None:
         check_seed(self.seed)

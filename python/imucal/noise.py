@@ -144,7 +144,7 @@ class NoiseResult:
             for figure, estimate in axis.figures.items():
                 if figure != "quantisation" or estimate.value is not None:
                     lines.append(f"{name} {figure} {estimate}")
-        return "\n".join([*lines, *(f"{finding.severity}: {finding}" for finding in self.findings)])
+        return "\n".join([*lines, *(finding.line for finding in self.findings)])
 
     def _repr_html_(self) -> str:
         """What notebooks show."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from imucal.errors import InputError
 from imucal.recording import Recording, as_recordings
 
-__all__ = ["of_one_unit", "require_other_data", "with_own_names"]
+__all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
 
 # Samples that tell two runs apart.
 BEGINNING: Final = 100
@@ -56,6 +56,17 @@ def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recordin
                 raise InputError(
                     f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
                     "which the calibration is made of: give another recording of the unit, or use folds"
+                )
+
+
+def require_different(judges: Sequence[Recording]) -> None:
+    """Control recordings count once."""
+    for number, judge in enumerate(judges):
+        for other in judges[:number]:
+            if _is_same_run(judge, other):
+                raise InputError(
+                    f"the control recordings {other.name} and {judge.name} have the same {len(judge)} "
+                    "samples: give every recording once"
                 )
 
 

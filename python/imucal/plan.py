@@ -226,7 +226,7 @@ class _Planner:
 
     def predicted(self, kind: str, motion: Motion, wishes: Mapping[str, float], thorough: bool) -> Plan:
         """What a motion will tell."""
-        minutes = _duration_s(motion) / 60.0
+        minutes = motion.duration_s / 60.0
         sigma, rests = self._sigma([motion], minutes)
         run = self._run(motion)
         known, undetermined = self._determined(run)
@@ -336,7 +336,7 @@ class _Planner:
         grid, random = Program.grid(), Program.random(seed=self.seed)
         rows: list[dict[str, Any]] = []
         for name, motions in (("grid", [grid]), ("random", [random]), ("grid and random", [grid, random])):
-            minutes = sum(map(_duration_s, motions)) / 60.0
+            minutes = sum(motion.duration_s for motion in motions) / 60.0
             sigma, _ = own._sigma(motions, minutes)
             # The grid turns about one axis at a time and says nothing of the gyroscope's cross entries.
             parameters = [
@@ -357,14 +357,6 @@ class _Planner:
 
 # An open parameter has a tenth of its size by convention; what is below a fifth of that has been seen.
 OPEN: Final = 0.02
-
-
-def _duration_s(motion: Motion) -> float:
-    if isinstance(motion, Program):
-        return sum(step.move_s + step.hold_s for step in motion.steps)
-    if isinstance(motion, Tumble):
-        return motion.poses * motion.hold_s + (motion.poses - 1) * motion.move_s
-    return motion.duration_s
 
 
 def _moves(motion: Motion) -> int:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from imucal.effects import find
 from imucal.errors import InputError
-from imucal.figure import UNITS
+from imucal.figure import units_of
 
 if TYPE_CHECKING:
     from imucal.plan import PlannedParameter
@@ -56,7 +56,7 @@ def _value(group: str, wish: float | str, unit: str) -> float:
     if not isinstance(wish, str):
         return float(wish)
     match = NUMBER.fullmatch(wish)
-    units = UNITS.get(unit, {unit: 1.0})
+    units = units_of(unit)
     if match is None or (match[2] or unit) not in units:
         raise InputError(f"the target of {group} is {wish!r}: give a number and one of {', '.join(units)}")
     return float(match[1]) * units[match[2] or unit]

@@ -266,7 +266,7 @@ def _draw(node: Node, seed: int) -> Unit:
     random = np.random.default_rng(seed)
     # All numbers are drawn whether they are used or not: a figure of the spread does not change the others.
     drawn = {
-        name: random.normal(size=size) * _deviation(spread, name, unit)
+        name: random.normal(size=size) * _deviation(spread, name, unit, size)
         for name, (size, unit) in DRAWN.items()
     }
     accel_sensitivity, gyro_sensitivity = _core.convert_frame(
@@ -278,8 +278,10 @@ def _draw(node: Node, seed: int) -> Unit:
     for name, value in spread.mapping().items():
         if name not in DRAWN and value is not None:
             effect = find(name)
-            normal = random.normal(size=effect.plain)
-            effects.append(EffectValues(name, normal * _deviation(spread, name, effect.parameters[0].unit)))
+            deviation = _deviation(spread, name, effect.parameters[0].unit, effect.plain)
+            # Nothing says how long a time constant varies from unit to unit.
+            shape = None if effect.shape is None else effect.shape.typical
+            effects.append(EffectValues(name, random.normal(size=effect.plain) * deviation, shape))
     return dataclasses.replace(
         profile,
         accelerometer=dataclasses.replace(
@@ -294,9 +296,12 @@ def _draw(node: Node, seed: int) -> Unit:
     )
 
 
-def _deviation(spread: Node, name: str, unit: str) -> FloatArray:
-    """Standard deviation of a drawn figure: one for all, or one per axis; 0 where there is no spread."""
-    tolerance = Figure.optional(spread, name, unit, per_axis=True)
+def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
+    """Standard deviation of a drawn figure of so many numbers: one for all; 0 where there is no spread.
+
+    Of three there may be one per axis.
+    """
+    tolerance = Figure.optional(spread, name, unit, per_axis=count == 3)
     if tolerance is None:
         return np.zeros(1)
     return np.atleast_1d(tolerance) / DEVIATIONS[spread.get(name).get("limit").text(tuple(DEVIATIONS))]

@@ -36,10 +36,10 @@ from imucal.cli import (
 from imucal.cli.ending import INTERRUPTED, as_interrupts
 from imucal.cli.failure import TRACEBACK, is_fault, message_of
 from imucal.cli.group import group
+from imucal.cli.output import NO_RESULT
 
 __all__ = ["app", "main"]
 
-BAD_INPUT = 1
 # A longer message is a list: its items get lines of their own.
 MOST_ON_A_LINE = 300
 
@@ -125,7 +125,7 @@ def _unwritable(error: OSError) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
             # Whoever read it has gone and asks for no message.
-            return BAD_INPUT
+            return NO_RESULT
     return _failed(error)
 
 
@@ -135,7 +135,7 @@ def _failed(error: BaseException) -> int:
         return _wrong_command_line(error)
     if is_fault(error) and os.environ.get(TRACEBACK):
         raise error
-    return _say(message_of(error), BAD_INPUT)
+    return _say(message_of(error), NO_RESULT)
 
 
 def _wrong_command_line(error: Any) -> int:
@@ -143,10 +143,10 @@ def _wrong_command_line(error: Any) -> int:
     message = message_of(error)
     if not message:
         # `imucal` alone has printed the help.
-        return BAD_INPUT
+        return NO_RESULT
     context = getattr(error, "ctx", None)
     hint = f"\nTry '{context.command_path} --help'." if context is not None else ""
-    return _say(f"{message}{hint}", BAD_INPUT)
+    return _say(f"{message}{hint}", NO_RESULT)
 
 
 def _say(message: str, code: int) -> int:

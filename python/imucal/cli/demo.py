@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from imucal.cli import demo_gap
+from imucal.cli.demo_folder import prepare_folder
 from imucal.cli.group import group
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
@@ -50,10 +51,7 @@ def demo(
 
     require_plotly()
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be made: {error.strerror}: give another folder with -o") from None
+    prepare_folder(folder, ("run.csv", "control.csv", "calibration.json", "report.html"))
     with working("simulating the stand"):
         run = imucal.simulate("random", seed=seed)
         control = imucal.simulate("random", seed=seed + 1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
+from imucal.cli.demo_folder import prepare_folder
 from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
 
@@ -45,12 +46,8 @@ def gap(
     """
     import imucal
     from imucal.document import write_json
-    from imucal.errors import InputError
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"{folder} cannot be made: {error.strerror}: give another folder with -o") from None
+    prepare_folder(folder, ("run.csv", "control.csv", "truth.json"))
     hidden = _hidden(seed)
     with working("simulating a unit with a secret") as stage:
         runs = [

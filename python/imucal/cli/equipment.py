@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
@@ -22,6 +22,8 @@ DRIVERS = ("simulated", "grbl", "manual")
 SIMULATED = "Simulated driver"
 GRBL = "Controller"
 UNIT = "The unit's data"
+# Which drivers the options under a heading are for.
+OF_PANEL = {SIMULATED: ("simulated",), GRBL: ("grbl",), UNIT: ("grbl", "manual")}
 
 
 def _option(name: str, help: str, panel: str | None = None, **more: Any) -> Any:
@@ -110,6 +112,7 @@ class Equipment:
 
     def open(self, program: Program, seed: int) -> tuple[Driver, Source]:
         """The driver and the source for a run; `seed` is that of simulated noise."""
+        self._require_own_options()
         if self.driver == "simulated":
             from imucal.stand.faults import SimulatedUnit
             from imucal.stand.simulated import SimulatedStand
@@ -132,10 +135,30 @@ class Equipment:
             return ManualDriver(program, unit.columns), unit
         raise InputError(f"there is no driver {self.driver!r}: give one of {', '.join(DRIVERS)}")
 
+    def _require_own_options(self) -> None:
+        """Refuse options of another driver: without --driver all of a real stand would be passed over."""
+        declared = get_type_hints(type(self), include_extras=True)
+        for field in fields(self):
+            # In an annotation its first argument, which typer keeps as `default`, is the option's name.
+            option = declared[field.name].__metadata__[0]
+            drivers = OF_PANEL.get(option.rich_help_panel, DRIVERS)
+            if (
+                self.driver in DRIVERS
+                and self.driver not in drivers
+                and getattr(self, field.name) != field.default
+            ):
+                raise InputError(
+                    f"{option.default} is no option of the driver {self.driver}: give --driver "
+                    f"{' or '.join(drivers)}, or leave it out"
+                )
+
     def _unit(self) -> Source:
+        import numpy as np
+
         from imucal.stand.lines import LineDecoder
         from imucal.stand.link import link_to
         from imucal.stand.packet import PacketDecoder, PacketFormat
+        from imucal.stand.rows import recording_of
         from imucal.stand.stream import StreamSource
 
         if self.source is None:
@@ -143,10 +166,15 @@ class Equipment:
         if (self.columns is None) == (self.packet is None):
             raise InputError("say what the unit sends: give either --columns or --packet")
         link = link_to(self.source, self.source_baud)
-        if self.packet is None:
-            return StreamSource(link, LineDecoder(self.columns or ""), rate_hz=self.sample_rate_hz)
-        form = PacketFormat.read(self.packet)
-        return StreamSource(link, PacketDecoder(form), rate_hz=self.sample_rate_hz)
+        decoder = (
+            LineDecoder(self.columns or "")
+            if self.packet is None
+            else PacketDecoder(PacketFormat.read(self.packet))
+        )
+        source = StreamSource(link, decoder, rate_hz=self.sample_rate_hz)
+        # Before the stand moves, not when the run is to be calibrated.
+        recording_of(source.columns, np.zeros((0, len(source.columns))), "the data of the unit")
+        return source
 
 
 equipment_options = options_of("equipment", Equipment)

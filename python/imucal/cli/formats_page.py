@@ -24,8 +24,8 @@ column (`time_s`, `accel_x_mps2`, `temp_degc`) or of a whole triad of shape (N, 
 `gyro_radps`, `stand_rad`); further arrays beside them with a number for every sample become auxiliary
 inputs. `--columns` takes other names:
 
-* `--columns time_s=t,accel_g=imu/acc,gyro_dps=imu/gyr`: ours=theirs. Nothing else is read then. The same
-  does it for the columns of a CSV or Parquet file.
+* `--columns time_s=t,accel_g=imu/acc,gyro_dps=imu/gyr`: ours=theirs. Nothing else is read then. For a
+  CSV or Parquet file the same names columns; of the others those with names of ours stay.
 * `--columns time_s,accel_x_g,...,gyro_z_dps`: a name for every column of the one array of shape (N, k) that
   has as many, `-` for one to leave out.
 

@@ -10,6 +10,8 @@ import typer
 from imucal.cli import completion
 from imucal.cli.decisions import show_ranking
 from imucal.cli.output import (
+    NO_RESULT,
+    POOR_VERDICT,
     Control,
     ExcludeSaturated,
     JsonPath,
@@ -127,9 +129,9 @@ def gap(
     if next_program is not None:
         out.line(_write_next(found, next_program))
     if found.verdict == "data_fault":
-        raise typer.Exit(1)
+        raise typer.Exit(NO_RESULT)
     if found.verdict in ("unknown", "stochastic"):
-        raise typer.Exit(2)
+        raise typer.Exit(POOR_VERDICT)
 
 
 def _write_next(found: Gap, path: Path) -> str:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from imucal.cli.group import group
-from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.output import NO_RESULT, JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import ImucalError
 
@@ -140,7 +140,7 @@ def check(
         ],
     )
     if unread:
-        raise typer.Exit(1)
+        raise typer.Exit(NO_RESULT)
 
 
 def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:

@@ -32,6 +32,8 @@ __all__ = [
     "require_apart",
 ]
 
+# Exit codes. Bad input, too, comes to no result.
+NO_RESULT = 1
 POOR_VERDICT = 2
 # Wide enough for every table when the output is a file or a pipe, where rich would assume 80 columns.
 PIPE_WIDTH = 160
@@ -179,7 +181,7 @@ class Output:
     def findings(self, findings: Sequence[Finding]) -> None:
         """One line for each finding."""
         for finding in findings:
-            self.line(f"{finding.severity}: {finding}")
+            self.line(finding.line)
 
     def judgement(self, judgement: Judgement | None, verbose: bool) -> None:
         """The limits that are not kept, the worst first, and with `verbose` the others after them."""

@@ -11,7 +11,7 @@ import typer
 from imucal.cli import completion, stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.group import group
-from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from imucal.stand.recorder import Done
 
 __all__ = ["app"]
-
-BROKEN_OFF = 1
 
 app = group(
     help="Move a stand, record the unit on it, and calibrate.",
@@ -98,7 +96,9 @@ def run(
     out.document(done.to_dict())
     show_run(out, done)
     if not done.good:
-        raise typer.Exit(BROKEN_OFF)
+        raise typer.Exit(NO_RESULT)
+    if any(event["code"] == "target_missed" for event in done.events):
+        raise typer.Exit(POOR_VERDICT)
 
 
 def show_run(out: Output, done: Done) -> None:

@@ -12,7 +12,7 @@ import typer
 
 from imucal.cli import completion
 from imucal.cli.equipment import Equipment, equipment_options
-from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output, require_apart
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output, require_apart
 
 if TYPE_CHECKING:
     from imucal.motion import Program
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 __all__ = ["calibrate"]
 
-NO_RESULT = 1
 EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
 # Seeds of control programs that nobody chose.
 SEEDS = 2**31
@@ -104,9 +103,12 @@ def calibrate(
         Limits.load(limits) if limits else None,
         tuple(export or ()),
         gravity,
+        driver=equipment.driver,
         **control,
     )
     out = Output(json)
+    if equipment.driver == "simulated":
+        out.line("simulated: no stand moves and no unit is heard; for real ones give --driver grbl or manual")
     for name, steps in order.programs.items():
         out.line(f"{name}: {_turned(steps)}: mind the cables")
 

@@ -56,6 +56,11 @@ def find_gap(
     """
     if calibration is not None:
         require_calibration(calibration)
+        if calibration.frame != "symmetric":
+            raise InputError(
+                f"the calibration is in the {calibration.frame} body frame, and effects are defined by the "
+                "axes of the symmetric one: make it with frame='symmetric', or leave it out"
+            )
     gravity = (
         gravity_mps2
         if gravity_mps2 is not None

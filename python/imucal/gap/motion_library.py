@@ -75,7 +75,7 @@ def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Itera
         middle = round(float(np.mean(np.concatenate(given))))
         low, high = middle - HALF_RANGE_K, middle + HALF_RANGE_K
         words = f"random turns while the unit heats and cools again, {low:g} to {high:g} degC"
-        cycle = f"cycle:{low:g}:{high:g}:{_duration_s(again):.0f}"
+        cycle = f"cycle:{low:g}:{high:g}:{again.duration_s:.0f}"
         found.insert(3, Suggestion(words, again, cycle, answers="heats and cools"))
     yield from (replace(suggestion, on_its_own=alone) for suggestion in found)
     if any(recording.stand_rad is None for recording in recordings):
@@ -123,7 +123,3 @@ def _headings() -> list[Step]:
     for _ in range(4):
         steps += [*[go(0.0, 90.0, 0.0)] * 4, go(0.0, 0.0, 90.0)]
     return [*steps, go(90.0, 0.0, 0.0), *[go(0.0, 0.0, 90.0)] * 4]
-
-
-def _duration_s(program: Program) -> float:
-    return sum(step.move_s + step.hold_s for step in program.steps)

@@ -109,7 +109,7 @@ def outcome(
 
 
 def _said_of(findings: Sequence[Finding]) -> tuple[str, ...]:
-    return tuple(f"{finding.severity}: {finding}" for finding in findings)
+    return tuple(finding.line for finding in findings)
 
 
 def _closed(

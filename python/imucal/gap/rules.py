@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from imucal.calibration_result import CalibrationResult
     from imucal.recording import Recording
 
-__all__ = ["faults_without_effect", "loose_mounts", "mount_slips"]
+__all__ = ["best_mount", "faults_without_effect", "loose_mounts", "mount_slips", "vertical"]
 
 # Rests on both sides of a slip, and how much smaller chi2 is with it: of a drift a step leaves a quarter.
 FEWEST_RESTS: Final = 4
@@ -123,26 +123,25 @@ def _largest_step(up: FloatArray, angles: FloatArray) -> tuple[int, float, float
 
 def _unexplained(up: FloatArray, angles: FloatArray) -> tuple[FloatArray, FloatArray, list[FloatArray]]:
     """What the stand's own errors do not explain of the directions, what they do, and their derivatives."""
-    sums = np.linalg.svd(_vertical(np.zeros(7), angles).T @ up)
-    mount: FloatArray = sums[0] @ np.diag([1.0, 1.0, np.linalg.det(sums[0] @ sums[2])]) @ sums[2]
+    none = np.zeros(7)
+    mount = best_mount(vertical(none, angles), up)
 
-    def vertical(parameters: FloatArray, q: FloatArray) -> FloatArray:
-        seen: FloatArray = _vertical(parameters, q) @ mount
-        return seen
+    def seen(parameters: FloatArray, q: FloatArray) -> FloatArray:
+        turned: FloatArray = vertical(parameters, q) @ mount
+        return turned
 
     def slope(by: Callable[[float], FloatArray]) -> FloatArray:
         return (by(STEP_RAD) - by(-STEP_RAD)) / (2 * STEP_RAD)
 
-    none = np.zeros(7)
-    stand = [slope(lambda h, p=p: vertical(h * np.eye(7)[p], angles)) for p in range(7)]  # type: ignore[misc]
-    by_angle = [slope(lambda h, m=m: vertical(none, angles + h * np.eye(3)[m])) for m in range(3)]  # type: ignore[misc]
+    stand = [slope(lambda h, p=p: seen(h * np.eye(7)[p], angles)) for p in range(7)]  # type: ignore[misc]
+    by_angle = [slope(lambda h, m=m: seen(none, angles + h * np.eye(3)[m])) for m in range(3)]  # type: ignore[misc]
     waves = [
         column * wave(k * angles[:, [motor]])
         for motor, column in enumerate(by_angle)
         for k in (1, 2)
         for wave in (np.sin, np.cos)
     ]
-    missed = (up - vertical(none, angles)).ravel()
+    missed = (up - seen(none, angles)).ravel()
     nuisance = np.array([column.ravel() for column in (*stand, *waves)]).T
     # Free of what the stand's own errors and an eccentricity of the encoders explain.
     u, s, _ = np.linalg.svd(nuisance, full_matrices=False)
@@ -150,7 +149,14 @@ def _unexplained(up: FloatArray, angles: FloatArray) -> tuple[FloatArray, FloatA
     return missed - basis @ (basis.T @ missed), basis, stand
 
 
-def _vertical(parameters: FloatArray, angles: FloatArray) -> FloatArray:
+def best_mount(told: FloatArray, up: FloatArray) -> FloatArray:
+    """The rotation R, (3, 3), with which `told @ R` is nearest to `up`, directions in rows."""
+    left, _, right = np.linalg.svd(told.T @ up)
+    mount: FloatArray = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    return mount
+
+
+def vertical(parameters: FloatArray, angles: FloatArray) -> FloatArray:
     """The vertical in the body, (K, 3).
 
     parameters   mount rotation (3), small, base tilt (2), errors of the right angles (2), rad

@@ -57,7 +57,10 @@ def headed_parts(path: str | os.PathLike[str]) -> Iterator[Table]:
     from pyarrow import csv
 
     name = Path(path).name
-    head = _text_of(name, first_bytes(path, HEAD))
+    start = first_bytes(path, HEAD)
+    if _has_old_ends(start):
+        raise NotInPartsError(name)
+    head = _text_of(name, start)
     lines = _lines(head)
     delimiter = _delimiter(lines[1][1].encode()) if len(lines) > 1 else b" "
     # One space for many is made in the whole, and a short text is there at once.
@@ -172,7 +175,12 @@ def _text_of(name: str, content: bytes) -> bytes:
     content = content.removeprefix(b"\xef\xbb\xbf")
     if b"\0" in content[:4096]:
         raise FormatError(f"{name} is a binary file, text is needed: give the recording as CSV or Parquet")
-    return content
+    # Spreadsheets of old end lines so, and everything would be one line.
+    return content.replace(b"\r", b"\n") if _has_old_ends(content) else content
+
+
+def _has_old_ends(content: bytes) -> bool:
+    return b"\r" in content[:HEAD] and b"\n" not in content
 
 
 def _lines(content: bytes, limit: int = 1000) -> list[tuple[int, str]]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -136,8 +137,8 @@ def _time_unit(name: str) -> str | None:
 
 
 def _refuse_duplicates(table: Table) -> None:
-    names = [name for name in table.names if name not in SKIP]
-    twice = sorted({name for name in names if names.count(name) > 1})
+    counts = Counter(name for name in table.names if name not in SKIP)
+    twice = sorted(name for name, count in counts.items() if count > 1)
     if twice:
         raise FormatError(f"{table.file}: the column {twice[0]} is given twice: rename or remove one")
 

@@ -105,7 +105,7 @@ def limits_tabs(judgement: Judgement | None) -> tuple[Tab, ...]:
 
 def finding_texts(findings: Sequence[Finding]) -> list[str]:
     """One sentence for each finding."""
-    return [f"{finding.severity}: {finding}" for finding in findings]
+    return [finding.line for finding in findings]
 
 
 def _out_of_sight(items: Sequence[Mapping[str, Any]]) -> str:

@@ -70,7 +70,7 @@ class SimulatedUnit:
             # The motors do what they are told: their encoders know nothing of the play.
             told = dataclasses.replace(program, stand=stand)
             encoders = simulate(told, seed=seed, unit=unit, rate_hz=self.rate_hz).recording.stand_rad
-            recording = _changed(recording, stand_rad=encoders)
+            recording = dataclasses.replace(recording, stand_rad=encoders)
         if self.fault == "dead-axis":
             recording = _with_dead_axis(recording, unit, of_unit)
         return recording
@@ -85,8 +85,7 @@ class SimulatedUnit:
 def _slipping(stand: Stand, program: Program, random: np.random.Generator) -> Stand:
     axis = random.normal(size=3)
     turn_deg = random.uniform(*SLIP_DEG) * axis / np.linalg.norm(axis)
-    whole_s = sum(step.move_s + step.hold_s for step in program.steps)
-    time_s = float(random.uniform(*SLIP_SHARE)) * whole_s
+    time_s = float(random.uniform(*SLIP_SHARE)) * program.duration_s
     x, y, z = turn_deg.tolist()
     return dataclasses.replace(stand, slip_deg=(x, y, z), slip_time_s=time_s)
 
@@ -111,12 +110,4 @@ def _with_dead_axis(recording: Recording, unit: Unit, random: np.random.Generato
     noise = 0.0 if stuck else sensor.noise_density * recording.rate_hz**0.5
     bias = float(sensor.bias[axis % 3])
     column[:, axis % 3] = bias + random.normal(scale=noise, size=len(column)) if noise else bias
-    return _changed(recording, **columns)
-
-
-def _changed(recording: Recording, **columns: FloatArray | None) -> Recording:
-    fields = {
-        name: getattr(recording, name)
-        for name in ("time_s", "specific_force", "angular_rate", "temperature_degc", "stand_rad")
-    }
-    return Recording(**{**fields, **columns}, name=recording.name)
+    return dataclasses.replace(recording, **columns)

@@ -60,12 +60,18 @@ class Journal:
             raise self._there_already() from None
         except OSError as error:
             raise self._unwritable(error) from error
-        # Some network drives have no locks.
-        with suppress(OSError):
-            _lock(self._file)
-        header = {"schema": SCHEMA, "columns": list(self.columns), **about}
-        self._append(HEADER, json.dumps(header).encode())
-        self.sync()
+        try:
+            # Some network drives have no locks.
+            with suppress(OSError):
+                _lock(self._file)
+            header = {"schema": SCHEMA, "columns": list(self.columns), **about}
+            self._append(HEADER, json.dumps(header).encode())
+            self.sync()
+        except BaseException:
+            # Without its header it is no journal, and would stand in the way of the next run.
+            os.close(self._file)
+            self.path.unlink(missing_ok=True)
+            raise
 
     def __enter__(self) -> Journal:
         return self

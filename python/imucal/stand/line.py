@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+from imucal.calibration import require_serial_number
 from imucal.document import now, write_json
 from imucal.errors import ImucalError, InputError
 from imucal.export import FORMATS, Export, export, find_format
@@ -42,6 +43,7 @@ class Order:
     control       what the control run is made of; None: the poses of `program` in an order that
                   `control_seed` draws, along the path of `program`, for no other is known to be free
     control_name  the name of `control` for the result
+    driver        what moves the stand, for the result
     """
 
     program: Program
@@ -55,6 +57,7 @@ class Order:
     gravity_mps2: float = STANDARD_GRAVITY_MPS2
     control: Program | None = None
     control_name: str = "own poses"
+    driver: str | None = None
 
     @property
     def programs(self) -> dict[str, Program]:
@@ -63,8 +66,7 @@ class Order:
         return {"run": self.program, "control": control}
 
     def __post_init__(self) -> None:
-        if self.serial_number is not None and not self.serial_number.strip():
-            raise InputError("the serial number is empty: give that of the unit, or none")
+        require_serial_number(self.serial_number)
         for name in self.exports:
             if find_format(name).needs_noise:
                 raise InputError(
@@ -109,6 +111,7 @@ class Outcome:
             "imucal_version": str(_core.__version__),
             "verdict": self.verdict,
             "reasons": [dataclasses.asdict(reason) for reason in self.reasons],
+            "driver": self.order.driver,
             "serial_number": self.order.serial_number,
             "operator": self.order.operator,
             "program": self.order.program_name,

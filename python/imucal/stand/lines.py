@@ -39,8 +39,7 @@ class LineDecoder:
         self.damaged = 0
         self._width = len(names)
         self._left = b""
-        # The first line may have begun before we listened.
-        self._found = False
+        self._is_first = True
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
         """The rows of the lines that end with these bytes."""
@@ -53,9 +52,10 @@ class LineDecoder:
             row = self._row(line.strip())
             if row is not None:
                 rows.append(row)
-                self._found = True
             elif line.strip():
-                self.damaged += self._found
+                # The first one may have begun before we listened.
+                self.damaged += not self._is_first
+            self._is_first = False
         return rows
 
     def counts(self) -> dict[str, int]:

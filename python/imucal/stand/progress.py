@@ -13,10 +13,9 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
 from imucal.inspection import Inspection, inspect
-from imucal.io.source import Table
-from imucal.io.vocabulary import recording_from_table
 from imucal.limits import ParameterLimit
-from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
+from imucal.recording import Recording
+from imucal.stand.rows import recording_of
 
 __all__ = ["Progress", "Prospect", "parse_target"]
 
@@ -84,11 +83,10 @@ def parse_target(text: str) -> ParameterLimit:
 class Progress:
     """Keeps the samples of a run and looks at them in another thread, now and then."""
 
-    def __init__(self, columns: Sequence[str], gravity_mps2: float = STANDARD_GRAVITY_MPS2) -> None:
+    def __init__(self, columns: Sequence[str]) -> None:
         self.columns = tuple(columns)
         self.samples = 0
         self.prospect = Prospect()
-        self._gravity_mps2 = gravity_mps2
         self._chunks: list[FloatArray] = []
         self._arrivals: list[tuple[float, int]] = []
         self._looking: threading.Thread | None = None
@@ -130,19 +128,11 @@ class Progress:
     def _look(self, rows: FloatArray) -> None:
         start_s = time.monotonic()
         try:
-            recording = self._recording(rows)
-            self.prospect = _prospect(recording, inspect(recording, gravity_mps2=self._gravity_mps2))
+            recording = recording_of(self.columns, rows, "the run so far")
+            self.prospect = _prospect(recording, inspect(recording))
         except ImucalError as error:
             self.prospect = Prospect(missing=str(error))
         self._next_s = time.monotonic() + (time.monotonic() - start_s) * (1 / SHARE - 1)
-
-    def _recording(self, rows: FloatArray) -> Recording:
-        import pyarrow as pa
-
-        table = Table(
-            "the run so far", list(self.columns), [pa.array(c) for c in rows.T], lambda row: f"row {row + 1}"
-        )
-        return recording_from_table(table, ())
 
 
 def _prospect(recording: Recording, seen: Inspection) -> Prospect:

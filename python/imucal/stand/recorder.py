@@ -196,6 +196,11 @@ class _Run:
             self.take()
         self.keep_what_happened()
         self.progress.look(finally_too=True)
+        if self.state == "completed" and self.targets and not self.progress.prospect.reaches(self.targets):
+            message = (
+                "the program ended before the standard deviations asked for could be expected: make it longer"
+            )
+            self.keep(Event("target_missed", message))
 
     def take(self) -> None:
         """Samples into the journal, and from time to time onto the disk."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import queue
 import threading
 import time
@@ -67,7 +68,13 @@ class StreamSource:
         self._heard_s = 0.0
         self._numbered = 0
         self._shift = [0.0] * len(names)
-        self._count = {"samples": 0, "packets_missing": 0, "packets_repeated": 0, "unit_restarts": 0}
+        self._count = {
+            "samples": 0,
+            "packets_missing": 0,
+            "packets_repeated": 0,
+            "unit_restarts": 0,
+            "counters_not_finite": 0,
+        }
         self._happened: list[Event] = []
         self._arrived: queue.SimpleQueue[bytes | Event] = queue.SimpleQueue()
         self._closed = threading.Event()
@@ -138,8 +145,11 @@ class StreamSource:
         return False
 
     def _sample(self, raw: tuple[float, ...]) -> list[float] | None:
-        """The columns of a sample, counters going on; None for a packet that came a second time."""
+        """The columns of a sample, counters going on; None if it came twice, or a counter is no number."""
         now_s = time.monotonic()
+        if not all(math.isfinite(raw[i]) for i in (self._time, self._sequence) if i is not None):
+            self._count["counters_not_finite"] += 1
+            return None
         row = list(raw)
         for i in (self._time, self._sequence):
             if i is not None:

@@ -26,7 +26,7 @@ from imucal.calibrate import calibrate
 from imucal.calibration_result import CalibrationResult
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.finding import Finding
-from imucal.gap.rules import loose_mounts, mount_slips
+from imucal.gap.rules import best_mount, loose_mounts, mount_slips, vertical
 from imucal.limits import Limits
 from imucal.motion import Program
 from imucal.recording import Recording
@@ -171,14 +171,13 @@ def _missed_deg(recording: Recording) -> float | None:
     """How far gravity in raw samples is from where the stand's angles say, deg; None without angles."""
     if recording.stand_rad is None:
         return None
-    (s1, s2, s3), (c1, c2, c3) = np.sin(recording.stand_rad.T), np.cos(recording.stand_rad.T)
-    told = np.stack([s1 * s3 - c1 * s2 * c3, s1 * c3 + c1 * s2 * s3, c1 * c2], axis=1)
-    force = recording.specific_force
+    known = np.isfinite(recording.stand_rad).all(axis=1)
+    if not known.any():
+        return None
+    told = vertical(np.zeros(7), recording.stand_rad[known])
+    force = recording.specific_force[known]
     up = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-30)
-    # The mount that fits best.
-    left, _, right = np.linalg.svd(told.T @ up)
-    mount = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
-    cosine = np.clip(np.sum(up * (told @ mount), axis=1), -1.0, 1.0)
+    cosine = np.clip(np.sum(up * (told @ best_mount(told, up)), axis=1), -1.0, 1.0)
     # The median: in moves the force is not gravity alone.
     return float(np.degrees(np.median(np.arccos(cosine))))
 

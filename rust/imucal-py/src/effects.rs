@@ -3,7 +3,8 @@
 use imucal::error::Error;
 use imucal::recording::REFERENCE_TEMPERATURE_DEGC;
 use imucal_core::effects::{self as library, Columns, EffectSet, MAX_PARAMETERS, StandState, State, Surroundings};
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use imucal_core::so3;
+use nalgebra::Vector3;
 use numpy::{IntoPyArray, PyArray3, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
@@ -145,10 +146,8 @@ impl StateArrays<'_> {
             surroundings.time_s = Some(time_s[i]);
             surroundings.angular_acceleration = acceleration.map(|values| values[i].into());
             surroundings.temperature_difference_k = temperature_degc.map(|degc| degc[i] - REFERENCE_TEMPERATURE_DEGC);
-            surroundings.rotation_world_from_body = rotation.map(|wxyz| {
-                let [w, x, y, z] = wxyz[i];
-                UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
-            });
+            // Of zeros, or not finite, it is as good as unknown.
+            surroundings.rotation_world_from_body = rotation.and_then(|wxyz| so3::from_wxyz(wxyz[i]));
             surroundings.stand = stand_rad.map(|angle| StandState {
                 angle_rad: angle[i].into(),
                 rate_radps: stand_rate.map_or_else(Vector3::zeros, |values| values[i].into()),

@@ -88,8 +88,12 @@ mod _core {
     ) -> PyResult<Outcome> {
         let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
-        let outcome = py.detach(|| checked.0.calibrate(&recordings, &options)).to_python(py)?;
-        let diagnosis = library::diagnosis::diagnose(&outcome, &recordings);
+        let work = || {
+            let outcome = checked.0.calibrate(&recordings, &options)?;
+            let diagnosis = library::diagnosis::diagnose(&outcome, &recordings);
+            Ok((outcome, diagnosis))
+        };
+        let (outcome, diagnosis) = py.detach(work).to_python(py)?;
         Outcome::new(py, outcome, diagnosis)
     }
 
@@ -198,7 +202,12 @@ mod _core {
     ) -> PyResult<(Rows<'py>, Rows<'py>)> {
         let calibration = calibration.calibration(py)?;
         let views = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
-        let (rate, force) = py.detach(|| library::correct::correct_from(start_s, &views[0], &calibration));
+        let corrected = py.detach(|| {
+            let findings = check::check_counts(&views[0]);
+            let correct = || library::correct::correct_from(start_s, &views[0], &calibration);
+            if findings.is_empty() { Ok(correct()) } else { Err(Error::Data(findings)) }
+        });
+        let (rate, force) = corrected.to_python(py)?;
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
@@ -261,11 +270,5 @@ mod _core {
             integrator.rotation()
         });
         Ok(PyArray1::from_slice(py, &so3::to_wxyz(&rotation)))
-    }
-
-    /// Names of the 21 parameters in a body frame, in their order.
-    #[pyfunction]
-    fn parameter_names(py: Python<'_>, frame: &str) -> PyResult<Vec<String>> {
-        Ok(library::calibrate::parameter_names(frame_named(frame).to_python(py)?).into())
     }
 }

@@ -30,7 +30,7 @@ impl Wander {
     }
 }
 
-/// Options of a calibration from keyword arguments.
+/// Options of a calibration, taken by attribute of `imucal.options.Options`.
 #[derive(FromPyObject)]
 pub(crate) struct CalibrateOptions<'py> {
     gravity_mps2: f64,

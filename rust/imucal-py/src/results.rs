@@ -232,7 +232,6 @@ pub(crate) struct Outcome {
     gyro_sensitivity: Rows,
     gyro_bias: Vector,
     names: Vec<String>,
-    values: Vector,
     covariance: Rows,
     rests: Vec<Py<Rest>>,
     moves: Vec<Py<Move>>,
@@ -302,7 +301,6 @@ impl Outcome {
             gyro_sensitivity: matrix(py, o.calibration.gyroscope.sensitivity())?,
             gyro_bias: vector(py, o.calibration.gyroscope.bias()),
             names: o.names,
-            values: PyArray1::from_slice(py, &o.values).unbind(),
             covariance: PyArray1::from_vec(py, covariance).reshape([size, size])?.unbind(),
             rests: o.rests.iter().map(|rest| Rest::new(py, rest)).collect::<PyResult<_>>()?,
             moves: o.moves.iter().map(|m| Move::new(py, m)).collect::<PyResult<_>>()?,
@@ -401,7 +399,6 @@ impl Inspection {
 /// What recordings can determine, before any fit.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Prospect {
-    names: Vec<String>,
     /// None where a parameter is not determined.
     predicted_sigma: Vec<Option<f64>>,
     missing: Option<String>,
@@ -409,6 +406,6 @@ pub(crate) struct Prospect {
 
 impl From<calibrate::Prospect> for Prospect {
     fn from(p: calibrate::Prospect) -> Self {
-        Self { names: p.names.into(), predicted_sigma: p.predicted_sigma.into(), missing: p.missing }
+        Self { predicted_sigma: p.predicted_sigma.into(), missing: p.missing }
     }
 }

@@ -34,8 +34,6 @@ pub(crate) struct Simulation {
     rotation_wxyz: Py<PyArray2<f64>>,
     /// Start and end of each rest, s.
     rests: Vec<(f64, f64)>,
-    missing: usize,
-    duplicated: usize,
 }
 
 /// What a simulation depends on, taken by attribute.
@@ -252,7 +250,5 @@ pub(crate) fn simulate(py: Python<'_>, setup: SetupArrays<'_>) -> PyResult<Simul
         true_angular_acceleration: to_rows(py, run.true_angular_acceleration)?.unbind(),
         rotation_wxyz: to_rows(py, run.rotation_world_from_body)?.unbind(),
         rests: run.rests,
-        missing: run.missing,
-        duplicated: run.duplicated,
     })
 }

@@ -31,6 +31,7 @@ pub use kinematics::check_kinematics;
 pub use rails::saturated_samples;
 pub use shared::check_shared;
 pub use units::check_rests;
+pub use unsigned::check_counts;
 
 /// All that can be said before rests are known; no finding means that nothing was found wrong.
 ///

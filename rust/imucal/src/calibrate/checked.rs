@@ -42,7 +42,16 @@ impl Checked {
         let (moves, unusable) = data.moves(&accelerometer, options)?;
         let gyroscope = data.fit_gyroscope(&moves, &accelerometer, options)?;
         if options.is_joint() {
-            data.free_of_tremor(&accelerometer.triad, &gyroscope.fit.triad);
+            let (seen, sound, triads) = (data.clone(), data.sound(), [&accelerometer.triad, &gyroscope.fit.triad]);
+            data.free_of_tremor(triads[0], triads[1], &sound);
+            // What the fit leaves out was taken for how the hand holds the unit: once more without it.
+            if data.is_held() {
+                let (_, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options, None)?;
+                if selection.used != sound {
+                    data = seen;
+                    data.free_of_tremor(triads[0], triads[1], &selection.used);
+                }
+            }
         }
         Ok(Self {
             data: data.of(&[]),

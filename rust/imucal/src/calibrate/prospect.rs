@@ -54,7 +54,8 @@ pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<P
     let mut data = UnitData::try_new(recordings, options)?;
     let scene = data.scene(options)?;
     if let (Some(accelerometer), Some(gyroscope)) = (&scene.accelerometer, &scene.gyroscope) {
-        data.free_of_tremor(accelerometer, gyroscope);
+        let sound = data.sound();
+        data.free_of_tremor(accelerometer, gyroscope, &sound);
     }
     data.prospect(scene, options)
 }
@@ -238,7 +239,7 @@ impl UnitData<'_> {
         silent.then(|| {
             format!(
                 "the gyroscope shows no more than noise while the accelerometer sees the unit turn in {} of them: check its \
-                 power, its columns and its range",
+                 power, its columns and its range; where a hand trembles as much as it turns, rest it on something",
                 turns.len()
             )
         })

@@ -109,11 +109,15 @@ impl<'a> UnitData<'a> {
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }
     }
 
-    /// Frees rests and noise of the tremor of a hand, now that the sensors are known.
-    pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>) {
+    /// Frees rests and noise of the tremor of a hand, now that the sensors are known; `used` rests say how it holds the unit.
+    pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, used: &[bool]) {
         let sensors = Sensors { accelerometer, gyroscope };
-        let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
-        self.hands = tremor::hands(self.recordings, &mut self.rests, &used, &mut self.noise, sensors);
+        self.hands = tremor::hands(self.recordings, &mut self.rests, used, &mut self.noise, sensors);
+    }
+
+    /// Which rests are no faults of the data.
+    pub(super) fn sound(&self) -> Vec<bool> {
+        self.excluded.iter().map(Option::is_none).collect()
     }
 
     pub(super) fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {

@@ -17,6 +17,13 @@ const FEWEST_JUMPS: usize = 3;
 /// With the upper half taken as negative hardly one of so many jumps is left.
 const LEFT: usize = 10;
 
+/// `counts_unsigned` alone: what is to be corrected is asked for no rests and no units, but such counts are not what they say. The
+/// columns must be of one length.
+pub fn check_counts(recording: &Recording) -> Vec<Finding> {
+    let is_raw = [recording.accel_unit, recording.gyro_unit].contains(&RawUnit::Lsb);
+    if is_raw && !recording.is_empty() { check(recording, &Survey::of(recording)) } else { Vec::new() }
+}
+
 /// `counts_unsigned`.
 pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let [accel, gyro] = &survey.extremes.ends;
@@ -108,7 +115,10 @@ mod tests {
     #[test]
     fn negative_counts_without_their_sign_are_no_saturation() {
         for (bits, way_out) in [(16, "subtract 65536 from those above 32767"), (12, "subtract 4096")] {
-            let findings = found(&unsigned(0.0, 2f64.powi(bits)));
+            let columns = unsigned(0.0, 2f64.powi(bits));
+            let findings = found(&columns);
+            assert_eq!(check_counts(&Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() }).len(), 1);
+            assert!(check_counts(&columns.recording()).is_empty());
             assert_eq!(findings.len(), 1, "{findings:?}");
             assert_eq!(findings[0].code, "counts_unsigned");
             assert_eq!(findings[0].columns, GYRO);

@@ -1,0 +1,20 @@
+"""Samples of a run as they are kept, rows of numbers under the names of columns, as a recording."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from imucal.arrays import FloatArray
+from imucal.io.source import Table
+from imucal.io.vocabulary import recording_from_table
+from imucal.recording import Recording
+
+__all__ = ["recording_of"]
+
+
+def recording_of(columns: Sequence[str], rows: FloatArray, name: str) -> Recording:
+    """The recording of rows (N, columns); InputError if the columns are none of a recording."""
+    import pyarrow as pa
+
+    table = Table(name, list(columns), [pa.array(column) for column in rows.T], lambda row: f"row {row + 1}")
+    return recording_from_table(table, ())
