@@ -9,7 +9,8 @@
 //! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = integral of R dt
 //! ```
 //!
-//! From rest to rest the trapezoid over the samples is as exact as they are close. In the midst of a turn it is off by a twelfth of
+//! From rest to rest the trapezoid over the samples is as exact as they are close, and `R' = R [w]x` gives a third of the G_j from
+//! where the path ends: with columns R_x, R_y, R_z the integral of `R_y w_z - R_z w_y` is what R_x changes by. In the midst of a turn it is off by a twelfth of
 //! the square of the turn in a step, so a walk that stops there takes what a step really does:
 //!
 //! ```text

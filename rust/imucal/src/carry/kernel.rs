@@ -29,13 +29,27 @@ pub(super) struct Map {
     pub(super) offset: [f64; 3],
 }
 
-/// What a stretch comes to, in the kernel's frame.
+/// What steps come to, in the kernel's frame.
 pub(super) struct Turned {
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Sums of R with the weights of the samples, and of R times each part of the rate.
+    /// Sums of R with the weights of the samples, and of R times each part of the rate: there column c with part j for `j >= c`.
     pub(super) sums: [Matrix3<f64>; 4],
-    /// Steps that were taken; the others are fewer than the lanes.
+    /// Steps that were taken; of a stretch the others are fewer than the lanes.
     pub(super) steps: usize,
+}
+
+impl Turned {
+    pub(super) fn nothing() -> Self {
+        Self { rotation: UnitQuaternion::identity(), sums: [Matrix3::zeros(); 4], steps: 0 }
+    }
+
+    /// Takes the steps that come next.
+    pub(super) fn then(&mut self, next: &Self) {
+        let before = *self.rotation.to_rotation_matrix().matrix();
+        self.sums.iter_mut().zip(&next.sums).for_each(|(sum, added)| *sum += before * added);
+        self.rotation *= next.rotation;
+        self.steps += next.steps;
+    }
 }
 
 /// The work on a stretch: `CUBIC` is the rate through four samples instead of two, `SUMS` says whether the sums are wanted, `SMALL`
@@ -122,8 +136,7 @@ impl Stretch<'_> {
             totals.add::<EVEN>(&terms[..rest]);
             totals.add::<false>(&[run.here::<CUBIC>(if EVEN { half } else { run.before })]);
         }
-        let counted = if EVEN { steps as f64 } else { 0.0 };
-        run.is_exact::<SMALL>().then(|| together::<S, SUMS>(simd, &run, &totals, counted, steps))
+        run.is_exact::<SMALL>().then(|| together::<S, SUMS>(simd, &run, &totals, steps))
     }
 }
 
@@ -152,15 +165,9 @@ impl<S: Simd> LaneMap<S> {
     }
 }
 
-/// What the lanes come to, one after the other; `counted` is the weight that the totals leave out.
+/// What the lanes come to, one after the other.
 #[inline(always)]
-fn together<S: Simd, const SUMS: bool>(
-    simd: S,
-    run: &Running<S>,
-    totals: &Totals<S>,
-    counted: f64,
-    steps: usize,
-) -> Turned {
+fn together<S: Simd, const SUMS: bool>(simd: S, run: &Running<S>, totals: &Totals<S>, steps: usize) -> Turned {
     let [w, x, y, z] = run.quaternion.map(Lanes::to_array);
     let mut rotation = UnitQuaternion::identity();
     let mut before = [Matrix3::identity(); MOST_LANES];
@@ -172,8 +179,7 @@ fn together<S: Simd, const SUMS: bool>(
     if SUMS {
         let row = |r: usize| three(|c| Lanes::from_fn(simd, |lane| before[lane][(r, c)]));
         let rows = [row(0), row(1), row(2)];
-        for (k, sum) in sums.iter_mut().enumerate() {
-            let columns = totals.rotations(k, Lanes::splat(simd, if k == 0 { counted } else { 0.0 }));
+        for (sum, columns) in sums.iter_mut().zip(totals.columns()) {
             for (r, [a, b, c]) in rows.iter().enumerate() {
                 for (column, [x, y, z]) in columns.iter().enumerate() {
                     sum[(r, column)] = a.times_plus(*x, b.times_plus(*y, *c * *z)).sum();

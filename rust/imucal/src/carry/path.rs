@@ -123,33 +123,24 @@ impl<'a> Path<'a> {
         };
         let frame = Frame::of(gyroscope, scale);
 
-        let mut rotation = UnitQuaternion::identity();
-        let mut sums = Sums::zero();
+        let mut all = Turned::nothing();
         let mut is_small = self.pace.mean_interval_s() <= CLOSE_S;
-        let mut at = 0;
-        while at < steps {
+        while all.steps < steps {
+            let at = all.steps;
             let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
             let range = at..at + count + 1 + around;
             let raw = self.raw.part(range.clone());
             let stretch = Stretch { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
             let turned = if count < FEW { None } else { self.lanes::<CUBIC, SUMS>(stretch, &mut is_small) };
-            let before = *rotation.to_rotation_matrix().matrix();
-            if let Some(turned) = turned {
-                if SUMS {
-                    sums.add_after(&before, &self.all_sums(&turned, &frame.axes));
-                }
-                rotation *= frame.rotation * turned.rotation * frame.rotation.inverse();
-                at += turned.steps;
-            } else {
-                // One step may be all that turned too far.
-                let count = count.min(STEPS_OF_A_LANE);
-                let (turn, added) = self.one_by_one::<CUBIC>(gyroscope, at..at + count);
-                sums.add_after(&before, &added);
-                rotation *= turn;
-                at += count;
-            }
+            // One step may be all that turned too far.
+            all.then(
+                &turned.unwrap_or_else(|| {
+                    self.one_by_one::<CUBIC>(gyroscope, &frame, at..at + count.min(STEPS_OF_A_LANE))
+                }),
+            );
         }
-        (rotation, sums)
+        let sums = if SUMS { self.all_sums(&all, &frame.axes) } else { Sums::zero() };
+        (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
     }
 
     /// A stretch in lanes, with the polynomials for large turns from the first one on.
@@ -164,23 +155,13 @@ impl<'a> Path<'a> {
         self.instructions.run(Work::<CUBIC, SUMS, false>(stretch))
     }
 
-    /// The sums in the frame of the gyroscope.
-    fn all_sums(&self, turned: &Turned, axes: &Matrix3<f64>) -> Sums {
-        let [bias, by_rate @ ..] = turned.sums.map(|sum| axes * sum * axes.transpose());
-        let (by_turn, by_time) = match self.pace {
-            Pace::Even(interval_s) => (6.0, interval_s),
-            Pace::Stamps(_) => (0.5, 0.5),
-        };
-        let along = |j: usize| (0..3).map(|i| by_rate[i] * (axes[(j, i)] * by_turn)).sum();
-        Sums { by_turn: [0, 1, 2].map(along), coning: Vector3::zeros(), bias: bias * by_time }
-    }
-
-    /// Steps of any angle, and the few that the lanes leave.
+    /// Steps of any angle, and the few that the lanes leave. In the frame of the gyroscope, where no rate is rounded once more.
     fn one_by_one<const CUBIC: bool>(
         &self,
         gyroscope: &Triad<f64>,
+        frame: &Frame,
         steps: std::ops::Range<usize>,
-    ) -> (UnitQuaternion<f64>, Sums) {
+    ) -> Turned {
         let margin = usize::from(CUBIC);
         let mut rotation = UnitQuaternion::identity();
         let mut sums = Sums::zero();
@@ -199,21 +180,53 @@ impl<'a> Path<'a> {
             sums.add_sample(&before, &w0);
             sums.add_sample(&weighted(&rotation, h), &w1);
         }
-        (rotation, sums)
+        let (by_time, by_turn) = self.units_of_sums();
+        let Frame { axes, rotation: outward, .. } = frame;
+        let [x, y, z] = along(&axes.transpose(), &sums.by_turn).map(|sum| sum / by_turn);
+        let bias = axes.tr_mul(&sums.bias) * axes / by_time;
+        Turned { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
+    }
+
+    /// A unit of the kernel's sums of R, s, and of those of R times a part of the rate, rad.
+    fn units_of_sums(&self) -> (f64, f64) {
+        match self.pace {
+            Pace::Even(interval_s) => (interval_s, 6.0),
+            Pace::Stamps(_) => (0.5, 0.5),
+        }
+    }
+
+    /// The sums in the frame of the gyroscope.
+    fn all_sums(&self, all: &Turned, axes: &Matrix3<f64>) -> Sums {
+        let (by_time, by_turn) = self.units_of_sums();
+        let [bias, mut by_rate @ ..] = all.sums;
+        // The rest of them: R' = R [w]x, so what two columns of R differ by, each times the other's part of the rate, is a turn.
+        let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
+        for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
+            let column = by_rate[c].column(j) + turned.column(across) * sign;
+            by_rate[j].set_column(c, &column);
+        }
+        let bias = axes * bias * axes.transpose() * by_time;
+        Sums { by_turn: along(axes, &by_rate).map(|sum| sum * by_turn), coning: Vector3::zeros(), bias }
     }
 }
 
+/// Sums of R times each part of the rate in another frame: `axes` are those of this one there.
+fn along(axes: &Matrix3<f64>, by_rate: &[Matrix3<f64>; 3]) -> [Matrix3<f64>; 3] {
+    let turned = by_rate.map(|sum| axes * sum * axes.transpose());
+    [0, 1, 2].map(|j| (0..3).map(|i| turned[i] * axes[(j, i)]).sum())
+}
+
 /// The frame in which the matrix from readings to rates is upper triangular.
-struct Frame {
+pub(super) struct Frame {
     /// Its axes in the sensor's frame, as columns.
-    axes: Matrix3<f64>,
+    pub(super) axes: Matrix3<f64>,
     rotation: UnitQuaternion<f64>,
     map: Map,
 }
 
 impl Frame {
     /// `scale` is that of the rates.
-    fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
+    pub(super) fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
         let inverse = gyroscope.inverse() * scale;
         let (axes, upper) = inverse.qr().unpack();
         // A reflection would turn cross products around.

@@ -56,8 +56,8 @@ pub(super) struct Term<S: Simd> {
     /// The first sample and its weight; it is multiplied by it.
     rate: Three<S>,
     weight: Lanes<S>,
-    /// Products of the parts of the rotation before the step, as [`Totals`] sums them.
-    products: [Three<S>; 3],
+    /// Columns of the rotation before the step.
+    rotation: [Three<S>; 3],
 }
 
 impl<S: Simd> Term<S> {
@@ -65,66 +65,56 @@ impl<S: Simd> Term<S> {
     pub(super) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         let three = [zero; 3];
-        Self { vector: three, shrunk: zero, rate: three, weight: zero, products: [three; 3] }
-    }
-
-    #[inline(always)]
-    fn add_to<const EVEN: bool>(&self, [one, x, y, z]: Sum<S>, value: Lanes<S>) -> Sum<S> {
-        let one = if EVEN { one + value } else { value.times_plus(self.weight, one) };
-        let rate = &self.rate;
-        [one, value.times_plus(rate[0], x), value.times_plus(rate[1], y), value.times_plus(rate[2], z)]
+        Self { vector: three, shrunk: zero, rate: three, weight: zero, rotation: [three; 3] }
     }
 }
 
-/// A number by 1 and by the three parts of a rate, summed.
-type Sum<S> = [Lanes<S>; 4];
+/// Sums of all lanes for a column of the rotation, over samples with their weights.
+#[derive(Clone, Copy)]
+struct Column<S: Simd> {
+    by_one: Three<S>,
+    /// By each part of the rate.
+    by_rate: [Three<S>; 3],
+}
 
-/// Sums of all lanes, over samples with their weights.
+/// Sums of all lanes. The column c by part j of the rate is summed for `j >= c` only: the others follow from where the path ends.
 #[repr(align(64))]
-pub(super) struct Totals<S: Simd> {
-    /// Of 1; for even steps the weight of a sample is 1 and only its rate is summed.
-    plain: Sum<S>,
-    /// Of twice `xx, xy, xz`, of twice `yy, yz, xw` and of twice `zz, zw, yw`, of the parts of the unit quaternion.
-    products: [[Sum<S>; 3]; 3],
-}
+pub(super) struct Totals<S: Simd>([Column<S>; 3]);
 
 impl<S: Simd> Totals<S> {
     #[inline(always)]
     pub(super) fn nothing(simd: S) -> Self {
-        let zero = Lanes::splat(simd, 0.0);
-        Self { plain: [zero; 4], products: [[[zero; 4]; 3]; 3] }
+        let zero = [Lanes::splat(simd, 0.0); 3];
+        Self([Column { by_one: zero, by_rate: [zero; 3] }; 3])
     }
 
     /// Adds the steps of a tile to some sums, then to the next: there are more sums than registers.
     #[inline(always)]
     pub(super) fn add<const EVEN: bool>(&mut self, terms: &[Term<S>]) {
-        for group in 0..3 {
-            let [mut first, mut second, mut third] = self.products[group];
-            for term in terms {
-                let [a, b, c] = term.products[group];
-                first = term.add_to::<EVEN>(first, a);
-                second = term.add_to::<EVEN>(second, b);
-                third = term.add_to::<EVEN>(third, c);
-            }
-            self.products[group] = [first, second, third];
-        }
-        let mut plain = self.plain;
-        for Term { rate, weight, .. } in terms {
-            if !EVEN {
-                plain[0] = plain[0] + *weight;
-            }
-            plain = [plain[0], plain[1] + rate[0], plain[2] + rate[1], plain[3] + rate[2]];
-        }
-        self.plain = plain;
+        self.add_column::<EVEN, 0>(terms);
+        self.add_column::<EVEN, 1>(terms);
+        self.add_column::<EVEN, 2>(terms);
     }
 
-    /// Columns of the summed rotation matrices, times one or a part of the rate; `counted` is the weight that was not added up.
     #[inline(always)]
-    pub(super) fn rotations(&self, k: usize, counted: Lanes<S>) -> [Three<S>; 3] {
-        let one = self.plain[k] + counted;
-        let group = |g: usize| three(|c| self.products[g][c][k]);
-        let [[xx, xy, xz], [yy, yz, xw], [zz, zw, yw]] = [group(0), group(1), group(2)];
-        [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
+    fn add_column<const EVEN: bool, const C: usize>(&mut self, terms: &[Term<S>]) {
+        let Column { mut by_one, mut by_rate } = self.0[C];
+        for term in terms {
+            let column = &term.rotation[C];
+            by_one = three(|r| if EVEN { by_one[r] + column[r] } else { column[r].times_plus(term.weight, by_one[r]) });
+            for j in C..3 {
+                by_rate[j] = three(|r| column[r].times_plus(term.rate[j], by_rate[j][r]));
+            }
+        }
+        self.0[C] = Column { by_one, by_rate };
+    }
+
+    /// Columns of the summed rotations, and of those times each part of the rate.
+    #[inline(always)]
+    pub(super) fn columns(&self) -> [[Three<S>; 3]; 4] {
+        let [x, y, z] = &self.0;
+        let by_rate = |j: usize| [x.by_rate[j], y.by_rate[j], z.by_rate[j]];
+        [[x.by_one, y.by_one, z.by_one], by_rate(0), by_rate(1), by_rate(2)]
     }
 }
 
@@ -224,16 +214,21 @@ impl<S: Simd> Running<S> {
         Term {
             rate: three(|c| self.a[if CUBIC { 1 } else { 2 }][c] * weight),
             weight,
-            products: self.products(),
+            rotation: self.rotation(),
             ..Term::nothing(self.simd)
         }
     }
 
+    /// Columns of the rotation matrix.
     #[inline(always)]
-    fn products(&self) -> [Three<S>; 3] {
+    fn rotation(&self) -> [Three<S>; 3] {
+        let one = Lanes::splat(self.simd, 1.0);
         let [w, x, y, z] = self.quaternion;
         let (x2, y2, z2) = (x * self.double, y * self.double, z * self.double);
-        [[x2 * x, x2 * y, x2 * z], [y2 * y, y2 * z, x2 * w], [z2 * z, z2 * w, y2 * w]]
+        let (xx, yy, zz) = (x2 * x, y2 * y, z2 * z);
+        let (xy, xz, yz) = (x2 * y, x2 * z, y2 * z);
+        let (xw, yw, zw) = (x2 * w, y2 * w, z2 * w);
+        [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
     /// Takes the turns of some steps, one after the other.
@@ -249,7 +244,7 @@ impl<S: Simd> Running<S> {
         }
         for term in terms {
             if SUMS {
-                term.products = self.products();
+                term.rotation = self.rotation();
                 self.double = self.double * term.shrunk;
             }
             self.quaternion = turned(&self.quaternion, term.vector);

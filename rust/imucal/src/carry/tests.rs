@@ -213,7 +213,33 @@ fn reference(path: &Samples<'_>) -> [Square; 5] {
         add_sample(&rotation, &w1);
     }
     let [x, y, z, bias] = sums;
+    let [x, y, z] = with_the_turn([x, y, z], &rotation, &path::Frame::of(triad, 1.0).axes);
     [rotation, x, y, z, bias]
+}
+
+/// The sums of columns and parts of the rate below the diagonal from those above it, in the frame with these axes.
+fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
+    let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
+    let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));
+    let seen_along = |sums: &[Square; 3], shares: [Double; 3]| {
+        plus(&plus(&scaled(&sums[0], shares[0]), &scaled(&sums[1], shares[1])), &scaled(&sums[2], shares[2]))
+    };
+    let within = |m: &Square| product(&product(&back, m), &out);
+    let mut inside: [Square; 3] =
+        std::array::from_fn(|i| within(&seen_along(&sums, std::array::from_fn(|j| out[j][i]))));
+    let turned = within(rotation);
+    let unit = |r: usize, c: usize| Double::of(f64::from(u8::from(r == c)));
+    for r in 0..3 {
+        // Each part of R' = R [w]x, summed.
+        let of_x = turned[r][0] - unit(r, 0);
+        let of_y = turned[r][1] - unit(r, 1);
+        let of_z = turned[r][2] - unit(r, 2);
+        inside[0][r][1] = inside[1][r][0] - of_z;
+        inside[0][r][2] = inside[2][r][0] + of_y;
+        inside[1][r][2] = inside[2][r][1] - of_x;
+    }
+    let outside = |m: &Square| product(&product(&out, m), &back);
+    std::array::from_fn(|j| outside(&seen_along(&inside, out[j])))
 }
 
 /// What a path is made of; the time is one interval or stamps.
