@@ -45,7 +45,7 @@ print(1024 * int(status.split("VmHWM:")[1].split()[0]))
 """
 
 
-# Arrow's own allocator keeps more or less of what was given back, as its threads happen to run: half a recording at times.
+# Arrow's own allocator keeps what was given back, as its threads happen to run: half a recording at times.
 SETTINGS = os.environ | {"ARROW_DEFAULT_MEMORY_POOL": "system"}
 
 

@@ -34,6 +34,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use crate::recording::Recording;
 
 pub use lanes::Instructions;
+pub(crate) use path::Between;
 #[cfg(test)]
 pub(crate) use path::STEPS_TAKEN;
 pub use path::{Pace, Path};
@@ -148,6 +149,20 @@ impl Sums {
 pub(crate) fn turn_on(rotation: &mut UnitQuaternion<f64>, mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) {
     *rotation *= so3::exp(&(mean * h + w0.cross(w1) * (h * h / 12.0)));
     rotation.renormalize_fast();
+}
+
+/// Shares of four samples, taken at these times, in the mean of the cubic through all of them over the step between the middle two.
+pub(crate) fn shares_of_cubic([before, start, end, after]: [f64; 4]) -> [f64; 4] {
+    let (a, h, b) = (start - before, end - start, after - end);
+    // The straight line's, less a sixth of h^2 times the second divided difference: of either side by how far the other reaches.
+    let late = (h / 2.0 + a) / (a + h + b);
+    let (left, right) = ((1.0 - late) * h * h / 6.0, late * h * h / 6.0);
+    [
+        -left / (a * (a + h)),
+        0.5 + left / (a * h) - right / (h * (h + b)),
+        0.5 - left / (h * (a + h)) + right / (h * b),
+        -right / (b * (h + b)),
+    ]
 }
 
 /// `m [v]x`.

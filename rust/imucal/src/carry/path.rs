@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
-use super::{Carried, Instructions, Sums, turn_on};
+use super::{Carried, Instructions, Sums, shares_of_cubic, turn_on};
 use crate::recording::{Recording, Samples};
 
 /// When the samples of a path were taken.
@@ -37,12 +37,23 @@ impl<'a> Pace<'a> {
     }
 }
 
+/// What the rate does between two samples.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Between {
+    /// It goes straight.
+    Straight,
+    /// It is the cubic through four samples as far from each other, or nearly.
+    Cubic,
+    /// It is the cubic through four samples at their own times. These steps are taken one by one.
+    UnevenCubic,
+}
+
 /// Samples of a gyroscope in raw units, from the first to the last that a rotation is wanted between.
 #[derive(Clone, Copy, Debug)]
 pub struct Path<'a> {
     raw: Samples<'a>,
     pace: Pace<'a>,
-    is_cubic: bool,
+    between: Between,
     instructions: Instructions,
 }
 
@@ -64,12 +75,16 @@ const FEW: usize = 16;
 impl<'a> Path<'a> {
     /// The rate goes straight from sample to sample; one time stamp for each, if there are any.
     pub fn straight(raw: impl Into<Samples<'a>>, pace: Pace<'a>) -> Self {
-        Self { raw: raw.into(), pace, is_cubic: false, instructions: Instructions::Best }
+        Self::of_samples(raw.into(), pace, Between::Straight)
     }
 
     /// The rate between two samples is the cubic through four; the first and the last sample serve nothing else.
     pub fn cubic(raw: impl Into<Samples<'a>>, pace: Pace<'a>) -> Self {
-        Self { raw: raw.into(), pace, is_cubic: true, instructions: Instructions::Best }
+        Self::of_samples(raw.into(), pace, Between::Cubic)
+    }
+
+    pub(crate) fn of_samples(raw: Samples<'a>, pace: Pace<'a>, between: Between) -> Self {
+        Self { raw, pace, between, instructions: Instructions::Best }
     }
 
     /// Number of samples.
@@ -90,9 +105,9 @@ impl<'a> Path<'a> {
 
     /// The rotation, `v_start = rotation * v_end`, for a gyroscope with these parameters.
     pub fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
-        let (rotation, _) = match self.is_cubic {
-            false => self.walk::<false, false>(gyroscope),
-            true => self.walk::<true, false>(gyroscope),
+        let (rotation, _) = match self.between {
+            Between::Straight => self.walk::<false, false>(gyroscope),
+            Between::Cubic | Between::UnevenCubic => self.walk::<true, false>(gyroscope),
         };
         *rotation.to_rotation_matrix().matrix()
     }
@@ -105,9 +120,9 @@ impl<'a> Path<'a> {
 
     /// The rotation and the sums.
     pub(crate) fn sums(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
-        let (rotation, sums) = match self.is_cubic {
-            false => self.walk::<false, true>(gyroscope),
-            true => self.walk::<true, true>(gyroscope),
+        let (rotation, sums) = match self.between {
+            Between::Straight => self.walk::<false, true>(gyroscope),
+            Between::Cubic | Between::UnevenCubic => self.walk::<true, true>(gyroscope),
         };
         (*rotation.to_rotation_matrix().matrix(), sums)
     }
@@ -131,7 +146,8 @@ impl<'a> Path<'a> {
             let range = at..at + count + 1 + around;
             let raw = self.raw.part(range.clone());
             let stretch = Stretch { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
-            let turned = if count < FEW { None } else { self.lanes::<CUBIC, SUMS>(stretch, &mut is_small) };
+            let in_lanes = count >= FEW && self.between != Between::UnevenCubic;
+            let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(stretch, &mut is_small) } else { None };
             // One step may be all that turned too far.
             all.then(
                 &turned.unwrap_or_else(|| {
@@ -174,7 +190,14 @@ impl<'a> Path<'a> {
             };
             let (w0, w1) = (rate(k), rate(k + 1));
             let inner = w0 + w1;
-            let mean = if CUBIC { (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0 } else { inner / 2.0 };
+            let mean = match (self.between, self.pace) {
+                (Between::Straight, _) => inner / 2.0,
+                (Between::UnevenCubic, Pace::Stamps(stamps_s)) => {
+                    let shares = shares_of_cubic(std::array::from_fn(|n| stamps_s[k - 1 + n]));
+                    (0..4).map(|n| rate(k - 1 + n) * shares[n]).sum()
+                }
+                _ => (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0,
+            };
             let before = weighted(&rotation, h);
             turn_on(&mut rotation, &mean, [&w0, &w1], h);
             sums.add_sample(&before, &w0);

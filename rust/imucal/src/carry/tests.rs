@@ -76,6 +76,41 @@ fn derivatives_meet_finite_differences_from_rest_to_rest() {
     }
 }
 
+#[test]
+fn a_cubic_through_uneven_samples_is_exact_for_cubics() {
+    let even = shares_of_cubic([0.0, 1.0, 2.0, 3.0]);
+    assert!(even.iter().zip([-1.0, 13.0, 13.0, -1.0]).all(|(share, exact)| (share * 24.0 - exact).abs() < 1e-14));
+    let times: [f64; 4] = [-0.7, 0.2, 0.9, 3.0];
+    let shares = shares_of_cubic(times);
+    for power in 0..4 {
+        let integral = |t: f64| t.powi(power + 1) / f64::from(power + 1);
+        let mean = (integral(times[2]) - integral(times[1])) / (times[2] - times[1]);
+        let shared: f64 = times.iter().zip(shares).map(|(t, share)| t.powi(power) * share).sum();
+        assert!((shared - mean).abs() < 1e-14, "t^{power}: {shared} {mean}");
+    }
+}
+
+#[test]
+fn uneven_steps_are_as_exact_as_even_ones() {
+    let unit = Triad::identity();
+    // About one axis, where the angle is the integral: 2.5 rad in 5 s.
+    let angle = |t: f64| 1.25 * (1.0 - (std::f64::consts::PI * t / 5.0).cos());
+    let rate = |t: &f64| [0.0, 0.0, 1.25 * std::f64::consts::PI / 5.0 * (std::f64::consts::PI * t / 5.0).sin()];
+    let error = |samples: f64, between: Between| {
+        let at = |k: f64| 5.0 * (k + 0.2 * (k * 1.7).sin()) / samples;
+        let times: Vec<f64> = (-1..=samples as i32 + 1).map(|k| at(f64::from(k))).collect();
+        let raw: Vec<[f64; 3]> = times.iter().map(rate).collect();
+        let within = if between == Between::Straight { 1..times.len() - 1 } else { 0..times.len() };
+        let path = Path::of_samples((&raw[within.clone()]).into(), Pace::Stamps(&times[within]), between);
+        let turned = angle(times[times.len() - 2]) - angle(times[1]);
+        let found = path.rotation(&unit);
+        (found.m21.atan2(found.m11) - turned).abs()
+    };
+    let (coarse, fine) = (error(50.0, Between::UnevenCubic), error(100.0, Between::UnevenCubic));
+    assert!(coarse < 1e-6 && fine < coarse / 12.0, "{coarse:e} {fine:e}");
+    assert!(error(50.0, Between::Straight) > 100.0 * coarse);
+}
+
 /// A number as the sum of two, exact to 31 digits: what the kernels are judged by.
 #[derive(Clone, Copy)]
 struct Double(f64, f64);

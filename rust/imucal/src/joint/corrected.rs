@@ -13,7 +13,7 @@ use super::model::{Model, surroundings};
 use super::pass::Route;
 use super::planes::Planes;
 use super::terms::{Sample, Terms};
-use crate::carry::times_hat;
+use crate::carry::{Between, shares_of_cubic, times_hat};
 use crate::derivative::Derivative;
 use crate::recording::Samples;
 
@@ -50,43 +50,48 @@ pub(super) struct Correction<'a> {
 pub(super) struct Step {
     /// The sample before it.
     pub(super) before: usize,
-    /// Whether samples further off are there and as far from each other: else the rate goes straight.
-    pub(super) smooth: bool,
+    pub(super) between: Between,
+    /// Of the four samples around it in the mean over it.
+    shares: [f64; 4],
 }
 
 impl Step {
     /// Mean over the step, `value(k)` being that of sample k.
     #[inline(always)]
-    pub(super) fn mean(self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
-        let k = self.before;
-        let inner = value(k) + value(k + 1);
-        if self.smooth { (inner * 13.0 - (value(k - 1) + value(k + 2))) / 24.0 } else { inner / 2.0 }
+    pub(super) fn mean(&self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
+        let (k, [before, start, end, after]) = (self.before, self.shares);
+        let inner = value(k) * start + value(k + 1) * end;
+        if self.is_straight() { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
+    }
+
+    fn is_straight(&self) -> bool {
+        self.between == Between::Straight
     }
 
     /// Hands out what the columns d of each sample add to the turn, `A (h s(d) + h^2/12 ([w0]x d1 - [w1]x d0))`: matrices before d.
     #[inline(always)]
     pub(super) fn weigh(
-        self,
+        &self,
         a: &Matrix3<f64>,
         h: f64,
         [w0, w1]: [&Vector3<f64>; 2],
         mut add: impl FnMut(usize, Matrix3<f64>),
     ) {
-        let k = self.before;
+        let (k, [before, start, end, after]) = (self.before, self.shares);
         let (mean, coning) = (a * h, a * (h * h / 12.0));
-        let inner = if self.smooth { mean * (13.0 / 24.0) } else { mean * 0.5 };
-        add(k, inner - times_hat(&coning, w1));
-        add(k + 1, inner + times_hat(&coning, w0));
-        if self.smooth {
-            let outer = mean * (-1.0 / 24.0);
-            add(k - 1, outer);
-            add(k + 2, outer);
+        add(k, mean * start - times_hat(&coning, w1));
+        add(k + 1, mean * end + times_hat(&coning, w0));
+        if !self.is_straight() {
+            add(k - 1, mean * before);
+            add(k + 2, mean * after);
         }
     }
 }
 
-/// Where steps differ by more than this share, straight lines are safer.
+/// Steps that differ by less than this share are taken as even.
 const UNEVEN: f64 = 0.01;
+/// Where they differ by more than this factor, a straight line is safer than a cubic.
+const MOST_UNEVEN: f64 = 3.0;
 /// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
 /// delay of the gyroscope over the time in which the rate changes, a fiftieth, and adds noise where the delay is long.
 const SLOPE_PASSES: usize = 3;
@@ -102,12 +107,21 @@ impl Route<'_> {
         let reach = self.reach();
         let time = &self.recording.time_s;
         let before = i - reach.start;
+        let straight = Step { before, between: Between::Straight, shares: [0.0, 0.5, 0.5, 0.0] };
         if i == 0 || i + 2 >= reach.end {
-            return Step { before, smooth: false };
+            return straight;
         }
-        let h = time[i + 1] - time[i];
-        let even = |step: f64| (step - h).abs() <= UNEVEN * h;
-        Step { before, smooth: even(time[i] - time[i - 1]) && even(time[i + 2] - time[i + 1]) }
+        let around = [time[i - 1], time[i], time[i + 1], time[i + 2]];
+        let h = around[2] - around[1];
+        let beside = [around[1] - around[0], around[3] - around[2]];
+        if beside.iter().all(|step| (step - h).abs() <= UNEVEN * h) {
+            let (inner, outer) = (13.0 / 24.0, -1.0 / 24.0);
+            Step { before, between: Between::Cubic, shares: [outer, inner, inner, outer] }
+        } else if beside.iter().all(|step| (h / MOST_UNEVEN..=h * MOST_UNEVEN).contains(step)) {
+            Step { before, between: Between::UnevenCubic, shares: shares_of_cubic(around) }
+        } else {
+            straight
+        }
     }
 
     /// The samples of the reach, to be freed of the effects.

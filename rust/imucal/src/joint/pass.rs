@@ -4,7 +4,7 @@
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   phi = h s(w) + h^2/12 (w_0 x w_1)
-//! s(w) = (-w_(-1) + 13 w_0 + 13 w_1 - w_2) / 24: the mean of the cubic through four samples
+//! s(w) = (-w_(-1) + 13 w_0 + 13 w_1 - w_2) / 24: the mean of the cubic through four samples, for even steps
 //! d_turn_d_p = sum_k A_k (h s(d) + h^2/12 ([w0]x d1 - [w1]x d0)),   A_k = R_k J_l(phi_k),   d = d_w_d_p
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
@@ -30,7 +30,7 @@ use super::planes::{Planes, Sum};
 use super::terms::Terms;
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
-use crate::carry::{Pace, Path, Sums, turn_on};
+use crate::carry::{Between, Pace, Path, Sums, turn_on};
 use crate::moves::Move;
 use crate::recording::Recording;
 
@@ -296,13 +296,13 @@ impl Route<'_> {
         let (mut rotation, mut sums) = (Matrix3::identity(), Sums::zero());
         let (mut start, last) = (self.span.first, self.span.last);
         while start < last {
-            let smooth = self.step(start).smooth;
-            let end = (start + 1..last).find(|&i| self.step(i).smooth != smooth).unwrap_or(last);
-            let (turn, added) = if smooth {
-                let around = start - 1..end + 2;
-                Path::cubic(rates.slice(around.clone()), Pace::of(&time[around])).sums(gyroscope)
-            } else {
+            let between = self.step(start).between;
+            let end = (start + 1..last).find(|&i| self.step(i).between != between).unwrap_or(last);
+            let (turn, added) = if between == Between::Straight {
                 Path::of(self.recording, start, end).sums(gyroscope)
+            } else {
+                let around = start - 1..end + 2;
+                Path::of_samples(rates.slice(around.clone()), Pace::of(&time[around]), between).sums(gyroscope)
             };
             sums.add_after(&rotation, &added);
             rotation *= turn;
