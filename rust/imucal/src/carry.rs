@@ -19,6 +19,7 @@
 //! A_k = R_k J_l(phi_k),   R_k the attitude before step k, J_l the left Jacobian of the rotation vector
 //! ```
 
+mod between;
 mod kernel;
 mod lanes;
 mod path;
@@ -33,8 +34,8 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::recording::Recording;
 
+pub(crate) use between::Between;
 pub use lanes::Instructions;
-pub(crate) use path::Between;
 #[cfg(test)]
 pub(crate) use path::STEPS_TAKEN;
 pub use path::{Pace, Path};
@@ -50,7 +51,17 @@ pub struct Carried {
     pub bias_sum: Matrix3<f64>,
 }
 
-/// The rotation from sample `first` to sample `last` of a recording.
+/// The rotation from sample `first` to sample `last` of a recording, as exact as the samples let it be.
+pub(crate) fn rotate_smoothly(
+    recording: &Recording<'_>,
+    first: usize,
+    last: usize,
+    gyroscope: &Triad<f64>,
+) -> Matrix3<f64> {
+    Path::smooth(recording, first, last).fold(Matrix3::identity(), |rotation, path| rotation * path.rotation(gyroscope))
+}
+
+/// The same for a rate that goes straight from sample to sample, as a fit in two stages takes it.
 pub(crate) fn rotate(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Matrix3<f64> {
     Path::of(recording, first, last).rotation(gyroscope)
 }
@@ -149,20 +160,6 @@ impl Sums {
 pub(crate) fn turn_on(rotation: &mut UnitQuaternion<f64>, mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) {
     *rotation *= so3::exp(&(mean * h + w0.cross(w1) * (h * h / 12.0)));
     rotation.renormalize_fast();
-}
-
-/// Shares of four samples, taken at these times, in the mean of the cubic through all of them over the step between the middle two.
-pub(crate) fn shares_of_cubic([before, start, end, after]: [f64; 4]) -> [f64; 4] {
-    let (a, h, b) = (start - before, end - start, after - end);
-    // The straight line's, less a sixth of h^2 times the second divided difference: of either side by how far the other reaches.
-    let late = (h / 2.0 + a) / (a + h + b);
-    let (left, right) = ((1.0 - late) * h * h / 6.0, late * h * h / 6.0);
-    [
-        -left / (a * (a + h)),
-        0.5 + left / (a * h) - right / (h * (h + b)),
-        0.5 - left / (h * (a + h)) + right / (h * b),
-        -right / (b * (h + b)),
-    ]
 }
 
 /// `m [v]x`.

@@ -4,7 +4,7 @@ use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::carry::rotate;
+use crate::carry::rotate_smoothly;
 use crate::check::check_columns;
 use crate::correct::correct;
 use crate::error::Error;
@@ -205,7 +205,7 @@ fn judge(
         Directions { recordings: judged, rests: &rests, noise: &noise, hands: &hands, accelerometer, gyroscope };
     let (ends, _) = directions.ends_of(&moves);
     let rotations: Vec<Matrix3<f64>> =
-        moves.iter().map(|m| rotate(&judged[m.recording], m.first, m.last, &triads.gyroscope)).collect();
+        moves.iter().map(|m| rotate_smoothly(&judged[m.recording], m.first, m.last, &triads.gyroscope)).collect();
     let rest_reports: Vec<RestReport> = rests
         .iter()
         .zip(&usable)
@@ -327,7 +327,7 @@ fn carried_gravity(
         let mut carried_up = vec![up];
         for pair in rests.windows(2) {
             let middle = |k: usize| (pair[k].first + pair[k].end) / 2;
-            up = rotate(recording, middle(0), middle(1), gyroscope).tr_mul(&up);
+            up = rotate_smoothly(recording, middle(0), middle(1), gyroscope).tr_mul(&up);
             carried_up.push(up);
         }
         carried_up

@@ -3,9 +3,10 @@
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
+use super::between::{Between, shares_of_cubic};
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
-use super::{Carried, Instructions, Sums, shares_of_cubic, turn_on};
+use super::{Carried, Instructions, Sums, turn_on};
 use crate::recording::{Recording, Samples};
 
 /// When the samples of a path were taken.
@@ -35,17 +36,6 @@ impl<'a> Pace<'a> {
             Self::Stamps(_) => 0.0,
         }
     }
-}
-
-/// What the rate does between two samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Between {
-    /// It goes straight.
-    Straight,
-    /// It is the cubic through four samples as far from each other, or nearly.
-    Cubic,
-    /// It is the cubic through four samples at their own times. These steps are taken one by one.
-    UnevenCubic,
 }
 
 /// Samples of a gyroscope in raw units, from the first to the last that a rotation is wanted between.
@@ -101,6 +91,19 @@ impl<'a> Path<'a> {
     /// Straight through samples `first..=last` of a recording.
     pub(crate) fn of(recording: &Recording<'a>, first: usize, last: usize) -> Self {
         Self::straight(recording.angular_rate.slice(first..last + 1), Pace::of(&recording.time_s[first..=last]))
+    }
+
+    /// From sample `first` to sample `last` of a recording, steps in a row that are alike together: cubics wherever they can be.
+    pub(crate) fn smooth(recording: &Recording<'a>, first: usize, last: usize) -> impl Iterator<Item = Self> {
+        let (time_s, rates) = (recording.time_s, recording.angular_rate);
+        let mut next = first;
+        std::iter::from_fn(move || {
+            let start = next;
+            let (between, _) = (start < last).then(|| Between::of(time_s, start))?;
+            next = (start + 1..last).find(|&i| Between::of(time_s, i).0 != between).unwrap_or(last);
+            let around = if between == Between::Straight { start..next + 1 } else { start - 1..next + 2 };
+            Some(Self::of_samples(rates.slice(around.clone()), Pace::of(&time_s[around]), between))
+        })
     }
 
     /// The rotation, `v_start = rotation * v_end`, for a gyroscope with these parameters.

@@ -1,5 +1,6 @@
 //! The kernels against other roads to the same numbers.
 
+use super::between::shares_of_cubic;
 use super::*;
 use imucal_core::integrate::Integrator;
 use imucal_core::so3;

@@ -13,7 +13,7 @@ use super::model::{Model, surroundings};
 use super::pass::Route;
 use super::planes::Planes;
 use super::terms::{Sample, Terms};
-use crate::carry::{Between, shares_of_cubic, times_hat};
+use crate::carry::{Between, times_hat};
 use crate::derivative::Derivative;
 use crate::recording::Samples;
 
@@ -50,7 +50,7 @@ pub(super) struct Correction<'a> {
 pub(super) struct Step {
     /// The sample before it.
     pub(super) before: usize,
-    pub(super) between: Between,
+    is_straight: bool,
     /// Of the four samples around it in the mean over it.
     shares: [f64; 4],
 }
@@ -61,11 +61,7 @@ impl Step {
     pub(super) fn mean(&self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
         let (k, [before, start, end, after]) = (self.before, self.shares);
         let inner = value(k) * start + value(k + 1) * end;
-        if self.is_straight() { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
-    }
-
-    fn is_straight(&self) -> bool {
-        self.between == Between::Straight
+        if self.is_straight { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
     }
 
     /// Hands out what the columns d of each sample add to the turn, `A (h s(d) + h^2/12 ([w0]x d1 - [w1]x d0))`: matrices before d.
@@ -81,17 +77,13 @@ impl Step {
         let (mean, coning) = (a * h, a * (h * h / 12.0));
         add(k, mean * start - times_hat(&coning, w1));
         add(k + 1, mean * end + times_hat(&coning, w0));
-        if !self.is_straight() {
+        if !self.is_straight {
             add(k - 1, mean * before);
             add(k + 2, mean * after);
         }
     }
 }
 
-/// Steps that differ by less than this share are taken as even.
-const UNEVEN: f64 = 0.01;
-/// Where they differ by more than this factor, a straight line is safer than a cubic.
-const MOST_UNEVEN: f64 = 3.0;
 /// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
 /// delay of the gyroscope over the time in which the rate changes, a fiftieth, and adds noise where the delay is long.
 const SLOPE_PASSES: usize = 3;
@@ -104,24 +96,8 @@ impl Route<'_> {
 
     /// The step after sample `i`.
     pub(super) fn step(&self, i: usize) -> Step {
-        let reach = self.reach();
-        let time = &self.recording.time_s;
-        let before = i - reach.start;
-        let straight = Step { before, between: Between::Straight, shares: [0.0, 0.5, 0.5, 0.0] };
-        if i == 0 || i + 2 >= reach.end {
-            return straight;
-        }
-        let around = [time[i - 1], time[i], time[i + 1], time[i + 2]];
-        let h = around[2] - around[1];
-        let beside = [around[1] - around[0], around[3] - around[2]];
-        if beside.iter().all(|step| (step - h).abs() <= UNEVEN * h) {
-            let (inner, outer) = (13.0 / 24.0, -1.0 / 24.0);
-            Step { before, between: Between::Cubic, shares: [outer, inner, inner, outer] }
-        } else if beside.iter().all(|step| (h / MOST_UNEVEN..=h * MOST_UNEVEN).contains(step)) {
-            Step { before, between: Between::UnevenCubic, shares: shares_of_cubic(around) }
-        } else {
-            straight
-        }
+        let (between, shares) = Between::of(self.recording.time_s, i);
+        Step { before: i - self.reach().start, is_straight: between == Between::Straight, shares }
     }
 
     /// The samples of the reach, to be freed of the effects.

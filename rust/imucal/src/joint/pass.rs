@@ -30,7 +30,7 @@ use super::planes::{Planes, Sum};
 use super::terms::Terms;
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
-use crate::carry::{Between, Pace, Path, Sums, turn_on};
+use crate::carry::{Path, Sums, turn_on};
 use crate::moves::Move;
 use crate::recording::Recording;
 
@@ -290,23 +290,13 @@ impl Route<'_> {
         self.carried(gyroscope).0
     }
 
-    /// Rotation and sums without effects, as the kernel takes them: steps in a row that are alike together.
+    /// Rotation and sums without effects, as the kernel takes them.
     fn carried(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
-        let (time, rates) = (self.recording.time_s, self.recording.angular_rate);
         let (mut rotation, mut sums) = (Matrix3::identity(), Sums::zero());
-        let (mut start, last) = (self.span.first, self.span.last);
-        while start < last {
-            let between = self.step(start).between;
-            let end = (start + 1..last).find(|&i| self.step(i).between != between).unwrap_or(last);
-            let (turn, added) = if between == Between::Straight {
-                Path::of(self.recording, start, end).sums(gyroscope)
-            } else {
-                let around = start - 1..end + 2;
-                Path::of_samples(rates.slice(around.clone()), Pace::of(&time[around]), between).sums(gyroscope)
-            };
+        for path in Path::smooth(self.recording, self.span.first, self.span.last) {
+            let (turn, added) = path.sums(gyroscope);
             sums.add_after(&rotation, &added);
             rotation *= turn;
-            start = end;
         }
         (rotation, sums)
     }
