@@ -25,7 +25,8 @@ impl<'a> Pace<'a> {
         let interval_s = Self::Stamps(stamps_s).mean_interval_s();
         let rounding = 2.0 * f64::EPSILON * first.abs().max(last.abs());
         let is_off = |(k, time): (usize, &f64)| (time - (first + k as f64 * interval_s)).abs() > rounding;
-        if stamps_s.iter().enumerate().any(is_off) { Self::Stamps(stamps_s) } else { Self::Even(interval_s) }
+        let is_even = interval_s > 0.0 && !stamps_s.iter().enumerate().any(is_off);
+        if is_even { Self::Even(interval_s) } else { Self::Stamps(stamps_s) }
     }
 
     /// Of fewer than two samples zero.
@@ -152,11 +153,8 @@ impl<'a> Path<'a> {
             let in_lanes = count >= FEW && self.between != Between::UnevenCubic;
             let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(stretch, &mut is_small) } else { None };
             // One step may be all that turned too far.
-            all.then(
-                &turned.unwrap_or_else(|| {
-                    self.one_by_one::<CUBIC>(gyroscope, &frame, at..at + count.min(STEPS_OF_A_LANE))
-                }),
-            );
+            let alone = at..at + count.min(STEPS_OF_A_LANE);
+            all.then(&turned.unwrap_or_else(|| self.one_by_one::<CUBIC>(gyroscope, &frame, alone)));
         }
         let sums = if SUMS { self.all_sums(&all, &frame.axes) } else { Sums::zero() };
         (frame.rotation * all.rotation * frame.rotation.inverse(), sums)

@@ -78,6 +78,17 @@ fn derivatives_meet_finite_differences_from_rest_to_rest() {
 }
 
 #[test]
+fn no_time_turns_nothing() {
+    let (_, raw, triad) = tumble();
+    for samples in [1, 2, 40] {
+        let stamps_s = vec![7.5; samples];
+        let carried = Path::straight(&raw[..samples], Pace::of(&stamps_s)).carry(&triad);
+        assert!((carried.rotation - Matrix3::identity()).norm() < 1e-15);
+        assert!(carried.sensitivity_sums.iter().chain([&carried.bias_sum]).all(|sum| sum.norm() < 1e-15));
+    }
+}
+
+#[test]
 fn a_cubic_through_uneven_samples_is_exact_for_cubics() {
     let even = shares_of_cubic([0.0, 1.0, 2.0, 3.0]);
     assert!(even.iter().zip([-1.0, 13.0, 13.0, -1.0]).all(|(share, exact)| (share * 24.0 - exact).abs() < 1e-14));
