@@ -51,6 +51,7 @@ pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
 pub(crate) use model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 pub(crate) use outliers::{Item, outliers};
+pub(crate) use pass::BLOCK_S;
 pub(crate) use prepared::Prepared;
 pub(crate) use problem::Joint;
 pub(crate) use report::JointFit;

@@ -6,8 +6,9 @@ use nalgebra::Matrix3;
 use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, NOT_STILL, UnitData};
 use super::{CrossValidation, Options};
 use crate::accelerometer::AccelerometerFit;
+use crate::derivative::Width;
 use crate::error::Error;
-use crate::joint::{self, Encoders, Item, Joint, JointFit, Kinds, Misfits, Near, Prepared, Terms, Wander};
+use crate::joint::{self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Near, Prepared, Terms, Wander};
 use crate::moves::{Ends, Move, Unusable, between, direction_error_rad};
 use crate::recording::Recording;
 use crate::stats::rms;
@@ -252,16 +253,19 @@ impl UnitData<'_> {
     ) -> Result<T, Error> {
         let directions = self.directions(accelerometer, gyroscope);
         let ends: Vec<_> = selection.moves.iter().map(|m| directions.readings(m, drifts)).collect();
+        let widths: Vec<Width> = selection.moves.iter().map(|_| Width::default()).collect();
         work(&Prepared {
             recordings: self.recordings,
             rests: &self.rests,
             used: &selection.used,
             moves: &selection.moves,
             ends: &ends,
+            widths: &widths,
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander,
             encoders: kinds.encoders.then(|| Encoders::try_new(self.recordings, &self.rests)).transpose()?,
+            block_s: BLOCK_S,
         })
     }
 }

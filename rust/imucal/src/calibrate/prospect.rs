@@ -11,9 +11,10 @@ use super::outcome::parameter_names;
 use super::unit_data::{FEWEST_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
 use crate::carry::{rotate, turned_rad};
+use crate::derivative::Width;
 use crate::ellipsoid;
 use crate::error::Error;
-use crate::joint::{BASE, Joint, Kinds, Line, Model, Prepared, Source, Terms};
+use crate::joint::{BASE, BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms};
 use crate::kinematics::{rate_from_gravity, scale_from_gravity};
 use crate::lsq;
 use crate::moves::{Move, UnitRest, Unusable, between};
@@ -90,16 +91,19 @@ impl UnitData<'_> {
 
         let directions = self.directions(&accelerometer, &gyroscope);
         let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, false)).collect();
+        let widths: Vec<Width> = moves.iter().map(|_| Width::default()).collect();
         let prepared = Prepared {
             recordings: self.recordings,
             rests: &self.rests,
             used: &scene.used,
             moves,
             ends: &ends,
+            widths: &widths,
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander: super::jointly::known(options),
             encoders: None,
+            block_s: BLOCK_S,
         };
         let samples: Vec<usize> = self.recordings.iter().map(Recording::len).collect();
         let terms = Terms::try_new(&[], &[], &samples, Kinds { in_motion: false, encoders: false })?;

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use imucal_core::effects::Need;
+use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 
 use super::design::design;
@@ -11,10 +11,12 @@ use super::path::Hunt;
 use super::stage::{Beside, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
-use crate::joint::{Kinds, Prepared, Terms, is_blind_by_hand};
+use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_blind_by_hand};
 
-/// Force inside the moves that scatters by this many times its noise, whatever effects are in the model, is that of a hand.
-const CARRIED: f64 = 5.0;
+/// A hand takes longer than this to push and to stop, s: the force inside the moves is asked for in means over as long.
+const STRETCH_S: f64 = 4.0 * BLOCK_S;
+/// Force that then scatters by this many times its noise, whatever effects are in the model, is that of a hand.
+const CARRIED: f64 = 10.0;
 /// Effects that turning alone shows leave less of its variance, even a long lever arm on a noisy gyroscope.
 const UNEXPLAINED: f64 = 0.003;
 
@@ -53,8 +55,7 @@ impl Hunt<'_> {
         Ok((stage, open))
     }
 
-    /// Whether the force inside the moves of some recording is that of a hand, whatever effect is allowed to explain it. If so the
-    /// candidates beside the model of rests and moves from rest to rest are known along with that.
+    /// Whether the force inside the moves of some recording is that of a hand, whatever effect is allowed to explain it.
     fn looks_carried(
         &mut self,
         prepared: &Prepared<'_>,
@@ -74,9 +75,8 @@ impl Hunt<'_> {
         let plain = self.stage(prepared, triads, open, &[], Beside::Nothing);
         self.kinds = kinds;
         let model = plain?.model;
-        let none = Terms::try_new(&[], &[], &self.samples, kinds)?;
-        let at_ends = Kinds { in_motion: false, ..kinds };
-        let none_at_ends = Terms { kinds: at_ends, ..none.clone() };
+        let prepared = &Prepared { encoders: None, block_s: STRETCH_S, ..*prepared };
+        let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
         // More columns only explain more.
@@ -87,10 +87,12 @@ impl Hunt<'_> {
         if loud.is_empty() {
             return Ok(false);
         }
-        let ground = self.with_candidates(prepared, &none, &model, open, |all, linear| {
+        let asked = |choice: &&EffectChoice| choice.effect.sensor != Sensor::Encoder && choice.effect.shape.is_none();
+        let asked: Vec<EffectChoice> = open.iter().filter(asked).copied().collect();
+        self.with_candidates(prepared, &none, &model, &asked, |all, linear| {
             let seen = design(prepared, (&none, &[]), all, linear)?;
             let with = |is_asked: &dyn Fn(&str) -> bool| -> Vec<Column> {
-                let asked = seen.candidates.iter().filter(|c| c.shape.is_none() && is_asked(&c.name));
+                let asked = seen.candidates.iter().filter(|c| is_asked(&c.name));
                 seen.model.iter().copied().chain(asked.flat_map(|c| c.columns(10.0))).collect()
             };
             let (all_columns, of_turning) = (with(&|_| true), with(&is_blind_by_hand));
@@ -101,12 +103,7 @@ impl Hunt<'_> {
                 is_carried |= inside(&gram, *group, &all_columns)? > CARRIED * CARRIED
                     && inside(&gram, *group, &of_turning)? > UNEXPLAINED * plain;
             }
-            let all = Terms { kinds: at_ends, ..all.clone() };
-            let linear = || Arc::new(prepared.without_insides(linear, &all));
-            is_carried.then(|| design(prepared, (&none_at_ends, &[]), &all, &linear())).transpose()
-        })?;
-        let is_carried = ground.is_some();
-        *self.ground.borrow_mut() = ground.map(|ground| Arc::new(ground.without(is_blind_by_hand)));
-        Ok(is_carried)
+            Ok(is_carried)
+        })
     }
 }

@@ -14,7 +14,6 @@ use super::pass::Route;
 use super::planes::Planes;
 use super::terms::{Sample, Terms};
 use crate::carry::{Between, times_hat};
-use crate::derivative::Derivative;
 use crate::recording::Samples;
 
 /// The samples of a move after correction, with one more on either side.
@@ -107,15 +106,16 @@ impl Route<'_> {
             rows.part(samples).iter().map(|row| triad.correct(Vector3::from(*row))).collect()
         };
         let seen_rate = corrected(&model.gyroscope, self.recording.angular_rate, reach.clone());
-        let is_force_needed = self.with_blocks || terms.count > 0;
+        let is_force_needed = self.block_s.is_some() || terms.count > 0;
         let of_force = if is_force_needed { reach.clone() } else { 0..0 };
         let seen_force = corrected(&model.accelerometer, self.recording.specific_force, of_force);
         let active = terms.active(&model.values);
         // What turns the unit is all that the end of a move tells of.
-        let terms = if self.with_blocks { Cow::Borrowed(terms) } else { Cow::Owned(terms.of(Sensor::Gyroscope)) };
+        let terms = if self.block_s.is_some() { Cow::Borrowed(terms) } else { Cow::Owned(terms.of(Sensor::Gyroscope)) };
         let passes = if active.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
         let needs_slopes = passes > 1 || terms.needs(Need::AngularAcceleration);
-        let derivative = needs_slopes.then(|| Derivative::smooth(&self.recording.time_s[reach.clone()], &seen_rate));
+        let raw = || self.recording.angular_rate.part(reach.clone()).iter().map(|row| Vector3::from(*row)).collect();
+        let derivative = needs_slopes.then(|| self.width.derivative(&self.recording.time_s[reach.clone()], raw));
         let planes = |sensor: Sensor| Planes::new(&terms.sensors, sensor);
         let mut correction = Correction {
             route: self,
@@ -176,7 +176,7 @@ impl Correction<'_> {
                     terms.columns_at(&model.values, &state, sample, columns);
                 }
                 self.on_rate.push(columns);
-                if route.with_blocks {
+                if route.block_s.is_some() {
                     self.on_force.push(columns);
                 }
             }

@@ -19,6 +19,7 @@ use super::pass::{Block, Route};
 use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
+use crate::derivative::Width;
 use crate::error::Error;
 use crate::moves::{Move, rows_across};
 
@@ -90,10 +91,17 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
     let by_rate = |turn: &[Vector3<f64>]| {
         Matrix3::from_columns(&[0, 1, 2].map(|axis| turn[GYRO_BIAS.start + axis])) * sensitivity
     };
-    let way = |(span, at_move): (&Move, &AtMove)| {
+    let way = |((span, width), at_move): ((&Move, &Width), &AtMove)| {
         let recording = &prepared.recordings[span.recording];
         let gravity_at_start = at_move.before.up * prepared.gravity_mps2;
-        let route = Route { recording, span, rotation_world_from_start: None, gravity_at_start, with_blocks: true };
+        let route = Route {
+            recording,
+            span,
+            rotation_world_from_start: None,
+            gravity_at_start,
+            width,
+            block_s: Some(prepared.block_s),
+        };
         let own = (!linear.sees_inside()).then(|| route.pass(model, &none));
         let pass = own.as_ref().unwrap_or(&at_move.pass);
         let first = (every / 2).min(pass.blocks.len().saturating_sub(1));
@@ -112,7 +120,7 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
         };
         Way { stretches: pass.blocks[first..].iter().step_by(every).map(stretch).collect(), end: by_rate(&pass.turn) }
     };
-    Ok(prepared.moves.iter().zip(linear.moves.iter()).map(way).collect())
+    Ok(prepared.moves.iter().zip(prepared.widths).zip(linear.moves.iter()).map(way).collect())
 }
 
 impl Field {

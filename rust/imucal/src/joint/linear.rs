@@ -66,7 +66,6 @@ pub(crate) struct Linear {
     pub(crate) moves: Arc<Vec<AtMove>>,
     /// Direction of gravity at the rests that take part.
     pub(super) directions: Vec<(usize, EndDirection)>,
-    rests: Arc<Vec<Option<AtRest>>>,
     /// By how much the parameters have changed since the moves were passed; empty where they have not. Residuals inside the moves follow
     /// their derivatives by it.
     pub(super) change: Vec<f64>,
@@ -153,18 +152,12 @@ pub(crate) const STAND_RESTS: usize = 6;
 pub(crate) const STAND_MOVES: usize = 7;
 
 impl Prepared<'_> {
-    /// What the same passes say of rests and moves from rest to rest alone; `terms` are those of the linearisation without the
-    /// residuals inside the moves.
-    pub(crate) fn without_insides(&self, linear: &Linear, terms: &Terms<'_>) -> Linear {
-        self.lines(linear.model.clone(), terms, Arc::clone(&linear.rests), Arc::clone(&linear.moves))
-    }
-
     /// What the residuals are at rests and moves that are known.
     pub(super) fn lines(
         &self,
         model: Model,
         terms: &Terms<'_>,
-        rests: Arc<Vec<Option<AtRest>>>,
+        rests: &[Option<AtRest>],
         moves: Arc<Vec<AtMove>>,
     ) -> Linear {
         let n = terms.total();
@@ -182,14 +175,14 @@ impl Prepared<'_> {
             });
             while self.moves.get(next_move).is_some_and(|m| m.from == k) {
                 if !terms.kinds.look_inside() {
-                    lines.extend(self.move_lines(next_move, &moves[next_move], &rests));
+                    lines.extend(self.move_lines(next_move, &moves[next_move], rests));
                 }
                 next_move += 1;
             }
             directions.push((k, at_rest.direction()));
             rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
         }
-        Linear { model, lines, rates, moves, directions, rests, change: Vec::new(), kinds: terms.kinds }
+        Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds: terms.kinds }
     }
 
     /// Components of the carried minus the measured direction, across the latter.

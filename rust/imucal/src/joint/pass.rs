@@ -31,11 +31,12 @@ use super::terms::Terms;
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
 use crate::carry::{Path, Sums, turn_on};
+use crate::derivative::Width;
 use crate::moves::Move;
 use crate::recording::Recording;
 
 /// Length of a block inside a move, s.
-const BLOCK_S: f64 = 0.04;
+pub(crate) const BLOCK_S: f64 = 0.04;
 
 /// What a pass gives.
 pub(crate) struct Pass {
@@ -91,7 +92,10 @@ pub(crate) struct Route<'a> {
     pub(crate) rotation_world_from_start: Option<UnitQuaternion<f64>>,
     /// Gravity at the start, m/s^2.
     pub(crate) gravity_at_start: Vector3<f64>,
-    pub(crate) with_blocks: bool,
+    /// How smooth the motion is.
+    pub(crate) width: &'a Width,
+    /// Length of the blocks inside the move, s; `None` where none are wanted.
+    pub(crate) block_s: Option<f64>,
 }
 
 /// A pass on its way.
@@ -107,7 +111,7 @@ struct Walk {
 }
 
 /// Steps that are taken together where no blocks are wanted.
-const TOGETHER: usize = 64;
+const TOGETHER: usize = 16;
 
 /// A block in the making: sums over its samples.
 struct Gathered {
@@ -130,7 +134,7 @@ impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
         let span = self.span;
         let (first, last) = (span.first, span.last);
-        if terms.count == 0 && !self.with_blocks {
+        if terms.count == 0 && self.block_s.is_none() {
             let (rotation, base) = self.carried(&model.gyroscope);
             let turn = turn(&base, 1.0, None, model, terms.total());
             return Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
@@ -138,9 +142,7 @@ impl Route<'_> {
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
         let mut correction = self.correct(model, terms);
-        if !self.with_blocks {
-            return self.to_end(&mut correction, model, terms);
-        }
+        let Some(block_s) = self.block_s else { return self.to_end(&mut correction, model, terms) };
         let mut walk = Walk {
             rotation: Matrix3::identity(),
             base: Sums::zero(),
@@ -149,7 +151,7 @@ impl Route<'_> {
             blocks: Vec::new(),
             attitudes: vec![Matrix3::identity()],
         };
-        let of_block = ((BLOCK_S * (last - first) as f64 / span.duration_s).round() as usize).max(1);
+        let of_block = ((block_s * (last - first) as f64 / span.duration_s).round() as usize).max(1);
         let mut start = first;
         while start < last {
             let end = (start + of_block).min(last);

@@ -9,6 +9,9 @@ use imucal_core::effects::Sensor;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
+/// Samples that are forgotten together: those behind them have to be moved.
+const TOGETHER: usize = 16;
+
 /// The most lanes that any instruction set has.
 const MOST_LANES: usize = 8;
 
@@ -31,7 +34,8 @@ impl Planes {
         let parameters: Vec<usize> = (0..sensors.len()).filter(|&p| sensors[p] == own).collect();
         let width = parameters.len().next_multiple_of(MOST_LANES);
         let runs = parameters.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[0] + run.len()).collect();
-        Self { parameters, runs, width, first: 0, numbers: Vec::new() }
+        let numbers = Vec::with_capacity(3 * TOGETHER * 3 * width);
+        Self { parameters, runs, width, first: 0, numbers }
     }
 
     /// Places of the parameters among those of all terms.
@@ -56,11 +60,13 @@ impl Planes {
         }
     }
 
-    /// Keeps samples from `first` on: what is kept stays in the processor's cache.
+    /// Keeps samples from `first` on, and of those before so few that all stay in the processor's cache.
     pub(super) fn forget_before(&mut self, first: usize) {
-        let gone = (first.saturating_sub(self.first) * 3 * self.width).min(self.numbers.len());
-        self.numbers.drain(..gone);
-        self.first = self.first.max(first);
+        if first >= self.first + TOGETHER {
+            let gone = ((first - self.first) * 3 * self.width).min(self.numbers.len());
+            self.numbers.drain(..gone);
+            self.first = first;
+        }
     }
 
     /// Sums over the samples from `first` on, each times its matrices; one sum for each matrix.

@@ -11,8 +11,9 @@ use super::inside::EndDirection;
 use super::linear::{AtMove, AtRest, Linear};
 use super::model::{ACCEL, BASE, GYRO_BIAS, Model, force_by_parameters, moments};
 use super::pass::Route;
-use super::terms::Terms;
+use super::terms::{Term, Terms};
 use super::wander::Wander;
+use crate::derivative::Width;
 use crate::error::Error;
 use crate::moves::{Carried, End, Move, UnitRest};
 use crate::recording::Recording;
@@ -28,11 +29,15 @@ pub(crate) struct Prepared<'a> {
     pub(crate) moves: &'a [Move],
     /// Before and after each move.
     pub(crate) ends: &'a [[End; 2]],
+    /// How smooth each is, for all passes the same.
+    pub(crate) widths: &'a [Width],
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
     pub(crate) wander: Wander,
     /// Where an effect of the encoders is to be estimated.
     pub(crate) encoders: Option<Encoders>,
+    /// Length of the stretches inside a move over which the force is a mean, s.
+    pub(crate) block_s: f64,
 }
 
 /// With effects, or with blocks inside the move, a sample costs as much as so many in the kernel.
@@ -50,27 +55,37 @@ impl Prepared<'_> {
     pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
         let model = Model::of(parameters, terms)?;
         let with_attitude = terms.needs(Need::Attitude);
-        let active = terms.active(&model.values);
         // Where nothing adds to the rate the kernel is fast enough to go ahead.
-        let goes_ahead = active.all.is_empty();
+        let goes_ahead = terms.active(&model.values).all.is_empty();
+        let through_rests = self.through_rests(terms);
+        let at_rest = |k: usize, attitude| {
+            let mean = self.rests[k].rest.specific_force.mean;
+            self.at_rest(k, &mean, attitude, &model, (terms, &through_rests[k]))
+        };
+        // A direction of gravity is that of a force.
+        let on_force = terms.of(Sensor::Accelerometer);
+        let directions = |index, attitude| self.directions(index, attitude, &model, (&on_force, &through_rests));
+        let at_move = |index, attitude| {
+            let [before, after] = directions(index, attitude);
+            AtMove { pass: self.route(index, attitude, &before, terms).pass(&model, terms), before, after }
+        };
         let mut rests: Vec<Option<AtRest>> = (0..self.rests.len()).map(|_| None).collect();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
         let mut next_move = 0;
         for k in (0..self.rests.len()).filter(|&k| self.used[k]) {
-            let mean = self.rests[k].rest.specific_force.mean;
-            let mut at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
+            let mut here = at_rest(k, attitudes[k]);
             if with_attitude && attitudes[k].is_none() {
-                attitudes[k] = Some(attitude::first(&at_rest.force.normalize()));
-                at_rest = self.at_rest(k, &mean, attitudes[k], &model, terms);
+                attitudes[k] = Some(attitude::first(&here.force.normalize()));
+                here = at_rest(k, attitudes[k]);
             }
             // Each move leads to the attitude at the next rest.
             while let Some(m) = self.moves.get(next_move).filter(|m| with_attitude && m.from == k) {
                 let (rotation, up) = if goes_ahead {
-                    let [before, after] = self.directions(next_move, None, &model, &active);
+                    let [before, after] = directions(next_move, None);
                     (self.route(next_move, None, &before, terms).rotation(&model.gyroscope), after.up)
                 } else {
-                    let at_move = self.at_move(next_move, attitudes[k], &model, terms);
+                    let at_move = at_move(next_move, attitudes[k]);
                     let led = (at_move.pass.rotation, at_move.after.up);
                     moves.push(at_move);
                     led
@@ -78,21 +93,25 @@ impl Prepared<'_> {
                 attitudes[m.to] = attitudes[k].map(|start| attitude::after(&start, &rotation, &up));
                 next_move += 1;
             }
-            rests[k] = Some(at_rest);
+            rests[k] = Some(here);
         }
         if moves.is_empty() {
             let samples: usize = self.moves.iter().map(|m| m.last - m.first).sum();
             let cost = if terms.count > 0 || terms.kinds.look_inside() { COST } else { 1 };
-            let at_move = |index: usize| self.at_move(index, attitudes[self.moves[index].from], &model, terms);
+            let at_move = |index: usize| at_move(index, attitudes[self.moves[index].from]);
             moves = in_order(threads_for(cost * samples), self.moves.len(), at_move);
         }
-        Ok(self.lines(model, terms, Arc::new(rests), Arc::new(moves)))
+        Ok(self.lines(model, terms, &rests, Arc::new(moves)))
     }
 
-    /// A move that begins with this attitude, if an effect needs it.
-    fn at_move(&self, index: usize, attitude: Option<UnitQuaternion<f64>>, model: &Model, terms: &Terms<'_>) -> AtMove {
-        let [before, after] = self.directions(index, attitude, model, terms);
-        AtMove { pass: self.route(index, attitude, &before, terms).pass(model, terms), before, after }
+    /// What the terms depend on through each rest that takes part: of time and temperature where these count.
+    fn through_rests(&self, terms: &Terms<'_>) -> Vec<Vec<Surroundings<f64>>> {
+        let changes = terms.all.iter().any(Term::changes_at_rest);
+        let through = |(k, UnitRest { recording, rest, .. }): (usize, &UnitRest)| match changes {
+            true if self.used[k] => moments(&self.recordings[*recording], rest.first..rest.end),
+            _ => vec![Surroundings::unknown()],
+        };
+        self.rests.iter().enumerate().map(through).collect()
     }
 
     /// Gravity before and after a move.
@@ -101,13 +120,13 @@ impl Prepared<'_> {
         index: usize,
         attitude: Option<UnitQuaternion<f64>>,
         model: &Model,
-        terms: &Terms<'_>,
+        (terms, through_rests): (&Terms<'_>, &[Vec<Surroundings<f64>>]),
     ) -> [EndDirection; 2] {
         let Move { from, to, .. } = self.moves[index];
         [(from, true), (to, false)].map(|(rest, at_end)| {
             let end = &self.ends[index][usize::from(!at_end)];
-            let direction = self.at_rest(rest, &end.raw, attitude, model, terms).direction();
-            self.carried(direction, rest, at_end, model)
+            let at_rest = self.at_rest(rest, &end.raw, attitude, model, (terms, &through_rests[rest]));
+            self.carried(at_rest.direction(), rest, at_end, model)
         })
     }
 
@@ -124,7 +143,8 @@ impl Prepared<'_> {
             span,
             rotation_world_from_start: attitude,
             gravity_at_start: before.up * self.gravity_mps2,
-            with_blocks: terms.kinds.look_inside(),
+            width: &self.widths[index],
+            block_s: terms.kinds.look_inside().then_some(self.block_s),
         }
     }
 
@@ -148,15 +168,12 @@ impl Prepared<'_> {
         reading: &Vector3<f64>,
         attitude: Option<UnitQuaternion<f64>>,
         model: &Model,
-        terms: &Terms<'_>,
+        (terms, through): (&Terms<'_>, &[Surroundings<f64>]),
     ) -> AtRest {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let seen = model.accelerometer.correct(*reading);
-        // Without effects nothing depends on them.
-        let moments =
-            if terms.all.is_empty() { Vec::new() } else { moments(&self.recordings[*recording], rest.first..rest.end) };
         let around: Vec<Surroundings<f64>> =
-            moments.into_iter().map(|moment| Surroundings { rotation_world_from_body: attitude, ..moment }).collect();
+            through.iter().map(|moment| Surroundings { rotation_world_from_body: attitude, ..*moment }).collect();
         let mut columns = vec![Vector3::zeros(); terms.count];
         let (on_rate, force) =
             terms.at_rest(&model.values, seen, &around, *recording, rest.first..rest.end, &mut columns);

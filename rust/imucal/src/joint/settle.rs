@@ -49,7 +49,8 @@ impl Terms<'_> {
 
     /// Mean columns over a rest, where the rate is zero and the force does not change, and that force.
     ///
-    /// `moments` are the surroundings through the rest; a user's field is the mean over the samples `range`.
+    /// `moments` are the surroundings through the rest, one at least where there are terms; what does not change with them is asked at the
+    /// first. A user's field is the mean over the samples `range`.
     pub(crate) fn at_rest(
         &self,
         values: &[f64],
@@ -62,6 +63,7 @@ impl Terms<'_> {
         let mut force = seen_force;
         let mut one = self.room();
         let step = (range.len() / moments.len().max(1)).max(1);
+        let share = 1.0 / moments.len().max(1) as f64;
         let mut on_rate = Vector3::zeros();
         for _ in 0..MOST_PASSES {
             columns.fill(Vector3::zeros());
@@ -69,9 +71,13 @@ impl Terms<'_> {
                 let state =
                     State { angular_rate: Vector3::zeros(), specific_force: force, surroundings: *surroundings };
                 let index = (range.start + k * step + step / 2).min(range.end - 1);
-                self.columns_at(values, &state, Sample { recording, index }, &mut one);
-                for (sum, column) in columns.iter_mut().zip(&one) {
-                    *sum += column / moments.len() as f64;
+                for term in self.all.iter().filter(|term| k == 0 || term.changes_at_rest()) {
+                    term.columns_at(values, &state, Sample { recording, index }, &mut one);
+                    let (own, share) =
+                        (term.first..term.first + term.count(), if term.changes_at_rest() { share } else { 1.0 });
+                    for (sum, column) in columns[own.clone()].iter_mut().zip(&one[own]) {
+                        *sum += column * share;
+                    }
                 }
             }
             self.user_means(recording, &range, columns);

@@ -87,6 +87,33 @@ impl Term<'_> {
         matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
+    /// Sets its own columns in the room for those of all terms.
+    #[inline]
+    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
+        let own = &mut room[self.first..self.first + MAX_PARAMETERS];
+        match self.kind {
+            Kind::User(field) => {
+                let p = self.linear;
+                let row = &field.columns[sample.recording][3 * p * sample.index..3 * p * (sample.index + 1)];
+                for (k, column) in own[..p].iter_mut().enumerate() {
+                    *column = Vector3::new(row[k], row[p + k], row[2 * p + k]);
+                }
+            }
+            Kind::Frozen(effect, shape) => set_field(effect, state, shape, own),
+            Kind::Catalogue(effect) if effect.shape.is_some() => {
+                let (linear, shape) = values[self.first..=self.first + self.linear].split_at(self.linear);
+                set_field(effect, state, shape[0], own);
+                own[self.linear] = shape_column(effect, linear, shape[0], state);
+            }
+            Kind::Catalogue(effect) => set_field(effect, state, 1.0, own),
+        }
+    }
+
+    /// Whether it may change while the unit is still.
+    pub(super) fn changes_at_rest(&self) -> bool {
+        self.effect().is_some_and(|e| e.needs.contains(&Need::Time) || e.needs.contains(&Need::Temperature))
+    }
+
     /// Number of parameters, with the shape.
     pub(crate) fn count(&self) -> usize {
         self.linear + usize::from(self.has_shape())
@@ -223,23 +250,7 @@ impl<'a> Terms<'a> {
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
         for term in &self.all {
-            let own = &mut room[term.first..term.first + MAX_PARAMETERS];
-            match term.kind {
-                Kind::User(field) => {
-                    let p = term.linear;
-                    let row = &field.columns[sample.recording][3 * p * sample.index..3 * p * (sample.index + 1)];
-                    for (k, column) in own[..p].iter_mut().enumerate() {
-                        *column = Vector3::new(row[k], row[p + k], row[2 * p + k]);
-                    }
-                }
-                Kind::Frozen(effect, shape) => set_field(effect, state, shape, own),
-                Kind::Catalogue(effect) if effect.shape.is_some() => {
-                    let (linear, shape) = values[term.first..=term.first + term.linear].split_at(term.linear);
-                    set_field(effect, state, shape[0], own);
-                    own[term.linear] = shape_column(effect, linear, shape[0], state);
-                }
-                Kind::Catalogue(effect) => set_field(effect, state, 1.0, own),
-            }
+            term.columns_at(values, state, sample, room);
         }
     }
 
