@@ -28,6 +28,14 @@ def test_a_hand_that_carries_the_unit_a_little_is_no_effect(unit, translation_mm
     assert "carried along" in gap.summary()
 
 
+def test_a_stand_that_shakes_is_no_hand():
+    shaking = imucal.Stand(vibration_deg=0.01, vibration_mm=0.02, vibration_hz=37.0)
+    measured, control = (on_a_stand(seed, rate_hz=100.0, stand=shaking) for seed in (11, 12))
+    gap = find_gap(measured, control=control)
+    assert gap.verdict == "nothing_missing", gap.summary()
+    assert "accel_lever_arm" not in {row["name"] for row in gap.not_observable}
+
+
 def test_what_a_hand_hides_is_not_estimated():
     recording = by_hand(1, 100.0)
     with pytest.raises(imucal.NotEnoughMotionError, match="accel_lever_arm would show: turn it on a stand"):
