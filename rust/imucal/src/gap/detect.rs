@@ -7,10 +7,11 @@ use statrs::distribution::{ChiSquared, ContinuousCDF, Discrete, Poisson};
 pub(crate) const FALSE_ALARM: f64 = 0.003;
 const POWER: f64 = 0.9;
 
-/// No chi2 with as many degrees of freedom as an effect has parameters needs a larger one.
-const MOST: f64 = 400.0;
-/// Halvings of that: to a part in ten million.
-const HALVINGS: usize = 32;
+/// Where it is looked for first; no chi2 with as many degrees of freedom as an effect has parameters needs more than the last.
+const FIRST: f64 = 16.0;
+const MOST: f64 = 1024.0;
+/// Halvings of the span that it lies in: to a part in ten million.
+const HALVINGS: usize = 24;
 
 /// The non-centrality with which chi2 exceeds its limit with 90 % probability; the limit is for one of `tests`.
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
@@ -18,11 +19,18 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);
     // Of chi2 with 0, 2, 4 ... degrees of freedom more.
     let tail = |k: usize| ChiSquared::new((dof + 2 * k) as f64).map_or(0.0, |chi2| chi2.sf(limit));
-    let tails: Vec<f64> = (0..reach(MOST)).map(tail).collect();
-    let (mut low, mut high) = (0.0, MOST);
+    let mut tails: Vec<f64> = Vec::new();
+    let mut is_enough = |noncentrality: f64| {
+        tails.extend((tails.len()..reach(noncentrality)).map(tail));
+        exceeds(&tails, noncentrality) >= POWER
+    };
+    let (mut low, mut high) = (0.0, FIRST);
+    while high < MOST && !is_enough(high) {
+        (low, high) = (high, 2.0 * high);
+    }
     for _ in 0..HALVINGS {
         let middle = (low + high) / 2.0;
-        if exceeds(&tails, middle) < POWER { low = middle } else { high = middle }
+        if is_enough(middle) { high = middle } else { low = middle }
     }
     high
 }
