@@ -28,6 +28,7 @@ mod shares;
 mod smooth;
 mod stage;
 mod start;
+mod upper;
 
 pub use attitudes::attitudes;
 pub use earth::is_earth_rate;
