@@ -1,5 +1,7 @@
 //! The joint fit of a unit's data, with what contradicts all others left out.
 
+use std::sync::OnceLock;
+
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
@@ -261,6 +263,7 @@ impl UnitData<'_> {
             moves: &selection.moves,
             ends: &ends,
             widths: &widths,
+            flicker: &OnceLock::new(),
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander,

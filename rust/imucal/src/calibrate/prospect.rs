@@ -3,6 +3,8 @@
 //! The residuals of the joint estimate are linearised at nominal sensors: the design says which parameters stay open, and with
 //! the noise of the rests what the standard deviation of each will be if the model describes the unit.
 
+use std::sync::OnceLock;
+
 use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -99,6 +101,7 @@ impl UnitData<'_> {
             moves,
             ends: &ends,
             widths: &widths,
+            flicker: &OnceLock::new(),
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
             wander: super::jointly::known(options),

@@ -1,6 +1,6 @@
 //! What a joint fit is made of, and the passes over it at given parameters.
 
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use imucal_core::effects::{Need, Sensor, Surroundings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -11,6 +11,7 @@ use super::inside::EndDirection;
 use super::linear::{AtMove, AtRest, Linear};
 use super::model::{ACCEL, BASE, GYRO_BIAS, Model, force_by_parameters, moments};
 use super::pass::Route;
+use super::scatter::Modes;
 use super::terms::{Term, Terms};
 use super::wander::Wander;
 use crate::derivative::Width;
@@ -31,6 +32,8 @@ pub(crate) struct Prepared<'a> {
     pub(crate) ends: &'a [[End; 2]],
     /// How smooth each is, for all passes the same.
     pub(crate) widths: &'a [Width],
+    /// How the rates at the rests scatter where biases wander, once it is asked for: only their finest noise depends on the model.
+    pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
     pub(crate) wander: Wander,

@@ -18,6 +18,32 @@ pub(super) struct Scatter {
     lambda: Vec<f64>,
 }
 
+/// Directions in which noise and another covariance do not mix.
+pub(crate) struct Modes {
+    sigma: Vec<f64>,
+    directions: Mat<f64>,
+    lambda: Vec<f64>,
+}
+
+impl Modes {
+    /// `None` if the covariance has no eigenvalues.
+    pub(super) fn new(variances: &[f64], covariance: &Mat<f64>) -> Option<Self> {
+        let n = variances.len();
+        let sigma: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
+        let white = Mat::from_fn(n, n, |i, j| covariance[(i, j)] / (sigma[i] * sigma[j]));
+        let eigen = white.self_adjoint_eigen(faer::Side::Lower).ok()?;
+        let lambda = eigen.S().column_vector().iter().map(|l| l.max(0.0)).collect();
+        Some(Self { sigma, directions: eigen.U().to_owned(), lambda })
+    }
+
+    /// How residuals scatter along them.
+    pub(super) fn scatter(&self, residuals: &[f64]) -> Scatter {
+        let white = Mat::from_fn(residuals.len(), 1, |i, _| residuals[i] / self.sigma[i]);
+        let z = self.directions.transpose() * white;
+        Scatter { squares: z.col_as_slice(0).iter().map(|z| z * z).collect(), lambda: self.lambda.clone() }
+    }
+}
+
 /// What scatters beyond noise and chance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Excess {
@@ -32,19 +58,6 @@ impl Scatter {
     pub(super) fn from_rest_to_rest(residuals: &[f64], variances: &[f64]) -> Self {
         let squares = residuals.iter().zip(variances).map(|(r, v)| r * r / v).collect();
         Self { squares, lambda: variances.iter().map(|v| 1.0 / v).collect() }
-    }
-
-    /// Any covariance; `None` if it has no eigenvalues.
-    pub(super) fn with(residuals: &[f64], variances: &[f64], covariance: &Mat<f64>) -> Option<Self> {
-        let n = residuals.len();
-        let sigma: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
-        let white = Mat::from_fn(n, n, |i, j| covariance[(i, j)] / (sigma[i] * sigma[j]));
-        let eigen = white.self_adjoint_eigen(faer::Side::Lower).ok()?;
-        let z = eigen.U().transpose() * Mat::from_fn(n, 1, |i, _| residuals[i] / sigma[i]);
-        Some(Self {
-            squares: (0..n).map(|i| z[(i, 0)].powi(2)).collect(),
-            lambda: eigen.S().column_vector().iter().map(|l| l.max(0.0)).collect(),
-        })
     }
 
     fn chi2(&self, variance: f64) -> f64 {
@@ -107,7 +120,7 @@ mod tests {
         let variances = [0.01; 6];
         let cost = |residuals: &[f64; 6]| {
             let white = Scatter::from_rest_to_rest(residuals, &variances).excess(5.0).unwrap().cost;
-            Scatter::with(residuals, &variances, &walk).unwrap().excess(5.0).unwrap().cost - white
+            Modes::new(&variances, &walk).unwrap().scatter(residuals).excess(5.0).unwrap().cost - white
         };
         assert!(cost(&RESIDUALS) < 0.0);
         assert!(cost(&[3.0, -3.0, 2.0, -2.5, 3.0, -2.5]) > 0.0);

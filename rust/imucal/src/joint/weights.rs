@@ -12,7 +12,7 @@ use super::inside::InsideNoise;
 use super::linear::{Linear, Source};
 use super::model::Model;
 use super::prepared::Prepared;
-use super::scatter::{Excess, Scatter};
+use super::scatter::{Excess, Modes, Scatter};
 use super::terms::Terms;
 use super::wander::{self, Wander};
 use super::whiten::{Shares, Whitening};
@@ -182,13 +182,14 @@ fn rate_whitenings(
     let (mut between, mut bias_instability) = (one_by_one.map(|e| e.map_or(0.0, |e| e.variance)), [0.0; 3]);
     if prepared.wander == Wander::Seen
         && one_by_one.iter().any(Option::is_some)
-        && let Some(flicker) = wander::flicker_of_rests(prepared)
+        && let Some(modes) = prepared.flicker.get_or_init(|| {
+            let flicker = wander::flicker_of_rests(prepared)?;
+            let [x, y, z] = axes.each_ref().map(|(_, variances)| Modes::new(variances, &flicker));
+            Some([x?, y?, z?])
+        })
     {
         // Where one axis wanders the others do, too, as far as they show it.
-        let wandering = [0, 1, 2].map(|axis| {
-            let (residuals, variances) = &axes[axis];
-            Scatter::with(residuals, variances, &flicker).and_then(|scatter| scatter.excess(free[axis]))
-        });
+        let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
         let [wanders, scatters] =
