@@ -3,13 +3,13 @@
 use std::borrow::Cow;
 use std::ops::Range;
 
-use imucal_core::effects::{Need, Sensor};
+use imucal_core::effects::{Need, Sensor, State};
 use imucal_core::integrate::increment;
 use imucal_core::sensor::Triad;
 use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::model::{Model, surroundings};
+use super::model::{Model, mean_surroundings, surroundings};
 use super::pass::Route;
 use super::planes::Planes;
 use super::terms::{Sample, Terms};
@@ -23,6 +23,36 @@ pub(super) struct Corrected {
     pub(super) force: Vec<Vector3<f64>>,
     pub(super) seen_rate: Vec<Vector3<f64>>,
     pub(super) seen_force: Vec<Vector3<f64>>,
+}
+
+/// Neighbouring samples whose columns are asked for once, at their mean state.
+#[derive(Clone, Copy)]
+pub(super) struct Groups {
+    /// Samples of each.
+    pub(super) size: usize,
+    /// So many of the first one are not there.
+    lacking: usize,
+}
+
+/// So many in a block.
+const GROUPS: usize = 4;
+
+impl Groups {
+    /// One begins with this sample.
+    fn new(size: usize, sample: usize) -> Self {
+        Self { size, lacking: (size - sample % size) % size }
+    }
+
+    /// That of sample `k`.
+    #[inline(always)]
+    pub(super) fn of(self, k: usize) -> usize {
+        (k + self.lacking) / self.size
+    }
+
+    /// Its samples.
+    fn samples(self, group: usize) -> Range<usize> {
+        (group * self.size).saturating_sub(self.lacking)..(group + 1) * self.size - self.lacking
+    }
 }
 
 /// A correction on its way: what is corrected so far, and the columns of the effects at the last of it.
@@ -39,7 +69,8 @@ pub(super) struct Correction<'a> {
     /// How many samples are corrected.
     done: usize,
     pub(super) all: Corrected,
-    /// Columns of the effects on either sensor.
+    pub(super) groups: Groups,
+    /// Columns of the effects on either sensor, by group.
     pub(super) on_rate: Planes,
     pub(super) on_force: Planes,
 }
@@ -106,12 +137,12 @@ impl Route<'_> {
             rows.part(samples).iter().map(|row| triad.correct(Vector3::from(*row))).collect()
         };
         let seen_rate = corrected(&model.gyroscope, self.recording.angular_rate, reach.clone());
-        let is_force_needed = self.block_s.is_some() || terms.count > 0;
+        let is_force_needed = self.has_blocks || terms.count > 0;
         let of_force = if is_force_needed { reach.clone() } else { 0..0 };
         let seen_force = corrected(&model.accelerometer, self.recording.specific_force, of_force);
         let active = terms.active(&model.values);
         // What turns the unit is all that the end of a move tells of.
-        let terms = if self.block_s.is_some() { Cow::Borrowed(terms) } else { Cow::Owned(terms.of(Sensor::Gyroscope)) };
+        let terms = if self.has_blocks { Cow::Borrowed(terms) } else { Cow::Owned(terms.of(Sensor::Gyroscope)) };
         let passes = if active.needs(Need::AngularAcceleration) { SLOPE_PASSES } else { 1 };
         let needs_slopes = passes > 1 || terms.needs(Need::AngularAcceleration);
         let raw = || self.recording.angular_rate.part(reach.clone()).iter().map(|row| Vector3::from(*row)).collect();
@@ -126,6 +157,7 @@ impl Route<'_> {
             columns: terms.room(),
             done: 0,
             all: Corrected { rate: seen_rate.clone(), force: seen_force.clone(), seen_rate, seen_force },
+            groups: Groups::new((self.of_block() / GROUPS).max(1), self.span.first + 1 - reach.start),
             on_rate: planes(Sensor::Gyroscope),
             on_force: planes(Sensor::Accelerometer),
             terms,
@@ -143,16 +175,17 @@ impl Route<'_> {
 }
 
 impl Correction<'_> {
-    /// Corrects all samples before this one, and has their columns.
+    /// Corrects all samples before this one, and those that share their columns, and has these.
     pub(super) fn until(&mut self, end: usize) {
-        self.advance(end.min(self.all.rate.len()), true);
+        let end = end.min(self.all.rate.len());
+        self.advance(self.groups.samples(self.groups.of(end - 1)).end.min(self.all.rate.len()), true);
     }
 
     fn advance(&mut self, end: usize, with_columns: bool) {
         if self.terms.all.is_empty() && self.active.all.is_empty() {
             return;
         }
-        let Self { route, model, terms, active, all, columns, .. } = self;
+        let Self { route, model, terms, active, all, groups, columns, .. } = self;
         let first = route.reach().start;
         let all_active = terms.all.iter().all(|term| active.all.iter().any(|own| own.first == term.first));
         for k in self.done..end {
@@ -170,17 +203,44 @@ impl Correction<'_> {
             let (seen_rate, seen_force) = (all.seen_rate[k], all.seen_force[k]);
             let state = active.settle(&model.values, seen_rate, seen_force, &around, sample, columns);
             (all.rate[k], all.force[k]) = (state.angular_rate, state.specific_force);
-            if with_columns {
+            let own = groups.samples(groups.of(k));
+            if !with_columns || k + 1 < own.end.min(all.rate.len()) {
+                continue;
+            }
+            let own = own.start..k + 1;
+            if own.len() > 1 {
+                let state = mean_state(route, all, &self.slopes, own.clone(), self.attitude);
+                terms.columns_at(&model.values, &state, sample, columns);
+                terms.user_means(sample.recording, &(first + own.start..first + own.end), columns);
+            } else if !all_active {
                 // Else the last pass has just made them.
-                if !all_active {
-                    terms.columns_at(&model.values, &state, sample, columns);
-                }
-                self.on_rate.push(columns);
-                if route.block_s.is_some() {
-                    self.on_force.push(columns);
-                }
+                terms.columns_at(&model.values, &state, sample, columns);
+            }
+            self.on_rate.push(columns);
+            if route.has_blocks {
+                self.on_force.push(columns);
             }
         }
         self.done = end;
     }
+}
+
+/// The mean over neighbouring samples; `attitude` is that of the last.
+fn mean_state(
+    route: &Route<'_>,
+    all: &Corrected,
+    slopes: &[Vector3<f64>],
+    samples: Range<usize>,
+    attitude: Option<UnitQuaternion<f64>>,
+) -> State<f64> {
+    let mean = |values: &[Vector3<f64>]| values[samples.clone()].iter().sum::<Vector3<f64>>() / samples.len() as f64;
+    let (time, first) = (route.recording.time_s, route.reach().start);
+    let angular_rate = mean(&all.rate);
+    let mut surroundings = mean_surroundings(route.recording, first + samples.start..first + samples.end);
+    surroundings.angular_acceleration = (!slopes.is_empty()).then(|| mean(slopes));
+    surroundings.rotation_world_from_body = attitude.map(|last| {
+        let half_s = (time[first + samples.end - 1] - time[first + samples.start]) / 2.0;
+        last * so3::exp(&(angular_rate * -half_s))
+    });
+    State { angular_rate, specific_force: mean(&all.force), surroundings }
 }

@@ -100,7 +100,8 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
             rotation_world_from_start: None,
             gravity_at_start,
             width,
-            block_s: Some(prepared.block_s),
+            block_s: prepared.block_s,
+            has_blocks: true,
         };
         let own = (!linear.sees_inside()).then(|| route.pass(model, &none));
         let pass = own.as_ref().unwrap_or(&at_move.pass);

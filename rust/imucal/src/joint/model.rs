@@ -93,16 +93,19 @@ const PARTS: usize = 16;
 pub(crate) fn moments(recording: &Recording<'_>, range: Range<usize>) -> Vec<Surroundings<f64>> {
     let parts = PARTS.min(range.len()).max(1);
     let edge = |part: usize| range.start + range.len() * part / parts;
-    let mean = |values: &[f64], part: usize| {
-        let values = &values[edge(part)..edge(part + 1)];
+    (0..parts).map(|part| mean_surroundings(recording, edge(part)..edge(part + 1))).collect()
+}
+
+/// Mean temperature and time of one sample or more.
+pub(super) fn mean_surroundings(recording: &Recording<'_>, range: Range<usize>) -> Surroundings<f64> {
+    let mean = |values: &[f64]| {
+        let values = &values[range.clone()];
         // Differences keep the digits of a large clock.
         values[0] + values.iter().map(|value| value - values[0]).sum::<f64>() / values.len() as f64
     };
-    (0..parts)
-        .map(|part| Surroundings {
-            temperature_difference_k: recording.temperature_degc.map(|t| mean(t, part) - REFERENCE_TEMPERATURE_DEGC),
-            time_s: Some(mean(recording.time_s, part) - recording.time_s[0]),
-            ..Surroundings::unknown()
-        })
-        .collect()
+    Surroundings {
+        temperature_difference_k: recording.temperature_degc.map(|t| mean(t) - REFERENCE_TEMPERATURE_DEGC),
+        time_s: Some(mean(recording.time_s) - recording.time_s[0]),
+        ..Surroundings::unknown()
+    }
 }

@@ -94,8 +94,10 @@ pub(crate) struct Route<'a> {
     pub(crate) gravity_at_start: Vector3<f64>,
     /// How smooth the motion is.
     pub(crate) width: &'a Width,
-    /// Length of the blocks inside the move, s; `None` where none are wanted.
-    pub(crate) block_s: Option<f64>,
+    /// Length of a block inside the move, s.
+    pub(crate) block_s: f64,
+    /// Whether blocks are wanted, or only the end of the move.
+    pub(crate) has_blocks: bool,
 }
 
 /// A pass on its way.
@@ -104,7 +106,7 @@ struct Walk {
     /// Running sums of d_turn_d_p.
     base: Sums,
     effects: Sum,
-    /// What each sample's columns add to the sum at the end of a stretch, and to their mean over it.
+    /// What each group's columns add to the sum at the end of a stretch, and to their mean over it.
     weights: Vec<[Matrix3<f64>; 2]>,
     blocks: Vec<Block>,
     attitudes: Vec<Matrix3<f64>>,
@@ -134,7 +136,7 @@ impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
         let span = self.span;
         let (first, last) = (span.first, span.last);
-        if terms.count == 0 && self.block_s.is_none() {
+        if terms.count == 0 && !self.has_blocks {
             let (rotation, base) = self.carried(&model.gyroscope);
             let turn = turn(&base, 1.0, None, model, terms.total());
             return Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
@@ -142,7 +144,9 @@ impl Route<'_> {
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
         let mut correction = self.correct(model, terms);
-        let Some(block_s) = self.block_s else { return self.to_end(&mut correction, model, terms) };
+        if !self.has_blocks {
+            return self.to_end(&mut correction, model, terms);
+        }
         let mut walk = Walk {
             rotation: Matrix3::identity(),
             base: Sums::zero(),
@@ -151,7 +155,7 @@ impl Route<'_> {
             blocks: Vec::new(),
             attitudes: vec![Matrix3::identity()],
         };
-        let of_block = ((block_s * (last - first) as f64 / span.duration_s).round() as usize).max(1);
+        let of_block = self.of_block();
         let mut start = first;
         while start < last {
             let end = (start + of_block).min(last);
@@ -163,6 +167,12 @@ impl Route<'_> {
         Pass { rotation: walk.rotation, turn, blocks: walk.blocks, attitudes: walk.attitudes }
     }
 
+    /// Samples of a block.
+    pub(super) fn of_block(&self) -> usize {
+        let Move { first, last, duration_s, .. } = self.span;
+        ((self.block_s * (last - first) as f64 / duration_s).round() as usize).max(1)
+    }
+
     /// From rest to rest: the sums are trapezoids over the samples, as those of the kernel are.
     fn to_end(&self, correction: &mut Correction<'_>, model: &Model, terms: &Terms<'_>) -> Pass {
         let (time, last) = (self.recording.time_s, self.span.last);
@@ -170,28 +180,33 @@ impl Route<'_> {
         let mut rotation = UnitQuaternion::identity();
         let mut here = Matrix3::identity();
         let (mut base, mut effects) = (Sums::zero(), Sum::zero(&correction.on_rate));
-        let mut weights: Vec<[Matrix3<f64>; 1]> = Vec::new();
+        let groups = correction.groups;
+        let (mut weights, mut of_groups): (Vec<Matrix3<f64>>, Vec<[Matrix3<f64>; 1]>) = (Vec::new(), Vec::new());
         while at < last {
-            let steps = at..(at + TOGETHER).min(last);
+            let steps = at..(at + TOGETHER * groups.size).min(last);
             let before = self.step(at).before;
             correction.until(before + steps.len() + 2);
             let rates = &correction.all.rate;
             weights.clear();
-            weights.resize(steps.len() + 1, [Matrix3::zeros()]);
+            weights.resize(steps.len() + 1, Matrix3::zeros());
             for (k, i) in steps.clone().enumerate() {
                 let (h, step) = (time[i + 1] - time[i], self.step(i));
-                weights[k][0] += here * (h / 2.0);
+                weights[k] += here * (h / 2.0);
                 let ends = [&rates[step.before], &rates[step.before + 1]];
                 turn_on(&mut rotation, &step.mean(|k| rates[k]), ends, h);
                 here = *rotation.to_rotation_matrix().matrix();
-                weights[k + 1][0] += here * (h / 2.0);
+                weights[k + 1] += here * (h / 2.0);
             }
-            for ([weight], seen) in weights.iter().zip(&correction.all.seen_rate[before..]) {
+            let first = groups.of(before);
+            of_groups.clear();
+            of_groups.resize(groups.of(before + steps.len()) + 1 - first, [Matrix3::zeros()]);
+            for (k, (weight, seen)) in weights.iter().zip(&correction.all.seen_rate[before..]).enumerate() {
                 base.add_sample(weight, seen);
+                of_groups[groups.of(before + k) - first][0] += weight;
             }
-            let [more] = correction.on_rate.weighted(before, &weights);
+            let [more] = correction.on_rate.weighted(first, &of_groups);
             effects.add(&more);
-            correction.on_rate.forget_before(before + steps.len());
+            correction.on_rate.forget_before(groups.of(before + steps.len()));
             at = steps.end;
         }
         let turn = turn(&base, 1.0, Some((&effects, &correction.on_rate)), model, terms.total());
@@ -213,12 +228,14 @@ impl Route<'_> {
         // From one sample before the first step to one after the last, where there are any.
         let reached = k_first.saturating_sub(1)..(k_first + count + 2).min(correction.all.rate.len());
         correction.until(reached.end);
-        correction.on_rate.forget_before(reached.start);
-        correction.on_force.forget_before(reached.start);
+        let groups = correction.groups;
+        let (first_group, first_after) = (groups.of(reached.start), groups.of(k_first + 1));
+        correction.on_rate.forget_before(first_group);
+        correction.on_force.forget_before(first_group);
         let (corrected, on_rate, on_force) = (&correction.all, &correction.on_rate, &correction.on_force);
         walk.weights.clear();
-        walk.weights.resize(reached.len(), [Matrix3::zeros(); 2]);
-        let mut turned = Vec::with_capacity(count);
+        walk.weights.resize(groups.of(reached.end - 1) + 1 - first_group, [Matrix3::zeros(); 2]);
+        let mut turned = vec![[Matrix3::zeros()]; groups.of(k_first + count) + 1 - first_after];
         let mut gathered = Gathered::nothing();
         for (j, i) in steps.clone().enumerate() {
             let h = time[i + 1] - time[i];
@@ -232,7 +249,7 @@ impl Route<'_> {
                 // A mean over the block has this share of what the step adds.
                 let share = (count - j) as f64 / count as f64;
                 step.weigh(&a, h, [&w0, &w1], |k, weight| {
-                    let [end, mean] = &mut walk.weights[k - reached.start];
+                    let [end, mean] = &mut walk.weights[groups.of(k) - first_group];
                     *end += weight;
                     if is_block {
                         *mean += weight * share;
@@ -247,20 +264,20 @@ impl Route<'_> {
                 gathered.rotation += walk.rotation;
                 (0..3).for_each(|j| gathered.by_force[j] += walk.rotation * expected[j]);
                 gathered.base.add(&walk.base);
-                turned.push([walk.rotation]);
+                turned[groups.of(k1) - first_after][0] += walk.rotation;
             }
         }
         if !is_block {
             let weights: Vec<[Matrix3<f64>; 1]> = walk.weights.iter().map(|[end, _]| [*end]).collect();
-            let [end] = on_rate.weighted(reached.start, &weights);
+            let [end] = on_rate.weighted(first_group, &weights);
             walk.effects.add(&end);
             return;
         }
-        let [end, mean] = on_rate.weighted(reached.start, &walk.weights);
+        let [end, mean] = on_rate.weighted(first_group, &walk.weights);
         let mut mean_turn = walk.effects.clone();
         mean_turn.add(&mean);
         walk.effects.add(&end);
-        let [force_columns] = on_force.weighted(k_first + 1, &turned);
+        let [force_columns] = on_force.weighted(first_after, &turned);
 
         let n = count as f64;
         let force = gathered.force / n;

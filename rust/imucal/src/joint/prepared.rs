@@ -147,7 +147,8 @@ impl Prepared<'_> {
             rotation_world_from_start: attitude,
             gravity_at_start: before.up * self.gravity_mps2,
             width: &self.widths[index],
-            block_s: terms.kinds.look_inside().then_some(self.block_s),
+            block_s: self.block_s,
+            has_blocks: terms.kinds.look_inside(),
         }
     }
 

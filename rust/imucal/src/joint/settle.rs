@@ -93,7 +93,7 @@ impl Terms<'_> {
     }
 
     /// A user's field may change from sample to sample: its mean is over all of them.
-    fn user_means(&self, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
+    pub(super) fn user_means(&self, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
         for term in &self.all {
             if let Kind::User(field) = term.kind {
                 let p = term.linear;
