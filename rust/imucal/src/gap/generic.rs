@@ -9,7 +9,7 @@ use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
 use super::shares::{Moment, Moments, Place, Shares};
-use super::smooth::Smooth;
+use super::smooth::{Smooth, bells};
 use crate::workers::{in_order, processors};
 
 /// What varies.
@@ -187,8 +187,9 @@ fn curve(kernel: Kernel, moments: &Moments, gravity_mps2: f64) -> Option<Shape> 
     Smooth::new(grid, near_on_curve, CURVE_POINTS).filter(|_| largest > 0.0).map(|s| Shape::Follows(s, largest))
 }
 
-fn near_on_curve(a: &f64, b: &f64) -> f64 {
-    (-0.5 * ((a - b) / CURVE_LENGTH).powi(2)).exp()
+fn near_on_curve(a: &f64, others: &[f64], to: &mut [f64]) {
+    to.iter_mut().zip(others).for_each(|(to, b)| *to = ((a - b) / CURVE_LENGTH).powi(2));
+    bells(to);
 }
 
 impl Hypothesis {

@@ -4,7 +4,7 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use super::Kernel;
-use super::smooth::Smooth;
+use super::smooth::{Smooth, bells};
 
 /// What the kernels know of a moment.
 #[derive(Clone, Copy, Debug)]
@@ -79,7 +79,7 @@ impl Shares {
         let end = |fold: fn(f64, f64) -> f64, start: f64| temperatures.iter().copied().fold(start, fold);
         let spread = end(f64::max, f64::NEG_INFINITY) - end(f64::min, f64::INFINITY);
         let most = if kernel == Kernel::RandomWalk { MOST_WAVES } else { MOST };
-        let alike = |a: &Moment, b: &Moment| covariance(kernel, spread, a, b);
+        let alike = |a: &Moment, others: &[Moment], to: &mut [f64]| covariances(kernel, spread, a, others, to);
         let smooth = Smooth::new(points, alike, most)?;
         let moves = moments.moves.iter().map(|way| smooth.at(way, alike)).collect();
         Some(Self { rests: smooth.at(&moments.rests, alike), moves })
@@ -106,27 +106,39 @@ impl Shares {
     }
 }
 
-fn near(square: f64) -> f64 {
-    (-0.5 * square / (LENGTH * LENGTH)).exp()
+/// How what is wrong at a moment and at each of several others belongs together.
+fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
+    let side = |m: &Moment| m.up.cross(&m.ahead);
+    let tilt = |b: &Moment| (a.up - b.up).norm_squared();
+    match kernel {
+        Kernel::RandomWalk => {
+            each(to, others, |b| if a.recording == b.recording { a.time_s.min(b.time_s) } else { 0.0 });
+        }
+        Kernel::LastMotion => {
+            each(to, others, |b| (0..3).map(|axis| direction(a.turn[axis]) * direction(b.turn[axis])).sum());
+        }
+        Kernel::Heading => {
+            let own = side(a);
+            each(to, others, |b| a.ahead.dot(&b.ahead) + own.dot(&side(b)));
+        }
+        Kernel::Attitude => near(to, others, LENGTH, |b| tilt(b) + (a.ahead - b.ahead).norm_squared()),
+        Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near(to, others, LENGTH, tilt),
+        Kernel::Temperature => {
+            let difference = |b: &Moment| a.temperature_degc.zip(b.temperature_degc).map_or(0.0, |(a, b)| a - b);
+            let length = if temperatures_k > 0.0 { temperatures_k / 4.0 } else { f64::INFINITY };
+            near(to, others, length, |b| difference(b).powi(2));
+        }
+    }
 }
 
-fn covariance(kernel: Kernel, temperatures_k: f64, a: &Moment, b: &Moment) -> f64 {
-    match kernel {
-        Kernel::RandomWalk if a.recording != b.recording => 0.0,
-        Kernel::RandomWalk => a.time_s.min(b.time_s),
-        Kernel::Attitude => near((a.up - b.up).norm_squared() + (a.ahead - b.ahead).norm_squared()),
-        Kernel::Temperature => {
-            let scale = temperatures_k / 4.0;
-            let difference = a.temperature_degc.zip(b.temperature_degc).map_or(0.0, |(a, b)| a - b);
-            if scale > 0.0 { (-0.5 * (difference / scale).powi(2)).exp() } else { 1.0 }
-        }
-        Kernel::LastMotion => (0..3).map(|axis| direction(a.turn[axis]) * direction(b.turn[axis])).sum(),
-        Kernel::Heading => {
-            let side = |m: &Moment| m.up.cross(&m.ahead);
-            a.ahead.dot(&b.ahead) + side(a).dot(&side(b))
-        }
-        Kernel::GravityDirection | Kernel::Rate | Kernel::Force => near((a.up - b.up).norm_squared()),
-    }
+fn each(to: &mut [f64], others: &[Moment], of: impl Fn(&Moment) -> f64) {
+    to.iter_mut().zip(others).for_each(|(to, other)| *to = of(other));
+}
+
+/// Of squared distances.
+fn near(to: &mut [f64], others: &[Moment], length: f64, square: impl Fn(&Moment) -> f64) {
+    each(to, others, |other| square(other) / (length * length));
+    bells(to);
 }
 
 /// The sign of a turn, rad; none for what is no turn.

@@ -1,6 +1,7 @@
 //! Functions that are as smooth as a kernel says, through its eigenvectors at given points.
 
 use faer::Mat;
+use wide::f64x4;
 
 /// Eigenvalues below this share of the largest one are left out.
 const SMALLEST: f64 = 1e-3;
@@ -16,10 +17,12 @@ pub(crate) struct Smooth<T> {
 }
 
 impl<T> Smooth<T> {
-    /// With `most` functions at most; `None` where the kernel is the same for all points.
-    pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &T) -> f64, most: usize) -> Option<Self> {
+    /// With `most` functions at most; `None` where the kernel is the same for all points. The kernel sets what it is at one point and each of
+    /// several others.
+    pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &[T], &mut [f64]), most: usize) -> Option<Self> {
         let n = points.len();
-        let matrix = Mat::from_fn(n, n, |i, j| kernel(&points[i], &points[j]));
+        let mut matrix = Mat::zeros(n, n);
+        points.iter().enumerate().for_each(|(j, point)| kernel(point, &points, matrix.col_as_slice_mut(j)));
         let means: Vec<f64> = (0..n).map(|i| (0..n).map(|j| matrix[(i, j)]).sum::<f64>() / n as f64).collect();
         let mean = means.iter().sum::<f64>() / n as f64;
         let centred = Mat::from_fn(n, n, |i, j| matrix[(i, j)] - means[i] - means[j] + mean);
@@ -41,16 +44,26 @@ impl<T> Smooth<T> {
     }
 
     /// All functions at some points, a column for each, with the kernel that they were made of.
-    pub(crate) fn at(&self, points: &[T], kernel: impl Fn(&T, &T) -> f64) -> Mat<f64> {
+    pub(crate) fn at(&self, points: &[T], kernel: impl Fn(&T, &[T], &mut [f64])) -> Mat<f64> {
         let n = self.points.len();
-        let mut near = Mat::from_fn(n, points.len(), |i, x| kernel(&points[x], &self.points[i]));
-        for x in 0..points.len() {
+        let mut near = Mat::zeros(n, points.len());
+        for (x, point) in points.iter().enumerate() {
             let near = near.col_as_slice_mut(x);
+            kernel(point, &self.points, near);
             let own = near.iter().sum::<f64>() / n as f64;
             near.iter_mut().zip(&self.means).for_each(|(k, mean)| *k += self.mean - own - mean);
         }
         self.weights.transpose() * near
     }
+}
+
+/// `exp(-x^2 / 2)`, given the squares.
+pub(super) fn bells(squares: &mut [f64]) {
+    let (fours, rest) = squares.as_chunks_mut();
+    for four in fours {
+        *four = (f64x4::from(*four) * -0.5).exp().to_array();
+    }
+    rest.iter_mut().for_each(|one| *one = (-0.5 * *one).exp());
 }
 
 #[cfg(test)]
@@ -61,7 +74,9 @@ mod tests {
     #[test]
     fn functions_of_a_walk_rebuild_it_and_go_straight_between_points() {
         let points: Vec<f64> = (1..=5).map(f64::from).collect();
-        let walk = |a: &f64, b: &f64| a.min(*b);
+        let walk = |a: &f64, all: &[f64], to: &mut [f64]| {
+            to.iter_mut().zip(all).for_each(|(to, b)| *to = a.min(*b));
+        };
         let smooth = Smooth::new(points.clone(), walk, 5).unwrap();
         let at = |x: f64| smooth.at(&[x], walk).col_as_slice(0).to_vec();
         for (a, b) in at(2.5).iter().zip(at(2.0).iter().zip(at(3.0))) {
