@@ -32,7 +32,7 @@ use imucal_core::sensor::Triad;
 use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use crate::recording::Recording;
+use crate::recording::{Recording, Samples};
 
 pub(crate) use between::Between;
 pub use lanes::Instructions;
@@ -58,7 +58,25 @@ pub(crate) fn rotate_smoothly(
     last: usize,
     gyroscope: &Triad<f64>,
 ) -> Matrix3<f64> {
-    Path::smooth(recording, first, last).fold(Matrix3::identity(), |rotation, path| rotation * path.rotation(gyroscope))
+    let paths = Path::smooth(recording.time_s, recording.angular_rate, first, last);
+    paths.fold(Matrix3::identity(), |rotation, path| rotation * path.rotation(gyroscope))
+}
+
+/// The same of any rates, and the sums.
+pub(crate) fn carry_smoothly(
+    time_s: &[f64],
+    rates: Samples<'_>,
+    first: usize,
+    last: usize,
+    gyroscope: &Triad<f64>,
+) -> (Matrix3<f64>, Sums) {
+    let (mut rotation, mut sums) = (Matrix3::identity(), Sums::zero());
+    for path in Path::smooth(time_s, rates, first, last) {
+        let (turn, added) = path.sums(gyroscope);
+        sums.add_after(&rotation, &added);
+        rotation *= turn;
+    }
+    (rotation, sums)
 }
 
 /// The same for a rate that goes straight from sample to sample, as a fit in two stages takes it.
@@ -126,6 +144,11 @@ impl Sums {
             *sum += weight * rate[j];
         }
         self.bias += weight;
+    }
+
+    /// What the entries multiply has this much beyond the rate that turns, in a stretch with this weight.
+    pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
+        self.by_turn.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }
 
     pub(crate) fn add(&mut self, other: &Self) {

@@ -16,6 +16,7 @@ mod corrected;
 mod directions;
 mod encoders;
 mod fields;
+mod groups;
 mod held_out;
 mod inside;
 mod linear;

@@ -94,9 +94,13 @@ impl<'a> Path<'a> {
         Self::straight(recording.angular_rate.slice(first..last + 1), Pace::of(&recording.time_s[first..=last]))
     }
 
-    /// From sample `first` to sample `last` of a recording, steps in a row that are alike together: cubics wherever they can be.
-    pub(crate) fn smooth(recording: &Recording<'a>, first: usize, last: usize) -> impl Iterator<Item = Self> {
-        let (time_s, rates) = (recording.time_s, recording.angular_rate);
+    /// From sample `first` to sample `last`, steps in a row that are alike together: cubics wherever they can be.
+    pub(crate) fn smooth(
+        time_s: &'a [f64],
+        rates: Samples<'a>,
+        first: usize,
+        last: usize,
+    ) -> impl Iterator<Item = Self> {
         let mut next = first;
         std::iter::from_fn(move || {
             let start = next;

@@ -57,8 +57,7 @@ impl Upper {
             }
             pivots.as_flattened_mut()[k..self.size].copy_from_slice(self.row_mut(k));
             let pivot = pivots.as_flattened()[k];
-            // NaN compares false.
-            if !(pivot > 0.0) {
+            if pivot.is_nan() || pivot <= 0.0 {
                 return None;
             }
             log_determinant += pivot.ln();

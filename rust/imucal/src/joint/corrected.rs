@@ -9,11 +9,12 @@ use imucal_core::sensor::Triad;
 use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::model::{Model, mean_surroundings, surroundings};
+use super::groups::Groups;
+use super::model::{Model, surroundings};
 use super::pass::Route;
 use super::planes::Planes;
 use super::terms::{Sample, Terms};
-use crate::carry::{Between, times_hat};
+use crate::carry::{Between, Sums, carry_smoothly, times_hat};
 use crate::recording::Samples;
 
 /// The samples of a move after correction, with one more on either side.
@@ -25,51 +26,23 @@ pub(super) struct Corrected {
     pub(super) seen_force: Vec<Vector3<f64>>,
 }
 
-/// Neighbouring samples whose columns are asked for once, at their mean state.
-#[derive(Clone, Copy)]
-pub(super) struct Groups {
-    /// Samples of each.
-    pub(super) size: usize,
-    /// So many of the first one are not there.
-    lacking: usize,
-}
-
-/// So many in a block.
-const GROUPS: usize = 4;
-
-impl Groups {
-    /// One begins with this sample.
-    fn new(size: usize, sample: usize) -> Self {
-        Self { size, lacking: (size - sample % size) % size }
-    }
-
-    /// That of sample `k`.
-    #[inline(always)]
-    pub(super) fn of(self, k: usize) -> usize {
-        (k + self.lacking) / self.size
-    }
-
-    /// Its samples.
-    fn samples(self, group: usize) -> Range<usize> {
-        (group * self.size).saturating_sub(self.lacking)..(group + 1) * self.size - self.lacking
-    }
-}
-
-/// A correction on its way: what is corrected so far, and the columns of the effects at the last of it.
+/// The samples of a move, corrected, and the columns of the effects as far as they are asked for.
 pub(super) struct Correction<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
     /// The effects whose columns are asked for.
     terms: Cow<'a, Terms<'a>>,
-    /// Those that change anything.
-    active: Terms<'a>,
-    slopes: Vec<Vector3<f64>>,
-    attitude: Option<UnitQuaternion<f64>>,
-    columns: Vec<Vector3<f64>>,
-    /// How many samples are corrected.
-    done: usize,
     pub(super) all: Corrected,
+    /// Whether no effect changes anything: the samples are what is seen of them.
+    pub(super) is_plain: bool,
     pub(super) groups: Groups,
+    /// Of each group, with what the effects ask for.
+    pub(super) means: Vec<State<f64>>,
+    /// `v_start = rotation v_here` in the middle of each group; empty inside a move whose effects ask for no attitude.
+    pub(super) rotations: Vec<UnitQuaternion<f64>>,
+    /// Room for the columns of a group, and how many groups have theirs.
+    columns: Vec<Vector3<f64>>,
+    done: usize,
     /// Columns of the effects on either sensor, by group.
     pub(super) on_rate: Planes,
     pub(super) on_force: Planes,
@@ -120,7 +93,7 @@ const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
     /// The samples that are corrected: those of the move, and one on either side where there is one.
-    fn reach(&self) -> Range<usize> {
+    pub(super) fn reach(&self) -> Range<usize> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
@@ -147,100 +120,124 @@ impl Route<'_> {
         let needs_slopes = passes > 1 || terms.needs(Need::AngularAcceleration);
         let raw = || self.recording.angular_rate.part(reach.clone()).iter().map(|row| Vector3::from(*row)).collect();
         let derivative = needs_slopes.then(|| self.width.derivative(&self.recording.time_s[reach.clone()], raw));
+        let mut all = Corrected { rate: seen_rate.clone(), force: seen_force.clone(), seen_rate, seen_force };
+        let mut slopes = Vec::new();
+        for _ in 0..passes {
+            slopes = derivative.as_ref().map_or_else(Vec::new, |d| d.of(&all.rate));
+            self.free(&mut all, &slopes, model, &active);
+        }
+        let groups = Groups::new(self.of_block(), self.span.first + 1 - reach.start, reach.len());
+        let mut means = self.means(groups, &all, &slopes);
+        let mut rotations = Vec::new();
+        if self.rotation_world_from_start.is_some() || !self.has_blocks {
+            rotations = self.rotations(groups, &means);
+        }
+        if let Some(start) = self.rotation_world_from_start {
+            for (mean, rotation) in means.iter_mut().zip(&rotations) {
+                mean.surroundings.rotation_world_from_body = Some(start * rotation);
+            }
+        }
         let planes = |sensor: Sensor| Planes::new(&terms.sensors, sensor);
-        let mut correction = Correction {
+        Correction {
             route: self,
             model,
-            active,
-            slopes: Vec::new(),
-            attitude: None,
+            all,
+            is_plain: active.all.is_empty(),
+            groups,
+            means,
+            rotations,
             columns: terms.room(),
             done: 0,
-            all: Corrected { rate: seen_rate.clone(), force: seen_force.clone(), seen_rate, seen_force },
-            groups: Groups::new((self.of_block() / GROUPS).max(1), self.span.first + 1 - reach.start),
             on_rate: planes(Sensor::Gyroscope),
             on_force: planes(Sensor::Accelerometer),
             terms,
-        };
-        for pass in 1..=passes {
-            correction.slopes = derivative.as_ref().map_or_else(Vec::new, |d| d.of(&correction.all.rate));
-            correction.done = 0;
-            correction.attitude = self.rotation_world_from_start;
-            if pass < passes {
-                correction.advance(reach.len(), false);
-            }
         }
-        correction
-    }
-}
-
-impl Correction<'_> {
-    /// Corrects all samples before this one, and those that share their columns, and has these.
-    pub(super) fn until(&mut self, end: usize) {
-        let end = end.min(self.all.rate.len());
-        self.advance(self.groups.samples(self.groups.of(end - 1)).end.min(self.all.rate.len()), true);
     }
 
-    fn advance(&mut self, end: usize, with_columns: bool) {
-        if self.terms.all.is_empty() && self.active.all.is_empty() {
+    /// Frees all samples of the effects that change anything.
+    fn free(&self, all: &mut Corrected, slopes: &[Vector3<f64>], model: &Model, active: &Terms<'_>) {
+        if active.all.is_empty() {
             return;
         }
-        let Self { route, model, terms, active, all, groups, columns, .. } = self;
-        let first = route.reach().start;
-        let all_active = terms.all.iter().all(|term| active.all.iter().any(|own| own.first == term.first));
-        for k in self.done..end {
-            let index = first + k;
-            let mut around = surroundings(route.recording, index);
-            around.angular_acceleration = self.slopes.get(k).copied();
-            if let (Some(attitude), true) = (&mut self.attitude, index > route.span.first) {
-                let h = route.recording.time_s[index] - route.recording.time_s[index - 1];
+        let reach = self.reach();
+        let mut attitude = self.rotation_world_from_start;
+        let mut columns = active.room();
+        for (k, index) in reach.enumerate() {
+            let mut around = surroundings(self.recording, index);
+            around.angular_acceleration = slopes.get(k).copied();
+            if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
+                let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
                 // Without its own rate yet, the sample takes the seen one less what the effects were just before.
                 let rate = all.seen_rate[k] - (all.seen_rate[k - 1] - all.rate[k - 1]);
                 *attitude *= so3::exp(&increment(&all.rate[k - 1], &rate, h));
             }
-            around.rotation_world_from_body = self.attitude;
-            let sample = Sample { recording: route.span.recording, index };
+            around.rotation_world_from_body = attitude;
+            let sample = Sample { recording: self.span.recording, index };
             let (seen_rate, seen_force) = (all.seen_rate[k], all.seen_force[k]);
-            let state = active.settle(&model.values, seen_rate, seen_force, &around, sample, columns);
+            let state = active.settle(&model.values, seen_rate, seen_force, &around, sample, &mut columns);
             (all.rate[k], all.force[k]) = (state.angular_rate, state.specific_force);
-            let own = groups.samples(groups.of(k));
-            if !with_columns || k + 1 < own.end.min(all.rate.len()) {
-                continue;
-            }
-            let own = own.start..k + 1;
-            if own.len() > 1 {
-                let state = mean_state(route, all, &self.slopes, own.clone(), self.attitude);
-                terms.columns_at(&model.values, &state, sample, columns);
-                terms.user_means(sample.recording, &(first + own.start..first + own.end), columns);
-            } else if !all_active {
-                // Else the last pass has just made them.
-                terms.columns_at(&model.values, &state, sample, columns);
+        }
+    }
+}
+
+impl Correction<'_> {
+    /// Has the columns of all groups before this one.
+    pub(super) fn until(&mut self, end: usize) {
+        let Self { route, model, terms, groups, means, columns, .. } = self;
+        if terms.all.is_empty() {
+            return;
+        }
+        let (first, recording) = (route.reach().start, route.span.recording);
+        for group in self.done..end {
+            let own = groups.samples(group);
+            let range = first + own.start..first + own.end;
+            terms.columns_at(&model.values, &means[group], Sample { recording, index: range.start }, columns);
+            if range.len() > 1 {
+                terms.user_means(recording, &range, columns);
             }
             self.on_rate.push(columns);
             if route.has_blocks {
                 self.on_force.push(columns);
             }
         }
-        self.done = end;
+        self.done = self.done.max(end);
     }
-}
 
-/// The mean over neighbouring samples; `attitude` is that of the last.
-fn mean_state(
-    route: &Route<'_>,
-    all: &Corrected,
-    slopes: &[Vector3<f64>],
-    samples: Range<usize>,
-    attitude: Option<UnitQuaternion<f64>>,
-) -> State<f64> {
-    let mean = |values: &[Vector3<f64>]| values[samples.clone()].iter().sum::<Vector3<f64>>() / samples.len() as f64;
-    let (time, first) = (route.recording.time_s, route.reach().start);
-    let angular_rate = mean(&all.rate);
-    let mut surroundings = mean_surroundings(route.recording, first + samples.start..first + samples.end);
-    surroundings.angular_acceleration = (!slopes.is_empty()).then(|| mean(slopes));
-    surroundings.rotation_world_from_body = attitude.map(|last| {
-        let half_s = (time[first + samples.end - 1] - time[first + samples.start]) / 2.0;
-        last * so3::exp(&(angular_rate * -half_s))
-    });
-    State { angular_rate, specific_force: mean(&all.force), surroundings }
+    /// The rotation from the start of the move to its end, and the sums of the base parameters, as the kernel takes them.
+    pub(super) fn carried(&self) -> (Matrix3<f64>, Sums) {
+        let Self { route, model, all, groups, .. } = self;
+        let (recording, span) = (route.recording, route.span);
+        if self.is_plain {
+            return route.carried(&model.gyroscope);
+        }
+        let reach = route.reach();
+        let rates: Vec<[f64; 3]> = all.rate.iter().map(|rate| (*rate).into()).collect();
+        let (first, last) = (span.first - reach.start, span.last - reach.start);
+        let time_s = &recording.time_s[reach];
+        let (rotation, mut sums) = carry_smoothly(time_s, Samples::from(&rates), first, last, &Triad::identity());
+        // The entries multiply the rates that are seen.
+        for (group, weight) in self.weights().iter().enumerate() {
+            let samples = groups.samples(group);
+            let beyond = samples.clone().map(|k| all.seen_rate[k] - all.rate[k]).sum::<Vector3<f64>>();
+            sums.add_beyond(weight, &(beyond / samples.len() as f64));
+        }
+        (rotation, sums)
+    }
+
+    /// The rotation in the middle of each group times its share of a trapezoid from the start of the move to its end.
+    pub(super) fn weights(&self) -> Vec<Matrix3<f64>> {
+        let Self { route, groups, rotations, .. } = self;
+        let (time_s, first) = (route.recording.time_s, route.reach().start);
+        let mut shares_s = vec![0.0; groups.count()];
+        for i in route.span.first..route.span.last {
+            let half_s = (time_s[i + 1] - time_s[i]) / 2.0;
+            shares_s[groups.of(i - first)] += half_s;
+            shares_s[groups.of(i + 1 - first)] += half_s;
+        }
+        rotations
+            .iter()
+            .zip(shares_s)
+            .map(|(rotation, share_s)| *rotation.to_rotation_matrix().matrix() * share_s)
+            .collect()
+    }
 }

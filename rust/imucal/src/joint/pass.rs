@@ -30,7 +30,7 @@ use super::planes::{Planes, Sum};
 use super::terms::Terms;
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
-use crate::carry::{Path, Sums, turn_on};
+use crate::carry::{Sums, carry_smoothly};
 use crate::derivative::Width;
 use crate::moves::Move;
 use crate::recording::Recording;
@@ -112,7 +112,7 @@ struct Walk {
     attitudes: Vec<Matrix3<f64>>,
 }
 
-/// Steps that are taken together where no blocks are wanted.
+/// Groups that are taken together where no blocks are wanted.
 const TOGETHER: usize = 16;
 
 /// A block in the making: sums over its samples.
@@ -136,17 +136,12 @@ impl Route<'_> {
     pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
         let span = self.span;
         let (first, last) = (span.first, span.last);
-        if terms.count == 0 && !self.has_blocks {
-            let (rotation, base) = self.carried(&model.gyroscope);
-            let turn = turn(&base, 1.0, None, model, terms.total());
-            return Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
+        if !self.has_blocks {
+            return self.to_end(model, terms);
         }
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
         let mut correction = self.correct(model, terms);
-        if !self.has_blocks {
-            return self.to_end(&mut correction, model, terms);
-        }
         let mut walk = Walk {
             rotation: Matrix3::identity(),
             base: Sums::zero(),
@@ -173,44 +168,25 @@ impl Route<'_> {
         ((self.block_s * (last - first) as f64 / duration_s).round() as usize).max(1)
     }
 
-    /// From rest to rest: the sums are trapezoids over the samples, as those of the kernel are.
-    fn to_end(&self, correction: &mut Correction<'_>, model: &Model, terms: &Terms<'_>) -> Pass {
-        let (time, last) = (self.recording.time_s, self.span.last);
-        let mut at = self.span.first;
-        let mut rotation = UnitQuaternion::identity();
-        let mut here = Matrix3::identity();
-        let (mut base, mut effects) = (Sums::zero(), Sum::zero(&correction.on_rate));
-        let groups = correction.groups;
-        let (mut weights, mut of_groups): (Vec<Matrix3<f64>>, Vec<[Matrix3<f64>; 1]>) = (Vec::new(), Vec::new());
-        while at < last {
-            let steps = at..(at + TOGETHER * groups.size).min(last);
-            let before = self.step(at).before;
-            correction.until(before + steps.len() + 2);
-            let rates = &correction.all.rate;
-            weights.clear();
-            weights.resize(steps.len() + 1, Matrix3::zeros());
-            for (k, i) in steps.clone().enumerate() {
-                let (h, step) = (time[i + 1] - time[i], self.step(i));
-                weights[k] += here * (h / 2.0);
-                let ends = [&rates[step.before], &rates[step.before + 1]];
-                turn_on(&mut rotation, &step.mean(|k| rates[k]), ends, h);
-                here = *rotation.to_rotation_matrix().matrix();
-                weights[k + 1] += here * (h / 2.0);
-            }
-            let first = groups.of(before);
-            of_groups.clear();
-            of_groups.resize(groups.of(before + steps.len()) + 1 - first, [Matrix3::zeros()]);
-            for (k, (weight, seen)) in weights.iter().zip(&correction.all.seen_rate[before..]).enumerate() {
-                base.add_sample(weight, seen);
-                of_groups[groups.of(before + k) - first][0] += weight;
-            }
-            let [more] = correction.on_rate.weighted(first, &of_groups);
-            effects.add(&more);
-            correction.on_rate.forget_before(groups.of(before + steps.len()));
-            at = steps.end;
+    /// From rest to rest: rotation and sums of the base parameters are the kernel's, the effects' are trapezoids over groups.
+    fn to_end(&self, model: &Model, terms: &Terms<'_>) -> Pass {
+        let pass = |rotation, turn| Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
+        if terms.count == 0 {
+            let (rotation, base) = self.carried(&model.gyroscope);
+            return pass(rotation, turn(&base, 1.0, None, model, terms.total()));
         }
-        let turn = turn(&base, 1.0, Some((&effects, &correction.on_rate)), model, terms.total());
-        Pass { rotation: *rotation.to_rotation_matrix().matrix(), turn, blocks: Vec::new(), attitudes: Vec::new() }
+        let mut correction = self.correct(model, terms);
+        let (rotation, base) = correction.carried();
+        let mut effects = Sum::zero(&correction.on_rate);
+        let weights: Vec<[Matrix3<f64>; 1]> = correction.weights().into_iter().map(|weight| [weight]).collect();
+        for first in (0..weights.len()).step_by(TOGETHER) {
+            let end = (first + TOGETHER).min(weights.len());
+            correction.until(end);
+            let [more] = correction.on_rate.weighted(first, &weights[first..end]);
+            effects.add(&more);
+            correction.on_rate.forget_before(end);
+        }
+        pass(rotation, turn(&base, 1.0, Some((&effects, &correction.on_rate)), model, terms.total()))
     }
 
     /// Takes these steps, and makes a block of them if they are one.
@@ -227,8 +203,8 @@ impl Route<'_> {
         let k_first = self.step(steps.start).before;
         // From one sample before the first step to one after the last, where there are any.
         let reached = k_first.saturating_sub(1)..(k_first + count + 2).min(correction.all.rate.len());
-        correction.until(reached.end);
         let groups = correction.groups;
+        correction.until(groups.of(reached.end - 1) + 1);
         let (first_group, first_after) = (groups.of(reached.start), groups.of(k_first + 1));
         correction.on_rate.forget_before(first_group);
         correction.on_force.forget_before(first_group);
@@ -310,13 +286,8 @@ impl Route<'_> {
     }
 
     /// Rotation and sums without effects, as the kernel takes them.
-    fn carried(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
-        let (mut rotation, mut sums) = (Matrix3::identity(), Sums::zero());
-        for path in Path::smooth(self.recording, self.span.first, self.span.last) {
-            let (turn, added) = path.sums(gyroscope);
-            sums.add_after(&rotation, &added);
-            rotation *= turn;
-        }
-        (rotation, sums)
+    pub(super) fn carried(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
+        let Recording { time_s, angular_rate, .. } = *self.recording;
+        carry_smoothly(time_s, angular_rate, self.span.first, self.span.last, gyroscope)
     }
 }
