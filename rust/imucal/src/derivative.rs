@@ -169,15 +169,6 @@ impl Sums {
         }
         sums
     }
-
-    /// The mean of `count` values from `first` on; NaN if one of them is missing.
-    fn mean(&self, first: usize, count: usize) -> Vector3<f64> {
-        let end = first + count;
-        if self.missing[first] != self.missing[end] {
-            return Vector3::repeat(f64::NAN);
-        }
-        (self.values[end] - self.values[first]) / count as f64
-    }
 }
 
 /// The steps in time.
@@ -292,11 +283,17 @@ struct Boxes {
 }
 
 impl Boxes {
+    /// NaN if a value is missing.
     fn slope(&self, sums: &Sums) -> Vector3<f64> {
-        let mean = |j: usize| sums.mean(self.first + j * self.stride, self.stride);
+        let edge = |j: usize| self.first + j * self.stride;
+        if sums.missing[edge(0)] != sums.missing[edge(self.count)] {
+            return Vector3::repeat(f64::NAN);
+        }
+        let sum = |j: usize| sums.values[edge(j + 1)] - sums.values[edge(j)];
         // Of what differs from the middle: a large bias is no reason for a large rounding error.
-        let middle = mean(self.count / 2);
-        (0..self.count).map(|j| (mean(j) - middle) * self.weights[j]).sum()
+        let middle = sum(self.count / 2);
+        let slope: Vector3<f64> = (0..self.count).map(|j| (sum(j) - middle) * self.weights[j]).sum();
+        slope / self.stride as f64
     }
 
     /// The variance of the difference to narrower ones for values with noise of one.
