@@ -34,12 +34,12 @@ pub(super) struct Correction<'a> {
     terms: Cow<'a, Terms<'a>>,
     pub(super) all: Corrected,
     /// Whether no effect changes anything: the samples are what is seen of them.
-    pub(super) is_plain: bool,
+    is_plain: bool,
     pub(super) groups: Groups,
     /// Of each group, with what the effects ask for.
-    pub(super) means: Vec<State<f64>>,
+    means: Vec<State<f64>>,
     /// `v_start = rotation v_here` in the middle of each group; empty inside a move whose effects ask for no attitude.
-    pub(super) rotations: Vec<UnitQuaternion<f64>>,
+    rotations: Vec<UnitQuaternion<f64>>,
     /// Room for the columns of a group, and how many groups have theirs.
     columns: Vec<Vector3<f64>>,
     done: usize,

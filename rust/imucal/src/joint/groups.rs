@@ -18,7 +18,7 @@ const IN_BLOCK: usize = 4;
 #[derive(Clone, Copy)]
 pub(super) struct Groups {
     /// Samples of each.
-    pub(super) size: usize,
+    size: usize,
     /// So many of the first one are not there.
     lacking: usize,
     /// All samples.
@@ -84,5 +84,21 @@ impl Route<'_> {
             rotations.push(here);
         }
         rotations
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_sample_is_in_its_group_and_blocks_begin_with_one() {
+        for (of_block, begin, samples) in [(1, 0, 5), (8, 2, 23), (16, 1, 40), (13, 2, 30)] {
+            let groups = Groups::new(of_block, begin, samples);
+            let all: Vec<usize> = (0..groups.count()).flat_map(|group| groups.samples(group)).collect();
+            assert_eq!(all, (0..samples).collect::<Vec<usize>>());
+            assert!((0..samples).all(|k| groups.samples(groups.of(k)).contains(&k)));
+            assert_eq!(groups.samples(groups.of(begin)).start, begin);
+        }
     }
 }

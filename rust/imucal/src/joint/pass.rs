@@ -9,8 +9,8 @@
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
 //!
-//! with w for v in the second part of T_ij's, small as it is. Where only the end of the move is asked for, the sums are trapezoids
-//! over the samples, as those of the kernel are.
+//! with w for v in the second part of T_ij's, small as it is. Where only the end of the move is asked for, the sums are trapezoids:
+//! the kernel's over the samples, those of effects over groups of samples, each at its mean state.
 //!
 //! The error of a smooth motion falls with the fourth power of the sample interval; straight lines between the samples
 //! leave one of the second, for the rate's curvature does not cancel where the attitude changes.
