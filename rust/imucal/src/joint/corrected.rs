@@ -20,7 +20,6 @@ use crate::recording::Samples;
 /// The samples of a move after correction, with one more on either side.
 pub(super) struct Corrected {
     pub(super) rate: Vec<Vector3<f64>>,
-    /// Empty where neither blocks nor effects need it.
     pub(super) force: Vec<Vector3<f64>>,
     pub(super) seen_rate: Vec<Vector3<f64>>,
     pub(super) seen_force: Vec<Vector3<f64>>,
@@ -106,13 +105,11 @@ impl Route<'_> {
     /// The samples of the reach, to be freed of the effects.
     pub(super) fn correct<'t>(&'t self, model: &'t Model, terms: &'t Terms<'t>) -> Correction<'t> {
         let reach = self.reach();
-        let corrected = |triad: &Triad<f64>, rows: Samples<'_>, samples: Range<usize>| -> Vec<Vector3<f64>> {
-            rows.part(samples).iter().map(|row| triad.correct(Vector3::from(*row))).collect()
+        let corrected = |triad: &Triad<f64>, rows: Samples<'_>| -> Vec<Vector3<f64>> {
+            rows.part(reach.clone()).iter().map(|row| triad.correct(Vector3::from(*row))).collect()
         };
-        let seen_rate = corrected(&model.gyroscope, self.recording.angular_rate, reach.clone());
-        let is_force_needed = self.has_blocks || terms.count > 0;
-        let of_force = if is_force_needed { reach.clone() } else { 0..0 };
-        let seen_force = corrected(&model.accelerometer, self.recording.specific_force, of_force);
+        let seen_rate = corrected(&model.gyroscope, self.recording.angular_rate);
+        let seen_force = corrected(&model.accelerometer, self.recording.specific_force);
         let active = terms.active(&model.values);
         // What turns the unit is all that the end of a move tells of.
         let terms = if self.has_blocks { Cow::Borrowed(terms) } else { Cow::Owned(terms.of(Sensor::Gyroscope)) };

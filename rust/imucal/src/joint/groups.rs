@@ -59,8 +59,7 @@ impl Route<'_> {
                 |values: &[Vector3<f64>]| values[samples.clone()].iter().sum::<Vector3<f64>>() / samples.len() as f64;
             let mut surroundings = mean_surroundings(self.recording, first + samples.start..first + samples.end);
             surroundings.angular_acceleration = (!slopes.is_empty()).then(|| mean(slopes));
-            let specific_force = if all.force.is_empty() { Vector3::zeros() } else { mean(&all.force) };
-            State { angular_rate: mean(&all.rate), specific_force, surroundings }
+            State { angular_rate: mean(&all.rate), specific_force: mean(&all.force), surroundings }
         };
         (0..groups.count()).map(mean).collect()
     }

@@ -21,6 +21,7 @@
 
 use std::ops::Range;
 
+use imucal_core::effects::Sensor;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -171,7 +172,8 @@ impl Route<'_> {
     /// From rest to rest: rotation and sums of the base parameters are the kernel's, the effects' are trapezoids over groups.
     fn to_end(&self, model: &Model, terms: &Terms<'_>) -> Pass {
         let pass = |rotation, turn| Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
-        if terms.count == 0 {
+        // What effects do to the force turns nothing.
+        if terms.all.iter().all(|term| term.sensor != Sensor::Gyroscope) {
             let (rotation, base) = self.carried(&model.gyroscope);
             return pass(rotation, turn(&base, 1.0, None, model, terms.total()));
         }
