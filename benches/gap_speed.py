@@ -36,6 +36,7 @@ from gap.case import generator
 from gap.outside import magnetic_coupling
 from gap.scene import Scene, record
 from gap.sizes import SIZES, drawn
+from kernels import rust_program
 from sections import write_section
 
 RATE_HZ: Final = 200.0
@@ -44,6 +45,8 @@ HIDDEN: Final = "gyro_g_sensitivity"
 ROUNDS: Final = 5
 # Of SciPy's plain fit, by kind of data.
 AIM: Final = {"A": 1 / 3, "A'": 1.0}
+# Integration passes that scoring all candidates takes at most.
+PASSES: Final = {"A": 6, "A'": 25}
 
 
 @dataclass(frozen=True)
@@ -191,6 +194,33 @@ def said(found: Times) -> str:
     return f"missed by {'; '.join(missed)}." if missed else "met."
 
 
+def scoring_lines() -> list[str]:
+    """What scoring all candidates costs in integration passes with base sums over the same record."""
+    program = rust_program("scoring")
+    processors = sorted(os.sched_getaffinity(0))
+    rows = []
+    for count in sorted({1, len(processors)}):
+        pin = ["taskset", "-c", ",".join(map(str, processors[:count]))]
+        printed = subprocess.run([*pin, str(program)], check=True, capture_output=True, text=True).stdout
+        for line in printed.splitlines():
+            kind, of_pass, of_scoring = line.split("\t")
+            passes = float(of_scoring) / float(of_pass)
+            verdict = "met" if passes <= PASSES[kind] else "missed"
+            rows.append(
+                f"| {kind} | {count} | {float(of_pass):.2f} | {float(of_scoring):.1f} | {passes:.0f} "
+                f"| {PASSES[kind]}: {verdict} |"
+            )
+    return [
+        "Scoring all candidates beside the model without effects, beside one pass of the integration kernel "
+        "with its 12 sums over the same record (benches/scoring.rs, one thread):",
+        "",
+        "| data | processors | a pass, ms | scoring, ms | passes | aim |",
+        "|---|---:|---:|---:|---:|---|",
+        *rows,
+        "",
+    ]
+
+
 def lines() -> list[str]:
     """The section of the page."""
     processors = len(os.sched_getaffinity(0))
@@ -224,6 +254,7 @@ def lines() -> list[str]:
         f"SciPy, plain, is the gyroscope's stage of {OTHERS.name}, which is not in this repository; the "
         "product tree is that of [scipy_peer.py](../../benches/scipy_peer.py).",
         "",
+        *scoring_lines(),
         "Stages of a search with a control record, on one processor:",
         "",
         *(

@@ -19,9 +19,9 @@ NAMES = {"Avx512": "AVX-512", "Avx2": "AVX2"}
 COUNTED_SAMPLES = (450_000, 900_000)
 
 
-def kernels_program() -> Path:
-    """Builds benches/kernels.rs; its path."""
-    command = ["cargo", "build", "--release", "--workspace", "--locked", "--bench", "kernels"]
+def rust_program(name: str) -> Path:
+    """Builds a benchmark that is written in Rust; the path of the program."""
+    command = ["cargo", "build", "--release", "--workspace", "--locked", "--bench", name]
     built = subprocess.run(
         [*command, "--message-format=json"], cwd=ROOT, check=True, capture_output=True, text=True
     )
@@ -49,7 +49,7 @@ def instructions_per_sample(program: Path, kernel: str) -> float | None:
 
 
 def kernel_lines(machine: str) -> list[str]:
-    program = kernels_program()
+    program = rust_program("kernels")
     pin = ["taskset", "-c", "0"] if shutil.which("taskset") else []
     printed = subprocess.run(
         [*pin, str(program), "--table"], check=True, capture_output=True, text=True

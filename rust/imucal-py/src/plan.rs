@@ -1,5 +1,6 @@
 //! Planning for Python.
 
+use imucal::calibrate::Checked;
 use imucal::gap;
 use imucal::plan::{self as library, Axis, Goal, Limits, Search, Sensors, Zone};
 use pyo3::prelude::*;
@@ -123,5 +124,9 @@ pub(crate) fn smallest_visible(
     let options = options.options(py)?;
     let recordings = RecordingColumns::views(py, &recordings)?;
     let candidates = choices(&candidates).to_python(py)?;
-    py.detach(|| gap::smallest_visible(&recordings, &options, &candidates)).to_python(py)
+    let visible = || {
+        let checked = Checked::try_new(&recordings, &options)?;
+        gap::smallest_visible(&checked, &recordings, &options, &candidates)
+    };
+    py.detach(visible).to_python(py)
 }

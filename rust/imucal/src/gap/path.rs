@@ -62,7 +62,8 @@ pub fn linearise(
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
 ) -> Result<Linearised, Error> {
-    at_start(recordings, options, candidates, user_fields, |_, stage| {
+    let checked = Checked::try_new(recordings, options)?;
+    at_start(&checked, recordings, options, candidates, user_fields, |_, stage| {
         let Design { rows, model, candidates, residual, .. } = &*stage.design;
         let columns = &rows.columns;
         let take = |range: std::ops::Range<usize>| {
@@ -80,16 +81,17 @@ pub fn linearise(
 /// all, with what would show them.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// How small each of the candidates could be and still be found beside the model without effects.
+/// How small each of the candidates could be and still be found beside the model without effects, in the recordings that are checked.
 ///
 /// # Errors
 /// As [`search`].
 pub fn smallest_visible(
+    checked: &Checked,
     recordings: &[Recording<'_>],
     options: &Options<'_>,
     candidates: &[EffectChoice],
 ) -> Result<Visible, Error> {
-    at_start(recordings, options, candidates, &[], |mut hunt, stage| {
+    at_start(checked, recordings, options, candidates, &[], |mut hunt, stage| {
         let judged = judge(stage);
         hunt.left_out.extend(judged.blind);
         (judged.visible, hunt.left_out)
@@ -98,6 +100,7 @@ pub fn smallest_visible(
 
 /// What a search has in hand at its start: the model without effects, and what is left out already.
 fn at_start<T>(
+    checked: &Checked,
     recordings: &[Recording<'_>],
     options: &Options<'_>,
     candidates: &[EffectChoice],
@@ -106,8 +109,7 @@ fn at_start<T>(
 ) -> Result<T, Error> {
     let columns = centred_temperatures(recordings);
     let recordings = &with_temperatures(recordings, &columns);
-    let checked = Checked::try_new(recordings, options)?;
-    let (mut hunt, open) = Hunt::new(&checked, recordings, candidates, user_fields);
+    let (mut hunt, open) = Hunt::new(checked, recordings, candidates, user_fields);
     let kinds = hunt.kinds;
     checked.prepare(recordings, options, kinds, |prepared, accelerometer, gyroscope| {
         let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
