@@ -123,7 +123,7 @@ impl<'a> Path<'a> {
     /// The rotation and the sums that its derivatives are made of.
     pub fn carry(&self, gyroscope: &Triad<f64>) -> Carried {
         let (rotation, sums) = self.sums(gyroscope);
-        Carried { rotation, sensitivity_sums: sums.sensitivity(), bias_sum: sums.bias }
+        Carried { rotation, sensitivity_sums: sums.sensitivity, bias_sum: sums.bias }
     }
 
     /// The rotation and the sums.
@@ -210,7 +210,7 @@ impl<'a> Path<'a> {
         }
         let (by_time, by_turn) = self.units_of_sums();
         let Frame { axes, rotation: outward, .. } = frame;
-        let [x, y, z] = along(&axes.transpose(), &sums.by_turn).map(|sum| sum / by_turn);
+        let [x, y, z] = along(&axes.transpose(), &sums.sensitivity).map(|sum| sum / by_turn);
         let bias = axes.tr_mul(&sums.bias) * axes / by_time;
         Turned { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
     }
@@ -234,7 +234,7 @@ impl<'a> Path<'a> {
             by_rate[j].set_column(c, &column);
         }
         let bias = axes * bias * axes.transpose() * by_time;
-        Sums { by_turn: along(axes, &by_rate).map(|sum| sum * by_turn), coning: Vector3::zeros(), bias }
+        Sums { sensitivity: along(axes, &by_rate).map(|sum| sum * by_turn), bias }
     }
 }
 

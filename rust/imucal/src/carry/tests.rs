@@ -3,7 +3,6 @@
 use super::between::shares_of_cubic;
 use super::*;
 use imucal_core::integrate::Integrator;
-use imucal_core::so3;
 
 /// A tumbling gyroscope, 100 Hz for 2 s, in raw units of a unit that is far from perfect.
 fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
@@ -29,17 +28,6 @@ fn the_rotation_is_that_of_the_streaming_integrator() {
     let batch = carry_with(&triad, &time, &raw).rotation;
     let difference = batch.transpose() * streamed;
     assert!((difference - Matrix3::identity()).norm() < 1e-13, "{difference}");
-}
-
-#[test]
-fn both_branches_of_the_series_agree_with_the_core() {
-    for length in [0.0, 1e-9, 1e-3, 0.3, 0.499_999, 0.500_001, 2.0] {
-        let phi = Vector3::new(0.48, -0.6, 0.64) * length;
-        let mut exp = Matrix3::identity();
-        let left = Sums::zero().step(&mut exp, 1.0, [&phi, &phi], &phi, &Vector3::zeros());
-        assert!((exp - so3::exp(&phi).to_rotation_matrix().matrix()).norm() < 4e-15, "{length}");
-        assert!((left - so3::right_jacobian(&phi).transpose()).norm() < 4e-15, "{length}");
-    }
 }
 
 #[test]

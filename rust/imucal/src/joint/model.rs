@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use imucal_core::effects::Surroundings;
 use imucal_core::sensor::Triad;
-use nalgebra::{Matrix3, SMatrix, Vector3};
+use nalgebra::{SMatrix, Vector3};
 
 use super::terms::Terms;
 use crate::accelerometer;
@@ -54,23 +54,13 @@ impl Model {
 
 /// Derivative of the seen force `T^-1 (m - b)` by the accelerometer's nine parameters.
 pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64>) -> SMatrix<f64, 3, 9> {
-    turned_by_parameters(accelerometer, &Matrix3::identity(), &[0, 1, 2].map(|j| Matrix3::identity() * seen[j]))
-}
-
-/// Derivative of a sum of turned forces `R f` by the same; of the sum of R and those of `R f_j`.
-pub(crate) fn turned_by_parameters(
-    accelerometer: &Triad<f64>,
-    rotation: &Matrix3<f64>,
-    by_force: &[Matrix3<f64>; 3],
-) -> SMatrix<f64, 3, 9> {
     let inverse = -accelerometer.inverse();
-    let by_force = by_force.map(|sum| sum * inverse);
     let mut columns = SMatrix::<f64, 3, 9>::zeros();
-    columns.fixed_columns_mut::<3>(0).copy_from(&(rotation * inverse));
+    columns.fixed_columns_mut::<3>(0).copy_from(&inverse);
     for (p, (i, j)) in SYMMETRIC.into_iter().enumerate() {
-        let mut column = by_force[j].column(i).into_owned();
+        let mut column = inverse.column(i) * seen[j];
         if i != j {
-            column += by_force[i].column(j);
+            column += inverse.column(j) * seen[i];
         }
         columns.set_column(3 + p, &column);
     }

@@ -1,49 +1,36 @@
-//! Columns of many parameters at many samples, and their sums weighted by matrices.
+//! Columns of many parameters in many states, and what matrices make of them.
 //!
-//! A sample has three planes, x, y and z, of one number for each parameter, so that as many parameters as a register has lanes take
+//! A state has three planes, x, y and z, of one number for each parameter, so that as many parameters as a register has lanes take
 //! part in each multiplication.
 
 use std::ops::Range;
 
-use imucal_core::effects::Sensor;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
-
-/// Samples that are forgotten together: those behind them have to be moved.
-const TOGETHER: usize = 16;
 
 /// The most lanes that any instruction set has.
 const MOST_LANES: usize = 8;
 
-/// Columns of the parameters of one sensor.
+/// Columns of some parameters.
 pub(super) struct Planes {
-    /// Places of the parameters among those of all terms.
+    /// Their places among all columns.
     parameters: Vec<usize>,
     /// The same, as many together as stand side by side.
     runs: Vec<Range<usize>>,
     /// Length of a plane: full registers.
     width: usize,
-    /// The first sample that is kept.
-    first: usize,
     numbers: Vec<f64>,
 }
 
 impl Planes {
-    /// No sample yet; `sensors` has the sensor of each parameter.
-    pub(super) fn new(sensors: &[Sensor], own: Sensor) -> Self {
-        let parameters: Vec<usize> = (0..sensors.len()).filter(|&p| sensors[p] == own).collect();
+    /// No state yet; the parameters have these places among all columns.
+    pub(super) fn new(parameters: Vec<usize>) -> Self {
         let width = parameters.len().next_multiple_of(MOST_LANES);
         let runs = parameters.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[0] + run.len()).collect();
-        let numbers = Vec::with_capacity(3 * TOGETHER * 3 * width);
-        Self { parameters, runs, width, first: 0, numbers }
+        Self { parameters, runs, width, numbers: Vec::new() }
     }
 
-    /// Places of the parameters among those of all terms.
-    pub(super) fn parameters(&self) -> &[usize] {
-        &self.parameters
-    }
-
-    /// Takes the columns of all terms at the next sample.
+    /// Takes those of all columns in the next state.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>]) {
         let (start, width) = (self.numbers.len(), self.width);
         self.numbers.resize(start + 3 * width, 0.0);
@@ -60,26 +47,30 @@ impl Planes {
         }
     }
 
-    /// Keeps samples from `first` on, and of those before so few that all stay in the processor's cache.
-    pub(super) fn forget_before(&mut self, first: usize) {
-        if first >= self.first + TOGETHER {
-            let gone = ((first - self.first) * 3 * self.width).min(self.numbers.len());
-            self.numbers.drain(..gone);
-            self.first = first;
+    /// Adds what the matrix of each state makes of its columns to a sum, and forgets them.
+    pub(super) fn add_up(&mut self, matrices: &[Matrix3<f64>], sum: &mut Sum) {
+        if !self.parameters.is_empty() {
+            Arch::new().dispatch(AddUp { numbers: &self.numbers, matrices, sum: &mut sum.numbers });
+        }
+        self.numbers.clear();
+    }
+
+    /// Puts what the matrix of each state makes of its columns in their place.
+    pub(super) fn turn(&mut self, matrices: &[Matrix3<f64>]) {
+        if !self.parameters.is_empty() {
+            Arch::new().dispatch(Turn { size: 3 * self.width, numbers: &mut self.numbers, matrices });
         }
     }
 
-    /// Sums over the samples from `first` on, each times its matrices; one sum for each matrix.
-    pub(super) fn weighted<const M: usize>(&self, first: usize, weights: &[[Matrix3<f64>; M]]) -> [Sum; M] {
-        let size = 3 * self.width;
-        let mut sums = [(); M].map(|()| Sum { width: self.width, numbers: vec![0.0; size] });
-        if !self.parameters.is_empty() {
-            let start = (first - self.first) * size;
-            let numbers = &self.numbers[start..start + weights.len() * size];
-            let to = sums.each_mut().map(|sum| sum.numbers.as_mut_slice());
-            Arch::new().dispatch(Weighted { width: self.width, numbers, weights, to });
-        }
-        sums
+    /// Puts a sum's columns, with the other sign, where their parameters have their places.
+    pub(super) fn put_negative(&self, sum: &Sum, to: &mut [Vector3<f64>]) {
+        self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -sum.column(k));
+    }
+
+    /// The planes of a state, one after the other.
+    #[inline(always)]
+    pub(super) fn of(&self, state: usize) -> &[f64] {
+        &self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 }
 
@@ -87,16 +78,12 @@ impl Planes {
 #[derive(Clone)]
 pub(super) struct Sum {
     width: usize,
-    numbers: Vec<f64>,
+    pub(super) numbers: Vec<f64>,
 }
 
 impl Sum {
     pub(super) fn zero(planes: &Planes) -> Self {
         Self { width: planes.width, numbers: vec![0.0; 3 * planes.width] }
-    }
-
-    pub(super) fn add(&mut self, other: &Self) {
-        self.numbers.iter_mut().zip(&other.numbers).for_each(|(to, more)| *to += more);
     }
 
     /// The column of the parameter at place `k` of [`Planes::parameters`].
@@ -106,39 +93,61 @@ impl Sum {
     }
 }
 
-/// The matrices of each sample times its columns.
-struct Weighted<'a, const M: usize> {
-    width: usize,
-    numbers: &'a [f64],
-    weights: &'a [[Matrix3<f64>; M]],
-    to: [&'a mut [f64]; M],
+/// A matrix times a column in each lane, and what is there already.
+#[inline(always)]
+fn times_plus<S: Simd>(simd: S, matrix: &Matrix3<f64>, column: [S::f64s; 3], there: [S::f64s; 3]) -> [S::f64s; 3] {
+    let mut sums = there;
+    for (r, sum) in sums.iter_mut().enumerate() {
+        for (c, column) in column.iter().enumerate() {
+            *sum = simd.mul_add_e_f64s(simd.splat_f64s(matrix[(r, c)]), *column, *sum);
+        }
+    }
+    sums
 }
 
-impl<const M: usize> WithSimd for Weighted<'_, M> {
+struct AddUp<'a> {
+    numbers: &'a [f64],
+    matrices: &'a [Matrix3<f64>],
+    sum: &'a mut [f64],
+}
+
+impl WithSimd for AddUp<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { width, numbers, weights, to } = self;
-        let (numbers, _) = S::as_simd_f64s(numbers);
-        let to = to.map(|to| S::as_mut_simd_f64s(to).0);
-        let (vectors, zero) = (width / S::F64_LANES, simd.splat_f64s(0.0));
+        let ((numbers, _), (sum, _)) = (S::as_simd_f64s(self.numbers), S::as_mut_simd_f64s(self.sum));
+        let vectors = sum.len() / 3;
         for v in 0..vectors {
-            let mut sums = [[zero; 3]; M];
-            for (sample, weights) in numbers.chunks_exact(3 * vectors).zip(weights) {
-                let column = [sample[v], sample[vectors + v], sample[2 * vectors + v]];
-                for (sums, weight) in sums.iter_mut().zip(weights) {
-                    for (r, sum) in sums.iter_mut().enumerate() {
-                        for (c, column) in column.iter().enumerate() {
-                            *sum = simd.mul_add_e_f64s(simd.splat_f64s(weight[(r, c)]), *column, *sum);
-                        }
-                    }
-                }
+            let places = [v, vectors + v, 2 * vectors + v];
+            let mut sums = places.map(|place| sum[place]);
+            for (state, matrix) in numbers.chunks_exact(3 * vectors).zip(self.matrices) {
+                sums = times_plus(simd, matrix, places.map(|place| state[place]), sums);
             }
-            for (m, sums) in sums.iter().enumerate() {
-                for (r, sum) in sums.iter().enumerate() {
-                    to[m][r * vectors + v] = *sum;
-                }
+            (0..3).for_each(|r| sum[places[r]] = sums[r]);
+        }
+    }
+}
+
+struct Turn<'a> {
+    size: usize,
+    numbers: &'a mut [f64],
+    matrices: &'a [Matrix3<f64>],
+}
+
+impl WithSimd for Turn<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let zero = [simd.splat_f64s(0.0); 3];
+        for (state, matrix) in self.numbers.chunks_exact_mut(self.size).zip(self.matrices) {
+            let (state, _) = S::as_mut_simd_f64s(state);
+            let vectors = state.len() / 3;
+            for v in 0..vectors {
+                let places = [v, vectors + v, 2 * vectors + v];
+                let turned = times_plus(simd, matrix, places.map(|place| state[place]), zero);
+                (0..3).for_each(|r| state[places[r]] = turned[r]);
             }
         }
     }
@@ -149,24 +158,30 @@ mod tests {
     use super::*;
 
     #[test]
-    fn weighted_sums_are_those_of_matrices_times_columns() {
-        let sensors: Vec<Sensor> =
-            (0..21).map(|p| if p % 3 == 1 { Sensor::Accelerometer } else { Sensor::Gyroscope }).collect();
+    fn sums_are_those_of_matrices_times_columns() {
         let column = |k: usize, p: usize| Vector3::new((k + p) as f64, (k * p) as f64, 1.0 / (1 + k + p) as f64);
-        let mut planes = Planes::new(&sensors, Sensor::Gyroscope);
-        for k in 0..7 {
-            planes.push(&(0..sensors.len()).map(|p| column(k, p)).collect::<Vec<_>>());
+        let matrix = |k: usize| Matrix3::from_fn(|r, c| ((k + 3 * r) as f64 - (2 * c) as f64).sin());
+        let matrices: Vec<Matrix3<f64>> = (0..7).map(matrix).collect();
+        let mut planes = Planes::new((0..21).filter(|p| p % 3 != 1).collect());
+        let mut sum = Sum::zero(&planes);
+        let push = |planes: &mut Planes, k: usize| {
+            planes.push(&(0..21).map(|p| column(k, p)).collect::<Vec<_>>());
+        };
+        for states in [0..4, 4..7] {
+            states.clone().for_each(|k| push(&mut planes, k));
+            planes.add_up(&matrices[states], &mut sum);
         }
-        planes.forget_before(1);
-        let weight = |k: usize, m: usize| Matrix3::from_fn(|r, c| ((k + 3 * r) as f64 - (m * c) as f64).sin());
-        let weights: Vec<[Matrix3<f64>; 2]> = (2..6).map(|k| [weight(k, 1), weight(k, 2)]).collect();
-        let sums = planes.weighted(2, &weights);
-        for (m, sum) in sums.iter().enumerate() {
-            for (k, &p) in planes.parameters().iter().enumerate() {
-                let expected: Vector3<f64> = (2..6).map(|s| weight(s, m + 1) * column(s, p)).sum();
-                assert!((sum.column(k) - expected).norm() < 1e-12 * expected.norm(), "{m} {p}");
+        (0..7).for_each(|k| push(&mut planes, k));
+        planes.turn(&matrices);
+        for (k, &p) in planes.parameters.iter().enumerate() {
+            let turned: Vec<Vector3<f64>> = (0..7).map(|state| matrix(state) * column(state, p)).collect();
+            let expected: Vector3<f64> = turned.iter().sum();
+            assert!((sum.column(k) - expected).norm() < 1e-12 * expected.norm(), "{p}");
+            for (state, turned) in turned.iter().enumerate() {
+                let own = Sum { width: sum.width, numbers: planes.of(state).to_vec() };
+                assert!((own.column(k) - turned).norm() < 1e-12 * turned.norm(), "{state} {p}");
             }
         }
-        assert_eq!(planes.parameters().len(), 14);
+        assert_eq!(planes.parameters.len(), 14);
     }
 }

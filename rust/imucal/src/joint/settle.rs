@@ -111,4 +111,26 @@ impl Terms<'_> {
             }
         }
     }
+    pub(super) fn has_user_fields(&self) -> bool {
+        self.all.iter().any(|term| matches!(term.kind, Kind::User(_)))
+    }
+
+    /// What a user's fields are in the middle of a stretch, of which the columns are means: this share of how they bend between the
+    /// stretches before and after is taken off.
+    pub(super) fn user_middles(
+        &self,
+        recording: usize,
+        [before, after]: [&Range<usize>; 2],
+        share: f64,
+        columns: &mut [Vector3<f64>],
+    ) {
+        let (mut earlier, mut later) = (columns.to_vec(), columns.to_vec());
+        self.user_means(recording, before, &mut earlier);
+        self.user_means(recording, after, &mut later);
+        for term in self.all.iter().filter(|term| matches!(term.kind, Kind::User(_))) {
+            for p in term.first..term.first + term.linear {
+                columns[p] -= (earlier[p] + later[p] - columns[p] * 2.0) * share;
+            }
+        }
+    }
 }

@@ -289,6 +289,11 @@ impl<'a> Terms<'a> {
         Self { all: self.all.iter().filter(|term| term.sensor == sensor).cloned().collect(), ..self.clone() }
     }
 
+    /// Places of the parameters of a sensor.
+    pub(super) fn parameters_of(&self, sensor: Sensor) -> impl Iterator<Item = usize> {
+        (0..self.count).filter(move |&p| self.sensors[p] == sensor)
+    }
+
     /// Whether any term depends on the true value of a sensor.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.reads.contains(&sensor)))

@@ -1,0 +1,189 @@
+//! Stretches of a move, each short beside the motion: the columns of effects are asked for once in each, in its middle.
+//!
+//! ```text
+//! value in the middle of three means over n samples   m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
+//! slope                                               (8 (w_(k+1) - w_(k-1)) - (w_(k+2) - w_(k-2))) / (12 step)
+//! ```
+
+use std::ops::Range;
+
+use imucal_core::effects::State;
+use imucal_core::sensor::Triad;
+use imucal_core::so3;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::corrected::{Corrected, Step};
+use super::groups::Groups;
+use super::model::{Model, mean_surroundings};
+use super::pass::Route;
+use super::terms::{Sample, Terms};
+use crate::carry::turn_on;
+use crate::recording::Samples;
+
+/// Steps between the middles of stretches that differ by a smaller share are even.
+const EVEN: f64 = 0.01;
+
+/// The stretches of a move.
+pub(super) struct Stretches {
+    /// Their samples, counted from the first of the route.
+    pub(super) groups: Groups,
+    /// What is in the middle of each.
+    pub(super) states: Vec<State<f64>>,
+    /// `v_start = rotation v_here`.
+    pub(super) rotations: Vec<Matrix3<f64>>,
+    /// How much of the move is theirs.
+    pub(super) durations_s: Vec<f64>,
+    /// Whether the middles before and after are as far.
+    pub(super) are_even: Vec<bool>,
+    /// What a mean over the samples of one leaves out of what bends there, as a share of a mean over its whole length.
+    pub(super) spread: f64,
+}
+
+impl Stretches {
+    pub(super) fn count(&self) -> usize {
+        self.states.len()
+    }
+
+    /// The rotation in the middle of each, times its duration.
+    pub(super) fn weights(&self) -> Vec<Matrix3<f64>> {
+        self.rotations.iter().zip(&self.durations_s).map(|(rotation, duration_s)| rotation * *duration_s).collect()
+    }
+}
+
+impl Route<'_> {
+    /// Stretches of `size` samples, one of which begins behind the first sample of the move. Where no effect changes anything the samples
+    /// need not be freed of any.
+    pub(super) fn stretches(&self, model: &Model, freed: Option<&Corrected>, size: usize) -> Stretches {
+        let (span, reach) = (self.span, self.reach());
+        let groups = Groups::new(size, span.first + 1 - reach.start, reach.len());
+        let mut states: Vec<State<f64>> =
+            (0..groups.count()).map(|k| self.mean_state(groups, k, model, freed)).collect();
+        let time_s: Vec<f64> = states.iter().map(|state| state.surroundings.time_s.unwrap_or_default()).collect();
+        let spread = 1.0 - 1.0 / (size * size) as f64;
+        let are_even: Vec<bool> = (0..states.len()).map(|k| is_even(&time_s, k, 1)).collect();
+        in_the_middle(&mut states, &are_even, spread / 24.0);
+        if states.iter().all(|state| state.surroundings.angular_acceleration.is_none()) {
+            find_slopes(&mut states, &time_s);
+        }
+        let rotations = self.rotations(groups.of(span.first - reach.start), &states, &time_s);
+        if let Some(start) = self.rotation_world_from_start {
+            for (state, rotation) in states.iter_mut().zip(&rotations) {
+                state.surroundings.rotation_world_from_body = Some(start * rotation);
+            }
+        }
+        let rotations = rotations.iter().map(|rotation| *rotation.to_rotation_matrix().matrix()).collect();
+        Stretches { groups, states, rotations, durations_s: self.durations_s(groups), are_even, spread }
+    }
+
+    /// The mean state of a stretch but for its attitude.
+    fn mean_state(&self, groups: Groups, k: usize, model: &Model, freed: Option<&Corrected>) -> State<f64> {
+        let (own, range) = (groups.samples(k), self.samples(groups, k));
+        let of_freed = |values: &[Vector3<f64>]| values[own.clone()].iter().sum::<Vector3<f64>>() / own.len() as f64;
+        let of_raw = |triad: &Triad<f64>, rows: Samples<'_>| {
+            let rows = rows.part(range.clone());
+            triad.correct(rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len() as f64)
+        };
+        let (angular_rate, specific_force) = match freed {
+            Some(all) => (of_freed(&all.rate), of_freed(&all.force)),
+            None => (
+                of_raw(&model.gyroscope, self.recording.angular_rate),
+                of_raw(&model.accelerometer, self.recording.specific_force),
+            ),
+        };
+        let mut surroundings = mean_surroundings(self.recording, range);
+        surroundings.angular_acceleration = freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
+        State { angular_rate, specific_force, surroundings }
+    }
+
+    /// `v_start = rotation v_here` in the middle of each, the rates there being samples of their own. Before the stretch of the move's start it
+    /// is as there.
+    fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
+        let rate = |k: usize| states[k].angular_rate;
+        let since_start_s = time_s[start] - (self.recording.time_s[self.span.first] - self.recording.time_s[0]);
+        let mut here = so3::exp(&(rate(start) * since_start_s));
+        let mut rotations = vec![here; start + 1];
+        for k in start..states.len() - 1 {
+            let mean = Step::after(time_s, k).mean(rate);
+            turn_on(&mut here, &mean, [&rate(k), &rate(k + 1)], time_s[k + 1] - time_s[k]);
+            rotations.push(here);
+        }
+        rotations
+    }
+
+    /// What a trapezoid over the samples from the start of the move to its end has of each.
+    fn durations_s(&self, groups: Groups) -> Vec<f64> {
+        let (time_s, first) = (self.recording.time_s, self.reach().start);
+        let mut durations_s = vec![0.0; groups.count()];
+        for i in self.span.first..self.span.last {
+            let half_s = (time_s[i + 1] - time_s[i]) / 2.0;
+            durations_s[groups.of(i - first)] += half_s;
+            durations_s[groups.of(i + 1 - first)] += half_s;
+        }
+        durations_s
+    }
+
+    /// The columns of terms in the middle of a stretch; of a user's fields means are known, as of rates.
+    pub(super) fn columns(
+        &self,
+        terms: &Terms<'_>,
+        values: &[f64],
+        stretches: &Stretches,
+        k: usize,
+        columns: &mut [Vector3<f64>],
+    ) {
+        let (recording, samples) = (self.span.recording, |k: usize| self.samples(stretches.groups, k));
+        let sample = Sample { recording, index: samples(k).start };
+        terms.columns_at(values, &stretches.states[k], sample, columns);
+        if terms.has_user_fields() {
+            terms.user_means(recording, &samples(k), columns);
+            if stretches.are_even[k] {
+                terms.user_middles(recording, [&samples(k - 1), &samples(k + 1)], stretches.spread / 24.0, columns);
+            }
+        }
+    }
+
+    /// The samples of a group among those of the recording.
+    fn samples(&self, groups: Groups, group: usize) -> Range<usize> {
+        let (first, own) = (self.reach().start, groups.samples(group));
+        first + own.start..first + own.end
+    }
+}
+
+/// Whether the times around one, so many on either side, are as far from each other.
+fn is_even(time_s: &[f64], k: usize, around: usize) -> bool {
+    k >= around && k + around < time_s.len() && {
+        let step_s = time_s[k + 1] - time_s[k];
+        time_s[k - around..=k + around].windows(2).all(|t| (t[1] - t[0] - step_s).abs() <= EVEN * step_s)
+    }
+}
+
+/// Makes of means what is in their middle, by taking this share of their bend off; where times are not even a mean stays.
+fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
+    let slope = |state: &State<f64>| state.surroundings.angular_acceleration.unwrap_or_default();
+    let means: Vec<[Vector3<f64>; 3]> =
+        states.iter().map(|state| [state.angular_rate, state.specific_force, slope(state)]).collect();
+    for (k, state) in states.iter_mut().enumerate().filter(|(k, _)| are_even[*k]) {
+        let bend = |value: usize| means[k - 1][value] + means[k + 1][value] - means[k][value] * 2.0;
+        state.angular_rate -= bend(0) * share;
+        state.specific_force -= bend(1) * share;
+        if let Some(slope) = &mut state.surroundings.angular_acceleration {
+            *slope -= bend(2) * share;
+        }
+    }
+}
+
+/// Finds the slopes of the rate, by a polynomial of fourth degree where times are even and by straight lines elsewhere.
+fn find_slopes(states: &mut [State<f64>], time_s: &[f64]) {
+    let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
+    for (k, state) in states.iter_mut().enumerate() {
+        let (from, to) = (k.saturating_sub(1), (k + 1).min(rates.len() - 1));
+        let (change, across_s) = (rates[to] - rates[from], time_s[to] - time_s[from]);
+        state.surroundings.angular_acceleration = Some(if is_even(time_s, k, 2) {
+            (change * 8.0 - (rates[k + 2] - rates[k - 2])) / (6.0 * across_s)
+        } else if across_s > 0.0 {
+            change / across_s
+        } else {
+            Vector3::zeros()
+        });
+    }
+}

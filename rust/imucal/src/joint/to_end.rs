@@ -1,0 +1,90 @@
+//! A pass from rest to rest: only the end of the move is asked for.
+//!
+//! Rotation and sums of the base parameters are the kernel's. What an effect turns until the end is the integral of `R Phi`, and a motion
+//! that begins and ends at rest lets a sum over even steps be as exact as if they were far finer.
+
+use imucal_core::effects::Sensor;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3};
+
+use super::corrected::Corrected;
+use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
+use super::pass::{Pass, Route};
+use super::planes::{Planes, Sum};
+use super::stretches::Stretches;
+use super::terms::Terms;
+use crate::carry::{Sums, carry_smoothly};
+use crate::recording::Samples;
+
+/// Length of a stretch, s.
+const STRETCH_S: f64 = 0.04;
+/// A move has at least so many.
+const FEWEST: f64 = 24.0;
+/// Stretches whose columns are kept at a time.
+const TOGETHER: usize = 16;
+
+/// d_turn_d_p for the base parameters; room for those of effects.
+fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
+    let (inverse, sensitivity) = (model.gyroscope.inverse(), &base.sensitivity);
+    let mut turn = vec![Vector3::zeros(); total];
+    for i in 0..3 {
+        let column = -inverse.column(i);
+        turn[GYRO_BIAS.start + i] = base.bias * column;
+        for j in 0..3 {
+            turn[GYRO_SENSITIVITY.start + 3 * i + j] = sensitivity[j] * column;
+        }
+    }
+    turn
+}
+
+impl Route<'_> {
+    /// Rotation and turns at the end.
+    pub(super) fn to_end(&self, model: &Model, terms: &Terms<'_>) -> Pass {
+        let total = terms.total();
+        let pass = |rotation, turn| Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
+        let active = terms.active(&model.values);
+        // What effects do to the force turns nothing.
+        let terms = terms.of(Sensor::Gyroscope);
+        if terms.all.is_empty() {
+            let (rotation, base) = self.carried(&model.gyroscope);
+            return pass(rotation, turn(&base, model, total));
+        }
+        let freed = (!active.all.is_empty()).then(|| self.freed(model, &active, false));
+        let size = self.samples_in(STRETCH_S.min(self.span.duration_s / FEWEST));
+        let stretches = self.stretches(model, freed.as_ref(), size);
+        let weights = stretches.weights();
+        let (rotation, base) = match &freed {
+            None => self.carried(&model.gyroscope),
+            Some(all) => self.carried_freed(all, &stretches, &weights),
+        };
+        let mut on_rate = Planes::new(terms.parameters_of(Sensor::Gyroscope).collect());
+        let mut turned = Sum::zero(&on_rate);
+        let mut columns = terms.room();
+        for first in (0..stretches.count()).step_by(TOGETHER) {
+            let own = first..(first + TOGETHER).min(stretches.count());
+            for k in own.clone() {
+                self.columns(&terms, &model.values, &stretches, k, &mut columns);
+                on_rate.push(&columns);
+            }
+            on_rate.add_up(&weights[own], &mut turned);
+        }
+        let mut turn = turn(&base, model, total);
+        on_rate.put_negative(&turned, &mut turn[BASE..]);
+        pass(rotation, turn)
+    }
+
+    /// The rotation from the start of the move to its end, and the sums of the base parameters, of samples that are freed of effects.
+    fn carried_freed(&self, all: &Corrected, stretches: &Stretches, weights: &[Matrix3<f64>]) -> (Matrix3<f64>, Sums) {
+        let (reach, span) = (self.reach(), self.span);
+        let rates: Vec<[f64; 3]> = all.rate.iter().map(|rate| (*rate).into()).collect();
+        let (first, last) = (span.first - reach.start, span.last - reach.start);
+        let time_s = &self.recording.time_s[reach];
+        let (rotation, mut sums) = carry_smoothly(time_s, Samples::from(&rates), first, last, &Triad::identity());
+        // The entries multiply the rates that are seen.
+        for (k, weight) in weights.iter().enumerate() {
+            let [on_rate, _] = all.mean_added(stretches.groups.samples(k));
+            sums.add_beyond(weight, &on_rate);
+        }
+        (rotation, sums)
+    }
+}

@@ -1,0 +1,153 @@
+//! How every parameter turns the unit until each block inside a move, and what it changes of the force there.
+//!
+//! A block is one stretch of n samples or more; with G what its columns turn while it lasts, Gdot and G.. the differences between its
+//! neighbours and the bend of three:
+//!
+//! ```text
+//! turn(end)    = turn(begin) + G + G.. / 24
+//! turn, mean   = turn(begin) + G / 2 - (1/8 - (1 - 1/n^2) / 24) Gdot + G.. / 48,   Gdot = (G_(k+1) - G_(k-1)) / 2
+//! force, mean  = F + (1 - 1/n^2) F.. / 24,   F = R Phi
+//! ```
+
+use std::ops::Range;
+
+use imucal_core::effects::Sensor;
+use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
+
+use super::corrected::Corrected;
+use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters};
+use super::pass::Route;
+use super::planes::{Planes, Sum};
+use super::stretches::Stretches;
+use super::terms::Terms;
+
+/// The columns inside a move, block by block; their signs are those of what is taken off rate and force.
+pub(super) struct Turns {
+    stretches: Stretches,
+    /// What each stretch turns, and what is added to the force in its middle, in the frame of the move's start.
+    pub(super) on_rate: Planes,
+    pub(super) on_force: Planes,
+    /// Where the next block begins: its first stretch, and what is turned until there.
+    next: usize,
+    turned: Sum,
+    /// Stretches of a block.
+    of_block: usize,
+}
+
+impl Route<'_> {
+    /// Columns of the base parameters in the middle of a stretch. The force there is what gravity, carried along, lets expect.
+    fn base_columns(
+        &self,
+        model: &Model,
+        freed: &Corrected,
+        stretches: &Stretches,
+        k: usize,
+        columns: &mut [Vector3<f64>],
+    ) {
+        let [on_rate, on_force] = freed.mean_added(stretches.groups.samples(k));
+        let rate = stretches.states[k].angular_rate + on_rate;
+        let inverse = model.gyroscope.inverse();
+        for i in 0..3 {
+            columns[GYRO_BIAS.start + i] = inverse.column(i).into_owned();
+            for j in 0..3 {
+                columns[GYRO_SENSITIVITY.start + 3 * i + j] = inverse.column(i) * rate[j];
+            }
+        }
+        let gravity = stretches.rotations[k].tr_mul(&self.gravity_at_start);
+        let by_parameters = force_by_parameters(&model.accelerometer, &(gravity + on_force));
+        ACCEL.for_each(|p| columns[p] = -by_parameters.column(p));
+    }
+}
+
+impl Turns {
+    /// Of the route with blocks of so many samples.
+    pub(super) fn new(route: &Route<'_>, model: &Model, terms: &Terms<'_>, freed: &Corrected, size: usize) -> Self {
+        let of_block = parts(size);
+        let stretches = route.stretches(model, Some(freed), size / of_block);
+        let planes = |base: Range<usize>, sensor: Sensor| {
+            Planes::new(base.chain(terms.parameters_of(sensor).map(|p| BASE + p)).collect())
+        };
+        let mut on_rate = planes(GYRO_BIAS.start..BASE, Sensor::Gyroscope);
+        let mut on_force = planes(ACCEL, Sensor::Accelerometer);
+        let mut columns = vec![Vector3::zeros(); BASE];
+        columns.extend(terms.room());
+        for k in 0..stretches.count() {
+            let (base, of_terms) = columns.split_at_mut(BASE);
+            route.columns(terms, &model.values, &stretches, k, of_terms);
+            route.base_columns(model, freed, &stretches, k, base);
+            on_rate.push(&columns);
+            on_force.push(&columns);
+        }
+        on_rate.turn(&stretches.weights());
+        on_force.turn(&stretches.rotations);
+        let next = stretches.groups.of(route.span.first + 1 - route.reach().start);
+        let mut turned = Sum::zero(&on_rate);
+        (0..next).for_each(|k| add(&mut turned.numbers, 1.0, on_rate.of(k)));
+        Self { stretches, on_rate, on_force, next, turned, of_block }
+    }
+
+    /// Means over the next block: of what is turned, and of what is added to the force.
+    pub(super) fn next_block(&mut self) -> [Sum; 2] {
+        Arch::new().dispatch(NextBlock(self))
+    }
+
+    #[inline(always)] // With the widest registers.
+    fn take_block(&mut self) -> [Sum; 2] {
+        let Self { stretches, on_rate, on_force, next, turned, of_block } = self;
+        let mut means = [Sum::zero(on_rate), Sum::zero(on_force)];
+        let [turn, force] = &mut means;
+        let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
+        for k in *next..*next + *of_block {
+            add(&mut turn.numbers, share, &turned.numbers);
+            add(&mut turn.numbers, share / 2.0, on_rate.of(k));
+            add(&mut turned.numbers, 1.0, on_rate.of(k));
+            add(&mut force.numbers, share, on_force.of(k));
+            if !stretches.are_even[k] {
+                continue;
+            }
+            let of_slope = (spread - 0.125) / 2.0;
+            let [before, own, after] = [k - 1, k, k + 1].map(|k| on_rate.of(k));
+            let to = turn.numbers.iter_mut().zip(&mut turned.numbers);
+            for (((before, own), after), (mean, turned)) in before.iter().zip(own).zip(after).zip(to) {
+                let bend = before + after - 2.0 * own;
+                *mean += share * (of_slope * (after - before) + bend / 48.0);
+                *turned += bend / 24.0;
+            }
+            let [before, own, after] = [k - 1, k, k + 1].map(|k| on_force.of(k));
+            for (((before, own), after), to) in before.iter().zip(own).zip(after).zip(&mut force.numbers) {
+                *to += share * spread * (before + after - 2.0 * own);
+            }
+        }
+        *next += *of_block;
+        means
+    }
+
+    /// What is turned at the end of the move.
+    pub(super) fn at_end(&self) -> Sum {
+        let mut all = Sum::zero(&self.on_rate);
+        (0..self.stretches.count()).for_each(|k| add(&mut all.numbers, 1.0, self.on_rate.of(k)));
+        all
+    }
+}
+
+struct NextBlock<'a>(&'a mut Turns);
+
+impl WithSimd for NextBlock<'_> {
+    type Output = [Sum; 2];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        self.0.take_block()
+    }
+}
+
+/// Into how many stretches a block of so many samples is cut: two, or as few as there can be.
+fn parts(samples: usize) -> usize {
+    (2..=samples).find(|parts| samples.is_multiple_of(*parts)).unwrap_or(1)
+}
+
+#[inline(always)]
+fn add(to: &mut [f64], share: f64, numbers: &[f64]) {
+    to.iter_mut().zip(numbers).for_each(|(to, number)| *to += share * number);
+}
