@@ -21,7 +21,6 @@ mod moments;
 mod path;
 mod pattern;
 mod predict;
-mod projection;
 mod revise;
 mod score;
 mod shares;
@@ -29,6 +28,7 @@ mod smooth;
 mod stage;
 mod start;
 mod upper;
+mod weighing;
 
 pub use attitudes::attitudes;
 pub use earth::is_earth_rate;

@@ -1,6 +1,6 @@
 //! How small an effect would have been seen.
 
-use statrs::distribution::{ChiSquared, ContinuousCDF, Discrete, Poisson};
+use statrs::distribution::{ChiSquared, ContinuousCDF};
 
 /// Family-wise probability of a false alarm by the distribution of chi2. The noise is estimated from the same rests, which makes
 /// small probabilities about three times as frequent as they say: of clean runs one in a hundred is meant.
@@ -17,13 +17,8 @@ const HALVINGS: usize = 24;
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
     let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);
-    // Of chi2 with 0, 2, 4 ... degrees of freedom more.
-    let tail = |k: usize| ChiSquared::new((dof + 2 * k) as f64).map_or(0.0, |chi2| chi2.sf(limit));
-    let mut tails: Vec<f64> = Vec::new();
-    let mut is_enough = |noncentrality: f64| {
-        tails.extend((tails.len()..reach(noncentrality)).map(tail));
-        exceeds(&tails, noncentrality) >= POWER
-    };
+    let mut tails = Tails { dof, limit, known: Vec::new() };
+    let mut is_enough = |noncentrality: f64| exceeds(&mut tails, noncentrality) >= POWER;
     let (mut low, mut high) = (0.0, FIRST);
     while high < MOST && !is_enough(high) {
         (low, high) = (high, 2.0 * high);
@@ -35,15 +30,37 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     high
 }
 
-/// How many terms of the mixture below count.
-fn reach(noncentrality: f64) -> usize {
-    (noncentrality / 2.0 + 12.0 * (noncentrality / 2.0).sqrt() + 20.0) as usize
+/// Probabilities that chi2 with 0, 2, 4 ... degrees of freedom more exceeds a limit, as far as they have been asked for.
+struct Tails {
+    dof: usize,
+    limit: f64,
+    known: Vec<f64>,
 }
 
-/// A noncentral chi2 is a mixture of central ones with Poisson weights.
-fn exceeds(tails: &[f64], noncentrality: f64) -> f64 {
-    let Ok(weights) = Poisson::new((noncentrality / 2.0).max(1e-12)) else { return 0.0 };
-    tails.iter().take(reach(noncentrality)).enumerate().map(|(k, tail)| weights.pmf(k as u64) * tail).sum()
+impl Tails {
+    fn at(&mut self, k: usize) -> f64 {
+        while self.known.len() <= k {
+            // They grow: behind one that is certain all are.
+            let next = match self.known.last() {
+                Some(last) if *last >= 1.0 => 1.0,
+                _ => ChiSquared::new((self.dof + 2 * self.known.len()) as f64).map_or(0.0, |chi2| chi2.sf(self.limit)),
+            };
+            self.known.push(next);
+        }
+        self.known[k]
+    }
+}
+
+/// A noncentral chi2 is a mixture of central ones with Poisson weights; those that are left out come to less than a rounding error.
+fn exceeds(tails: &mut Tails, noncentrality: f64) -> f64 {
+    let mean = noncentrality / 2.0;
+    let (mut weight, mut sum, mut k) = ((-mean).exp(), 0.0, 0);
+    while (k as f64) < mean || weight > f64::EPSILON {
+        sum += weight * tails.at(k);
+        k += 1;
+        weight *= mean / k as f64;
+    }
+    sum
 }
 
 #[cfg(test)]

@@ -14,9 +14,8 @@ use std::ops::Range;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
-use pulp::{Arch, Simd, WithSimd};
 
-use super::upper::Upper;
+use super::weighing::Weighing;
 
 /// `[J r]^T [J r]` of each group, and its number of residuals.
 #[derive(Clone)]
@@ -53,8 +52,6 @@ pub(crate) struct Evidence {
 
 /// On the diagonal of a normal matrix of columns of length one: more than rounding, less than anything that is seen.
 pub(super) const RIDGE: f64 = 1e-13;
-/// Scales and parameters depend on each other; the last round is taken as it is.
-const SCALE_ROUNDS: usize = 20;
 
 impl Gram {
     #[cfg(test)]
@@ -70,74 +67,7 @@ impl Gram {
 
     /// The same, the scales of a model that is nearly this one being known: they are where the rounds begin.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
-        Arch::new().dispatch(Settled { gram: self, columns, near })
-    }
-
-    #[inline(always)] // With the widest registers.
-    fn settled(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
-        let n = columns.len();
-        let size = self.sizes(columns);
-        // Columns of length one: sums of squares would lose the small ones otherwise. The residual comes last.
-        let unit: Vec<f64> = size.iter().map(|size| 1.0 / size).chain([1.0]).collect();
-        let place: Vec<usize> = columns.iter().map(|c| c.place).chain([self.residual]).collect();
-        let part = |sum: &Mat<f64>| {
-            let mut part = Upper::zeros(n + 1);
-            for i in 0..=n {
-                let from = sum.col_as_slice(place[i]);
-                let to = part.row_mut(i).iter_mut().zip(&place[i..]).zip(&unit[i..]);
-                to.for_each(|((to, place), own)| *to = from[*place] * own * unit[i]);
-            }
-            part
-        };
-        let parts: Vec<Upper> = self.sums.iter().map(part).collect();
-        let precision: Vec<f64> = (0..n).map(|i| columns[i].precision * unit[i] * unit[i]).collect();
-        let offset: Vec<f64> = (0..n).map(|i| columns[i].value * size[i]).collect();
-        let mut scales = near.to_vec();
-        let mut products = Upper::zeros(n + 1);
-        for round in 1..=SCALE_ROUNDS {
-            let mut normal = Upper::zeros(n + 1);
-            parts.iter().zip(&scales).for_each(|(part, scale)| normal.add(1.0 / scale, part));
-            for i in 0..n {
-                *normal.at(i, i) += precision[i] + RIDGE;
-                *normal.at(i, n) += precision[i] * offset[i];
-            }
-            let volume = normal.sweep(n)?;
-            // What is left of the residual is it less so much of each column.
-            let delta: Vec<f64> = (0..n).map(|i| -*normal.at(i, n)).chain([1.0]).collect();
-            // A sum of products with these two is a trace: off the diagonal each stands for two.
-            for i in 0..=n {
-                let to = products.row_mut(i).iter_mut().zip(&delta[i..]);
-                to.for_each(|(to, other)| *to = 2.0 * delta[i] * other);
-                *products.at(i, i) *= 0.5;
-                normal.row_mut(i).iter_mut().for_each(|value| *value *= -2.0);
-                *normal.at(i, i) *= 0.5;
-                *normal.at(i, n) = 0.0;
-            }
-            let mut settled = true;
-            let mut chi2 = vec![0.0; parts.len()];
-            for (g, part) in parts.iter().enumerate() {
-                let [left, spent] = part.with(&products, &normal);
-                chi2[g] = left.max(0.0);
-                let free = self.rows[g] - spent / scales[g];
-                let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
-                settled &= (scale / scales[g] - 1.0).abs() < 1e-4;
-                scales[g] = scale;
-            }
-            if settled || round == SCALE_ROUNDS {
-                let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
-                let deviance: f64 = (0..parts.len()).map(|g| self.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
-                let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
-                let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // The sizes of the base columns are the same in all models, those of the others cancel.
-                return Some(Evidence {
-                    log: -0.5 * (deviance + prior + volume - given),
-                    deviance,
-                    scales,
-                    theta: (0..n).map(|i| theta[i] / size[i]).collect(),
-                });
-            }
-        }
-        None
+        Weighing::new(self, columns, &[]).evidence(0.0, near)
     }
 
     /// The least chi2 that a group alone can have with these columns, over its number of rows; none with a model of these columns is
@@ -193,21 +123,6 @@ impl Gram {
     fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()
-    }
-}
-
-struct Settled<'a> {
-    gram: &'a Gram,
-    columns: &'a [Column],
-    near: &'a [f64],
-}
-
-impl WithSimd for Settled<'_> {
-    type Output = Option<Evidence>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _simd: S) -> Self::Output {
-        self.gram.settled(self.columns, self.near)
     }
 }
 

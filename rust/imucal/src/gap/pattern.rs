@@ -10,9 +10,9 @@ use super::generic::Hypothesis;
 use super::known::{Known, Others};
 use super::moments::Setting;
 use super::path::Hunt;
-use super::projection::Projection;
 use super::score::contradiction_of_stand;
 use super::stage::{Beside, Member, Stage};
+use super::weighing::{Aside, Weighing};
 use super::{Block, GenericFinding, Kernel, Scattering};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
@@ -56,22 +56,15 @@ impl<'a> Judge<'a> {
     fn ask(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(f64, Vec<f64>)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
-        let own = model.len()..model.len() + width;
-        let with = |width: f64, near: &[f64]| {
-            let precision = 1.0 / (width * typical).powi(2);
-            let own = own.clone().map(|place| Column { place, precision, value: 0.0 });
-            gram.evidence_near(&model.iter().copied().chain(own).collect::<Vec<Column>>(), near)
-        };
-        let best_width = |scales: &[f64]| {
-            let projection = Projection::new(&gram, model, scales)?;
-            projection.left(&gram, &own, |_| typical).best_width(&WIDTHS)
-        };
+        let own: Vec<Aside> = (model.len()..model.len() + width).map(|place| (place, typical)).collect();
+        let weighing = Weighing::new(&gram, model, &own);
+        let best_width = |scales: &[f64]| weighing.left(scales)?.best_width(&WIDTHS);
         // What gains next to nothing at the scales of the model gains no more by narrowing them.
         let (first, _) = best_width(&before.scales).filter(|(_, gain)| *gain > WORTH_ASKING)?;
-        let mut evidence = with(first, &before.scales)?;
+        let mut evidence = weighing.evidence(first, &before.scales)?;
         // What explains much narrows the scales, and is the larger for it.
         if let Some((again, _)) = best_width(&evidence.scales).filter(|(width, _)| *width != first)
-            && let Some(other) = with(again, &evidence.scales).filter(|other| other.log > evidence.log)
+            && let Some(other) = weighing.evidence(again, &evidence.scales).filter(|other| other.log > evidence.log)
         {
             evidence = other;
         }

@@ -11,8 +11,8 @@ use super::design::{Candidate, Design};
 use super::detect::visible_noncentrality;
 use super::evidence::{Column, Gram};
 use super::predict::Gain;
-use super::projection::Projection;
 use super::stage::Stage;
+use super::weighing::{Aside, Weighing};
 use super::{Score, Trace};
 use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;
@@ -55,13 +55,11 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
-    let (of_noise, widened) =
-        (Projection::new(gram, model, &unwidened), Projection::new(gram, model, &stage.evidence.scales));
-    let left = |projection: &Projection<'_>, candidate: &Candidate| {
-        projection.left(gram, &candidate.columns, |k| candidate.typical[k])
-    };
+    let asides: Vec<Vec<Aside>> = candidates.iter().map(Candidate::asides).collect();
+    let beside: Vec<Weighing<'_>> =
+        in_order(processors(), candidates.len(), |place| Weighing::new(gram, model, &asides[place]));
     let spectrum = |place: usize| {
-        let all = of_noise.as_ref().map_or_else(Vec::new, |of_noise| left(of_noise, &candidates[place]).spectrum());
+        let all = beside[place].left(&unwidened).map_or_else(Vec::new, |left| left.spectrum());
         all.into_iter().filter(|value| *value >= LEAST_CHANGE).count()
     };
     let dofs: Vec<usize> = in_order(processors(), candidates.len(), spectrum);
@@ -79,22 +77,18 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let before = &stage.evidence;
     // The size that would be seen, and the score.
     let look = |place: usize| -> Option<(f64, Option<Judged>)> {
-        let (candidate, dof) = (&candidates[place], dofs[place]);
+        let (candidate, beside, dof) = (&candidates[place], &beside[place], dofs[place]);
         let noncentrality = noncentralities.get(&dof)?;
-        let change = widened.as_ref().map_or(0.0, |widened| left(widened, candidate).trace());
+        let change = beside.left(&before.scales).map_or(0.0, |left| left.trace());
         let size = (noncentrality / change).sqrt() * candidate.typical[0];
-        let with = |width: f64, near: &[f64]| {
-            let columns: Vec<Column> = model.iter().copied().chain(candidate.columns(width)).collect();
-            gram.evidence_near(&columns, near)
-        };
         let judged = || {
-            let free = with(NO_PRIOR, &before.scales)?;
+            let free = beside.evidence(NO_PRIOR, &before.scales)?;
             // The scales hardly depend on the width, and the best one not at all on what little they do.
-            let (width, _) = left(&Projection::new(gram, model, &free.scales)?, candidate).best_width(&WIDTHS)?;
+            let (width, _) = beside.left(&free.scales)?.best_width(&WIDTHS)?;
             let statistic = (before.deviance - free.deviance).max(0.0);
             let score = Score {
                 name: candidate.name.clone(),
-                log_bayes_factor: with(width, &free.scales)?.log - before.log,
+                log_bayes_factor: beside.evidence(width, &free.scales)?.log - before.log,
                 statistic,
                 dof,
                 p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
@@ -153,6 +147,10 @@ fn unit(name: &str) -> String {
 }
 
 impl Candidate {
+    fn asides(&self) -> Vec<Aside> {
+        self.columns.clone().zip(self.typical.iter().copied()).collect()
+    }
+
     /// Its columns with a prior of this width.
     pub(super) fn columns(&self, width: f64) -> impl Iterator<Item = Column> {
         self.columns.clone().zip(&self.typical).map(move |(place, typical)| Column {

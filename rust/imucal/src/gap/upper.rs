@@ -1,5 +1,9 @@
 //! Small symmetric matrices, of which the upper half is kept.
 
+use std::ops::Range;
+
+use pulp::Simd;
+
 /// As many numbers as the widest register has.
 const LANES: usize = 8;
 
@@ -7,94 +11,152 @@ const LANES: usize = 8;
 #[derive(Clone)]
 pub(super) struct Upper {
     size: usize,
-    /// Registers in a row.
+    /// Length of a row.
     width: usize,
-    numbers: Vec<[f64; LANES]>,
+    numbers: Vec<f64>,
 }
 
 impl Upper {
-    #[inline(always)]
     pub(super) fn zeros(size: usize) -> Self {
-        let width = size.div_ceil(LANES);
-        Self { size, width, numbers: vec![[0.0; LANES]; size * width] }
+        let width = size.next_multiple_of(LANES);
+        Self { size, width, numbers: vec![0.0; size * width] }
+    }
+
+    /// Number of rows.
+    pub(super) fn size(&self) -> usize {
+        self.size
     }
 
     /// Row `i` from the diagonal on.
     #[inline(always)]
+    pub(super) fn row(&self, i: usize) -> &[f64] {
+        &self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
+    }
+
+    /// The same, to be changed.
+    #[inline(always)]
     pub(super) fn row_mut(&mut self, i: usize) -> &mut [f64] {
-        &mut self.numbers[i * self.width..(i + 1) * self.width].as_flattened_mut()[i..self.size]
+        &mut self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
     }
 
     /// The number in row `i` and column `j`, which is not left of the diagonal.
     #[inline(always)]
     pub(super) fn at(&mut self, i: usize, j: usize) -> &mut f64 {
-        &mut self.row_mut(i)[j - i]
+        &mut self.numbers[i * self.width + j]
     }
 
-    /// Adds so many times another one.
+    /// Makes it the sum of others, each so many times.
     #[inline(always)]
-    pub(super) fn add(&mut self, share: f64, other: &Self) {
-        let numbers = self.numbers.as_flattened_mut().iter_mut().zip(other.numbers.as_flattened());
-        numbers.for_each(|(to, from)| *to += share * from);
+    pub(super) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>) {
+        self.numbers.fill(0.0);
+        let (to, _) = S::as_mut_simd_f64s(&mut self.numbers);
+        for (share, other) in others {
+            let share = simd.splat_f64s(share);
+            for (to, from) in to.iter_mut().zip(S::as_simd_f64s(&other.numbers).0) {
+                *to = simd.mul_add_e_f64s(share, *from, *to);
+            }
+        }
     }
 
-    /// Inverts the first `count` rows and columns, which are positive definite, and solves for those behind them:
+    /// Inverts some rows and columns, which are positive definite, and solves for the others:
     ///
     /// ```text
     /// A  B      -A^-1    A^-1 B
     ///    C  ->           C - B^T A^-1 B    (Beaton, The use of special matrix operators in statistical calculus, 1964)
     /// ```
     ///
-    /// The logarithm of the determinant of A; `None` where it is not positive definite.
+    /// Some may be swept first and others later. The logarithm of the determinant of A, or of what the former have left of it; `None`
+    /// where it is not positive definite.
     #[inline(always)]
-    pub(super) fn sweep(&mut self, count: usize) -> Option<f64> {
+    pub(super) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;
-        let mut log_determinant = 0.0;
-        let mut pivots = vec![[0.0; LANES]; width];
-        for k in 0..count {
-            for i in 0..k {
-                pivots.as_flattened_mut()[i] = *self.at(i, k);
+        let mut volume = Volume::new();
+        let mut pivots = vec![0.0; width];
+        for k in places {
+            for (pivot, row) in pivots[..k].iter_mut().zip(self.numbers.chunks_exact(width)) {
+                *pivot = row[k];
             }
-            pivots.as_flattened_mut()[k..self.size].copy_from_slice(self.row_mut(k));
-            let pivot = pivots.as_flattened()[k];
-            if pivot.is_nan() || pivot <= 0.0 {
-                return None;
-            }
-            log_determinant += pivot.ln();
-            let share = 1.0 / pivot;
+            pivots[k..].copy_from_slice(&self.numbers[k * width..(k + 1) * width][k..]);
+            let share = volume.times(pivots[k])?;
             for (i, row) in self.numbers.chunks_exact_mut(width).enumerate() {
-                let by = pivots.as_flattened()[i] * share;
-                if i == k {
-                    pivots.as_flattened().iter().zip(row.as_flattened_mut()).for_each(|(from, to)| *to = from * share);
-                    row.as_flattened_mut()[k] = -share;
-                    continue;
+                let by = pivots[i] * share;
+                let (first, by_all) = (i / S::F64_LANES * S::F64_LANES, simd.splat_f64s(by));
+                let (to, from) = (S::as_mut_simd_f64s(&mut row[first..]).0, S::as_simd_f64s(&pivots[first..]).0);
+                for (to, from) in to.iter_mut().zip(from) {
+                    *to = simd.negate_mul_add_e_f64s(by_all, *from, *to);
                 }
-                for (to, from) in row[i / LANES..].iter_mut().zip(&pivots[i / LANES..]) {
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to -= by * from);
-                }
-                if i < k {
-                    row.as_flattened_mut()[k] = by;
-                }
+                row[k] = by;
             }
+            let own = &mut self.numbers[k * width..(k + 1) * width];
+            own.iter_mut().zip(&pivots).for_each(|(to, from)| *to = from * share);
+            own[k] = -share;
         }
-        Some(log_determinant)
+        Some(volume.logarithm())
     }
 
-    /// Sums of the products of its numbers with those of two others, number by number.
+    /// `v^T A v` and the trace of `A B`, A being this one.
     #[inline(always)]
-    pub(super) fn with(&self, a: &Self, b: &Self) -> [f64; 2] {
-        let mut sums = [[0.0; LANES]; 2];
-        let of = |all: &Self, i: usize| i * all.width + i / LANES..(i + 1) * all.width;
+    pub(super) fn between<S: Simd>(&self, simd: S, vector: &[f64], other: &Self) -> [f64; 2] {
+        let zero = simd.splat_f64s(0.0);
+        let (mut squares, mut products) = (zero, zero);
+        let mut on_diagonal = [0.0; 2];
         for i in 0..self.size {
-            let rows = self.numbers[of(self, i)].iter().zip(&a.numbers[of(a, i)]).zip(&b.numbers[of(b, i)]);
-            for ((own, a), b) in rows {
-                for lane in 0..LANES {
-                    sums[0][lane] += own[lane] * a[lane];
-                    sums[1][lane] += own[lane] * b[lane];
-                }
+            let first = i / S::F64_LANES * S::F64_LANES;
+            let row = |of: &Self| i * of.width + first..(i + 1) * of.width;
+            let (own, other) = (&self.numbers[row(self)], &other.numbers[row(other)]);
+            // Off the diagonal each stands for two.
+            on_diagonal[0] += own[i - first] * vector[i] * vector[i];
+            on_diagonal[1] += own[i - first] * other[i - first];
+            let (own, other) = (S::as_simd_f64s(own).0, S::as_simd_f64s(other).0);
+            let mut along = zero;
+            for ((own, other), vector) in own.iter().zip(other).zip(S::as_simd_f64s(&vector[first..]).0) {
+                along = simd.mul_add_e_f64s(*own, *vector, along);
+                products = simd.mul_add_e_f64s(*own, *other, products);
             }
+            squares = simd.mul_add_e_f64s(simd.splat_f64s(vector[i]), along, squares);
         }
-        sums.map(|sum| sum.iter().sum())
+        let twice = |sum: S::f64s, once: f64| 2.0 * simd.reduce_sum_f64s(sum) - once;
+        [twice(squares, on_diagonal[0]), twice(products, on_diagonal[1])]
+    }
+
+    /// A vector as long as its rows.
+    pub(super) fn vector(&self, numbers: impl Iterator<Item = f64>) -> Vec<f64> {
+        let mut all = vec![0.0; self.width];
+        all.iter_mut().zip(numbers).for_each(|(to, number)| *to = number);
+        all
+    }
+}
+
+/// The logarithm of a product of pivots, of which many are taken together: a logarithm costs as much as a row.
+struct Volume {
+    product: f64,
+    logarithm: f64,
+}
+
+impl Volume {
+    /// So far a product stays away from the largest and the smallest numbers.
+    const LARGE: f64 = 1e100;
+
+    fn new() -> Self {
+        Self { product: 1.0, logarithm: 0.0 }
+    }
+
+    /// Takes a pivot; one over it, or `None` if it is not positive.
+    #[inline(always)]
+    fn times(&mut self, pivot: f64) -> Option<f64> {
+        if pivot.is_nan() || pivot <= 0.0 {
+            return None;
+        }
+        self.product *= pivot;
+        if !(1.0 / Self::LARGE..Self::LARGE).contains(&self.product) {
+            self.logarithm += self.product.ln();
+            self.product = 1.0;
+        }
+        Some(1.0 / pivot)
+    }
+
+    fn logarithm(&self) -> f64 {
+        self.logarithm + self.product.ln()
     }
 }
 
@@ -117,7 +179,7 @@ mod tests {
             (i, j) => 1.0 / (1 + i + j) as f64,
         };
         let mut swept = upper(size, a);
-        let log_determinant = swept.sweep(n).unwrap();
+        let log_determinant = swept.sweep(pulp::Scalar, 0..4).unwrap() + swept.sweep(pulp::Scalar, 4..n).unwrap();
         let mut at = |i: usize, j: usize| *swept.at(i.min(j), i.max(j));
         for i in 0..n {
             for j in 0..n {
@@ -140,16 +202,19 @@ mod tests {
 
     #[test]
     fn what_is_not_positive_definite_is_said() {
-        assert!(upper(2, |i, j| if i == j { 1.0 } else { 2.0 }).sweep(2).is_none());
-        assert!(upper(1, |_, _| f64::NAN).sweep(1).is_none());
+        assert!(upper(2, |i, j| if i == j { 1.0 } else { 2.0 }).sweep(pulp::Scalar, 0..2).is_none());
+        assert!(upper(1, |_, _| f64::NAN).sweep(pulp::Scalar, 0..1).is_none());
     }
 
     #[test]
-    fn products_are_those_of_what_is_there() {
-        let (a, b, c) = (upper(10, |i, j| (i + j) as f64), upper(10, |_, _| 1.0), upper(10, |i, j| (j - i) as f64));
+    fn products_are_those_of_whole_matrices() {
+        let (a, b) = (|i: usize, j: usize| (i + j) as f64, |i: usize, j: usize| i.abs_diff(j) as f64 + 0.5);
+        let (first, second) = (upper(10, a), upper(10, b));
+        let vector = first.vector((0..10).map(|i| (7 * i % 5) as f64));
         let sum = |by: &dyn Fn(usize, usize) -> f64| -> f64 {
-            (0..10).flat_map(|i| (i..10).map(move |j| (i, j))).map(|(i, j)| (i + j) as f64 * by(i, j)).sum()
+            (0..10).flat_map(|i| (0..10).map(move |j| (i, j))).map(|(i, j)| a(i, j) * by(i, j)).sum()
         };
-        assert_eq!(a.with(&b, &c), [sum(&|_, _| 1.0), sum(&|i, j| (j - i) as f64)]);
+        let expected = [sum(&|i, j| vector[i] * vector[j]), sum(&b)];
+        assert_eq!(first.between(pulp::Scalar, &vector, &second), expected);
     }
 }

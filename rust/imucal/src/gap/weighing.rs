@@ -1,0 +1,259 @@
+//! A model and columns beside it, weighed with several widths of their prior.
+//!
+//! At scales that are held the model is swept out of the sums first, and what it leaves of the columns tells the gain of every width:
+//!
+//! ```text
+//! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, all sums over s_g^2
+//! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
+//! ```
+//!
+//! With the scales that the evidence itself settles at this is its gain; with others it tells which widths are worth asking it for.
+
+use faer::Mat;
+use pulp::{Arch, Simd, WithSimd};
+
+use super::evidence::{Column, Evidence, Gram, RIDGE};
+use super::upper::Upper;
+
+/// Scales and parameters depend on each other; the last round is taken as it is.
+const SCALE_ROUNDS: usize = 20;
+/// Scales that change by a smaller share have settled.
+const SETTLED: f64 = 1e-4;
+
+/// A column beside a model: its place in the sums, and the typical size of its parameter.
+pub(crate) type Aside = (usize, f64);
+
+/// A model's columns, and those beside it, each divided by its length.
+pub(crate) struct Weighing<'a> {
+    gram: &'a Gram,
+    model: &'a [Column],
+    beside: &'a [Aside],
+    /// One over the length of each column, and of the residual, which comes last and is as it is.
+    unit: Vec<f64>,
+    /// Their sums, group by group.
+    parts: Vec<Upper>,
+}
+
+/// What a model leaves of columns beside it, in typical sizes, and of the residuals, which come last.
+pub(crate) struct Left {
+    sums: Upper,
+    /// Trace of what the columns are without the model.
+    whole: f64,
+}
+
+impl<'a> Weighing<'a> {
+    pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: &'a [Aside]) -> Self {
+        let n = model.len() + beside.len();
+        let total = |place: usize| gram.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
+        let of_model = model.iter().map(|column| (column.place, total(column.place).max(column.precision)));
+        let of_beside = beside.iter().map(|(place, typical)| (*place, total(*place).max(typical.powi(-2) * RIDGE)));
+        // Columns of length one: sums of squares would lose the small ones otherwise.
+        let (place, unit): (Vec<usize>, Vec<f64>) = (of_model.chain(of_beside))
+            .map(|(place, square)| (place, 1.0 / square.sqrt().max(1e-300)))
+            .chain([(gram.residual, 1.0)])
+            .unzip();
+        let part = |sum: &Mat<f64>| {
+            let mut part = Upper::zeros(n + 1);
+            for i in 0..=n {
+                let from = sum.col_as_slice(place[i]);
+                let to = part.row_mut(i).iter_mut().zip(&place[i..]).zip(&unit[i..]);
+                to.for_each(|((to, place), own)| *to = from[*place] * own * unit[i]);
+            }
+            part
+        };
+        let parts = gram.sums.iter().map(part).collect();
+        Self { gram, model, beside, unit, parts }
+    }
+
+    /// The evidence with a prior of so many typical sizes for what is beside the model, the scales beginning at `near`; `None` where
+    /// it is not determined.
+    pub(crate) fn evidence(&self, width: f64, near: &[f64]) -> Option<Evidence> {
+        Arch::new().dispatch(Settle(self, width, near))
+    }
+
+    /// What the model leaves at these scales; `None` where it is not determined.
+    pub(crate) fn left(&self, scales: &[f64]) -> Option<Left> {
+        Arch::new().dispatch(Sweep(self, scales))
+    }
+
+    /// The sums at these scales, the model's with their priors.
+    #[inline(always)]
+    fn at_scales<S: Simd>(&self, simd: S, scales: &[f64], to: &mut Upper) {
+        let n = self.model.len() + self.beside.len();
+        to.set_sum(simd, self.parts.iter().zip(scales).map(|(part, scale)| (1.0 / scale, part)));
+        for (i, column) in self.model.iter().enumerate() {
+            let precision = column.precision * self.unit[i] * self.unit[i];
+            *to.at(i, i) += precision + RIDGE;
+            *to.at(i, n) += precision * column.value / self.unit[i];
+        }
+    }
+
+    #[inline(always)] // With the widest registers.
+    fn swept<S: Simd>(&self, simd: S, scales: &[f64]) -> Option<Left> {
+        let (n, k) = (self.model.len(), self.beside.len());
+        let mut all = Upper::zeros(n + k + 1);
+        self.at_scales(simd, scales, &mut all);
+        let sizes: Vec<f64> =
+            self.beside.iter().zip(&self.unit[n..]).map(|((_, typical), unit)| typical / unit).chain([1.0]).collect();
+        let whole = (0..k).map(|a| *all.at(n + a, n + a) * sizes[a] * sizes[a]).sum();
+        all.sweep(simd, 0..n)?;
+        let mut sums = Upper::zeros(k + 1);
+        for a in 0..=k {
+            let to = sums.row_mut(a).iter_mut().zip(all.row(n + a)).zip(&sizes[a..]);
+            to.for_each(|((to, from), size)| *to = from * size * sizes[a]);
+        }
+        Some(Left { sums, whole })
+    }
+
+    #[inline(always)] // With the widest registers.
+    fn settled<S: Simd>(&self, simd: S, width: f64, near: &[f64]) -> Option<Evidence> {
+        let Self { gram, model, beside, unit, parts } = self;
+        let n = model.len() + beside.len();
+        let of_beside = beside.iter().map(|(_, typical)| ((width * typical).powi(-2), 0.0));
+        let priors = model.iter().map(|column| (column.precision, column.value)).chain(of_beside);
+        let (precision, offset): (Vec<f64>, Vec<f64>) =
+            priors.zip(unit).map(|((precision, value), unit)| (precision * unit * unit, value / unit)).unzip();
+        let mut scales = near.to_vec();
+        let mut normal = Upper::zeros(n + 1);
+        let mut chi2 = vec![0.0; parts.len()];
+        for round in 1..=SCALE_ROUNDS {
+            self.at_scales(simd, &scales, &mut normal);
+            (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
+            let volume = normal.sweep(simd, 0..n)?;
+            // What is left of the residual is it less so much of each column.
+            let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
+            (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
+            let mut settled = true;
+            for (g, part) in parts.iter().enumerate() {
+                let [left, unspent] = part.between(simd, &delta, &normal);
+                chi2[g] = left.max(0.0);
+                let free = gram.rows[g] + unspent / scales[g];
+                let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
+                settled &= (scale / scales[g] - 1.0).abs() < SETTLED;
+                scales[g] = scale;
+            }
+            if settled || round == SCALE_ROUNDS {
+                let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
+                let deviance: f64 = (0..parts.len()).map(|g| gram.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
+                let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
+                let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
+                // The lengths of the base columns are the same in all models, those of the others cancel.
+                return Some(Evidence {
+                    log: -0.5 * (deviance + prior + volume - given),
+                    deviance,
+                    scales,
+                    theta: theta.iter().zip(unit).map(|(theta, unit)| theta * unit).collect(),
+                });
+            }
+        }
+        None
+    }
+}
+
+impl Left {
+    fn columns(&self) -> usize {
+        self.sums.size() - 1
+    }
+
+    /// The width of the prior, in typical sizes, with the largest gain of the logarithm of the evidence, and that gain; `None` where none
+    /// can be computed.
+    pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
+        Arch::new().dispatch(BestWidth(self, widths))
+    }
+
+    #[inline(always)]
+    fn gain<S: Simd>(&self, simd: S, width: f64) -> Option<f64> {
+        let (mut sums, k) = (self.sums.clone(), self.columns());
+        let residual = *sums.at(k, k);
+        (0..k).for_each(|a| *sums.at(a, a) += 1.0 / (width * width));
+        let volume = sums.sweep(simd, 0..k)? + 2.0 * k as f64 * width.ln();
+        Some(0.5 * (residual - *sums.at(k, k) - volume))
+    }
+
+    /// What each direction of the parameters moves chi2 by; what is below the rounding of what was subtracted is nothing.
+    pub(crate) fn spectrum(&self) -> Vec<f64> {
+        let k = self.columns();
+        let normal = Mat::from_fn(k, k, |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
+        let Ok(values) = normal.self_adjoint_eigenvalues(faer::Side::Lower) else { return Vec::new() };
+        let rounding = 1e-9 * self.whole;
+        values.into_iter().map(|value| if value > rounding { value } else { 0.0 }).collect()
+    }
+
+    /// The sum of these.
+    pub(crate) fn trace(&self) -> f64 {
+        (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
+    }
+}
+
+struct Settle<'a>(&'a Weighing<'a>, f64, &'a [f64]);
+
+impl WithSimd for Settle<'_> {
+    type Output = Option<Evidence>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        self.0.settled(simd, self.1, self.2)
+    }
+}
+
+struct Sweep<'a>(&'a Weighing<'a>, &'a [f64]);
+
+impl WithSimd for Sweep<'_> {
+    type Output = Option<Left>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        self.0.swept(simd, self.1)
+    }
+}
+
+struct BestWidth<'a>(&'a Left, &'a [f64]);
+
+impl WithSimd for BestWidth<'_> {
+    type Output = Option<(f64, f64)>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let mut best: Option<(f64, f64)> = None;
+        // Not in a closure, which would be compiled for other registers.
+        for &width in self.1 {
+            if let Some(gain) = self.0.gain(simd, width).filter(|gain| best.is_none_or(|(_, most)| *gain > most)) {
+                best = Some((width, gain));
+            }
+        }
+        best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With scales of one the gain is the difference of two evidences, whatever the width.
+    #[test]
+    fn the_gain_is_that_of_the_evidence() {
+        let rows = 60;
+        let noise = |i: usize| ((i * 7919 + 13) % 97) as f64 / 97.0 * 2.8 - 1.4;
+        let columns = Mat::from_fn(rows, 4, |i, j| match j {
+            0 => 1.0,
+            1 => (i as f64 * 0.3).sin() + 0.5,
+            2 => (i as f64 * 0.11).cos() + 0.1 * noise(i + 7),
+            _ => noise(i) + 0.4 * (i as f64 * 0.3).sin(),
+        });
+        let gram = Gram::new(&columns, &vec![0; rows]);
+        let model = [Column { place: 0, precision: 0.0, value: 0.0 }, Column { place: 1, precision: 4.0, value: 0.3 }];
+        let plain = gram.evidence(&model).unwrap();
+        assert_eq!(plain.scales, vec![1.0]);
+        let beside = [(2, 0.2)];
+        let weighing = Weighing::new(&gram, &model, &beside);
+        let left = weighing.left(&plain.scales).unwrap();
+        for width in [0.1, 1.0, 10.0] {
+            let precision = 1.0 / (width * 0.2f64).powi(2);
+            let with = [model[0], model[1], Column { place: 2, precision, value: 0.0 }];
+            let gain = gram.evidence(&with).unwrap().log - plain.log;
+            assert!((left.gain(pulp::Scalar, width).unwrap() - gain).abs() < 1e-9, "{width}: {gain}");
+            let beside = weighing.evidence(width, &plain.scales).unwrap().log - plain.log;
+            assert!((beside - gain).abs() < 1e-9, "{width}: {beside} {gain}");
+        }
+    }
+}
