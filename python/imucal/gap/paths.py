@@ -68,9 +68,16 @@ class Paths:
         self._start_s, self.length_s = time_s[start], time_s[end] - time_s[start]
         self.since_s = time_s[end] - self._start_s[self._first][self._move]
         blocks = np.column_stack([start, end])
-        steps_s = np.diff(time_s)[:, None]
-        area = [0.5 * (v[1:] + v[:-1]) * steps_s for v in (rate, corrected.specific_force)]
-        self.rate, self.force = (_sums_of(of, blocks) / self.length_s[:, None] for of in area)
+        # A trapezoid is what the samples have with half of the steps on either side, but at its ends.
+        half_s = np.concatenate([[0.0], 0.5 * np.diff(time_s), [0.0]])[:, None]
+        before_s, weights_s = half_s[:-1], half_s[:-1] + half_s[1:]
+
+        def mean(values: SampleArray) -> FloatArray:
+            area = _sums_of(values * weights_s, blocks)
+            area += values[end] * before_s[end] - values[start] * before_s[start]
+            return area / self.length_s[:, None]
+
+        self.rate, self.force = mean(rate), mean(corrected.specific_force)
         self.acceleration = (rate[end] - rate[start]) / self.length_s[:, None]
         given = corrected.temperature_degc
         self._temperature: FloatArray | None = None
