@@ -75,7 +75,8 @@ class Paths:
         def mean(values: SampleArray) -> FloatArray:
             area = _sums_of(values * weights_s, blocks)
             area += values[end] * before_s[end] - values[start] * before_s[start]
-            return area / self.length_s[:, None]
+            area /= self.length_s[:, None]
+            return area
 
         self.rate, self.force = mean(rate), mean(corrected.specific_force)
         self.acceleration = (rate[end] - rate[start]) / self.length_s[:, None]
