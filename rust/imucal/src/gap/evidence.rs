@@ -67,7 +67,7 @@ impl Gram {
 
     /// The same, the scales of a model that is nearly this one being known: they are where the rounds begin.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
-        Weighing::new(self, columns, &[]).evidence(0.0, near)
+        Weighing::new(self, columns, Vec::new()).evidence(0.0, near)
     }
 
     /// The least chi2 that a group alone can have with these columns, over its number of rows; none with a model of these columns is
@@ -120,7 +120,7 @@ impl Gram {
     }
 
     /// What makes each column, with its prior, of length one.
-    fn sizes(&self, columns: &[Column]) -> Vec<f64> {
+    pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()
     }

@@ -12,7 +12,7 @@ use super::moments::Setting;
 use super::path::Hunt;
 use super::score::contradiction_of_stand;
 use super::stage::{Beside, Member, Stage};
-use super::weighing::{Aside, Weighing};
+use super::weighing::Weighing;
 use super::{Block, GenericFinding, Kernel, Scattering};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
@@ -56,8 +56,8 @@ impl<'a> Judge<'a> {
     fn ask(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(f64, Vec<f64>)> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
-        let own: Vec<Aside> = (model.len()..model.len() + width).map(|place| (place, typical)).collect();
-        let weighing = Weighing::new(&gram, model, &own);
+        let own = (model.len()..model.len() + width).map(|place| (place, typical));
+        let weighing = Weighing::new(&gram, model, own.collect());
         let best_width = |scales: &[f64]| weighing.left(scales)?.best_width(&WIDTHS);
         // What gains next to nothing at the scales of the model gains no more by narrowing them.
         let (first, _) = best_width(&before.scales).filter(|(_, gain)| *gain > WORTH_ASKING)?;

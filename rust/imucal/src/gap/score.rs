@@ -55,9 +55,8 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
-    let asides: Vec<Vec<Aside>> = candidates.iter().map(Candidate::asides).collect();
     let beside: Vec<Weighing<'_>> =
-        in_order(processors(), candidates.len(), |place| Weighing::new(gram, model, &asides[place]));
+        in_order(processors(), candidates.len(), |place| Weighing::new(gram, model, candidates[place].asides()));
     let spectrum = |place: usize| {
         let all = beside[place].left(&unwidened).map_or_else(Vec::new, |left| left.spectrum());
         all.into_iter().filter(|value| *value >= LEAST_CHANGE).count()

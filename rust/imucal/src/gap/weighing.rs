@@ -27,7 +27,7 @@ pub(crate) type Aside = (usize, f64);
 pub(crate) struct Weighing<'a> {
     gram: &'a Gram,
     model: &'a [Column],
-    beside: &'a [Aside],
+    beside: Vec<Aside>,
     /// One over the length of each column, and of the residual, which comes last and is as it is.
     unit: Vec<f64>,
     /// Their sums, group by group.
@@ -42,16 +42,13 @@ pub(crate) struct Left {
 }
 
 impl<'a> Weighing<'a> {
-    pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: &'a [Aside]) -> Self {
+    pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let n = model.len() + beside.len();
-        let total = |place: usize| gram.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
-        let of_model = model.iter().map(|column| (column.place, total(column.place).max(column.precision)));
-        let of_beside = beside.iter().map(|(place, typical)| (*place, total(*place).max(typical.powi(-2) * RIDGE)));
+        let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
+        let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
         // Columns of length one: sums of squares would lose the small ones otherwise.
-        let (place, unit): (Vec<usize>, Vec<f64>) = (of_model.chain(of_beside))
-            .map(|(place, square)| (place, 1.0 / square.sqrt().max(1e-300)))
-            .chain([(gram.residual, 1.0)])
-            .unzip();
+        let unit: Vec<f64> = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
+        let place: Vec<usize> = columns.iter().map(|column| column.place).chain([gram.residual]).collect();
         let part = |sum: &Mat<f64>| {
             let mut part = Upper::zeros(n + 1);
             for i in 0..=n {
@@ -244,8 +241,7 @@ mod tests {
         let model = [Column { place: 0, precision: 0.0, value: 0.0 }, Column { place: 1, precision: 4.0, value: 0.3 }];
         let plain = gram.evidence(&model).unwrap();
         assert_eq!(plain.scales, vec![1.0]);
-        let beside = [(2, 0.2)];
-        let weighing = Weighing::new(&gram, &model, &beside);
+        let weighing = Weighing::new(&gram, &model, vec![(2, 0.2)]);
         let left = weighing.left(&plain.scales).unwrap();
         for width in [0.1, 1.0, 10.0] {
             let precision = 1.0 / (width * 0.2f64).powi(2);

@@ -111,6 +111,7 @@ impl Terms<'_> {
             }
         }
     }
+
     pub(super) fn has_user_fields(&self) -> bool {
         self.all.iter().any(|term| matches!(term.kind, Kind::User(_)))
     }

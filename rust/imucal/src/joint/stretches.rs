@@ -52,8 +52,14 @@ impl Stretches {
 
 impl Route<'_> {
     /// Stretches of `size` samples, one of which begins behind the first sample of the move. Where no effect changes anything the samples
-    /// need not be freed of any.
-    pub(super) fn stretches(&self, model: &Model, freed: Option<&Corrected>, size: usize) -> Stretches {
+    /// need not be freed of any. Slopes of the rate that the samples do not have are found if they are asked for.
+    pub(super) fn stretches(
+        &self,
+        model: &Model,
+        freed: Option<&Corrected>,
+        size: usize,
+        wants_slopes: bool,
+    ) -> Stretches {
         let (span, reach) = (self.span, self.reach());
         let groups = Groups::new(size, span.first + 1 - reach.start, reach.len());
         let mut states: Vec<State<f64>> =
@@ -62,7 +68,7 @@ impl Route<'_> {
         let spread = 1.0 - 1.0 / (size * size) as f64;
         let are_even: Vec<bool> = (0..states.len()).map(|k| is_even(&time_s, k, 1)).collect();
         in_the_middle(&mut states, &are_even, spread / 24.0);
-        if states.iter().all(|state| state.surroundings.angular_acceleration.is_none()) {
+        if wants_slopes && states.iter().all(|state| state.surroundings.angular_acceleration.is_none()) {
             find_slopes(&mut states, &time_s);
         }
         let rotations = self.rotations(groups.of(span.first - reach.start), &states, &time_s);

@@ -3,7 +3,7 @@
 //! Rotation and sums of the base parameters are the kernel's. What an effect turns until the end is the integral of `R Phi`, and a motion
 //! that begins and ends at rest lets a sum over even steps be as exact as if they were far finer.
 
-use imucal_core::effects::Sensor;
+use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
@@ -51,7 +51,7 @@ impl Route<'_> {
         }
         let freed = (!active.all.is_empty()).then(|| self.freed(model, &active, false));
         let size = self.samples_in(STRETCH_S.min(self.span.duration_s / FEWEST));
-        let stretches = self.stretches(model, freed.as_ref(), size);
+        let stretches = self.stretches(model, freed.as_ref(), size, terms.needs(Need::AngularAcceleration));
         let weights = stretches.weights();
         let (rotation, base) = match &freed {
             None => self.carried(&model.gyroscope),

@@ -11,7 +11,7 @@
 
 use std::ops::Range;
 
-use imucal_core::effects::Sensor;
+use imucal_core::effects::{Need, Sensor};
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -64,7 +64,8 @@ impl Turns {
     /// Of the route with blocks of so many samples.
     pub(super) fn new(route: &Route<'_>, model: &Model, terms: &Terms<'_>, freed: &Corrected, size: usize) -> Self {
         let of_block = parts(size);
-        let stretches = route.stretches(model, Some(freed), size / of_block);
+        let wants_slopes = terms.needs(Need::AngularAcceleration);
+        let stretches = route.stretches(model, Some(freed), size / of_block, wants_slopes);
         let planes = |base: Range<usize>, sensor: Sensor| {
             Planes::new(base.chain(terms.parameters_of(sensor).map(|p| BASE + p)).collect())
         };
