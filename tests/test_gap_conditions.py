@@ -69,9 +69,21 @@ def test_an_effect_of_a_small_change_in_a_warm_room_is_named_as_at_the_reference
         assert [effect["name"] for effect in gap.effects] == ["gyro_bias_temperature"], gap.summary()
 
 
-@pytest.mark.parametrize(("rate_hz", "unit"), [(100.0, "paper"), (400.0, "paper"), (400.0, "bmi088")])
-def test_a_long_lever_arm_is_named_whatever_the_noise_of_the_gyroscope(rate_hz, unit):
-    lever_arm_m = [0.06, 0.05, -0.04]
+SIX_CM, SIXTEEN_CM = [0.06, 0.05, -0.04], [0.16, -0.112, 0.16]
+
+
+@pytest.mark.parametrize(
+    ("lever_arm_m", "rate_hz", "unit"),
+    [
+        (SIX_CM, 100.0, "paper"),
+        (SIX_CM, 400.0, "paper"),
+        (SIX_CM, 400.0, "bmi088"),
+        (SIXTEEN_CM, 37.0, "paper"),
+        (SIXTEEN_CM, 100.0, "paper"),
+        (SIXTEEN_CM, 400.0, "bmi088"),
+    ],
+)
+def test_a_long_lever_arm_is_named_whatever_the_noise_of_the_gyroscope(lever_arm_m, rate_hz, unit):
     runs = [
         on_a_stand(seed, rate_hz=rate_hz, unit=unit, effects={"accel_lever_arm": lever_arm_m})
         for seed in (31, 32)

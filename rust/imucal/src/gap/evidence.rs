@@ -44,6 +44,8 @@ pub(crate) struct Evidence {
     pub(crate) log: f64,
     /// -2 times the logarithm of the likelihood at its maximum, with the scales.
     pub(crate) deviance: f64,
+    /// What all residuals come to when noise is as it was taken to be, whatever the scales.
+    pub(crate) chi2: f64,
     /// s_g^2.
     pub(crate) scales: Vec<f64>,
     /// The parameters.

@@ -28,14 +28,18 @@ const LEAST: f64 = 8.0;
 const WORTH_ASKING: f64 = 2.0;
 /// With so much that it explains on top of the path, the path is not all.
 const NOT_ALL: f64 = 12.0;
-/// Share of what a path explains that large effects may leave, being more than a line.
+/// Shares of a path's nats, and of the chi2 that it explains, that large effects may leave, being more than a line. Nats grow with the
+/// logarithm of a size: alone they would tell a remainder of a few per cent from one of as much of a larger effect.
 const REMAINDER: f64 = 0.02;
+const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis with the largest evidence.
 pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
     pub(super) log_bayes_factor: f64,
+    /// By how much it lowers chi2.
+    chi2: f64,
     /// Rests, or rests before moves, and what is wrong there on each axis, SI units.
     wrong: Vec<(usize, Vector3<f64>)>,
 }
@@ -52,8 +56,8 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// Logarithm of the Bayes factor of a hypothesis with its columns, and their weights; `None` where it comes to nothing.
-    fn ask(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<(f64, Vec<f64>)> {
+    /// The evidence of the model with a hypothesis, which has so many columns; `None` where that comes to nothing.
+    fn ask(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<Evidence> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
@@ -68,7 +72,7 @@ impl<'a> Judge<'a> {
         {
             evidence = other;
         }
-        Some((evidence.log - before.log, evidence.theta[model.len()..].to_vec()))
+        Some(evidence)
     }
 }
 
@@ -88,17 +92,19 @@ fn best_generics<const N: usize>(
         judges.each_ref().map(|judge| judge.ask(hypothesis, others.as_ref()?, columns.ncols()))
     });
     std::array::from_fn(|judge| {
-        let mut best: Option<(&Hypothesis, &(f64, Vec<f64>))> = None;
+        let mut best: Option<(&Hypothesis, &Evidence)> = None;
         for (hypothesis, heard) in hypotheses.iter().zip(&heard) {
-            if let Some(heard) = heard[judge].as_ref().filter(|own| best.is_none_or(|(_, best)| own.0 > best.0)) {
+            if let Some(heard) = heard[judge].as_ref().filter(|own| best.is_none_or(|(_, best)| own.log > best.log)) {
                 best = Some((hypothesis, heard));
             }
         }
-        best.map(|(hypothesis, (log_bayes_factor, weights))| BestGeneric {
+        let Judge { model, before, .. } = &judges[judge];
+        best.map(|(hypothesis, with)| BestGeneric {
             block: hypothesis.block,
             kernel: hypothesis.kernel,
-            log_bayes_factor: *log_bayes_factor,
-            wrong: setting.wrong(hypothesis, weights),
+            log_bayes_factor: with.log - before.log,
+            chi2: before.chi2 - with.chi2,
+            wrong: setting.wrong(hypothesis, &with.theta[model.len()..]),
         })
     })
 }
@@ -109,28 +115,28 @@ pub(super) struct Pattern {
     pub(super) alone: Option<BestGeneric>,
     /// The path against no effect.
     pub(super) path: f64,
+    /// By how much the path lowers chi2.
+    path_chi2: f64,
     /// The best one on top of the path, against the path.
     pub(super) on_top: Option<BestGeneric>,
 }
 
 impl Pattern {
-    /// The generic hypothesis, if it explains more than the path, or if with it the path explains nothing more; that on top of
-    /// the path, if it explains much that the path does not.
+    /// The generic hypothesis, if it explains more than the path; that on top of the path, if it explains much that the path does
+    /// not.
     pub(super) fn winner(self) -> Option<BestGeneric> {
-        let Self { alone, path, on_top } = self;
-        let left = on_top.as_ref().map_or(0.0, |g| g.log_bayes_factor);
-        let instead = alone.filter(|g| {
-            let more = g.log_bayes_factor > path + LEAD;
-            let superfluous = left > LEAST && path + left < g.log_bayes_factor + LEAD;
-            g.log_bayes_factor > LEAST && (more || superfluous)
-        });
-        instead.or(on_top.filter(|_| left > NOT_ALL.max(REMAINDER * path)))
+        let Self { alone, path, path_chi2, on_top } = self;
+        let is_no_remainder = |chi2: f64| path_chi2 <= 0.0 || chi2 > REMAINDER_OF_CHI2 * path_chi2;
+        let instead =
+            |g: &BestGeneric| g.log_bayes_factor > LEAST.max(path + LEAD) && is_no_remainder(g.chi2 - path_chi2);
+        let besides = |g: &BestGeneric| g.log_bayes_factor > NOT_ALL.max(REMAINDER * path) && is_no_remainder(g.chi2);
+        alone.filter(instead).or(on_top.filter(besides))
     }
 }
 
 impl BestGeneric {
     pub(super) fn finding(self) -> GenericFinding {
-        let Self { block, kernel, log_bayes_factor, wrong } = self;
+        let Self { block, kernel, log_bayes_factor, wrong, .. } = self;
         // At rest the force is the direction of gravity: a bias that follows one is a scale that follows the other.
         let (block, kernel, unit) = match (block, kernel) {
             (Block::AccelerometerBias, Kernel::GravityDirection) => {
@@ -201,7 +207,9 @@ impl Hunt<'_> {
             }
             self.stage(prepared, triads, &choices, &members, Beside::Nothing).ok()
         });
-        let path = with.as_ref().map_or(0.0, |with| with.evidence.log - without.evidence.log);
+        let (path, path_chi2) = with.as_ref().map_or((0.0, 0.0), |with| {
+            (with.evidence.log - without.evidence.log, without.evidence.chi2 - with.evidence.chi2)
+        });
         let none = Terms::try_new(&[], &[], &self.samples, self.kinds)?;
         let setting = Setting::new(prepared, &none, &without.model)?;
         let (alone, on_top) = match &with {
@@ -219,6 +227,6 @@ impl Hunt<'_> {
                 (alone, with.as_ref().map(beside).transpose()?.flatten())
             }
         };
-        Ok((Pattern { alone, path, on_top }, with))
+        Ok((Pattern { alone, path, path_chi2, on_top }, with))
     }
 }

@@ -138,6 +138,7 @@ impl<'a> Weighing<'a> {
                 return Some(Evidence {
                     log: -0.5 * (deviance + prior + volume - given),
                     deviance,
+                    chi2: chi2.iter().sum(),
                     scales,
                     theta: theta.iter().zip(unit).map(|(theta, unit)| theta * unit).collect(),
                 });
