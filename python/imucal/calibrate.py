@@ -15,17 +15,7 @@ from imucal.calibration_result import CalibrationResult
 from imucal.document import now, without_nan
 from imucal.effects import EffectValues, State, UserEffect
 from imucal.errors import FitError, InputError
-from imucal.evaluate import (
-    FIGURES,
-    MIN_REST_S,
-    MOVE,
-    REST,
-    THRESHOLD,
-    evaluate,
-    fields_of,
-    poor_figures,
-    reported,
-)
+from imucal.evaluate import MIN_REST_S, evaluate, poor_figures
 from imucal.finding import Finding
 from imucal.one_unit import of_one_unit, require_other_data
 from imucal.options import Options, UserField, asked_for, wander_of
@@ -38,10 +28,6 @@ if TYPE_CHECKING:
 
 __all__ = ["calibrate", "calibrated", "fields_for_library"]
 
-FIT = ("chi2", "degrees_of_freedom", "inflation", "iterations", "termination")
-MISFIT = ("chi2", "degrees_of_freedom", "p_value")
-DIAGNOSIS = ("code", "parameters", "value", "message", "way_out")
-SCALES = ("norms", "moves", "inside", "stand")
 MOST_FOLDS = 1000
 # Share of the rests or of the moves that may contradict the others in a good calibration.
 MOST_CONTRADICTING = 0.1
@@ -143,7 +129,6 @@ def calibrated(
     if own:
         options, outcome = _with_user_effects(checked, unit_data, options, own, outcome)
     carried = tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects)
-    figures = fields_of(outcome.figures, FIGURES)
 
     def made(control_set: Mapping[str, Any] | None) -> Calibration:
         return Calibration(
@@ -160,12 +145,12 @@ def calibrated(
             noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
             temperature_range_degc=_temperature_range(unit_data),
             fit={
-                "accelerometer": fields_of(outcome.accelerometer_fit, FIT),
-                "gyroscope": fields_of(outcome.gyroscope_fit, FIT),
+                "accelerometer": outcome.accelerometer_fit,
+                "gyroscope": outcome.gyroscope_fit,
                 **_joint(outcome),
-                "rest_thresholds": [fields_of(threshold, THRESHOLD) for threshold in outcome.thresholds],
+                "rest_thresholds": outcome.thresholds,
             },
-            calibration_set=figures,
+            calibration_set=outcome.figures,
             control_set=control_set,
             provenance=Provenance(
                 _sources(unit_data),
@@ -181,7 +166,7 @@ def calibrated(
     if judged is not None:
         calibration = made(judged.figures)
     reasons = [
-        *poor_figures("calibration set", figures),
+        *poor_figures("calibration set", outcome.figures),
         *_too_many_contradict("rests", outcome.rests),
         *_too_many_contradict("moves", outcome.moves),
         *_too_many_not_still(outcome.rests),
@@ -189,8 +174,8 @@ def calibrated(
     ]
     return CalibrationResult(
         calibration=calibration,
-        rests=reported(outcome.rests, REST, unit_data, _misfit),
-        moves=reported(outcome.moves, MOVE, unit_data, _misfit),
+        rests=tuple(outcome.rests),
+        moves=tuple(outcome.moves),
         findings=(
             *(f for r in unit_data for f in r.findings),
             *outcome.findings,
@@ -199,7 +184,7 @@ def calibrated(
         held_out=_held_out(outcome, options.folds),
         control=judged,
         reasons=tuple(reasons),
-        diagnosis=tuple(fields_of(item, DIAGNOSIS) for item in outcome.diagnosis),
+        diagnosis=tuple(outcome.diagnosis),
     )
 
 
@@ -287,10 +272,9 @@ def _joint(outcome: _core.Outcome) -> dict[str, Any]:
     if outcome.joint_fit is None:
         return {}
     effects = [{"name": e.name, "statistic": e.statistic, "dof": len(e.values)} for e in outcome.effects]
-    joint = {**fields_of(outcome.joint_fit, FIT), "scales": fields_of(outcome.joint_scales, SCALES)}
     return {
-        "joint": joint,
-        "noise_alone": _misfit(outcome),
+        "joint": {**outcome.joint_fit, "scales": outcome.joint_scales},
+        "noise_alone": outcome.misfit,
         # Of the gyroscope, as the rates at the rests show it or as it was given; null where neither.
         "bias_instability_radps": outcome.bias_instability_radps,
         # Of a hand, about each axis; null where the unit lies on something firm.
@@ -299,14 +283,9 @@ def _joint(outcome: _core.Outcome) -> dict[str, Any]:
     }
 
 
-def _misfit(item: _core.Rest | _core.Move | _core.Outcome) -> dict[str, Any]:
-    """How well noise alone explains the residuals of a rest, of a move or of all, nothing being widened."""
-    return dict.fromkeys(MISFIT) if item.misfit is None else fields_of(item.misfit, MISFIT)
-
-
-def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) -> list[str]:
+def _too_many_contradict(what: str, items: Sequence[Mapping[str, Any]]) -> list[str]:
     """A few bad rests or moves are an accident; where many contradict the others the model is wrong."""
-    count = sum((item.excluded or "").startswith("contradicts") for item in items)
+    count = sum((item["excluded"] or "").startswith("contradicts") for item in items)
     if count <= MOST_CONTRADICTING * len(items):
         return []
     return [
@@ -315,9 +294,9 @@ def _too_many_contradict(what: str, items: Sequence[_core.Rest | _core.Move]) ->
     ]
 
 
-def _too_many_not_still(rests: Sequence[_core.Rest]) -> list[str]:
+def _too_many_not_still(rests: Sequence[Mapping[str, Any]]) -> list[str]:
     """A few slow turns look like rests; many mean rates that differ are another bias."""
-    count = sum(rest.excluded == "rest_not_still" for rest in rests)
+    count = sum(rest["excluded"] == "rest_not_still" for rest in rests)
     if count <= MOST_NOT_STILL * len(rests):
         return []
     return [
@@ -330,16 +309,16 @@ def _too_many_not_still(rests: Sequence[_core.Rest]) -> list[str]:
 def _too_loud(outcome: _core.Outcome, unit_data: Sequence[Recording]) -> Iterator[Finding]:
     """Noise that explains far more than is left: what was taken for noise is a motion."""
     misfit = outcome.misfit
-    if outcome.joint_fit is None or misfit is None or misfit.p_value < TOO_SURE:
+    if misfit["p_value"] is None or misfit["p_value"] < TOO_SURE:
         return
-    ratio = (misfit.chi2 / misfit.degrees_of_freedom) ** 0.5
+    ratio = (misfit["chi2"] / misfit["degrees_of_freedom"]) ** 0.5
     yield Finding(
         "noise_overestimated",
         "warning",
         " and ".join(recording.name for recording in unit_data),
         (),
         None,
-        misfit.degrees_of_freedom,
+        misfit["degrees_of_freedom"],
         ratio,
         "1",
         f"residuals are {ratio:.2g} times what the noise at the rests explains: standard deviations are too "

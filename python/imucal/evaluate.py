@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -29,32 +29,6 @@ MIN_REST_S: Final = 1.0
 # Residuals ten times what noise explains: then something else than noise rules the result.
 POOR_CHI2_PER_DOF: Final = 100.0
 
-FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg", "rests", "moves")
-REST: Final = (
-    "first",
-    "end",
-    "start_s",
-    "end_s",
-    "unsteadiness",
-    "mean_specific_force",
-    "mean_angular_rate",
-    "norm_error_mps2",
-    "norm_sigma_mps2",
-    "excluded",
-)
-MOVE: Final = (
-    "from_rest",
-    "to_rest",
-    "first",
-    "last",
-    "duration_s",
-    "direction_error_deg",
-    "direction_sigma_deg",
-    "gravity_before",
-    "gravity_after",
-    "excluded",
-)
-THRESHOLD: Final = ("factor", "stable_from", "stable_to", "window_s", "noise_floor")
 CARRIED: Final = ("time_s", "measured", "uncalibrated", "calibrated")
 
 FIGURE_TEXT: Final = {
@@ -166,12 +140,12 @@ def evaluate(
     outcome = _core.evaluate(
         calibration.without_user_effects(), uncalibrated.gyroscope, judges, corrected, gravity, min_rest_s
     )
-    figures = fields_of(outcome.figures, FIGURES)
+    figures = outcome.figures
     return Evaluation(
         figures=figures,
-        before=fields_of(before.figures, FIGURES),
-        rests=reported(outcome.rests, REST, judges),
-        moves=reported(outcome.moves, MOVE, judges),
+        before=before.figures,
+        rests=tuple(outcome.rests),
+        moves=tuple(outcome.moves),
         carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
         findings=(
             *(f for r in judges for f in r.findings),
@@ -263,24 +237,6 @@ def as_it_comes(calibration: Calibration) -> Calibration:
         gyroscope=nominal(calibration.gyroscope, calibration.gyro_unit == "lsb"),
         effects=(),
         user_effects=(),
-    )
-
-
-def fields_of(item: object, names: Sequence[str]) -> dict[str, Any]:
-    """Fields of a result of the library as a mapping; what does not exist (NaN) is None."""
-    return {name: without_nan(getattr(item, name)) for name in names}
-
-
-def reported(
-    items: Sequence[Any],
-    names: Sequence[str],
-    recordings: Sequence[Recording],
-    more: Callable[[Any], Mapping[str, Any]] = lambda item: {},
-) -> tuple[Mapping[str, Any], ...]:
-    """Rests or moves as mappings, with the name of their recording, and what `more` says of each."""
-    return tuple(
-        {"recording": recordings[item.recording].name, **fields_of(item, names), **more(item)}
-        for item in items
     )
 
 

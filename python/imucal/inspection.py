@@ -13,7 +13,7 @@ from imucal.calibrate import calibrate
 from imucal.calibration import Calibration, Triad
 from imucal.document import without_nan
 from imucal.errors import ImucalError
-from imucal.evaluate import MIN_REST_S, THRESHOLD, fields_of
+from imucal.evaluate import MIN_REST_S
 from imucal.finding import Finding
 from imucal.options import Options
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recording
@@ -80,7 +80,7 @@ def inspect(
         gyro_unit=recording.gyro_unit,
         findings=(*recording.findings, *seen.findings),
         rests=tuple({"start_s": start, "end_s": end} for start, end in seen.rests),
-        threshold=None if seen.threshold is None else fields_of(seen.threshold, THRESHOLD),
+        threshold=seen.threshold,
         explanation=seen.explanation,
         missing=missing,
         predicted_sigma=_predicted(recording, gravity_mps2, min_rest_s, _not_determined(missing or "")),

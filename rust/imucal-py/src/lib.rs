@@ -39,10 +39,7 @@ mod _core {
     #[pymodule_export]
     use super::plan::{optimal_program, plan_effect_parameters, predict_sigma, smallest_visible};
     #[pymodule_export]
-    use super::results::{
-        Carried, Diagnosis, EffectEstimate, Evaluation, Figures, FitReport, HeldOut, Inspection, Misfit, Move, Outcome,
-        Prospect, ResidualScales, Rest, Threshold,
-    };
+    use super::results::{Carried, EffectEstimate, Evaluation, HeldOut, Inspection, Outcome, Prospect};
     #[pymodule_export]
     use super::simulation::{Simulation, earth_rate_radps, gravity_mps2, grid_program, random_program, simulate};
 
@@ -94,7 +91,7 @@ mod _core {
             Ok((outcome, diagnosis))
         };
         let (outcome, diagnosis) = py.detach(work).to_python(py)?;
-        Outcome::new(py, outcome, diagnosis)
+        Outcome::new(py, outcome, diagnosis, &recordings)
     }
 
     /// What recordings of one unit can determine, before any fit.
@@ -136,7 +133,7 @@ mod _core {
             ),
         };
         let evaluation = py.detach(work).to_python(py)?;
-        Evaluation::new(py, evaluation)
+        Evaluation::new(py, evaluation, &recordings)
     }
 
     /// Findings of all checks that need no fit, and the rests where there are any.

@@ -1,14 +1,16 @@
-//! Results of the library as frozen Python objects.
+//! Results of the library as frozen Python objects, and as mappings where these go into documents.
 
 use imucal::Termination;
 use imucal::calibrate;
 use imucal::diagnosis;
 use imucal::error::Error;
 use imucal::evaluate;
+use imucal::recording::Recording;
 use imucal::segment::{self, Segments};
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyDict;
 
 use crate::arrays::to_rows;
 use crate::error::finding;
@@ -28,12 +30,30 @@ fn matrix(py: Python<'_>, values: &nalgebra::Matrix3<f64>) -> PyResult<Rows> {
     Ok(to_rows(py, values.transpose().data.0.to_vec())?.unbind())
 }
 
+/// A mapping that goes into documents as it is: what does not exist (NaN) is None in it.
+type Fields = Py<PyDict>;
+
+fn fields<'py>(
+    py: Python<'py>,
+    of: impl IntoPyObject<'py, Output = Bound<'py, PyDict>, Error = PyErr>,
+) -> PyResult<Fields> {
+    Ok(of.into_pyobject(py)?.unbind())
+}
+
+fn known(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn each_known(values: &Vector3<f64>) -> [Option<f64>; 3] {
+    [known(values.x), known(values.y), known(values.z)]
+}
+
 /// The figures of a calibration on a set of recordings.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct Figures {
-    chi2_per_dof: f64,
-    gravity_norm_rms_mps2: f64,
-    gravity_direction_rms_deg: f64,
+#[derive(IntoPyObject)]
+struct Figures {
+    chi2_per_dof: Option<f64>,
+    gravity_norm_rms_mps2: Option<f64>,
+    gravity_direction_rms_deg: Option<f64>,
     rests: usize,
     moves: usize,
 }
@@ -41,138 +61,130 @@ pub(crate) struct Figures {
 impl From<evaluate::Figures> for Figures {
     fn from(f: evaluate::Figures) -> Self {
         Self {
-            chi2_per_dof: f.chi2_per_dof,
-            gravity_norm_rms_mps2: f.gravity_norm_rms_mps2,
-            gravity_direction_rms_deg: f.gravity_direction_rms_deg,
+            chi2_per_dof: known(f.chi2_per_dof),
+            gravity_norm_rms_mps2: known(f.gravity_norm_rms_mps2),
+            gravity_direction_rms_deg: known(f.gravity_direction_rms_deg),
             rests: f.rests,
             moves: f.moves,
         }
     }
 }
 
-/// How well noise alone explains residuals.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct Misfit {
-    chi2: f64,
-    degrees_of_freedom: usize,
-    p_value: f64,
+/// How well noise alone explains residuals; nothing is known where no joint fit used them.
+#[derive(IntoPyObject)]
+struct Misfit {
+    chi2: Option<f64>,
+    degrees_of_freedom: Option<usize>,
+    p_value: Option<f64>,
 }
 
-impl Misfit {
-    fn new(py: Python<'_>, misfit: Option<calibrate::Misfit>) -> PyResult<Option<Py<Self>>> {
-        misfit
-            .map(|m| {
-                let misfit = Self { chi2: m.chi2, degrees_of_freedom: m.degrees_of_freedom, p_value: m.p_value };
-                Py::new(py, misfit)
-            })
-            .transpose()
+impl From<Option<calibrate::Misfit>> for Misfit {
+    fn from(misfit: Option<calibrate::Misfit>) -> Self {
+        Self {
+            chi2: misfit.and_then(|m| known(m.chi2)),
+            degrees_of_freedom: misfit.map(|m| m.degrees_of_freedom),
+            p_value: misfit.and_then(|m| known(m.p_value)),
+        }
     }
 }
 
 /// One rest, judged.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct Rest {
-    recording: usize,
+#[derive(IntoPyObject)]
+struct Rest<'a> {
+    recording: &'a str,
     first: usize,
     end: usize,
-    start_s: f64,
-    end_s: f64,
-    unsteadiness: f64,
-    mean_specific_force: Vector,
-    mean_angular_rate: Vector,
-    norm_error_mps2: f64,
-    norm_sigma_mps2: f64,
-    misfit: Option<Py<Misfit>>,
+    start_s: Option<f64>,
+    end_s: Option<f64>,
+    unsteadiness: Option<f64>,
+    mean_specific_force: [Option<f64>; 3],
+    mean_angular_rate: [Option<f64>; 3],
+    norm_error_mps2: Option<f64>,
+    norm_sigma_mps2: Option<f64>,
     excluded: Option<&'static str>,
 }
 
-impl Rest {
-    fn new(py: Python<'_>, r: &evaluate::RestReport) -> PyResult<Py<Self>> {
-        let rest = Self {
-            recording: r.recording,
+impl<'a> Rest<'a> {
+    fn new(recordings: &[Recording<'a>], r: &evaluate::RestReport) -> Self {
+        Self {
+            recording: recordings[r.recording].name,
             first: r.first,
             end: r.end,
-            start_s: r.start_s,
-            end_s: r.end_s,
-            unsteadiness: r.unsteadiness,
-            mean_specific_force: vector(py, &r.mean_specific_force),
-            mean_angular_rate: vector(py, &r.mean_angular_rate),
-            norm_error_mps2: r.norm_error_mps2,
-            norm_sigma_mps2: r.norm_sigma_mps2,
-            misfit: Misfit::new(py, r.misfit)?,
+            start_s: known(r.start_s),
+            end_s: known(r.end_s),
+            unsteadiness: known(r.unsteadiness),
+            mean_specific_force: each_known(&r.mean_specific_force),
+            mean_angular_rate: each_known(&r.mean_angular_rate),
+            norm_error_mps2: known(r.norm_error_mps2),
+            norm_sigma_mps2: known(r.norm_sigma_mps2),
             excluded: r.excluded,
-        };
-        Py::new(py, rest)
+        }
     }
 }
 
 /// One move, judged.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct Move {
-    recording: usize,
+#[derive(IntoPyObject)]
+struct Move<'a> {
+    recording: &'a str,
     from_rest: usize,
     to_rest: usize,
     first: usize,
     last: usize,
-    duration_s: f64,
-    direction_error_deg: f64,
-    direction_sigma_deg: f64,
-    gravity_before: Vector,
-    gravity_after: Vector,
-    misfit: Option<Py<Misfit>>,
+    duration_s: Option<f64>,
+    direction_error_deg: Option<f64>,
+    direction_sigma_deg: Option<f64>,
+    gravity_before: [Option<f64>; 3],
+    gravity_after: [Option<f64>; 3],
     excluded: Option<&'static str>,
 }
 
-impl Move {
-    fn new(py: Python<'_>, m: &evaluate::MoveReport) -> PyResult<Py<Self>> {
-        let report = Self {
-            recording: m.recording,
+impl<'a> Move<'a> {
+    fn new(recordings: &[Recording<'a>], m: &evaluate::MoveReport) -> Self {
+        Self {
+            recording: recordings[m.recording].name,
             from_rest: m.from_rest,
             to_rest: m.to_rest,
             first: m.first,
             last: m.last,
-            duration_s: m.duration_s,
-            direction_error_deg: m.direction_error_deg,
-            direction_sigma_deg: m.direction_sigma_deg,
-            gravity_before: vector(py, &m.gravity_before),
-            gravity_after: vector(py, &m.gravity_after),
-            misfit: Misfit::new(py, m.misfit)?,
+            duration_s: known(m.duration_s),
+            direction_error_deg: known(m.direction_error_deg),
+            direction_sigma_deg: known(m.direction_sigma_deg),
+            gravity_before: each_known(&m.gravity_before),
+            gravity_after: each_known(&m.gravity_after),
             excluded: m.excluded,
-        };
-        Py::new(py, report)
+        }
     }
 }
 
 /// How the rests of one recording were found.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct Threshold {
-    factor: f64,
-    stable_from: f64,
-    stable_to: f64,
-    window_s: f64,
+#[derive(IntoPyObject)]
+struct Threshold {
+    factor: Option<f64>,
+    stable_from: Option<f64>,
+    stable_to: Option<f64>,
+    window_s: Option<f64>,
     /// Standard deviation of one sample, gyroscope x, y, z, accelerometer x, y, z, raw units.
-    noise_floor: Vector,
+    noise_floor: Vec<Option<f64>>,
 }
 
-impl Threshold {
-    fn new(py: Python<'_>, t: &segment::Threshold) -> PyResult<Py<Self>> {
-        let threshold = Self {
-            factor: t.factor,
-            stable_from: t.stable_from,
-            stable_to: t.stable_to,
-            window_s: t.window_s,
-            noise_floor: PyArray1::from_slice(py, t.noise_floor.as_slice()).unbind(),
-        };
-        Py::new(py, threshold)
+impl From<&segment::Threshold> for Threshold {
+    fn from(t: &segment::Threshold) -> Self {
+        Self {
+            factor: known(t.factor),
+            stable_from: known(t.stable_from),
+            stable_to: known(t.stable_to),
+            window_s: known(t.window_s),
+            noise_floor: t.noise_floor.iter().map(|value| known(*value)).collect(),
+        }
     }
 }
 
 /// How a fit ended.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct FitReport {
-    chi2: f64,
+#[derive(IntoPyObject)]
+struct FitReport {
+    chi2: Option<f64>,
     degrees_of_freedom: usize,
-    inflation: f64,
+    inflation: Option<f64>,
     iterations: u64,
     termination: &'static str,
 }
@@ -180,9 +192,9 @@ pub(crate) struct FitReport {
 impl From<imucal::FitReport> for FitReport {
     fn from(f: imucal::FitReport) -> Self {
         Self {
-            chi2: f.chi2,
+            chi2: known(f.chi2),
             degrees_of_freedom: f.degrees_of_freedom,
-            inflation: f.inflation,
+            inflation: known(f.inflation),
             iterations: f.iterations,
             termination: match f.termination {
                 Termination::Converged => "converged",
@@ -194,17 +206,17 @@ impl From<imucal::FitReport> for FitReport {
 }
 
 /// By how much the joint fit widens each kind of residual; 1 where noise explains it.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct ResidualScales {
-    norms: f64,
-    moves: f64,
-    inside: f64,
-    stand: f64,
+#[derive(IntoPyObject)]
+struct ResidualScales {
+    norms: Option<f64>,
+    moves: Option<f64>,
+    inside: Option<f64>,
+    stand: Option<f64>,
 }
 
 impl From<calibrate::ResidualScales> for ResidualScales {
     fn from(s: calibrate::ResidualScales) -> Self {
-        Self { norms: s.norms, moves: s.moves, inside: s.inside, stand: s.stand }
+        Self { norms: known(s.norms), moves: known(s.moves), inside: known(s.inside), stand: known(s.stand) }
     }
 }
 
@@ -233,24 +245,25 @@ pub(crate) struct Outcome {
     gyro_bias: Vector,
     names: Vec<String>,
     covariance: Rows,
-    rests: Vec<Py<Rest>>,
-    moves: Vec<Py<Move>>,
-    thresholds: Vec<Py<Threshold>>,
+    /// With how well noise alone explains each.
+    rests: Vec<Fields>,
+    moves: Vec<Fields>,
+    thresholds: Vec<Fields>,
     accel_noise_density: Vector,
     gyro_noise_density: Vector,
-    accelerometer_fit: Py<FitReport>,
-    gyroscope_fit: Py<FitReport>,
-    joint_fit: Option<Py<FitReport>>,
-    misfit: Option<Py<Misfit>>,
-    joint_scales: Option<Py<ResidualScales>>,
+    accelerometer_fit: Fields,
+    gyroscope_fit: Fields,
+    joint_fit: Option<Fields>,
+    joint_scales: Option<Fields>,
+    misfit: Fields,
     bias_instability_radps: Option<[f64; 3]>,
     /// rad
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
-    figures: Py<Figures>,
+    figures: Fields,
     held_out: Option<Py<HeldOut>>,
     findings: Vec<Py<PyAny>>,
-    diagnosis: Vec<Py<Diagnosis>>,
+    diagnosis: Vec<Fields>,
 }
 
 /// Moves and rests predicted by a fit without them.
@@ -276,23 +289,35 @@ impl HeldOut {
 }
 
 /// What a calibration knows badly.
-#[pyclass(frozen, get_all, module = "imucal._core")]
-pub(crate) struct Diagnosis {
+#[derive(IntoPyObject)]
+struct Diagnosis {
     code: &'static str,
     parameters: Vec<String>,
-    value: f64,
+    value: Option<f64>,
     message: String,
     way_out: String,
 }
 
 impl From<diagnosis::Diagnosis> for Diagnosis {
     fn from(d: diagnosis::Diagnosis) -> Self {
-        Self { code: d.code, parameters: d.parameters, value: d.value, message: d.message, way_out: d.way_out }
+        Self { code: d.code, parameters: d.parameters, value: known(d.value), message: d.message, way_out: d.way_out }
     }
 }
 
 impl Outcome {
-    pub(crate) fn new(py: Python<'_>, o: calibrate::Outcome, diagnosis: Vec<diagnosis::Diagnosis>) -> PyResult<Self> {
+    /// Of these recordings.
+    pub(crate) fn new(
+        py: Python<'_>,
+        o: calibrate::Outcome,
+        diagnosis: Vec<diagnosis::Diagnosis>,
+        recordings: &[Recording<'_>],
+    ) -> PyResult<Self> {
+        let with = |item: Fields, misfit| {
+            item.bind(py).update(Misfit::from(misfit).into_pyobject(py)?.as_mapping())?;
+            Ok::<Fields, PyErr>(item)
+        };
+        let rests = o.rests.iter().map(|rest| with(fields(py, Rest::new(recordings, rest))?, rest.misfit));
+        let moves = o.moves.iter().map(|m| with(fields(py, Move::new(recordings, m))?, m.misfit));
         let size = o.values.len();
         let covariance: Vec<f64> = o.covariance.concat();
         Ok(Self {
@@ -302,23 +327,23 @@ impl Outcome {
             gyro_bias: vector(py, o.calibration.gyroscope.bias()),
             names: o.names,
             covariance: PyArray1::from_vec(py, covariance).reshape([size, size])?.unbind(),
-            rests: o.rests.iter().map(|rest| Rest::new(py, rest)).collect::<PyResult<_>>()?,
-            moves: o.moves.iter().map(|m| Move::new(py, m)).collect::<PyResult<_>>()?,
-            thresholds: o.thresholds.iter().map(|t| Threshold::new(py, t)).collect::<PyResult<_>>()?,
+            rests: rests.collect::<PyResult<_>>()?,
+            moves: moves.collect::<PyResult<_>>()?,
+            thresholds: o.thresholds.iter().map(|t| fields(py, Threshold::from(t))).collect::<PyResult<_>>()?,
             accel_noise_density: vector(py, &o.noise_density.specific_force),
             gyro_noise_density: vector(py, &o.noise_density.angular_rate),
-            accelerometer_fit: Py::new(py, FitReport::from(o.accelerometer_fit))?,
-            gyroscope_fit: Py::new(py, FitReport::from(o.gyroscope_fit))?,
-            joint_fit: o.joint_fit.map(|fit| Py::new(py, FitReport::from(fit))).transpose()?,
-            misfit: Misfit::new(py, o.misfit)?,
+            accelerometer_fit: fields(py, FitReport::from(o.accelerometer_fit))?,
+            gyroscope_fit: fields(py, FitReport::from(o.gyroscope_fit))?,
+            joint_fit: o.joint_fit.map(|fit| fields(py, FitReport::from(fit))).transpose()?,
+            misfit: fields(py, Misfit::from(o.misfit))?,
             bias_instability_radps: o.bias_instability_radps,
             tremor_rad: o.tremor_rad,
-            joint_scales: o.joint_scales.map(|scales| Py::new(py, ResidualScales::from(scales))).transpose()?,
+            joint_scales: o.joint_scales.map(|scales| fields(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
-            figures: Py::new(py, Figures::from(o.figures))?,
+            figures: fields(py, Figures::from(o.figures))?,
             held_out: o.held_out.map(|held_out| HeldOut::new(py, held_out)).transpose()?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
-            diagnosis: diagnosis.into_iter().map(|d| Py::new(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
+            diagnosis: diagnosis.into_iter().map(|d| fields(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
         })
     }
 }
@@ -347,19 +372,20 @@ impl Carried {
 /// A calibration judged on recordings.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Evaluation {
-    figures: Py<Figures>,
-    rests: Vec<Py<Rest>>,
-    moves: Vec<Py<Move>>,
+    figures: Fields,
+    rests: Vec<Fields>,
+    moves: Vec<Fields>,
     carried: Vec<Py<Carried>>,
     findings: Vec<Py<PyAny>>,
 }
 
 impl Evaluation {
-    pub(crate) fn new(py: Python<'_>, e: evaluate::Evaluation) -> PyResult<Self> {
+    /// Of these recordings.
+    pub(crate) fn new(py: Python<'_>, e: evaluate::Evaluation, recordings: &[Recording<'_>]) -> PyResult<Self> {
         Ok(Self {
-            figures: Py::new(py, Figures::from(e.figures))?,
-            rests: e.rests.iter().map(|rest| Rest::new(py, rest)).collect::<PyResult<_>>()?,
-            moves: e.moves.iter().map(|m| Move::new(py, m)).collect::<PyResult<_>>()?,
+            figures: fields(py, Figures::from(e.figures))?,
+            rests: e.rests.iter().map(|rest| fields(py, Rest::new(recordings, rest))).collect::<PyResult<_>>()?,
+            moves: e.moves.iter().map(|m| fields(py, Move::new(recordings, m))).collect::<PyResult<_>>()?,
             carried: e.carried.into_iter().map(|c| Carried::new(py, c)).collect::<PyResult<_>>()?,
             findings: e.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
         })
@@ -372,7 +398,7 @@ pub(crate) struct Inspection {
     findings: Vec<Py<PyAny>>,
     /// Start and end of each rest, s.
     rests: Vec<(f64, f64)>,
-    threshold: Option<Py<Threshold>>,
+    threshold: Option<Fields>,
     /// Why the threshold was chosen, or why there is no rest.
     explanation: String,
 }
@@ -388,7 +414,7 @@ impl Inspection {
                 findings,
                 rests: segments.rests.iter().map(|rest| (rest.start_s, rest.end_s)).collect(),
                 explanation: segments.threshold.explain(segments.rests.len()),
-                threshold: Some(Threshold::new(py, &segments.threshold)?),
+                threshold: Some(fields(py, Threshold::from(&segments.threshold))?),
             },
             Some(Err(error)) => Self { findings, rests: vec![], threshold: None, explanation: error.to_string() },
             None => Self { findings, rests: vec![], threshold: None, explanation: "the data cannot be read".into() },
