@@ -1,5 +1,7 @@
 //! Tails of chi2, and robust statistics of small samples.
 
+use std::cmp::Ordering;
+
 use pulp::{Arch, Simd, WithSimd};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
@@ -24,8 +26,7 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     let position = q * (values.len() - 1) as f64;
     let below = position.floor() as usize;
     let (_, &mut low, above) = values.select_nth_unstable_by(below, f64::total_cmp);
-    let high = above.iter().fold(f64::INFINITY, |least, &v| if v < least { v } else { least });
-    between(low, high, position - below as f64)
+    between(low, least(above), position - below as f64)
 }
 
 /// [`quantile`] of `count` values that are computed when they are needed instead of being kept; NaN is passed over.
@@ -57,7 +58,7 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     // Four standard deviations of a rank among so many.
     let last = (sample.len() - 1) as f64;
     let margin = 4.0 * (q * (1.0 - q) / sample.len() as f64).sqrt();
-    let mut at = |share: f64| *sample.select_nth_unstable_by((share * last) as usize, f64::total_cmp).1;
+    let mut at = |share: f64| *sample.select_nth_unstable_by((share * last) as usize, ascending).1;
     let low = if q <= margin { f64::NEG_INFINITY } else { at(q - margin) };
     let high = if q >= 1.0 - margin { f64::INFINITY } else { at(q + margin) };
     let Census { below, up_to_low, up_to_high, all, mut inside } =
@@ -67,12 +68,27 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if rank < below || rank + 1 >= up_to_high {
         return of_all();
     }
-    let mut ranked = |rank: usize| match rank.checked_sub(up_to_low) {
-        None => low,
-        Some(k) if k < inside.len() => *inside.select_nth_unstable_by(k, f64::total_cmp).1,
-        Some(_) => high,
+    // The value of that rank, and the next one.
+    let (low, high) = match rank.checked_sub(up_to_low) {
+        _ if rank + 1 < up_to_low => (low, low),
+        None => (low, least(&inside).min(high)),
+        Some(k) if k < inside.len() => {
+            let (_, &mut value, above) = inside.select_nth_unstable_by(k, ascending);
+            (value, least(above).min(high))
+        }
+        Some(_) => (high, high),
     };
-    between(ranked(rank), ranked(rank + 1), position - rank as f64)
+    between(low, high, position - rank as f64)
+}
+
+/// Order of numbers none of which is NaN, in one comparison.
+fn ascending(a: &f64, b: &f64) -> Ordering {
+    a.partial_cmp(b).unwrap_or(Ordering::Equal)
+}
+
+/// The smallest of some values; infinity of none.
+fn least(values: &[f64]) -> f64 {
+    values.iter().fold(f64::INFINITY, |least, &v| if v < least { v } else { least })
 }
 
 /// How values lie about two of them. Ties are counted, for a clock has hardly any other steps.
