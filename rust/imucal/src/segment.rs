@@ -24,7 +24,7 @@ use crate::stats::quantile_of;
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
 use steadiness::{Steadiness, Stretch, wanders};
-use threshold::{Levels, choose_threshold, window_statistic};
+use threshold::{choose_threshold, still, window_statistic};
 
 /// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
 const BLOCK_S: f64 = 0.05;
@@ -129,8 +129,7 @@ impl Segments {
         let (statistic, floor) = window_statistic(variances, &(steps / averaged.sqrt()));
         let threshold = choose_threshold(&statistic, min_blocks);
         let gravity = gravity_size(recording, blocks);
-        let still: Vec<_> = Levels::of(&statistic, threshold.0, threshold.0)
-            .still(threshold.0)
+        let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks))
             .filter(|range| !range.is_empty() && !wanders(&blocks[range.clone()], gravity))
             .collect();

@@ -78,12 +78,26 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     let loudest = statistic.iter().copied().fold(1.0, f64::max);
     // A tenth of the fastest motion, or half way to it on a logarithmic scale: above that, motion is taken for rest.
     let highest = (loudest / 100.0).max(loudest.sqrt()).max(2.0 * LOWEST);
-    let levels = Levels::of(statistic, LOWEST, highest);
+    let mut louder: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
+    louder.retain(|(level, _)| (LOWEST..highest).contains(level));
+    louder.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let mut louder = louder.into_iter().peekable();
+    let is_rest = |blocks: &Range<usize>| trim(blocks, statistic.len()).len() >= min_blocks;
+    let (mut stretches, mut rests) = (Stretches::none(statistic.len()), 0);
+    for blocks in still(statistic, LOWEST) {
+        rests += usize::from(is_rest(&blocks));
+        stretches.add(blocks.start..blocks.end + 1 - WINDOW_BLOCKS);
+    }
     let mut best = (0.0, LOWEST, LOWEST);
     let mut plateau: Option<(usize, f64)> = None;
     let mut threshold = LOWEST;
     while threshold <= highest {
-        let rests = levels.still(threshold).filter(|range| trim(range, statistic.len()).len() >= min_blocks).count();
+        while let Some((_, window)) = louder.next_if(|(level, _)| *level < threshold) {
+            if let Some((joined, parts)) = stretches.add(window..window + 1) {
+                rests =
+                    rests + usize::from(is_rest(&joined)) - parts.iter().flatten().filter(|part| is_rest(part)).count();
+            }
+        }
         let start = match plateau {
             Some((count, start)) if count == rests => start,
             _ => threshold,
@@ -100,44 +114,57 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     (from * (to / from).powf(0.25), from, to)
 }
 
-/// The statistic as far as thresholds within a range see it.
-pub(super) struct Levels {
-    /// Windows in a row that are of one level: below all thresholds, above all, or of one value.
-    runs: Vec<(f64, Range<usize>)>,
+/// Stretches of blocks that lie in some window below the threshold.
+pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = Range<usize>> + '_ {
+    let below = move |(window, value): (usize, &f64)| (*value < threshold).then_some(window);
+    let mut windows = statistic.iter().enumerate().filter_map(below).peekable();
+    std::iter::from_fn(move || {
+        let first = windows.next()?;
+        let mut end = first + WINDOW_BLOCKS;
+        // Windows that overlap are one stretch.
+        while let Some(next) = windows.next_if(|next| *next < end) {
+            end = next + WINDOW_BLOCKS;
+        }
+        Some(first..end)
+    })
 }
 
-impl Levels {
-    /// For thresholds from `lowest` to `highest`.
-    pub(super) fn of(statistic: &[f64], lowest: f64, highest: f64) -> Self {
-        let mut runs: Vec<(f64, Range<usize>)> = Vec::new();
-        for (window, &value) in statistic.iter().enumerate() {
-            let level = match value {
-                _ if value < lowest => f64::NEG_INFINITY,
-                _ if value >= highest => f64::INFINITY,
-                _ => value,
-            };
-            match runs.last_mut() {
-                Some((before, windows)) if *before == level => windows.end = window + 1,
-                _ => runs.push((level, window..window + 1)),
-            }
-        }
-        Self { runs }
+/// The same stretches as more and more windows come below a threshold that rises.
+struct Stretches {
+    /// Of the first window of each its last one, and of the last its first; any of its windows for what is between, and
+    /// [`Self::OUTSIDE`] for windows in none.
+    other_end: Vec<usize>,
+}
+
+/// The blocks of a stretch, and of those that it was joined of.
+type Joined = (Range<usize>, [Option<Range<usize>>; 2]);
+
+impl Stretches {
+    const OUTSIDE: usize = usize::MAX;
+    /// A window that begins so much later still overlaps.
+    const REACH: usize = WINDOW_BLOCKS - 1;
+
+    /// Of so many windows none is still.
+    fn none(windows: usize) -> Self {
+        Self { other_end: vec![Self::OUTSIDE; windows] }
     }
 
-    /// Stretches of blocks that lie in some window below the threshold.
-    pub(super) fn still(&self, threshold: f64) -> impl Iterator<Item = Range<usize>> + '_ {
-        let mut still =
-            self.runs.iter().filter(move |(level, _)| *level < threshold).map(|(_, windows)| windows).peekable();
-        let end_of = |windows: &Range<usize>| windows.end - 1 + WINDOW_BLOCKS;
-        std::iter::from_fn(move || {
-            let first = still.next()?;
-            let mut end = end_of(first);
-            // Windows that overlap are one stretch.
-            while let Some(next) = still.next_if(|next| next.start < end) {
-                end = end_of(next);
-            }
-            Some(first.start..end)
-        })
+    /// With windows in a row; `None` where they lie in a stretch.
+    fn add(&mut self, windows: Range<usize>) -> Option<Joined> {
+        let Range { start, end } = windows;
+        let is_in = |window: &usize| self.other_end[*window] != Self::OUTSIDE;
+        if is_in(&start) {
+            return None;
+        }
+        let before = (start.saturating_sub(Self::REACH)..start).rev().find(is_in);
+        let after = (end..(end + Self::REACH).min(self.other_end.len())).find(is_in);
+        let before = before.map(|last| (self.other_end[last], last));
+        let after = after.map(|first| (first, self.other_end[first]));
+        let blocks = |(first, last): (usize, usize)| first..last + WINDOW_BLOCKS;
+        let whole = (before.map_or(start, |(first, _)| first), after.map_or(end - 1, |(_, last)| last));
+        self.other_end[before.map_or(start, |(_, last)| last)..after.map_or(end, |(first, _)| first)].fill(whole.0);
+        (self.other_end[whole.0], self.other_end[whole.1]) = (whole.1, whole.0);
+        Some((blocks(whole), [before.map(blocks), after.map(blocks)]))
     }
 }
 
@@ -149,15 +176,28 @@ mod tests {
     fn stretches_are_the_blocks_of_still_windows_at_any_threshold() {
         let statistic: Vec<f64> =
             (0..400).map(|i| ((f64::from(i) * 0.37).sin() * 3.0).exp() + f64::from(i % 3)).collect();
-        let levels = Levels::of(&statistic, 1.5, 12.0);
+        let mut order: Vec<usize> = (0..statistic.len()).collect();
+        order.sort_unstable_by(|a, b| statistic[*a].total_cmp(&statistic[*b]));
+        let (mut order, mut rising) = (order.into_iter().peekable(), Stretches::none(statistic.len()));
+        let mut kept: Vec<Range<usize>> = Vec::new();
         for threshold in [1.5, 2.0, 3.7, 9.0, 12.0] {
             let mut covered = vec![false; statistic.len() + WINDOW_BLOCKS - 1];
             for (window, _) in statistic.iter().enumerate().filter(|(_, s)| **s < threshold) {
                 covered[window..window + WINDOW_BLOCKS].fill(true);
             }
             let mut found = vec![false; covered.len()];
-            levels.still(threshold).for_each(|range| found[range].fill(true));
+            still(&statistic, threshold).for_each(|range| found[range].fill(true));
             assert_eq!(found, covered, "{threshold}");
+            while let Some(window) = order.next_if(|window| statistic[*window] < threshold) {
+                if let Some((joined, parts)) = rising.add(window..window + 1) {
+                    let before = kept.len();
+                    kept.retain(|range| !parts.contains(&Some(range.clone())));
+                    assert_eq!(before - kept.len(), parts.iter().flatten().count());
+                    kept.push(joined);
+                }
+            }
+            kept.sort_unstable_by_key(|range| range.start);
+            assert_eq!(kept, still(&statistic, threshold).collect::<Vec<_>>(), "{threshold}");
         }
     }
 }
