@@ -114,16 +114,25 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// What all effects together add to the true rate and to the true force. Those of encoders are no part of the unit.
     pub fn at(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
+        self.at_by(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
+    }
+
+    #[inline]
+    fn at_by(&self, state: &State<F>, columns: &mut Columns<F>) -> (Vector3<F>, Vector3<F>) {
         let (mut on_rate, mut on_force) = (Vector3::zeros(), Vector3::zeros());
-        let mut columns: Columns<F> = [Vector3::zeros(); MAX_PARAMETERS];
         for member in self.iter() {
             match member.effect.sensor {
-                Sensor::Gyroscope => on_rate += member.at_by(state, &mut columns),
-                Sensor::Accelerometer => on_force += member.at_by(state, &mut columns),
+                Sensor::Gyroscope => on_rate += member.at_by(state, columns),
+                Sensor::Accelerometer => on_force += member.at_by(state, columns),
                 Sensor::Encoder => {}
             }
         }
         (on_rate, on_force)
+    }
+
+    /// Whether a field reads what this sensor should have measured.
+    fn reads(&self, sensor: Sensor) -> bool {
+        self.iter().any(|member| member.effect.reads.contains(&sensor))
     }
 
     /// What all effects together add to the angles that the encoders of the stand read, rad, one for each motor.
@@ -134,7 +143,7 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// True `(rate, force)` of what the sensors see, rad/s and m/s^2 in the body frame: the inverse of adding [`at`](Self::at).
     ///
-    /// It repeats `true <- seen - effects(true)` until nothing changes but rounding. A pass shrinks the error by the largest
+    /// It repeats `true <- seen - effects(true)` until nothing that a field reads changes but rounding. A pass shrinks the error by the largest
     /// slope of the effects with rate and force, 0.2 % for a scale asymmetry of that size: one effect of typical size takes
     /// two or three passes in `f32` and two to seven in `f64`. Where the slope is above a third or so it does not settle in
     /// 32 passes, and both are NaN.
@@ -145,11 +154,14 @@ impl<F: RealField + Copy> EffectSet<F> {
         surroundings: &Surroundings<F>,
     ) -> (Vector3<F>, Vector3<F>) {
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
+        let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
+        let [rate_counts, force_counts] = [Sensor::Gyroscope, Sensor::Accelerometer].map(|sensor| self.reads(sensor));
+        let change = |counts: bool, change: Vector3<F>| if counts { change } else { Vector3::zeros() };
         for _ in 0..MAX_PASSES {
-            let (on_rate, on_force) = self.at(&state);
+            let (on_rate, on_force) = self.at_by(&state, &mut columns);
             let (rate, force) = (seen_rate - on_rate, seen_force - on_force);
-            let settled = is_rounding(rate - state.angular_rate, seen_rate, on_rate)
-                && is_rounding(force - state.specific_force, seen_force, on_force);
+            let settled = is_rounding(change(rate_counts, rate - state.angular_rate), seen_rate, on_rate)
+                && is_rounding(change(force_counts, force - state.specific_force), seen_force, on_force);
             if settled {
                 return (rate, force);
             }
