@@ -12,11 +12,10 @@ use super::terms::{Kinds, Term};
 use crate::error::Error;
 use crate::lsq::Solution;
 
-/// Within so many standard deviations of a linearisation the residuals follow their derivatives: what is left out is of second
-/// order in the parameters' errors. A fit that ends there is linearised anew, and what is left is a part in 10^6 of a standard deviation.
-const NEAR: f64 = 0.3;
-/// A search that only asks what explains the residuals goes further: a part in a thousand is left out.
-const NEAR_IN_SEARCH: f64 = 3.0;
+/// Within so many standard deviations of a linearisation the residuals follow their derivatives, to a part in a thousand of one: what
+/// is left out is of second order in the parameters' errors. A search, which only asks what explains the residuals, leaves it at that; a
+/// fit that ends there is linearised anew and goes on, and what is left is a part in 10^6.
+const NEAR: f64 = 3.0;
 
 /// The linearisations that are known, whichever thread asks.
 pub(super) struct Nearby {
@@ -54,21 +53,16 @@ impl Joint<'_> {
                 return Ok(Arc::clone(&place.linear));
             }
         }
-        self.linear_within(parameters, NEAR, None)
+        self.linear_within(parameters, None)
     }
 
     /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
     pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
-        self.linear_within(&found.parameters, NEAR_IN_SEARCH, Some(&found.jacobian))
+        self.linear_within(&found.parameters, Some(&found.jacobian))
     }
 
-    fn linear_within(
-        &self,
-        parameters: &[f64],
-        distance: f64,
-        jacobian: Option<&Mat<f64>>,
-    ) -> Result<Arc<Linear>, Error> {
-        let Some(moved) = self.moved(parameters, distance, jacobian)? else { return self.linear_anew(parameters) };
+    fn linear_within(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Arc<Linear>, Error> {
+        let Some(moved) = self.moved(parameters, jacobian)? else { return self.linear_anew(parameters) };
         let linear = Arc::new(moved);
         *known(&self.nearby.near) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
         Ok(linear)
@@ -83,19 +77,18 @@ impl Joint<'_> {
 
     /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
-        let is_moved =
-            known(&self.nearby.last).parameters != parameters && self.moved(parameters, NEAR, None)?.is_some();
+        let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, None)?.is_some();
         if is_moved {
             self.linear_anew(parameters)?;
         }
         Ok(is_moved)
     }
 
-    /// What the last linearisation makes of these parameters, if they are within this distance and all residuals are lines. How far they
+    /// What the last linearisation makes of these parameters, if they are near and all residuals are lines. How far they
     /// go inside the moves is said by whitened derivatives, if these are at hand.
     ///
     /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
-    fn moved(&self, parameters: &[f64], distance: f64, jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
+    fn moved(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
         if encoders || self.terms.all.iter().any(Term::has_shape) {
@@ -108,7 +101,7 @@ impl Joint<'_> {
             _ => self.square_of_lines(linear, change.col_as_slice(0)),
         };
         let moved = || Ok(linear.moved(change.col_as_slice(0), Model::of(parameters, self.terms)?));
-        (square < distance * distance).then(moved).transpose()
+        (square < NEAR * NEAR).then(moved).transpose()
     }
 
     /// Sum of the squares of what a change of the parameters does to the whitened lines and rates.
