@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
@@ -30,6 +30,7 @@ class Paths:
 
     moves         place in the result and move, M of them
     rotation      from the body at the end of each move to the body at its start, (M, 3, 3)
+    turns         the same as rotation vectors, rad, (M, 3)
     since_s       time from the start of the move to the end of each of the B blocks
     length_s      of the blocks
     edges         two, from the body at the start and at the end of each block to the body at the start of the
@@ -53,12 +54,13 @@ class Paths:
             ends.append(at)
             quaternions.append(_core.attitudes(time_s[span], rate[span], [k - first for k in at]))
         # At the edges of the blocks and, between them, in their middles.
-        both = _matrices(np.concatenate(quaternions))
+        wxyz = np.concatenate(quaternions)
+        both = _matrices(wxyz)
         counts = np.array([len(at) - 1 for at in ends])
         last_edge = np.cumsum(2 * counts + 1) - 1
         in_middle = np.concatenate([np.arange(1, 2 * n, 2) for n in counts])
         in_middle += np.repeat(last_edge - 2 * counts, counts)
-        self.rotation = both[last_edge]
+        self.rotation, self.turns = both[last_edge], _vectors(wxyz[last_edge])
         self.edges, self.middle = (both[in_middle - 1], both[in_middle + 1]), both[in_middle]
         self._first = np.cumsum(counts) - counts
         self._move = np.repeat(np.arange(len(moves)), counts)
@@ -84,11 +86,6 @@ class Paths:
         self._temperature: FloatArray | None = None
         if given is not None and np.ptp(given) >= LEAST_CHANGE_K:
             self._temperature = given[start] - given.mean()
-
-    def turns(self) -> Iterator[tuple[int, FloatArray]]:
-        """The place of each move in the result, and its rotation."""
-        for (k, _), rotation in zip(self.moves, self.rotation, strict=True):
-            yield k, rotation
 
     def up(self, before: FloatArray) -> FloatArray:
         """Mean over each block of a direction that is `before`, (M, 3), at the start of the moves, (B, 3)."""
@@ -137,3 +134,12 @@ def _matrices(wxyz: FloatArray) -> FloatArray:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.moveaxis(np.array(rows), -1, 0)
+
+
+def _vectors(wxyz: FloatArray) -> FloatArray:
+    """Of quaternions, (n, 4), to rotation vectors of half a turn at most, rad, (n, 3)."""
+    w, xyz = np.abs(wxyz[:, 0]), np.copysign(1.0, wxyz[:, :1]) * wxyz[:, 1:]
+    sine = np.linalg.norm(xyz, axis=1)
+    share = np.divide(2.0 * np.arctan2(sine, w), sine, out=np.full(len(w), 2.0), where=sine > 0.0)
+    vectors: FloatArray = xyz * share[:, None]
+    return vectors

@@ -79,7 +79,9 @@ class Residuals:
         self._tremor_rad = float(np.radians(max(tremors))) if tremors else 0.0
         self._corrected = {recording.name: calibration.apply_recording(recording) for recording in recordings}
         self._paths = [Paths(corrected, moves) for corrected, moves in self._judged(result.moves)]
-        self.turns = {k: _vector(turn) for paths in self._paths for k, turn in paths.turns()}
+        self.turns = {
+            k: turn for paths in self._paths for (k, _), turn in zip(paths.moves, paths.turns, strict=True)
+        }
         self.rests: list[Item] = []
         self.moves: list[Item] = []
         self._by_rest = self._of_rests()
@@ -243,18 +245,3 @@ def _products(v: FloatArray) -> FloatArray:
     """Squares and products of three components, (..., 6)."""
     x, y, z = np.moveaxis(v, -1, 0)
     return np.stack([x * x, y * y, z * z, x * y, x * z, y * z], axis=-1)
-
-
-def _vector(rotation: FloatArray) -> FloatArray:
-    """Rotation vector, rad; of half a turn the axis is as good as rounding leaves it."""
-    skew = np.array(
-        [rotation[2, 1] - rotation[1, 2], rotation[0, 2] - rotation[2, 0], rotation[1, 0] - rotation[0, 1]]
-    )
-    sine, cosine = np.linalg.norm(skew) / 2.0, (np.trace(rotation) - 1.0) / 2.0
-    if sine > 1e-6:
-        turned: FloatArray = skew / (2.0 * sine) * np.arctan2(sine, cosine)
-        return turned
-    if cosine > 0:
-        return skew / 2.0
-    half_turn: FloatArray = np.pi * np.sqrt(np.maximum((np.diag(rotation) + 1.0) / 2.0, 0.0))
-    return half_turn
