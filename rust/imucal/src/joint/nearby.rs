@@ -14,7 +14,7 @@ use crate::lsq::Solution;
 
 /// Within so many standard deviations of a linearisation the residuals follow their derivatives, to a part in a thousand of one: what
 /// is left out is of second order in the parameters' errors. A search, which only asks what explains the residuals, leaves it at that; a
-/// fit that ends there is linearised anew and goes on, and what is left is a part in 10^6.
+/// fit that ends there is linearised anew and goes on.
 const NEAR: f64 = 3.0;
 
 /// The linearisations that are known, whichever thread asks.
