@@ -7,6 +7,7 @@ mod arrays;
 mod effects;
 mod error;
 mod gap;
+mod mappings;
 mod noise;
 mod options;
 mod plan;

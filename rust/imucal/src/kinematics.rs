@@ -86,9 +86,9 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
         let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();
         accelerometer.correct(sum / block as f64).normalize()
     };
-    let mut start = m.first;
+    let (mut start, mut before) = (m.first, None);
     while start + 2 * block <= m.last + 1 {
-        let (first, second) = (up(start), up(start + block));
+        let (first, second) = (before.unwrap_or_else(|| up(start)), up(start + block));
         let turn: Vector3<f64> = recording
             .angular_rate
             .slice(start + block / 2..start + block + block / 2)
@@ -96,7 +96,7 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
             .map(|w| Vector3::from(w) - bias)
             .sum();
         pairs.push(Pair { up: (first + second) / 2.0, change: second - first, turn: turn * dt_s });
-        start += block;
+        (start, before) = (start + block, Some(second));
     }
 }
 

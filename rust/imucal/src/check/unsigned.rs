@@ -3,6 +3,8 @@
 //! A channel that crosses zero then jumps between the ends of the numbers, which looks like saturation and is none. A sensor whose
 //! counts have no sign rests in the middle of them; with the upper half taken as negative that is where it would jump.
 
+use pulp::{Arch, Simd, WithSimd};
+
 use super::survey::Survey;
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
@@ -13,9 +15,9 @@ const BITS: std::ops::RangeInclusive<u32> = 8..=32;
 /// A jump leads from this share of the numbers at one end to the same share at the other.
 const END: f64 = 0.125;
 /// So many jumps are no odd samples.
-const FEWEST_JUMPS: usize = 3;
+const FEWEST_JUMPS: u64 = 3;
 /// With the upper half taken as negative hardly one of so many jumps is left.
-const LEFT: usize = 10;
+const LEFT: u64 = 10;
 
 /// `counts_unsigned` alone: what is to be corrected is asked for no rests and no units, but such counts are not what they say. The
 /// columns must be of one length.
@@ -44,8 +46,13 @@ fn finding(
         return None;
     }
     let numbers = BITS.map(|bits| 2f64.powi(bits as i32)).find(|numbers| high < *numbers)?;
-    let crosses = |axis: &usize| ends[*axis][0] < END * numbers && ends[*axis][1] > (1.0 - END) * numbers;
-    let jumping: Vec<usize> = (0..3).filter(crosses).filter(|&axis| jumps_at_zero(rows, axis, numbers)).collect();
+    let crosses = |axis: usize| ends[axis][0] < END * numbers && ends[axis][1] > (1.0 - END) * numbers;
+    if !(0..3).any(crosses) {
+        return None;
+    }
+    let jumps = Arch::new().dispatch(Jumps { rows, numbers });
+    let at_zero = |axis: &usize| jumps[*axis][0] >= FEWEST_JUMPS && LEFT * jumps[*axis][1] <= jumps[*axis][0];
+    let jumping: Vec<usize> = (0..3).filter(|axis| crosses(*axis)).filter(at_zero).collect();
     if jumping.is_empty() {
         return None;
     }
@@ -83,15 +90,43 @@ fn is_jump(before: f64, after: f64, numbers: f64) -> bool {
     before.min(after) < END * numbers && before.max(after) > (1.0 - END) * numbers
 }
 
-/// Whether a channel jumps between its ends, and no longer once its upper half is negative.
-fn jumps_at_zero(rows: Samples<'_>, axis: usize, numbers: f64) -> bool {
-    let signed = |v: f64| if v < numbers / 2.0 { v } else { v - numbers };
-    let (mut jumps, mut left) = (0, 0);
-    rows.neighbours(axis, |before, after| {
-        jumps += usize::from(is_jump(before, after, numbers));
-        left += usize::from((signed(after) - signed(before)).abs() > (1.0 - 2.0 * END) * numbers);
-    });
-    jumps >= FEWEST_JUMPS && LEFT * left <= jumps
+/// How often each channel of a triad jumps between its ends, and how often it still does when the upper half of its numbers is
+/// negative; made with the widest vectors that the processor has.
+struct Jumps<'a> {
+    rows: Samples<'a>,
+    numbers: f64,
+}
+
+/// Rows that are looked at while they are near.
+const PART: usize = 256;
+/// Numbers side by side: full registers.
+const WIDTH: usize = 3 * 8;
+
+impl WithSimd for Jumps<'_> {
+    type Output = [[u64; 2]; 3];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { rows, numbers } = self;
+        let signed = |v: f64| if v < numbers / 2.0 { v } else { v - numbers };
+        let (mut jumps, mut left) = ([0; WIDTH], [0; WIDTH]);
+        let mut count = |k: usize, before: f64, after: f64| {
+            jumps[k] += u64::from(is_jump(before, after, numbers));
+            left[k] += u64::from((signed(after) - signed(before)).abs() > (1.0 - 2.0 * END) * numbers);
+        };
+        for start in (1..rows.len()).step_by(PART) {
+            let part = rows.part(start - 1..(start + PART).min(rows.len()));
+            let after = part[1..].as_flattened();
+            let (fulls_before, before) = part.as_flattened()[..after.len()].as_chunks::<WIDTH>();
+            let (fulls_after, after) = after.as_chunks::<WIDTH>();
+            for (before, after) in fulls_before.iter().zip(fulls_after) {
+                (0..WIDTH).for_each(|k| count(k, before[k], after[k]));
+            }
+            before.iter().zip(after).enumerate().for_each(|(k, (before, after))| count(k, *before, *after));
+        }
+        let of_axis = |counts: &[u64; WIDTH], axis: usize| counts.iter().skip(axis).step_by(3).sum();
+        [0, 1, 2].map(|axis| [of_axis(&jumps, axis), of_axis(&left, axis)])
+    }
 }
 
 #[cfg(test)]

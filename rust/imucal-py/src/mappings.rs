@@ -1,0 +1,217 @@
+//! What a result says of its parts, as mappings that go into documents as they are: what does not exist (NaN) is None in them.
+
+use imucal::Termination;
+use imucal::calibrate;
+use imucal::diagnosis;
+use imucal::evaluate;
+use imucal::recording::Recording;
+use imucal::segment;
+use nalgebra::Vector3;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+
+/// A mapping in Python.
+pub(crate) type Fields = Py<PyDict>;
+
+pub(crate) fn fields<'py>(
+    py: Python<'py>,
+    of: impl IntoPyObject<'py, Output = Bound<'py, PyDict>, Error = PyErr>,
+) -> PyResult<Fields> {
+    Ok(of.into_pyobject(py)?.unbind())
+}
+
+fn known(value: f64) -> Option<f64> {
+    value.is_finite().then_some(value)
+}
+
+fn each_known(values: &Vector3<f64>) -> [Option<f64>; 3] {
+    [known(values.x), known(values.y), known(values.z)]
+}
+
+/// The figures of a calibration on a set of recordings.
+#[derive(IntoPyObject)]
+pub(crate) struct Figures {
+    chi2_per_dof: Option<f64>,
+    gravity_norm_rms_mps2: Option<f64>,
+    gravity_direction_rms_deg: Option<f64>,
+    rests: usize,
+    moves: usize,
+}
+
+impl From<evaluate::Figures> for Figures {
+    fn from(f: evaluate::Figures) -> Self {
+        Self {
+            chi2_per_dof: known(f.chi2_per_dof),
+            gravity_norm_rms_mps2: known(f.gravity_norm_rms_mps2),
+            gravity_direction_rms_deg: known(f.gravity_direction_rms_deg),
+            rests: f.rests,
+            moves: f.moves,
+        }
+    }
+}
+
+/// How well noise alone explains residuals; nothing is known where no joint fit used them.
+#[derive(IntoPyObject)]
+pub(crate) struct Misfit {
+    chi2: Option<f64>,
+    degrees_of_freedom: Option<usize>,
+    p_value: Option<f64>,
+}
+
+impl From<Option<calibrate::Misfit>> for Misfit {
+    fn from(misfit: Option<calibrate::Misfit>) -> Self {
+        Self {
+            chi2: misfit.and_then(|m| known(m.chi2)),
+            degrees_of_freedom: misfit.map(|m| m.degrees_of_freedom),
+            p_value: misfit.and_then(|m| known(m.p_value)),
+        }
+    }
+}
+
+/// One rest, judged.
+#[derive(IntoPyObject)]
+pub(crate) struct Rest<'a> {
+    recording: &'a str,
+    first: usize,
+    end: usize,
+    start_s: Option<f64>,
+    end_s: Option<f64>,
+    unsteadiness: Option<f64>,
+    mean_specific_force: [Option<f64>; 3],
+    mean_angular_rate: [Option<f64>; 3],
+    norm_error_mps2: Option<f64>,
+    norm_sigma_mps2: Option<f64>,
+    excluded: Option<&'static str>,
+}
+
+impl<'a> Rest<'a> {
+    pub(crate) fn new(recordings: &[Recording<'a>], r: &evaluate::RestReport) -> Self {
+        Self {
+            recording: recordings[r.recording].name,
+            first: r.first,
+            end: r.end,
+            start_s: known(r.start_s),
+            end_s: known(r.end_s),
+            unsteadiness: known(r.unsteadiness),
+            mean_specific_force: each_known(&r.mean_specific_force),
+            mean_angular_rate: each_known(&r.mean_angular_rate),
+            norm_error_mps2: known(r.norm_error_mps2),
+            norm_sigma_mps2: known(r.norm_sigma_mps2),
+            excluded: r.excluded,
+        }
+    }
+}
+
+/// One move, judged.
+#[derive(IntoPyObject)]
+pub(crate) struct Move<'a> {
+    recording: &'a str,
+    from_rest: usize,
+    to_rest: usize,
+    first: usize,
+    last: usize,
+    duration_s: Option<f64>,
+    direction_error_deg: Option<f64>,
+    direction_sigma_deg: Option<f64>,
+    gravity_before: [Option<f64>; 3],
+    gravity_after: [Option<f64>; 3],
+    excluded: Option<&'static str>,
+}
+
+impl<'a> Move<'a> {
+    pub(crate) fn new(recordings: &[Recording<'a>], m: &evaluate::MoveReport) -> Self {
+        Self {
+            recording: recordings[m.recording].name,
+            from_rest: m.from_rest,
+            to_rest: m.to_rest,
+            first: m.first,
+            last: m.last,
+            duration_s: known(m.duration_s),
+            direction_error_deg: known(m.direction_error_deg),
+            direction_sigma_deg: known(m.direction_sigma_deg),
+            gravity_before: each_known(&m.gravity_before),
+            gravity_after: each_known(&m.gravity_after),
+            excluded: m.excluded,
+        }
+    }
+}
+
+/// How the rests of one recording were found.
+#[derive(IntoPyObject)]
+pub(crate) struct Threshold {
+    factor: Option<f64>,
+    stable_from: Option<f64>,
+    stable_to: Option<f64>,
+    window_s: Option<f64>,
+    /// Standard deviation of one sample, gyroscope x, y, z, accelerometer x, y, z, raw units.
+    noise_floor: Vec<Option<f64>>,
+}
+
+impl From<&segment::Threshold> for Threshold {
+    fn from(t: &segment::Threshold) -> Self {
+        Self {
+            factor: known(t.factor),
+            stable_from: known(t.stable_from),
+            stable_to: known(t.stable_to),
+            window_s: known(t.window_s),
+            noise_floor: t.noise_floor.iter().map(|value| known(*value)).collect(),
+        }
+    }
+}
+
+/// How a fit ended.
+#[derive(IntoPyObject)]
+pub(crate) struct FitReport {
+    chi2: Option<f64>,
+    degrees_of_freedom: usize,
+    inflation: Option<f64>,
+    iterations: u64,
+    termination: &'static str,
+}
+
+impl From<imucal::FitReport> for FitReport {
+    fn from(f: imucal::FitReport) -> Self {
+        Self {
+            chi2: known(f.chi2),
+            degrees_of_freedom: f.degrees_of_freedom,
+            inflation: known(f.inflation),
+            iterations: f.iterations,
+            termination: match f.termination {
+                Termination::Converged => "converged",
+                Termination::IterationLimit => "iteration_limit",
+                Termination::NotFinite => "not_finite",
+            },
+        }
+    }
+}
+
+/// By how much the joint fit widens each kind of residual; 1 where noise explains it.
+#[derive(IntoPyObject)]
+pub(crate) struct ResidualScales {
+    norms: Option<f64>,
+    moves: Option<f64>,
+    inside: Option<f64>,
+    stand: Option<f64>,
+}
+
+impl From<calibrate::ResidualScales> for ResidualScales {
+    fn from(s: calibrate::ResidualScales) -> Self {
+        Self { norms: known(s.norms), moves: known(s.moves), inside: known(s.inside), stand: known(s.stand) }
+    }
+}
+
+/// What a calibration knows badly.
+#[derive(IntoPyObject)]
+pub(crate) struct Diagnosis {
+    code: &'static str,
+    parameters: Vec<String>,
+    value: Option<f64>,
+    message: String,
+    way_out: String,
+}
+
+impl From<diagnosis::Diagnosis> for Diagnosis {
+    fn from(d: diagnosis::Diagnosis) -> Self {
+        Self { code: d.code, parameters: d.parameters, value: known(d.value), message: d.message, way_out: d.way_out }
+    }
+}
