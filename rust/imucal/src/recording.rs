@@ -106,6 +106,22 @@ fn neighbours_of<T: Into<f64> + Copy>(rows: &[[T; 3]], axis: usize, mut each: im
     }
 }
 
+/// Numbers side by side in [`each_step`]: of eight rows, which fill registers.
+pub(crate) const SIDE_BY_SIDE: usize = 3 * 8;
+
+/// Hands out each number of some rows and that of its axis in the next row, with its place among those side by side; every third
+/// place is of one axis.
+#[inline(always)]
+pub(crate) fn each_step(rows: &[[f64; 3]], mut each: impl FnMut(usize, f64, f64)) {
+    let after = rows.get(1..).unwrap_or_default().as_flattened();
+    let (fulls_before, before) = rows.as_flattened()[..after.len()].as_chunks::<SIDE_BY_SIDE>();
+    let (fulls_after, after) = after.as_chunks::<SIDE_BY_SIDE>();
+    for (before, after) in fulls_before.iter().zip(fulls_after) {
+        (0..SIDE_BY_SIDE).for_each(|k| each(k, before[k], after[k]));
+    }
+    before.iter().zip(after).enumerate().for_each(|(k, (before, after))| each(k, *before, *after));
+}
+
 #[inline(always)]
 fn widened<T: Into<f64>>([x, y, z]: [T; 3]) -> [f64; 3] {
     [x.into(), y.into(), z.into()]

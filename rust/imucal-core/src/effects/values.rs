@@ -143,10 +143,10 @@ impl<F: RealField + Copy> EffectSet<F> {
 
     /// True `(rate, force)` of what the sensors see, rad/s and m/s^2 in the body frame: the inverse of adding [`at`](Self::at).
     ///
-    /// It repeats `true <- seen - effects(true)` until nothing that a field reads changes but rounding. A pass shrinks the error by the largest
-    /// slope of the effects with rate and force, 0.2 % for a scale asymmetry of that size: one effect of typical size takes
-    /// two or three passes in `f32` and two to seven in `f64`. Where the slope is above a third or so it does not settle in
-    /// 32 passes, and both are NaN.
+    /// It repeats `true <- seen - effects(true)` until nothing that a field reads changes but rounding. A pass shrinks the
+    /// error by the largest slope of the effects with rate and force, 0.2 % for a scale asymmetry of that size: one effect of
+    /// typical size takes one pass if it does not read what it changes, else two or three in `f32` and two to seven in `f64`.
+    /// Where the slope is above a third or so it does not settle in 32 passes, and both are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,

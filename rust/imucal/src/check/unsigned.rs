@@ -8,7 +8,7 @@ use pulp::{Arch, Simd, WithSimd};
 use super::survey::Survey;
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
-use crate::recording::{RawUnit, Recording, Samples};
+use crate::recording::{RawUnit, Recording, SIDE_BY_SIDE, Samples, each_step};
 
 /// Bits that converters and registers have.
 const BITS: std::ops::RangeInclusive<u32> = 8..=32;
@@ -18,6 +18,8 @@ const END: f64 = 0.125;
 const FEWEST_JUMPS: u64 = 3;
 /// With the upper half taken as negative hardly one of so many jumps is left.
 const LEFT: u64 = 10;
+/// Samples that are looked at while they are near.
+const PART: usize = 256;
 
 /// `counts_unsigned` alone: what is to be corrected is asked for no rests and no units, but such counts are not what they say. The
 /// columns must be of one length.
@@ -97,11 +99,6 @@ struct Jumps<'a> {
     numbers: f64,
 }
 
-/// Rows that are looked at while they are near.
-const PART: usize = 256;
-/// Numbers side by side: full registers.
-const WIDTH: usize = 3 * 8;
-
 impl WithSimd for Jumps<'_> {
     type Output = [[u64; 2]; 3];
 
@@ -109,22 +106,15 @@ impl WithSimd for Jumps<'_> {
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Self { rows, numbers } = self;
         let signed = |v: f64| if v < numbers / 2.0 { v } else { v - numbers };
-        let (mut jumps, mut left) = ([0; WIDTH], [0; WIDTH]);
+        let (mut jumps, mut left) = ([0; SIDE_BY_SIDE], [0; SIDE_BY_SIDE]);
         let mut count = |k: usize, before: f64, after: f64| {
             jumps[k] += u64::from(is_jump(before, after, numbers));
             left[k] += u64::from((signed(after) - signed(before)).abs() > (1.0 - 2.0 * END) * numbers);
         };
         for start in (1..rows.len()).step_by(PART) {
-            let part = rows.part(start - 1..(start + PART).min(rows.len()));
-            let after = part[1..].as_flattened();
-            let (fulls_before, before) = part.as_flattened()[..after.len()].as_chunks::<WIDTH>();
-            let (fulls_after, after) = after.as_chunks::<WIDTH>();
-            for (before, after) in fulls_before.iter().zip(fulls_after) {
-                (0..WIDTH).for_each(|k| count(k, before[k], after[k]));
-            }
-            before.iter().zip(after).enumerate().for_each(|(k, (before, after))| count(k, *before, *after));
+            each_step(&rows.part(start - 1..(start + PART).min(rows.len())), &mut count);
         }
-        let of_axis = |counts: &[u64; WIDTH], axis: usize| counts.iter().skip(axis).step_by(3).sum();
+        let of_axis = |counts: &[u64; SIDE_BY_SIDE], axis: usize| counts.iter().skip(axis).step_by(3).sum();
         [0, 1, 2].map(|axis| [of_axis(&jumps, axis), of_axis(&left, axis)])
     }
 }

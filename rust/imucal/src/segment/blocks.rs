@@ -5,7 +5,7 @@ use nalgebra::{Vector3, Vector6};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::WINDOW_BLOCKS;
-use crate::recording::Recording;
+use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 use crate::workers::{share_out, threads_for};
 
 /// Sums over [`BLOCK_S`](super::BLOCK_S) of samples, six channels: rate x, y, z, then force x, y, z.
@@ -18,8 +18,6 @@ const MEANS: usize = 10;
 const PART: usize = 256;
 /// Samples that a thread takes at once.
 const JOB: usize = 1 << 16;
-/// Rows of a triad side by side: full registers.
-const ROWS: usize = 8;
 
 /// Blocks that are averaged before neighbours are compared, to see noise at low frequency (0.25 s).
 const GROUP_BLOCKS: usize = 5;
@@ -43,7 +41,7 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
     let mut samples = vec![Block::new(); count];
     let mut variances = [(); 6].map(|()| vec![0.0; (count + 1).saturating_sub(WINDOW_BLOCKS)]);
     let of_job = (JOB / block_samples).max(1);
-    let mut steps = vec![[[f64::INFINITY; 3 * ROWS]; 2]; count.div_ceil(of_job)];
+    let mut steps = vec![[[f64::INFINITY; SIDE_BY_SIDE]; 2]; count.div_ceil(of_job)];
     let mut of_windows = variances.each_mut().map(|of_channel| of_channel.chunks_mut(of_job));
     let jobs = samples.chunks_mut(of_job).zip(&mut steps).enumerate().map(|(job, (samples, steps))| Summing {
         recording,
@@ -78,7 +76,7 @@ struct Summing<'a> {
     /// Of the windows that begin in these blocks; left alone where nothing is averaged.
     variances: [&'a mut [f64]; 6],
     /// Of some rows side by side: rate, then force.
-    steps: &'a mut [[f64; 3 * ROWS]; 2],
+    steps: &'a mut [[f64; SIDE_BY_SIDE]; 2],
 }
 
 impl WithSimd for Summing<'_> {
@@ -159,21 +157,12 @@ impl WithSimd for Windows<'_> {
 
 /// Lessens `steps`, those of some rows side by side, to the smallest steps from one row to the next.
 #[inline(always)]
-fn smallest_steps(rows: &[[f64; 3]], steps: &mut [f64; 3 * ROWS]) {
-    let lessen = |smallest: &mut f64, before: &f64, after: &f64| {
+fn smallest_steps(rows: &[[f64; 3]], steps: &mut [f64; SIDE_BY_SIDE]) {
+    each_step(rows, |k, before, after| {
         let step = (after - before).abs();
         let step = if step > 0.0 { step } else { f64::INFINITY };
-        *smallest = if step < *smallest { step } else { *smallest };
-    };
-    let after = rows[1..].as_flattened();
-    let (fulls_before, before) = rows.as_flattened()[..after.len()].as_chunks::<{ 3 * ROWS }>();
-    let (fulls_after, after) = after.as_chunks::<{ 3 * ROWS }>();
-    for (before, after) in fulls_before.iter().zip(fulls_after) {
-        (0..3 * ROWS).for_each(|k| lessen(&mut steps[k], &before[k], &after[k]));
-    }
-    for (smallest, (before, after)) in steps.iter_mut().zip(before.iter().zip(after)) {
-        lessen(smallest, before, after);
-    }
+        steps[k] = if step < steps[k] { step } else { steps[k] };
+    });
 }
 
 /// Sums of the means of `averaged` samples each.
