@@ -49,7 +49,7 @@ pub(crate) struct Derivative<'a> {
 }
 
 /// Samples in a box, once it is known how smooth a motion is.
-#[derive(Clone, Default)]
+#[derive(Default)]
 pub(crate) struct Width(OnceLock<usize>);
 
 impl Width {

@@ -30,7 +30,6 @@ mod prepared;
 mod prior;
 mod problem;
 mod report;
-mod rests;
 mod scatter;
 mod settle;
 mod start;

@@ -10,13 +10,9 @@ use super::evidence::{Column, Gram};
 use super::path::Hunt;
 use super::stage::{Beside, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
-use crate::derivative::Width;
 use crate::error::Error;
 use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_blind_by_hand};
-use crate::moves::{End, Move};
 
-/// So many moves of a recording, spread over it, tell what carried the unit, for a hand is seen in every one.
-const ENOUGH_MOVES: usize = 15;
 /// A hand takes longer than this to push and to stop, s: the force inside the moves is asked for in means over as long.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
 /// Force that then scatters by this many times its noise, whatever effects are in the model, is that of a hand.
@@ -79,12 +75,7 @@ impl Hunt<'_> {
         let plain = self.stage(prepared, triads, open, &[], Beside::Nothing);
         self.kinds = kinds;
         let model = plain?.model;
-        let some = some_moves(prepared.moves);
-        let moves: Vec<Move> = some.iter().map(|&k| prepared.moves[k]).collect();
-        let ends: Vec<[End; 2]> = some.iter().map(|&k| prepared.ends[k]).collect();
-        let widths: Vec<Width> = some.iter().map(|&k| prepared.widths[k].clone()).collect();
-        let (moves, ends, widths) = (moves.as_slice(), ends.as_slice(), widths.as_slice());
-        let prepared = &Prepared { moves, ends, widths, encoders: None, block_s: STRETCH_S, ..*prepared };
+        let prepared = &Prepared { encoders: None, block_s: STRETCH_S, ..*prepared };
         let none = Terms::try_new(&[], &[], &self.samples, Kinds { in_motion: true, encoders: false })?;
         let linear = Arc::new(prepared.linearise(&none, &model.parameters())?);
         let seen = design(prepared, (&none, &[]), &none, &linear)?;
@@ -115,16 +106,4 @@ impl Hunt<'_> {
             Ok(is_carried)
         })
     }
-}
-
-/// Places of enough moves of each recording.
-fn some_moves(moves: &[Move]) -> Vec<usize> {
-    let recordings = moves.chunk_by(|a, b| a.recording == b.recording);
-    let mut first = 0;
-    let places = recordings.flat_map(|own| {
-        let places = first..first + own.len();
-        first = places.end;
-        places.step_by((own.len() / ENOUGH_MOVES).max(1))
-    });
-    places.collect()
 }

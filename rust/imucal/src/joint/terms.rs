@@ -87,9 +87,10 @@ impl Term<'_> {
         matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
-    /// Sets its own columns, the first ones in room for [`MAX_PARAMETERS`].
+    /// Sets its own columns in the room for those of all terms.
     #[inline]
-    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, own: &mut [Vector3<f64>]) {
+    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
+        let own = &mut room[self.first..self.first + MAX_PARAMETERS];
         match self.kind {
             Kind::User(field) => {
                 let p = self.linear;
@@ -111,11 +112,6 @@ impl Term<'_> {
     /// Whether it may change while the unit is still.
     pub(super) fn changes_at_rest(&self) -> bool {
         self.effect().is_some_and(|e| e.needs.contains(&Need::Time) || e.needs.contains(&Need::Temperature))
-    }
-
-    /// Whether it depends on the true value of a sensor.
-    pub(super) fn reads(&self, sensor: Sensor) -> bool {
-        self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
     }
 
     /// Number of parameters, with the shape.
@@ -254,7 +250,7 @@ impl<'a> Terms<'a> {
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
         for term in &self.all {
-            term.columns_at(values, state, sample, &mut room[term.first..term.first + MAX_PARAMETERS]);
+            term.columns_at(values, state, sample, room);
         }
     }
 
@@ -300,7 +296,7 @@ impl<'a> Terms<'a> {
 
     /// Whether any term depends on the true value of a sensor.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
-        self.all.iter().any(|term| term.reads(sensor))
+        self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.reads.contains(&sensor)))
     }
 
     /// Whether any term depends on what `need` names.
