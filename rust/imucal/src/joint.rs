@@ -30,6 +30,7 @@ mod prepared;
 mod prior;
 mod problem;
 mod report;
+mod rests;
 mod scatter;
 mod settle;
 mod start;

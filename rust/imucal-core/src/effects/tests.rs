@@ -201,6 +201,14 @@ fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
     }
 }
 
+/// A joint fit takes it so: the attitude at a rest follows from the force there.
+#[test]
+fn what_acts_on_the_force_needs_no_attitude() {
+    for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor == Sensor::Accelerometer) {
+        assert!(!effect.needs.contains(&Need::Attitude), "{}", effect.name);
+    }
+}
+
 #[test]
 fn terms_with_an_unknown_factor_are_left_out() {
     let unknown = State { surroundings: Surroundings::unknown(), ..state() };

@@ -1,6 +1,7 @@
 //! Scoring every candidate beside a model.
 
 use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -55,10 +56,15 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
-    let beside: Vec<Weighing<'_>> =
-        in_order(processors(), candidates.len(), |place| Weighing::new(gram, model, candidates[place].asides()));
+    let all = Weighing::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
+    let [plain, widened] = [&unwidened, &stage.evidence.scales].map(|scales| all.left(scales));
+    let ends = candidates.iter().scan(0, |end, candidate| {
+        *end += candidate.typical.len();
+        Some(*end)
+    });
+    let own: Vec<Range<usize>> = ends.zip(candidates).map(|(end, c)| end - c.typical.len()..end).collect();
     let spectrum = |place: usize| {
-        let all = beside[place].left(&unwidened).map_or_else(Vec::new, |left| left.spectrum());
+        let all = plain.as_ref().map_or_else(Vec::new, |left| left.part(own[place].clone()).spectrum());
         all.into_iter().filter(|value| *value >= LEAST_CHANGE).count()
     };
     let dofs: Vec<usize> = in_order(processors(), candidates.len(), spectrum);
@@ -76,11 +82,12 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let before = &stage.evidence;
     // The size that would be seen, and the score.
     let look = |place: usize| -> Option<(f64, Option<Judged>)> {
-        let (candidate, beside, dof) = (&candidates[place], &beside[place], dofs[place]);
+        let (candidate, dof) = (&candidates[place], dofs[place]);
         let noncentrality = noncentralities.get(&dof)?;
-        let change = beside.left(&before.scales).map_or(0.0, |left| left.trace());
+        let change = widened.as_ref().map_or(0.0, |left| left.part(own[place].clone()).trace());
         let size = (noncentrality / change).sqrt() * candidate.typical[0];
         let judged = || {
+            let beside = Weighing::new(gram, model, candidate.asides().collect());
             let free = beside.evidence(NO_PRIOR, &before.scales)?;
             // The scales hardly depend on the width, and the best one not at all on what little they do.
             let (width, _) = beside.left(&free.scales)?.best_width(&WIDTHS)?;
@@ -146,8 +153,8 @@ fn unit(name: &str) -> String {
 }
 
 impl Candidate {
-    fn asides(&self) -> Vec<Aside> {
-        self.columns.clone().zip(self.typical.iter().copied()).collect()
+    fn asides(&self) -> impl Iterator<Item = Aside> {
+        self.columns.clone().zip(self.typical.iter().copied())
     }
 
     /// Its columns with a prior of this width.

@@ -9,6 +9,8 @@
 //!
 //! With the scales that the evidence itself settles at this is its gain; with others it tells which widths are worth asking it for.
 
+use std::ops::Range;
+
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -37,8 +39,8 @@ pub(crate) struct Weighing<'a> {
 /// What a model leaves of columns beside it, in typical sizes, and of the residuals, which come last.
 pub(crate) struct Left {
     sums: Upper,
-    /// Trace of what the columns are without the model.
-    whole: f64,
+    /// What each column is without the model.
+    whole: Vec<f64>,
 }
 
 impl<'a> Weighing<'a> {
@@ -92,7 +94,7 @@ impl<'a> Weighing<'a> {
         self.at_scales(simd, scales, &mut all);
         let sizes: Vec<f64> =
             self.beside.iter().zip(&self.unit[n..]).map(|((_, typical), unit)| typical / unit).chain([1.0]).collect();
-        let whole = (0..k).map(|a| *all.at(n + a, n + a) * sizes[a] * sizes[a]).sum();
+        let whole = (0..k).map(|a| *all.at(n + a, n + a) * sizes[a] * sizes[a]).collect();
         all.sweep(simd, 0..n)?;
         let mut sums = Upper::zeros(k + 1);
         for a in 0..=k {
@@ -153,6 +155,18 @@ impl Left {
         self.sums.size() - 1
     }
 
+    /// Of some of the columns.
+    pub(crate) fn part(&self, own: Range<usize>) -> Self {
+        let (residual, k) = (self.columns(), own.len());
+        let mut sums = Upper::zeros(k + 1);
+        for (a, column) in own.clone().chain([residual]).enumerate() {
+            let (row, to) = (self.sums.row(column), sums.row_mut(a));
+            to[..k - a].copy_from_slice(&row[..k - a]);
+            to[k - a] = row[residual - column];
+        }
+        Self { sums, whole: self.whole[own].to_vec() }
+    }
+
     /// The width of the prior, in typical sizes, with the largest gain of the logarithm of the evidence, and that gain; `None` where none
     /// can be computed.
     pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
@@ -173,7 +187,7 @@ impl Left {
         let k = self.columns();
         let normal = Mat::from_fn(k, k, |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
         let Ok(values) = normal.self_adjoint_eigenvalues(faer::Side::Lower) else { return Vec::new() };
-        let rounding = 1e-9 * self.whole;
+        let rounding = 1e-9 * self.whole.iter().sum::<f64>();
         values.into_iter().map(|value| if value > rounding { value } else { 0.0 }).collect()
     }
 

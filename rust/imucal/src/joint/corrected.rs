@@ -10,6 +10,7 @@ use nalgebra::Vector3;
 
 use super::model::{Model, surroundings};
 use super::pass::Route;
+use super::settle::Settling;
 use super::terms::{Sample, Terms};
 use crate::carry::Between;
 use crate::recording::Samples;
@@ -18,21 +19,10 @@ use crate::recording::Samples;
 pub(super) struct Corrected {
     pub(super) rate: Vec<Vector3<f64>>,
     pub(super) force: Vec<Vector3<f64>>,
-    /// What effects have added to either; empty where none does.
-    added_rate: Vec<Vector3<f64>>,
-    added_force: Vec<Vector3<f64>>,
     /// Of the rate, where they are asked for.
     pub(super) slopes: Vec<Vector3<f64>>,
-}
-
-impl Corrected {
-    /// Means over some samples of what effects have added to rate and force.
-    pub(super) fn mean_added(&self, samples: Range<usize>) -> [Vector3<f64>; 2] {
-        [&self.added_rate, &self.added_force].map(|added| match added.get(samples.clone()) {
-            Some(added) => added.iter().sum::<Vector3<f64>>() / added.len() as f64,
-            None => Vector3::zeros(),
-        })
-    }
+    /// Whether effects have added anything.
+    is_freed: bool,
 }
 
 /// The place of a step among samples.
@@ -89,41 +79,58 @@ impl Route<'_> {
         let raw = || self.recording.angular_rate.part(reach.clone()).iter().map(|row| Vector3::from(*row)).collect();
         let derivative =
             (wants_slopes || passes > 1).then(|| self.width.derivative(&self.recording.time_s[reach.clone()], raw));
-        let nothing = vec![Vector3::zeros(); if active.all.is_empty() { 0 } else { reach.len() }];
-        let mut all = Corrected { rate, force, added_rate: nothing.clone(), added_force: nothing, slopes: Vec::new() };
-        for _ in 0..passes {
+        let mut all = Corrected { rate, force, slopes: Vec::new(), is_freed: !active.all.is_empty() };
+        let seen = (passes > 1).then(|| (all.rate.clone(), all.force.clone()));
+        for pass in 0..passes {
             all.slopes = derivative.as_ref().map_or_else(Vec::new, |d| d.of(&all.rate));
-            self.free(&mut all, model, active);
+            if let Some((rate, force)) = seen.as_ref().filter(|_| pass > 0) {
+                all.rate.copy_from_slice(rate);
+                all.force.copy_from_slice(force);
+            }
+            if all.is_freed {
+                self.free(&mut all, model, active);
+            }
         }
         all
     }
 
-    /// One pass of that.
+    /// One pass of that, over samples as they are seen.
     fn free(&self, all: &mut Corrected, model: &Model, active: &Terms<'_>) {
-        if active.all.is_empty() {
-            return;
-        }
-        let reach = self.reach();
-        let (raw_rate, raw_force) =
-            (self.recording.angular_rate.part(reach.clone()), self.recording.specific_force.part(reach.clone()));
         let mut attitude = self.rotation_world_from_start;
-        let mut columns = active.room();
-        for (k, index) in reach.enumerate() {
-            let seen_rate = model.gyroscope.correct(Vector3::from(raw_rate[k]));
-            let seen_force = model.accelerometer.correct(Vector3::from(raw_force[k]));
+        let mut settling = Settling::new(active, &model.values);
+        // What the effects were just before.
+        let mut added_rate = Vector3::zeros();
+        for (k, index) in self.reach().enumerate() {
+            let (seen_rate, seen_force) = (all.rate[k], all.force[k]);
             let mut around = surroundings(self.recording, index);
             around.angular_acceleration = all.slopes.get(k).copied();
             if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
                 let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
-                // Without its own rate yet, the sample takes the seen one less what the effects were just before.
-                let rate = seen_rate - all.added_rate[k - 1];
-                *attitude *= so3::exp(&increment(&all.rate[k - 1], &rate, h));
+                // The sample's own rate is not known yet.
+                *attitude *= so3::exp(&increment(&all.rate[k - 1], &(seen_rate - added_rate), h));
             }
             around.rotation_world_from_body = attitude;
             let sample = Sample { recording: self.span.recording, index };
-            let state = active.settle(&model.values, seen_rate, seen_force, &around, sample, &mut columns);
+            let state = settling.settle(seen_rate, seen_force, &around, sample);
             (all.rate[k], all.force[k]) = (state.angular_rate, state.specific_force);
-            (all.added_rate[k], all.added_force[k]) = (seen_rate - all.rate[k], seen_force - all.force[k]);
+            added_rate = seen_rate - all.rate[k];
         }
+    }
+
+    /// Means over some samples of the reach of what effects have added to rate and force.
+    pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
+        if !freed.is_freed {
+            return [Vector3::zeros(); 2];
+        }
+        let (first, count) = (self.reach().start, samples.len() as f64);
+        let added = |triad: &Triad<f64>, rows: Samples<'_>, freed: &[Vector3<f64>]| {
+            let raw: Vector3<f64> =
+                rows.part(first + samples.start..first + samples.end).iter().map(|row| Vector3::from(*row)).sum();
+            triad.correct(raw / count) - freed[samples.clone()].iter().sum::<Vector3<f64>>() / count
+        };
+        [
+            added(&model.gyroscope, self.recording.angular_rate, &freed.rate),
+            added(&model.accelerometer, self.recording.specific_force, &freed.force),
+        ]
     }
 }

@@ -4,27 +4,16 @@ use std::ops::Range;
 use std::sync::Arc;
 
 use imucal_core::effects::Sensor;
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
 
 use super::encoders;
 use super::inside::{self, EndDirection};
 use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 use super::pass::Pass;
 use super::prepared::Prepared;
+use super::rests::{Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
 use crate::moves::{Carried, End, UnitRest, rows_across};
-
-/// A rest at given parameters.
-pub(crate) struct AtRest {
-    pub(crate) force: Vector3<f64>,
-    /// Derivative of the force by every parameter.
-    pub(super) force_jacobian: Vec<Vector3<f64>>,
-    /// Derivative of the force by the accelerometer's mean.
-    pub(super) by_mean: Matrix3<f64>,
-    /// What the effects add to the rate, and their columns.
-    pub(super) on_rate: Vector3<f64>,
-    pub(super) columns: Vec<Vector3<f64>>,
-}
 
 /// A residual, its derivatives by the parameters and by the means of the rests.
 #[derive(Clone)]
@@ -52,8 +41,8 @@ pub(crate) enum Source {
 /// One move at given parameters.
 pub(crate) struct AtMove {
     pub(crate) pass: Pass,
-    pub(crate) before: EndDirection,
-    pub(crate) after: EndDirection,
+    pub(crate) before: Arc<EndDirection>,
+    pub(crate) after: Arc<EndDirection>,
 }
 
 /// All residuals at given parameters, not whitened.
@@ -65,7 +54,7 @@ pub(crate) struct Linear {
     pub(crate) rates: Vec<(usize, [Line; 3])>,
     pub(crate) moves: Arc<Vec<AtMove>>,
     /// Direction of gravity at the rests that take part.
-    pub(super) directions: Vec<(usize, EndDirection)>,
+    pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
     /// By how much the parameters have changed since the moves were passed; empty where they have not. Residuals inside the moves follow
     /// their derivatives by it.
     pub(super) change: Vec<f64>,
@@ -155,46 +144,47 @@ impl Prepared<'_> {
     /// What the residuals are at rests and moves that are known.
     pub(super) fn lines(
         &self,
-        model: Model,
+        model: &Model,
         terms: &Terms<'_>,
-        rests: &[Option<AtRest>],
-        moves: Arc<Vec<AtMove>>,
+        rests: &Rests<'_>,
+        attitudes: &[Option<UnitQuaternion<f64>>],
+        moves: Vec<AtMove>,
     ) -> Linear {
-        let n = terms.total();
+        let by_mean = model.accelerometer.inverse();
         let mut directions = Vec::new();
         let (mut lines, mut rates) = (Vec::new(), Vec::new());
         let mut next_move = 0;
-        for (k, at_rest) in rests.iter().enumerate() {
-            let Some(at_rest) = at_rest else { continue };
-            let up = at_rest.force.normalize();
+        for (k, force) in rests.forces.iter().enumerate().filter(|(k, _)| self.used[*k]) {
+            let up = force.direction.up;
             lines.push(Line {
-                residual: at_rest.force.norm() - self.gravity_mps2,
-                jacobian: at_rest.force_jacobian.iter().map(|column| up.dot(column)).collect(),
-                by_means: vec![(k, at_rest.by_mean.tr_mul(&up))],
+                residual: force.value.norm() - self.gravity_mps2,
+                jacobian: force.jacobian.iter().map(|column| up.dot(column)).collect(),
+                by_means: vec![(k, by_mean.tr_mul(&up))],
                 source: Source::Norm(k),
             });
             while self.moves.get(next_move).is_some_and(|m| m.from == k) {
                 if !terms.kinds.look_inside() {
-                    lines.extend(self.move_lines(next_move, &moves[next_move], rests));
+                    lines.extend(self.move_lines(next_move, &moves[next_move], &rests.forces, by_mean));
                 }
                 next_move += 1;
             }
-            directions.push((k, at_rest.direction()));
-            rates.push((k, self.rate_lines(k, at_rest, &model, n, terms)));
+            directions.push((k, Arc::clone(&force.direction)));
+            rates.push((k, self.rate_lines(k, &up, &rests.rate(k, attitudes[k]), model, terms)));
         }
-        Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds: terms.kinds }
+        let (model, moves, kinds) = (model.clone(), Arc::new(moves), terms.kinds);
+        Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds }
     }
 
     /// Components of the carried minus the measured direction, across the latter.
-    fn move_lines(&self, index: usize, at_move: &AtMove, rests: &[Option<AtRest>]) -> [Line; 2] {
+    fn move_lines(&self, index: usize, at_move: &AtMove, forces: &[Force], by_mean: &Matrix3<f64>) -> [Line; 2] {
         let m = &self.moves[index];
         let AtMove { pass, after, .. } = at_move;
         let across = rows_across(&after.up);
         let (residual, columns) = move_direction(at_move);
         let by_mean = |rest: usize, end: &End| -> Option<Matrix3<f64>> {
-            let at_rest = rests[rest].as_ref().filter(|_| end.steady)?;
-            let up = at_rest.force.normalize();
-            Some((Matrix3::identity() - up * up.transpose()) * at_rest.by_mean / at_rest.force.norm())
+            let force = Some(&forces[rest]).filter(|_| end.steady && self.used[rest])?;
+            let up = force.direction.up;
+            Some((Matrix3::identity() - up * up.transpose()) * by_mean / force.value.norm())
         };
         let [end_before, end_after] = &self.ends[index];
         let from = by_mean(m.from, end_before).map(|by| (m.from, across * pass.rotation.transpose() * by));
@@ -207,14 +197,13 @@ impl Prepared<'_> {
         })
     }
 
-    fn rate_lines(&self, k: usize, at_rest: &AtRest, model: &Model, n: usize, terms: &Terms<'_>) -> [Line; 3] {
+    fn rate_lines(&self, k: usize, up: &Vector3<f64>, rate: &Rate, model: &Model, terms: &Terms<'_>) -> [Line; 3] {
         let sensitivity = model.gyroscope.sensitivity();
         let UnitRest { rest, carried, .. } = &self.rests[k];
-        let mut residual = rest.angular_rate.mean - model.gyroscope.measure(at_rest.on_rate);
+        let mut residual = rest.angular_rate.mean - model.gyroscope.measure(rate.added);
         let mut by_bias = -Matrix3::identity();
         if let Some(Carried { mean_s, bias }) = carried {
             // What the directions at both ends leave of the turn between them.
-            let up = at_rest.force.normalize();
             let across = Matrix3::identity() - up * up.transpose();
             let turned =
                 sensitivity * across * model.gyroscope.inverse() * (2.0 * mean_s / (rest.end_s - rest.start_s));
@@ -222,16 +211,13 @@ impl Prepared<'_> {
             by_bias += turned;
         }
         [0, 1, 2].map(|axis| {
-            let mut jacobian = vec![0.0; n];
+            let mut jacobian = vec![0.0; terms.total()];
             for j in 0..3 {
                 jacobian[GYRO_BIAS.start + j] = by_bias[(axis, j)];
-                jacobian[GYRO_SENSITIVITY.start + 3 * axis + j] = -at_rest.on_rate[j];
+                jacobian[GYRO_SENSITIVITY.start + 3 * axis + j] = -rate.added[j];
             }
-            for (p, column) in at_rest.columns.iter().enumerate() {
-                if terms.sensors[p] == Sensor::Gyroscope {
-                    jacobian[BASE + p] = -sensitivity.row(axis).transpose().dot(column);
-                }
-            }
+            let by_rate = -sensitivity.row(axis).transpose();
+            terms.parameters_of(Sensor::Gyroscope).for_each(|p| jacobian[BASE + p] = by_rate.dot(&rate.columns[p]));
             Line { residual: residual[axis], jacobian, by_means: Vec::new(), source: Source::Norm(k) }
         })
     }
@@ -240,11 +226,10 @@ impl Prepared<'_> {
 /// Two components of the carried minus the measured direction, and their derivatives by every parameter.
 pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
     let AtMove { pass, before, after } = at_move;
-    let carried = pass.rotation.tr_mul(&before.up);
     let across = rows_across(&after.up);
-    let columns = (0..before.jacobian.len()).map(|p| {
-        let by_turn = pass.rotation.tr_mul(&before.up.cross(&pass.turn[p]));
-        across * (by_turn + pass.rotation.tr_mul(&before.jacobian[p]) - after.jacobian[p])
-    });
-    (across * (carried - after.up), columns.collect())
+    let to_end = across * pass.rotation.transpose();
+    let by_turn = to_end * before.up.cross_matrix();
+    let columns = pass.turn.iter().zip(&before.jacobian).zip(&after.jacobian);
+    let columns = columns.map(|((turn, before), after)| by_turn * turn + to_end * before - across * after);
+    (to_end * before.up - across * after.up, columns.collect())
 }

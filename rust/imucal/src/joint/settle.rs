@@ -2,39 +2,49 @@
 
 use std::ops::Range;
 
-use imucal_core::effects::{Sensor, State, Surroundings};
-use nalgebra::Vector3;
+use imucal_core::effects::{MAX_PARAMETERS, Sensor, State, Surroundings};
+use nalgebra::{UnitQuaternion, Vector3};
 
-use super::terms::{Kind, Sample, Terms};
+use super::terms::{Kind, Sample, Term, Terms, UserField};
 
 /// Passes of the fixed point; one shrinks the error by the slope of the effects, a per cent or less.
 const MOST_PASSES: usize = 24;
 /// By which one pass may shrink it less than the one before.
 const SLACK: f64 = 10.0;
 
-impl Terms<'_> {
-    /// The true state behind what the sensors see.
-    pub(crate) fn settle(
-        &self,
-        values: &[f64],
+/// The true states behind what the sensors see, sample by sample.
+pub(super) struct Settling<'a> {
+    terms: &'a Terms<'a>,
+    values: &'a [f64],
+    reads_rate: bool,
+    reads_force: bool,
+    columns: Vec<Vector3<f64>>,
+}
+
+impl<'a> Settling<'a> {
+    pub(super) fn new(terms: &'a Terms<'a>, values: &'a [f64]) -> Self {
+        let (reads_rate, reads_force) = (terms.reads(Sensor::Gyroscope), terms.reads(Sensor::Accelerometer));
+        Self { terms, values, reads_rate, reads_force, columns: terms.room() }
+    }
+
+    /// The true state of a sample.
+    #[inline]
+    pub(super) fn settle(
+        &mut self,
         seen_rate: Vector3<f64>,
         seen_force: Vector3<f64>,
         surroundings: &Surroundings<f64>,
         sample: Sample,
-        columns: &mut [Vector3<f64>],
     ) -> State<f64> {
+        let Self { terms, values, reads_rate, reads_force, columns } = self;
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
-        if self.all.is_empty() {
-            return state;
-        }
-        let (reads_rate, reads_force) = (self.reads(Sensor::Gyroscope), self.reads(Sensor::Accelerometer));
         let mut last_change = None;
         for _ in 0..MOST_PASSES {
-            self.columns_at(values, &state, sample, columns);
-            let (on_rate, on_force) = self.sums(values, columns);
+            terms.columns_at(values, &state, sample, columns);
+            let (on_rate, on_force) = terms.sums(values, columns);
             let (rate, force) = (seen_rate - on_rate, seen_force - on_force);
-            let by_rate = if reads_rate { (rate - state.angular_rate).amax() } else { 0.0 };
-            let by_force = if reads_force { (force - state.specific_force).amax() } else { 0.0 };
+            let by_rate = if *reads_rate { (rate - state.angular_rate).amax() } else { 0.0 };
+            let by_force = if *reads_force { (force - state.specific_force).amax() } else { 0.0 };
             (state.angular_rate, state.specific_force) = (rate, force);
             let change = by_rate + by_force;
             // The next change is smaller by as much as this one was, or nearly.
@@ -46,68 +56,76 @@ impl Terms<'_> {
         }
         state
     }
+}
 
-    /// Mean columns over a rest, where the rate is zero and the force does not change, and that force.
-    ///
-    /// `moments` are the surroundings through the rest, one at least where there are terms; what does not change with them is asked at the
-    /// first. A user's field is the mean over the samples `range`.
-    pub(crate) fn at_rest(
+/// What terms depend on at a rest, beyond the force.
+pub(super) struct Still {
+    pub(super) recording: usize,
+    pub(super) samples: Range<usize>,
+    /// Through the rest; one at least.
+    pub(super) moments: Vec<Surroundings<f64>>,
+}
+
+impl Terms<'_> {
+    /// The force at a rest behind the one that is seen. In `columns` there are those of the terms that do not read the force; the others'
+    /// are set.
+    pub(super) fn force_at_rest(
         &self,
         values: &[f64],
-        seen_force: Vector3<f64>,
-        moments: &[Surroundings<f64>],
-        recording: usize,
-        range: Range<usize>,
+        seen: Vector3<f64>,
+        still: &Still,
         columns: &mut [Vector3<f64>],
-    ) -> (Vector3<f64>, Vector3<f64>) {
-        let mut force = seen_force;
-        let mut one = self.room();
-        let step = (range.len() / moments.len().max(1)).max(1);
-        let share = 1.0 / moments.len().max(1) as f64;
-        let mut on_rate = Vector3::zeros();
+    ) -> Vector3<f64> {
+        let mut force = seen;
         for _ in 0..MOST_PASSES {
-            columns.fill(Vector3::zeros());
-            for (k, surroundings) in moments.iter().enumerate() {
-                let state =
-                    State { angular_rate: Vector3::zeros(), specific_force: force, surroundings: *surroundings };
-                let index = (range.start + k * step + step / 2).min(range.end - 1);
-                for term in self.all.iter().filter(|term| k == 0 || term.changes_at_rest()) {
-                    term.columns_at(values, &state, Sample { recording, index }, &mut one);
-                    let (own, share) =
-                        (term.first..term.first + term.count(), if term.changes_at_rest() { share } else { 1.0 });
-                    for (sum, column) in columns[own.clone()].iter_mut().zip(&one[own]) {
-                        *sum += column * share;
-                    }
-                }
-            }
-            self.user_means(recording, &range, columns);
-            let on_force;
-            (on_rate, on_force) = self.sums(values, columns);
-            let change = (seen_force - on_force - force).amax();
-            force = seen_force - on_force;
-            if change <= 1e-15 * (1.0 + seen_force.amax()) {
+            self.mean_columns(values, (&force, None), still, |term| term.reads(Sensor::Accelerometer), columns);
+            let before = force;
+            force = seen - self.sum_of(Sensor::Accelerometer, values, columns);
+            if (force - before).amax() <= 1e-15 * (1.0 + seen.amax()) {
                 break;
             }
         }
-        (on_rate, force)
+        force
     }
 
-    /// A user's field may change from sample to sample: its mean is over all of them.
+    /// Sets the mean columns over a rest, with this force and attitude, of the terms that are asked. What does not change through the rest
+    /// is that of its first moment, a user's field the mean over its samples.
+    pub(super) fn mean_columns(
+        &self,
+        values: &[f64],
+        (force, attitude): (&Vector3<f64>, Option<UnitQuaternion<f64>>),
+        still: &Still,
+        is_asked: impl Fn(&Term<'_>) -> bool,
+        columns: &mut [Vector3<f64>],
+    ) {
+        let Still { recording, samples, moments } = still;
+        let sample = Sample { recording: *recording, index: samples.start };
+        let mut one = [Vector3::zeros(); MAX_PARAMETERS];
+        for term in self.all.iter().filter(|term| is_asked(term)) {
+            let own = &mut columns[term.first..term.first + term.count()];
+            if let Kind::User(field) = term.kind {
+                user_mean(field, *recording, samples, own);
+                continue;
+            }
+            let moments = if term.changes_at_rest() { moments } else { &moments[..1] };
+            own.fill(Vector3::zeros());
+            for moment in moments {
+                let state = State {
+                    angular_rate: Vector3::zeros(),
+                    specific_force: *force,
+                    surroundings: Surroundings { rotation_world_from_body: attitude, ..*moment },
+                };
+                term.columns_at(values, &state, sample, &mut one);
+                own.iter_mut().zip(&one).for_each(|(sum, column)| *sum += column / moments.len() as f64);
+            }
+        }
+    }
+
+    /// Sets the means of a user's fields over some samples.
     pub(super) fn user_means(&self, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
         for term in &self.all {
             if let Kind::User(field) = term.kind {
-                let p = term.linear;
-                let rows = &field.columns[recording][3 * p * range.start..3 * p * range.end];
-                let own = &mut columns[term.first..term.first + p];
-                own.fill(Vector3::zeros());
-                for row in rows.chunks_exact(3 * p) {
-                    for (k, column) in own.iter_mut().enumerate() {
-                        *column += Vector3::new(row[k], row[p + k], row[2 * p + k]);
-                    }
-                }
-                for column in own {
-                    *column /= range.len() as f64;
-                }
+                user_mean(field, recording, range, &mut columns[term.first..term.first + term.linear]);
             }
         }
     }
@@ -134,4 +152,16 @@ impl Terms<'_> {
             }
         }
     }
+}
+
+/// Sets the mean of a user's field, which may change from sample to sample, over all of some.
+fn user_mean(field: &UserField<'_>, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
+    let p = columns.len();
+    columns.fill(Vector3::zeros());
+    for row in field.columns[recording][3 * p * range.start..3 * p * range.end].chunks_exact(3 * p) {
+        for (k, column) in columns.iter_mut().enumerate() {
+            *column += Vector3::new(row[k], row[p + k], row[2 * p + k]);
+        }
+    }
+    columns.iter_mut().for_each(|column| *column /= range.len() as f64);
 }

@@ -87,10 +87,9 @@ impl Term<'_> {
         matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
-    /// Sets its own columns in the room for those of all terms.
+    /// Sets its own columns, the first ones in room for [`MAX_PARAMETERS`].
     #[inline]
-    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
-        let own = &mut room[self.first..self.first + MAX_PARAMETERS];
+    pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, own: &mut [Vector3<f64>]) {
         match self.kind {
             Kind::User(field) => {
                 let p = self.linear;
@@ -112,6 +111,11 @@ impl Term<'_> {
     /// Whether it may change while the unit is still.
     pub(super) fn changes_at_rest(&self) -> bool {
         self.effect().is_some_and(|e| e.needs.contains(&Need::Time) || e.needs.contains(&Need::Temperature))
+    }
+
+    /// Whether it depends on the true value of a sensor.
+    pub(super) fn reads(&self, sensor: Sensor) -> bool {
+        self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
     }
 
     /// Number of parameters, with the shape.
@@ -250,7 +254,7 @@ impl<'a> Terms<'a> {
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
         for term in &self.all {
-            term.columns_at(values, state, sample, room);
+            term.columns_at(values, state, sample, &mut room[term.first..term.first + MAX_PARAMETERS]);
         }
     }
 
@@ -296,7 +300,7 @@ impl<'a> Terms<'a> {
 
     /// Whether any term depends on the true value of a sensor.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
-        self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.reads.contains(&sensor)))
+        self.all.iter().any(|term| term.reads(sensor))
     }
 
     /// Whether any term depends on what `need` names.

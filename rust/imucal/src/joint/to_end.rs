@@ -55,7 +55,7 @@ impl Route<'_> {
         let weights = stretches.weights();
         let (rotation, base) = match &freed {
             None => self.carried(&model.gyroscope),
-            Some(all) => self.carried_freed(all, &stretches, &weights),
+            Some(all) => self.carried_freed(model, all, &stretches, &weights),
         };
         let mut on_rate = Planes::new(terms.parameters_of(Sensor::Gyroscope).collect());
         let mut turned = Sum::zero(&on_rate);
@@ -74,7 +74,13 @@ impl Route<'_> {
     }
 
     /// The rotation from the start of the move to its end, and the sums of the base parameters, of samples that are freed of effects.
-    fn carried_freed(&self, all: &Corrected, stretches: &Stretches, weights: &[Matrix3<f64>]) -> (Matrix3<f64>, Sums) {
+    fn carried_freed(
+        &self,
+        model: &Model,
+        all: &Corrected,
+        stretches: &Stretches,
+        weights: &[Matrix3<f64>],
+    ) -> (Matrix3<f64>, Sums) {
         let (reach, span) = (self.reach(), self.span);
         let rates: Vec<[f64; 3]> = all.rate.iter().map(|rate| (*rate).into()).collect();
         let (first, last) = (span.first - reach.start, span.last - reach.start);
@@ -82,7 +88,7 @@ impl Route<'_> {
         let (rotation, mut sums) = carry_smoothly(time_s, Samples::from(&rates), first, last, &Triad::identity());
         // The entries multiply the rates that are seen.
         for (k, weight) in weights.iter().enumerate() {
-            let [on_rate, _] = all.mean_added(stretches.groups.samples(k));
+            let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);
         }
         (rotation, sums)

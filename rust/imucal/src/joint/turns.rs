@@ -45,7 +45,7 @@ impl Route<'_> {
         k: usize,
         columns: &mut [Vector3<f64>],
     ) {
-        let [on_rate, on_force] = freed.mean_added(stretches.groups.samples(k));
+        let [on_rate, on_force] = self.mean_added(model, freed, stretches.groups.samples(k));
         let rate = stretches.states[k].angular_rate + on_rate;
         let inverse = model.gyroscope.inverse();
         for i in 0..3 {

@@ -7,6 +7,7 @@
 //! Neighbouring rows share the errors of the rest between them, so C has a narrow band and L as well.
 
 use faer::Mat;
+use pulp::{Arch, Simd, WithSimd};
 
 /// How one residual depends on errors that others see, too: index of the error and standard deviation times derivative.
 pub(crate) type Shares = Vec<(usize, f64)>;
@@ -46,12 +47,37 @@ impl Whitening {
 
     /// Solves `L x = column` in place.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
-        for c in 0..matrix.ncols() {
-            let column = matrix.col_as_slice_mut(c);
-            for (i, (first, row)) in self.rows.iter().enumerate() {
+        Arch::new().dispatch(Apply(self, matrix));
+    }
+}
+
+/// Columns that are solved for side by side.
+const TOGETHER: usize = 8;
+
+struct Apply<'a>(&'a Whitening, &'a mut Mat<f64>);
+
+impl WithSimd for Apply<'_> {
+    type Output = ();
+
+    #[inline(always)] // With the widest registers.
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self(whitening, matrix) = self;
+        let mut tile = vec![[0.0; TOGETHER]; whitening.rows.len()];
+        for first in (0..matrix.ncols()).step_by(TOGETHER) {
+            let columns = first..(first + TOGETHER).min(matrix.ncols());
+            for (lane, c) in columns.clone().enumerate() {
+                tile.iter_mut().zip(matrix.col_as_slice(c)).for_each(|(to, from)| to[lane] = *from);
+            }
+            for (i, (first, row)) in whitening.rows.iter().enumerate() {
                 let (before, last) = row.split_at(i - first);
-                let dot: f64 = before.iter().zip(&column[*first..i]).map(|(a, b)| a * b).sum();
-                column[i] = (column[i] - dot) / last[0];
+                let mut own = tile[i];
+                for (by, known) in before.iter().zip(&tile[*first..i]) {
+                    own.iter_mut().zip(known).for_each(|(own, known)| *own -= by * known);
+                }
+                tile[i] = own.map(|own| own / last[0]);
+            }
+            for (lane, c) in columns.enumerate() {
+                matrix.col_as_slice_mut(c).iter_mut().zip(&tile).for_each(|(to, from)| *to = from[lane]);
             }
         }
     }

@@ -1,0 +1,115 @@
+//! Rests at given parameters: the force, the direction of gravity at both ends of each move, and what effects add to the rate.
+//!
+//! The true rate is zero, so that what acts on the force settles first, and what acts on the rate is asked for once. Nothing in the
+//! catalogue that acts on the force asks for the attitude; its tests say so.
+
+use std::sync::Arc;
+
+use imucal_core::effects::{Sensor, Surroundings};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::inside::EndDirection;
+use super::model::{ACCEL, BASE, GYRO_BIAS, Model, force_by_parameters, moments};
+use super::prepared::Prepared;
+use super::settle::Still;
+use super::terms::{Term, Terms};
+use crate::moves::{Carried, End, Move, UnitRest};
+
+/// The force at a rest.
+pub(super) struct Force {
+    pub(super) value: Vector3<f64>,
+    /// Its derivative by every parameter.
+    pub(super) jacobian: Vec<Vector3<f64>>,
+    /// Its direction, that of gravity.
+    pub(super) direction: Arc<EndDirection>,
+}
+
+/// What effects add to the rate at a rest, and their columns.
+pub(super) struct Rate {
+    pub(super) added: Vector3<f64>,
+    pub(super) columns: Vec<Vector3<f64>>,
+}
+
+/// All rests.
+pub(super) struct Rests<'a> {
+    prepared: &'a Prepared<'a>,
+    model: &'a Model,
+    on_force: Terms<'a>,
+    on_rate: Terms<'a>,
+    /// What effects depend on there, and the columns of those on the force that do not depend on that.
+    stills: Vec<(Still, Vec<Vector3<f64>>)>,
+    /// By the mean readings.
+    pub(super) forces: Vec<Force>,
+}
+
+impl<'a> Rests<'a> {
+    pub(super) fn new(prepared: &'a Prepared<'a>, model: &'a Model, terms: &Terms<'a>) -> Self {
+        let [on_force, on_rate] = [Sensor::Accelerometer, Sensor::Gyroscope].map(|sensor| terms.of(sensor));
+        let changes = terms.all.iter().any(Term::changes_at_rest);
+        let still = |(k, UnitRest { recording, rest, .. }): (usize, &UnitRest)| {
+            let samples = rest.first..rest.end;
+            let moments = match changes && prepared.used[k] {
+                true => moments(&prepared.recordings[*recording], samples.clone()),
+                false => vec![Surroundings::unknown()],
+            };
+            let still = Still { recording: *recording, samples, moments };
+            let mut columns = vec![Vector3::zeros(); terms.count];
+            let is_known = |term: &Term<'_>| !term.reads(Sensor::Accelerometer);
+            on_force.mean_columns(&model.values, (&Vector3::zeros(), None), &still, is_known, &mut columns);
+            (still, columns)
+        };
+        let stills = prepared.rests.iter().enumerate().map(still).collect();
+        let mut rests = Self { prepared, model, on_force, on_rate, stills, forces: Vec::new() };
+        let of_mean = |(k, rest): (usize, &UnitRest)| rests.force(k, &rest.rest.specific_force.mean);
+        rests.forces = prepared.rests.iter().enumerate().map(of_mean).collect();
+        rests
+    }
+
+    /// The force at a rest where the accelerometer reads this.
+    fn force(&self, k: usize, reading: &Vector3<f64>) -> Force {
+        let Self { model, on_force, stills, .. } = self;
+        let (still, known) = &stills[k];
+        let mut columns = known.clone();
+        let seen = model.accelerometer.correct(*reading);
+        let value = on_force.force_at_rest(&model.values, seen, still, &mut columns);
+        let mut jacobian = vec![Vector3::zeros(); on_force.total()];
+        let by_parameters = force_by_parameters(&model.accelerometer, &seen);
+        ACCEL.for_each(|p| jacobian[p] = by_parameters.column(p).into_owned());
+        on_force.parameters_of(Sensor::Accelerometer).for_each(|p| jacobian[BASE + p] = -columns[p]);
+        let up = value.normalize();
+        let across = (Matrix3::identity() - up * up.transpose()) / value.norm();
+        let direction = EndDirection { up, jacobian: jacobian.iter().map(|column| across * column).collect() };
+        Force { value, jacobian, direction: Arc::new(direction) }
+    }
+
+    /// Gravity before and after a move.
+    pub(super) fn ends(&self, index: usize) -> [Arc<EndDirection>; 2] {
+        let Move { from, to, .. } = self.prepared.moves[index];
+        let [before, after] = &self.prepared.ends[index];
+        [self.end(from, before, true), self.end(to, after, false)]
+    }
+
+    /// A direction at the last (`at_end`) or first sample of a rest, had its samples been carried there with the bias of the
+    /// model.
+    fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
+        let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
+        let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);
+        if let Some(Carried { mean_s, bias }) = &self.prepared.rests[rest].carried {
+            let EndDirection { up, jacobian } = Arc::make_mut(&mut direction);
+            let inverse = self.model.gyroscope.inverse() * if at_end { *mean_s } else { -mean_s };
+            *up += (inverse * (self.model.gyroscope.bias() - bias)).cross(up);
+            for axis in 0..3 {
+                jacobian[GYRO_BIAS.start + axis] += inverse.column(axis).cross(up);
+            }
+        }
+        direction
+    }
+
+    /// What effects add to the rate at a rest.
+    pub(super) fn rate(&self, k: usize, attitude: Option<UnitQuaternion<f64>>) -> Rate {
+        let Self { model, on_rate, stills, forces, .. } = self;
+        let mut columns = vec![Vector3::zeros(); on_rate.count];
+        on_rate.mean_columns(&model.values, (&forces[k].value, attitude), &stills[k].0, |_| true, &mut columns);
+        Rate { added: on_rate.sum_of(Sensor::Gyroscope, &model.values, &columns), columns }
+    }
+}
