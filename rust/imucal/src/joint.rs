@@ -12,6 +12,7 @@
 //! the result from the weights, so both are repeated until neither changes.
 
 mod attitude;
+mod changes;
 mod corrected;
 mod directions;
 mod encoders;
@@ -33,6 +34,7 @@ mod report;
 mod rests;
 mod scatter;
 mod settle;
+mod stand_moves;
 mod start;
 mod stretches;
 mod terms;

@@ -7,9 +7,7 @@
 //! ```
 //!
 //! The stand is not accurate: how the unit is mounted on it (3), its base's tilt (2) and the angles between its axes (2) are
-//! estimated along, after all other parameters. Inside a move the residual is a random walk of the gyroscope's noise seen
-//! through the encoders' noise. The force inside the move sees the same walk, so one filter has to whiten both; and gravity at the
-//! end of the move says nothing that the rests against the stand do not say already.
+//! estimated along, after all other parameters.
 
 use std::ops::Range;
 
@@ -18,13 +16,12 @@ use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::directions::directions;
-use super::inside::{self, EndDirection, Filter, InsideNoise};
+use super::inside::EndDirection;
 use super::model::BASE;
-use super::pass::Pass;
 use super::terms::{Sample, Terms};
 use crate::derivative::Derivative;
 use crate::error::Error;
-use crate::moves::{Move, UnitRest, across, rows_across};
+use crate::moves::{Move, UnitRest, rows_across};
 use crate::recording::Recording;
 use crate::simulate::stand::Stand;
 use crate::stats::median;
@@ -59,7 +56,7 @@ impl StandModel {
     }
 
     /// Attitude of the body for motor angles.
-    fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
+    pub(super) fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
         self.stand.attitude(angle_rad)
     }
 
@@ -99,7 +96,7 @@ pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Ve
 
 /// Encoder angles of one stretch of samples, freed of the effects.
 pub(crate) struct Angles {
-    angle_rad: Vec<Vector3<f64>>,
+    pub(super) angle_rad: Vec<Vector3<f64>>,
     /// Columns of the effects, as many for each sample as there are parameters.
     columns: Vec<Vector3<f64>>,
 }
@@ -144,7 +141,12 @@ impl Angles {
 
     /// Mean derivative of the attitude of `samples` by every parameter: rotation vectors in the world. The stand is taken as it
     /// is in the middle; the columns, which may jump where a motor turns back, are those of all samples.
-    fn attitude_jacobian(&self, samples: Range<usize>, terms: &Terms<'_>, stand: &StandModel) -> Vec<Vector3<f64>> {
+    pub(super) fn attitude_jacobian(
+        &self,
+        samples: Range<usize>,
+        terms: &Terms<'_>,
+        stand: &StandModel,
+    ) -> Vec<Vector3<f64>> {
         let mut jacobian = vec![Vector3::zeros(); terms.total()];
         let middle = &self.angle_rad[(samples.start + samples.end) / 2];
         let by_angle = stand.by_angle(middle) / samples.len() as f64;
@@ -264,91 +266,4 @@ fn readings<'a>(recording: &Recording<'a>) -> Result<&'a [[f64; 3]], Error> {
             recording.name
         ))
     })
-}
-
-/// What a white residual inside a move is about.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum About {
-    Force,
-    Stand,
-}
-
-/// One move as the encoders see it.
-pub(crate) struct EncoderMove<'a> {
-    /// Angles of the samples of the move, and of the rest before.
-    pub(crate) angles: &'a Angles,
-    pub(crate) rest: &'a Angles,
-    pub(crate) stand: &'a StandModel,
-}
-
-/// How many residuals against the stand a move gives.
-pub(crate) fn count(pass: &Pass) -> usize {
-    3 * pass.blocks.len()
-}
-
-impl EncoderMove<'_> {
-    /// Hands every white residual to `push`: its derivative by every parameter, and the residual itself as the last number.
-    /// `reading` is the variance of one reading of the encoders, rad^2.
-    pub(crate) fn innovations(
-        &self,
-        pass: &Pass,
-        terms: &Terms<'_>,
-        start: &EndDirection,
-        (noise, reading): (&InsideNoise, f64),
-        gravity_mps2: f64,
-        mut push: impl FnMut(About, &[f64]),
-    ) {
-        let n = terms.total();
-        let first = self.stand.attitude(&self.rest.angle_rad[0]).inverse();
-        let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand);
-        // Mean residual of each block and its derivatives, in the body frame at the start.
-        let turns: Vec<(Vector3<f64>, Vec<Vector3<f64>>)> = pass
-            .blocks
-            .iter()
-            .map(|block| {
-                let residual = |i: usize| {
-                    let here = first * self.stand.attitude(&self.angles.angle_rad[i]);
-                    let gyroscope = Rotation3::from_matrix_unchecked(pass.attitudes[i]);
-                    so3::log(&(here * UnitQuaternion::from_rotation_matrix(&gyroscope).inverse()))
-                };
-                let samples = block.samples.clone();
-                let mean = samples.clone().map(residual).sum::<Vector3<f64>>() / samples.len() as f64;
-                let jacobian = self
-                    .angles
-                    .attitude_jacobian(samples, terms, self.stand)
-                    .iter()
-                    .zip(&rest_jacobian)
-                    .zip(&block.turn)
-                    .map(|((here, rest), turn)| first * (here - rest) - turn)
-                    .collect();
-                (mean, jacobian)
-            })
-            .collect();
-        let [side, other] = across(&start.up);
-        // The walk is minus the gyroscope's turn x, which moves the carried gravity u by x cross u: along `side` by x . other,
-        // along `other` by -x . side. The force along gravity does not see it.
-        let mut z = vec![0.0; n + 1];
-        for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
-            // The second state is the error of the direction at the start, of which the stand knows nothing.
-            let mut filter = Filter::new(n + 1, [0.0, noise.start]);
-            let mut last_s = 0.0;
-            for (block, (mean, jacobian)) in pass.blocks.iter().zip(&turns) {
-                filter.walk(noise.walk * (block.time_s - last_s));
-                last_s = block.time_s;
-                for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
-                    *value = d.dot(column);
-                }
-                // A mean over n steps of a walk varies less than the walk in their middle, by (n - 1/n) / 6 of a step.
-                let count = block.samples.len() as f64;
-                let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
-                filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);
-                push(About::Stand, &z);
-                if terms.kinds.in_motion {
-                    inside::force(block, start, gravity_mps2, &(along / gravity_mps2), &mut z);
-                    filter.innovate(&mut z, [look, look], noise.force / block.duration_s / gravity_mps2.powi(2));
-                    push(About::Force, &z);
-                }
-            }
-        }
-    }
 }

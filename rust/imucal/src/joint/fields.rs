@@ -106,7 +106,7 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
         let own = (!linear.sees_inside()).then(|| route.pass(model, &none));
         let pass = own.as_ref().unwrap_or(&at_move.pass);
         let first = (every / 2).min(pass.blocks.len().saturating_sub(1));
-        let stretch = |block: &Block| {
+        let stretch = |(k, block): (usize, &Block)| {
             let middle = usize::midpoint(block.samples.start, block.samples.end);
             let sample = (span.first + middle).min(span.last);
             let rows = recording.angular_rate.slice(span.first + block.samples.start..span.first + block.samples.end);
@@ -116,10 +116,11 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Re
                 sample,
                 attitude: pass.attitudes[sample - span.first],
                 rate: model.gyroscope.correct(mean),
-                turn: by_rate(&block.turn),
+                turn: by_rate(&pass.changes.turns(k, pass.turn.len())),
             }
         };
-        Way { stretches: pass.blocks[first..].iter().step_by(every).map(stretch).collect(), end: by_rate(&pass.turn) }
+        let blocks = pass.blocks.iter().enumerate().skip(first).step_by(every);
+        Way { stretches: blocks.map(stretch).collect(), end: by_rate(&pass.turn) }
     };
     Ok(prepared.moves.iter().zip(prepared.widths).zip(linear.moves.iter()).map(way).collect())
 }
@@ -151,12 +152,12 @@ impl Field {
     }
 }
 
-/// Along `d`, of turns by components.
-fn along(d: &Vector3<f64>, turns: &[f64], z: &mut [f64]) {
+/// Adds what turns by components are along `d`.
+fn add_along(d: &Vector3<f64>, turns: &[f64], z: &mut [f64]) {
     let (x, others) = turns.split_at(z.len());
     let (y, third) = others.split_at(z.len());
     for (((z, x), y), third) in z.iter_mut().zip(x).zip(y).zip(third) {
-        *z = d.x * x + d.y * y + d.z * third;
+        *z += d.x * x + d.y * y + d.z * third;
     }
 }
 
@@ -199,15 +200,17 @@ impl Joint<'_> {
                 let noise = &self.weights.inside[k];
                 rows.innovations(pass, &before.up, noise, gravity_mps2, |place, d, z| match place {
                     // A turn t moves the force by t x f: along d that is (f x d) . t.
-                    Place::Block(k) => along(&pass.blocks[k].force.cross(d), &here[k * 3 * width..], z),
-                    Place::End => along(&carried.cross(d), end, z),
+                    Place::Start => {}
+                    Place::Block(k) => add_along(&pass.blocks[k].force.cross(d), &here[k * 3 * width..], z),
+                    Place::End => add_along(&carried.cross(d), end, z),
                 });
             }
         }
         let (mut component, mut z) = (0, vec![0.0; width]);
         for (row, line) in linear.lines.iter().enumerate() {
             if let Source::Move(k) = line.source {
-                along(&across(&linear.moves[k]).row(component).transpose(), &turned[k], &mut z);
+                z.fill(0.0);
+                add_along(&across(&linear.moves[k]).row(component).transpose(), &turned[k], &mut z);
                 (0..width).for_each(|c| lines[(row, c)] = z[c]);
                 component = 1 - component;
             }
@@ -234,17 +237,14 @@ impl Joint<'_> {
             let (at_start, at_end) = (field.at_rest(from), field.at_rest(to));
             let level = |up: &Vector3<f64>, d: &Vector3<f64>| d - up * up.dot(d);
             let noise = &self.weights.inside[k];
-            rows.innovations(pass, &before.up, noise, self.prepared.gravity_mps2, |place, d, z| {
-                z.fill(0.0);
+            rows.innovations(pass, &before.up, noise, self.prepared.gravity_mps2, |place, d, z| match place {
                 // The rests before and after tell directions of gravity by the same accelerometer.
-                field.add(&level(&before.up, d), at_start, z);
-                match place {
-                    Place::Block(stretch) => {
-                        let by_axis = -way.stretches[stretch].attitude.tr_mul(d);
-                        field.add(&by_axis, field.in_move(k, stretch), z);
-                    }
-                    Place::End => field.add(&-level(&after.up, &pass.rotation.tr_mul(d)), at_end, z),
+                Place::Start => field.add(&level(&before.up, d), at_start, z),
+                Place::Block(stretch) => {
+                    let by_axis = -way.stretches[stretch].attitude.tr_mul(d);
+                    field.add(&by_axis, field.in_move(k, stretch), z);
                 }
+                Place::End => field.add(&-level(&after.up, &pass.rotation.tr_mul(d)), at_end, z),
             });
         }
     }

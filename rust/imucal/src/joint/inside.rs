@@ -10,9 +10,10 @@
 
 use faer::Mat;
 use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::linear::AtMove;
-use super::pass::{Block, Pass};
+use super::pass::Pass;
 use crate::moves::across;
 
 /// Variances of one move.
@@ -40,9 +41,10 @@ pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
     3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
 }
 
-/// Where a residual inside a move is seen: in one of its blocks, or by the rest after it.
+/// Where a residual inside a move is seen: in one of its blocks, or by the rest after it; and what the start adds to each of them.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Place {
+    Start,
     Block(usize),
     End,
 }
@@ -51,16 +53,28 @@ pub(super) enum Place {
 pub(super) struct Rows<'a> {
     matrix: &'a mut Mat<f64>,
     next: usize,
-    /// Those of one move, number by number.
+    /// How many numbers are asked for in a row, and which of them goes to each column.
+    lanes: usize,
+    lane_of_column: Vec<usize>,
+    /// The rows of one move, one after the other.
     gathered: Vec<f64>,
 }
 
 impl<'a> Rows<'a> {
     pub(super) fn new(matrix: &'a mut Mat<f64>, first: usize) -> Self {
-        Self { matrix, next: first, gathered: Vec::new() }
+        let columns = matrix.ncols();
+        Self { matrix, next: first, lanes: columns, lane_of_column: (0..columns).collect(), gathered: Vec::new() }
     }
 
-    /// The white residuals of a move with gravity along `up` at its start; `seen` says what each is before, where and along which
+    /// For what [`seen`] says of moves that are passed like this one.
+    pub(super) fn of_changes(matrix: &'a mut Mat<f64>, first: usize, pass: &Pass) -> Self {
+        let residual = pass.changes.lanes();
+        let mut lane_of_column = vec![residual; matrix.ncols()];
+        pass.changes.parameters().for_each(|(lane, parameter)| lane_of_column[parameter] = lane);
+        Self { matrix, next: first, lanes: residual + 1, lane_of_column, gathered: Vec::new() }
+    }
+
+    /// The white residuals of a move with gravity along `up` at its start; `seen` adds what each is before, where and along which
     /// direction.
     pub(super) fn innovations(
         &mut self,
@@ -70,23 +84,28 @@ impl<'a> Rows<'a> {
         gravity_mps2: f64,
         mut seen: impl FnMut(Place, &Vector3<f64>, &mut [f64]),
     ) {
-        let (width, count) = (self.matrix.ncols(), count(pass, false));
-        self.gathered.resize(count * width, 0.0);
-        let mut rows = self.gathered.chunks_exact_mut(width.max(1));
+        let (lanes, count) = (self.lanes, count(pass, false));
+        self.gathered.resize(count * lanes, 0.0);
+        let mut rows = self.gathered.chunks_exact_mut(lanes.max(1));
+        let mut start = vec![0.0; lanes];
         let [first, second] = across(up);
         let g2 = gravity_mps2 * gravity_mps2;
         for (channel, d) in [*up, first, second].iter().enumerate() {
             let across = channel > 0;
-            let mut filter = Filter::new(width, [if across { g2 * noise.start } else { 0.0 }]);
+            let mut filter = Filter::new(lanes, [if across { g2 * noise.start } else { 0.0 }]);
             let walk = if across { g2 * noise.walk } else { 0.0 };
             let mut last_s = 0.0;
+            start.fill(0.0);
+            seen(Place::Start, d, &mut start);
             for ((k, block), z) in pass.blocks.iter().enumerate().zip(&mut rows) {
+                z.copy_from_slice(&start);
                 seen(Place::Block(k), d, z);
                 filter.walk(walk * (block.time_s - last_s));
                 last_s = block.time_s;
                 filter.innovate(z, [1.0], noise.force / block.duration_s);
             }
             if across && let Some(z) = rows.next() {
+                z.copy_from_slice(&start);
                 seen(Place::End, d, z);
                 filter.innovate(z, [1.0], g2 * noise.end);
             }
@@ -103,41 +122,47 @@ impl<'a> Rows<'a> {
     /// Writes what is gathered. The matrix holds columns: some rows are taken together, for one by one they would go to as many
     /// places as there are columns.
     fn put(&mut self) {
-        let width = self.matrix.ncols().max(1);
-        for (tile, rows) in self.gathered.chunks(TOGETHER * width).enumerate() {
+        let lanes = self.lanes.max(1);
+        for (tile, rows) in self.gathered.chunks(TOGETHER * lanes).enumerate() {
             let first = self.next + tile * TOGETHER;
-            for c in 0..self.matrix.ncols() {
-                let to = self.matrix.col_as_slice_mut(c)[first..].iter_mut();
-                to.zip(rows[c..].iter().step_by(width)).for_each(|(to, value)| *to = *value);
+            let count = rows.len() / lanes;
+            let mut own: [&[f64]; TOGETHER] = [&[]; TOGETHER];
+            own.iter_mut().zip(rows.chunks_exact(lanes)).for_each(|(own, row)| *own = row);
+            for (c, &lane) in self.lane_of_column.iter().enumerate() {
+                let to = &mut self.matrix.col_as_slice_mut(c)[first..first + count];
+                if let Ok(to) = <&mut [f64; TOGETHER]>::try_from(&mut *to) {
+                    *to = std::array::from_fn(|r| own[r][lane]);
+                } else {
+                    to.iter_mut().zip(own).for_each(|(to, row)| *to = row[lane]);
+                }
             }
         }
     }
 }
 
-/// A residual inside a move along `d`, m/s^2, after its derivatives by the parameters.
+/// Adds a residual inside a move along `d`, m/s^2, after its derivatives by the parameters in their lanes.
 pub(super) fn seen(at_move: &AtMove, gravity_mps2: f64, place: Place, d: &Vector3<f64>, z: &mut [f64]) {
     let AtMove { pass, before, after } = at_move;
+    let at_start = d * gravity_mps2;
+    let Some((residual, by_lane)) = z.split_last_mut() else { return };
     match place {
-        Place::Block(k) => force(&pass.blocks[k], before, gravity_mps2, d, z),
+        Place::Start => {
+            pass.changes.parameters().for_each(|(lane, p)| by_lane[lane] -= at_start.dot(&before.jacobian[p]));
+            *residual -= at_start.dot(&before.up);
+        }
+        Place::Block(k) => {
+            let force = &pass.blocks[k].force;
+            pass.changes.add_along(k, force, d, by_lane);
+            *residual += d.dot(force);
+        }
         Place::End => {
-            let n = before.jacobian.len();
             let carried = pass.rotation * after.up;
-            for p in 0..n {
-                let by_end = pass.turn[p].cross(&carried) + pass.rotation * after.jacobian[p];
-                z[p] = d.dot(&(by_end - before.jacobian[p])) * gravity_mps2;
-            }
-            z[n] = d.dot(&(carried - before.up)) * gravity_mps2;
+            let (by_turn, by_end) = (carried.cross(&at_start), pass.rotation.tr_mul(&at_start));
+            let by = |p: usize| pass.turn[p].dot(&by_turn) + after.jacobian[p].dot(&by_end);
+            pass.changes.parameters().for_each(|(lane, p)| by_lane[lane] += by(p));
+            *residual += carried.dot(&at_start);
         }
     }
-}
-
-/// The residual of a block along `d`, m/s^2, after its derivatives.
-pub(super) fn force(block: &Block, start: &EndDirection, gravity_mps2: f64, d: &Vector3<f64>, z: &mut [f64]) {
-    let at_start = d * gravity_mps2;
-    for ((z, here), start) in z.iter_mut().zip(&block.jacobian).zip(&start.jacobian) {
-        *z = d.dot(here) - at_start.dot(start);
-    }
-    z[start.jacobian.len()] = d.dot(&(block.force - start.up * gravity_mps2));
 }
 
 /// Rows that are written together.
@@ -164,6 +189,11 @@ impl<const N: usize> Filter<N> {
 
     /// Replaces what is seen, `look` times the states and white noise, by its innovation over its standard deviation.
     pub(super) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
+        Arch::new().dispatch(Innovate { filter: self, seen, look, white_variance });
+    }
+
+    #[inline(always)] // With the widest registers.
+    fn take(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
         let shared: [f64; N] =
             std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
         let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
@@ -183,6 +213,22 @@ impl<const N: usize> Filter<N> {
                 self.covariance[i][j] -= gain[i] * shared[j];
             }
         }
+    }
+}
+
+struct Innovate<'a, const N: usize> {
+    filter: &'a mut Filter<N>,
+    seen: &'a mut [f64],
+    look: [f64; N],
+    white_variance: f64,
+}
+
+impl<const N: usize> WithSimd for Innovate<'_, N> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        self.filter.take(self.seen, self.look, self.white_variance);
     }
 }
 

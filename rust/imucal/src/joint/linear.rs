@@ -6,12 +6,12 @@ use std::sync::Arc;
 use imucal_core::effects::Sensor;
 use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
 
-use super::encoders;
 use super::inside::{self, EndDirection};
 use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 use super::pass::Pass;
 use super::prepared::Prepared;
 use super::rests::{Force, Rate, Rests};
+use super::stand_moves;
 use super::terms::{Kinds, Terms};
 use crate::moves::{Carried, End, UnitRest, rows_across};
 
@@ -97,7 +97,7 @@ impl Linear {
             0
         };
         let rests = if self.kinds.encoders { 2 * self.directions.len() } else { 0 };
-        let count = |m: &AtMove| encoders::count(&m.pass);
+        let count = |m: &AtMove| stand_moves::count(&m.pass);
         let moves: usize = if self.kinds.encoders { self.moves.iter().map(count).sum() } else { 0 };
         let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
@@ -118,7 +118,7 @@ impl Linear {
         }
         if self.kinds.encoders {
             self.directions.iter().for_each(|(k, _)| next(Source::Norm(*k), 2));
-            moves().for_each(|(k, m)| next(Source::Move(k), encoders::count(&m.pass)));
+            moves().for_each(|(k, m)| next(Source::Move(k), stand_moves::count(&m.pass)));
         }
         found
     }

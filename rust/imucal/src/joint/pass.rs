@@ -25,8 +25,9 @@ use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::changes::Changes;
 use super::corrected::Corrected;
-use super::model::{BASE, Model};
+use super::model::Model;
 use super::terms::Terms;
 use super::turns::Turns;
 #[cfg(test)]
@@ -47,6 +48,8 @@ pub(crate) struct Pass {
     pub(crate) turn: Vec<Vector3<f64>>,
     /// Empty unless asked for.
     pub(crate) blocks: Vec<Block>,
+    /// What every parameter changes in each.
+    pub(super) changes: Changes,
     /// The rotation at every sample of the move; empty unless asked for.
     pub(crate) attitudes: Vec<Matrix3<f64>>,
 }
@@ -58,12 +61,8 @@ pub(crate) struct Block {
     pub(crate) duration_s: f64,
     /// Its samples, counted from the first of the move.
     pub(crate) samples: Range<usize>,
-    /// Mean of d_turn_d_p; without encoders that of the base parameters alone.
-    pub(crate) turn: Vec<Vector3<f64>>,
     /// Mean of the corrected force, turned to the body frame at the start of the move, m/s^2.
     pub(crate) force: Vector3<f64>,
-    /// Its derivative by every parameter.
-    pub(crate) jacobian: Vec<Vector3<f64>>,
 }
 
 /// Where a pass goes, and what it is to give.
@@ -102,13 +101,13 @@ impl Route<'_> {
             let force = self.walk(start..end, &all, &mut rotation, &mut attitudes);
             // Steps that do not fill a block belong to none.
             if end - start == of_block {
-                blocks.push(self.block(start..end, force, &mut turns, terms));
+                blocks.push(self.block(start..end, force));
+                turns.next_block();
             }
             start = end;
         }
-        let mut turn = vec![Vector3::zeros(); terms.total()];
-        turns.on_rate.put_negative(&turns.at_end(), &mut turn);
-        Pass { rotation: *rotation.to_rotation_matrix().matrix(), turn, blocks, attitudes }
+        let (turn, changes) = turns.at_end(terms.total());
+        Pass { rotation: *rotation.to_rotation_matrix().matrix(), turn, blocks, changes, attitudes }
     }
 
     /// How many samples are as long as this.
@@ -139,22 +138,13 @@ impl Route<'_> {
     }
 
     /// The block of these steps, with this mean force.
-    fn block(&self, steps: Range<usize>, force: Vector3<f64>, turns: &mut Turns, terms: &Terms<'_>) -> Block {
+    fn block(&self, steps: Range<usize>, force: Vector3<f64>) -> Block {
         let (time, first) = (self.recording.time_s, self.span.first);
-        let [mean_turn, on_force] = turns.next_block();
-        let mut turn = vec![Vector3::zeros(); terms.total()];
-        turns.on_rate.put_negative(&mean_turn, &mut turn);
-        // Turning the start of the move by phi moves the force by phi x force.
-        let mut jacobian: Vec<Vector3<f64>> = turn.iter().map(|turn| turn.cross(&force)).collect();
-        turns.on_force.put_negative(&on_force, &mut jacobian);
         Block {
             time_s: f64::midpoint(time[steps.start], time[steps.end]) - time[first],
             duration_s: time[steps.end] - time[steps.start],
             samples: steps.start + 1 - first..steps.end + 1 - first,
-            // What effects turn is asked for by the stand alone.
-            turn: if terms.kinds.encoders { turn } else { turn[..BASE].to_vec() },
             force,
-            jacobian,
         }
     }
 

@@ -12,7 +12,7 @@ use pulp::{Arch, Simd, WithSimd};
 const MOST_LANES: usize = 8;
 
 /// Columns of some parameters.
-pub(super) struct Planes {
+pub(crate) struct Planes {
     /// Their places among all columns.
     parameters: Vec<usize>,
     /// The same, as many together as stand side by side.
@@ -23,21 +23,45 @@ pub(super) struct Planes {
 }
 
 impl Planes {
-    /// No state yet; the parameters have these places among all columns.
-    pub(super) fn new(parameters: Vec<usize>) -> Self {
+    /// No state yet, and room for so many; the parameters have these places among all columns.
+    pub(super) fn new(parameters: Vec<usize>, states: usize) -> Self {
         let width = parameters.len().next_multiple_of(MOST_LANES);
         let runs = parameters.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[0] + run.len()).collect();
-        Self { parameters, runs, width, numbers: Vec::new() }
+        Self { parameters, runs, width, numbers: Vec::with_capacity(states * 3 * width) }
+    }
+
+    /// Of the same parameters, with room for so many states.
+    pub(super) fn like(&self, states: usize) -> Self {
+        Self::new(self.parameters.clone(), states)
+    }
+
+    /// Places of the parameters among all columns.
+    pub(super) fn parameters(&self) -> &[usize] {
+        &self.parameters
+    }
+
+    /// Length of a plane.
+    pub(super) fn width(&self) -> usize {
+        self.width
+    }
+
+    /// The planes of a next state, all zero.
+    #[inline(always)]
+    pub(super) fn next(&mut self) -> &mut [f64] {
+        let start = self.numbers.len();
+        self.numbers.resize(start + 3 * self.width, 0.0);
+        &mut self.numbers[start..]
     }
 
     /// Takes those of all columns in the next state.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>]) {
-        let (start, width) = (self.numbers.len(), self.width);
-        self.numbers.resize(start + 3 * width, 0.0);
-        let (x, yz) = self.numbers[start..].split_at_mut(width);
-        let (y, z) = yz.split_at_mut(width);
+        let Self { runs, width, numbers, .. } = self;
+        let start = numbers.len();
+        numbers.resize(start + 3 * *width, 0.0);
+        let (x, yz) = numbers[start..].split_at_mut(*width);
+        let (y, z) = yz.split_at_mut(*width);
         let mut k = 0;
-        for run in &self.runs {
+        for run in runs {
             let own = k..k + run.len();
             let to = x[own.clone()].iter_mut().zip(&mut y[own.clone()]).zip(&mut z[own]);
             for (((x, y), z), column) in to.zip(&columns[run.clone()]) {
@@ -47,49 +71,59 @@ impl Planes {
         }
     }
 
-    /// Adds what the matrix of each state makes of its columns to a sum, and forgets them.
-    pub(super) fn add_up(&mut self, matrices: &[Matrix3<f64>], sum: &mut Sum) {
+    /// Planes of zeros.
+    pub(super) fn zero(&self) -> Vec<f64> {
+        vec![0.0; 3 * self.width]
+    }
+
+    /// Adds what the matrix of each state makes of its columns to planes, and forgets them.
+    pub(super) fn add_up(&mut self, matrices: &[Matrix3<f64>], sum: &mut [f64]) {
         if !self.parameters.is_empty() {
-            Arch::new().dispatch(AddUp { numbers: &self.numbers, matrices, sum: &mut sum.numbers });
+            Arch::new().dispatch(AddUp { numbers: &self.numbers, matrices, sum });
         }
         self.numbers.clear();
     }
 
-    /// Puts what the matrix of each state makes of its columns in their place.
-    pub(super) fn turn(&mut self, matrices: &[Matrix3<f64>]) {
-        if !self.parameters.is_empty() {
-            Arch::new().dispatch(Turn { size: 3 * self.width, numbers: &mut self.numbers, matrices });
+    /// Puts what a matrix makes of the columns of the last state in their place.
+    pub(super) fn turn_last(&mut self, matrix: &Matrix3<f64>) {
+        if let Some(first) = self.numbers.len().checked_sub(3 * self.width).filter(|_| self.width > 0) {
+            Arch::new().dispatch(Turn { state: &mut self.numbers[first..], matrix });
         }
     }
 
-    /// Puts a sum's columns, with the other sign, where their parameters have their places.
-    pub(super) fn put_negative(&self, sum: &Sum, to: &mut [Vector3<f64>]) {
-        self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -sum.column(k));
+    /// The sum of all states.
+    pub(super) fn sum(&self) -> Vec<f64> {
+        let mut sum = self.zero();
+        if self.width > 0 {
+            Arch::new().dispatch(AddAll { numbers: &self.numbers, sum: &mut sum });
+        }
+        sum
+    }
+
+    /// Puts columns in planes as these are, with the other sign, where their parameters have their places.
+    pub(super) fn put_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
+        self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
+    }
+
+    /// The column of parameter `k` of these.
+    fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
+        Vector3::from_fn(|axis, _| planes[axis * self.width + k])
+    }
+
+    /// Adds what the columns of a state are along a direction to as many numbers as a plane is long.
+    #[inline(always)] // With the widest registers.
+    pub(super) fn add_along(&self, state: usize, direction: &Vector3<f64>, to: &mut [f64]) {
+        let (x, yz) = self.of(state).split_at(self.width);
+        let (y, z) = yz.split_at(self.width);
+        for (((to, x), y), z) in to.iter_mut().zip(x).zip(y).zip(z) {
+            *to += direction.x * x + direction.y * y + direction.z * z;
+        }
     }
 
     /// The planes of a state, one after the other.
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
-    }
-}
-
-/// A column for each parameter of [`Planes`].
-#[derive(Clone)]
-pub(super) struct Sum {
-    width: usize,
-    pub(super) numbers: Vec<f64>,
-}
-
-impl Sum {
-    pub(super) fn zero(planes: &Planes) -> Self {
-        Self { width: planes.width, numbers: vec![0.0; 3 * planes.width] }
-    }
-
-    /// The column of the parameter at place `k` of [`Planes::parameters`].
-    pub(super) fn column(&self, k: usize) -> Vector3<f64> {
-        let at = |axis: usize| self.numbers[axis * self.width + k];
-        Vector3::new(at(0), at(1), at(2))
     }
 }
 
@@ -130,9 +164,8 @@ impl WithSimd for AddUp<'_> {
 }
 
 struct Turn<'a> {
-    size: usize,
-    numbers: &'a mut [f64],
-    matrices: &'a [Matrix3<f64>],
+    state: &'a mut [f64],
+    matrix: &'a Matrix3<f64>,
 }
 
 impl WithSimd for Turn<'_> {
@@ -141,14 +174,28 @@ impl WithSimd for Turn<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let zero = [simd.splat_f64s(0.0); 3];
-        for (state, matrix) in self.numbers.chunks_exact_mut(self.size).zip(self.matrices) {
-            let (state, _) = S::as_mut_simd_f64s(state);
-            let vectors = state.len() / 3;
-            for v in 0..vectors {
-                let places = [v, vectors + v, 2 * vectors + v];
-                let turned = times_plus(simd, matrix, places.map(|place| state[place]), zero);
-                (0..3).for_each(|r| state[places[r]] = turned[r]);
-            }
+        let (state, _) = S::as_mut_simd_f64s(self.state);
+        let vectors = state.len() / 3;
+        for v in 0..vectors {
+            let places = [v, vectors + v, 2 * vectors + v];
+            let turned = times_plus(simd, self.matrix, places.map(|place| state[place]), zero);
+            (0..3).for_each(|r| state[places[r]] = turned[r]);
+        }
+    }
+}
+
+struct AddAll<'a> {
+    numbers: &'a [f64],
+    sum: &'a mut [f64],
+}
+
+impl WithSimd for AddAll<'_> {
+    type Output = ();
+
+    #[inline(always)] // With the widest registers.
+    fn with_simd<S: Simd>(self, _: S) {
+        for state in self.numbers.chunks_exact(self.sum.len()) {
+            self.sum.iter_mut().zip(state).for_each(|(sum, number)| *sum += number);
         }
     }
 }
@@ -162,8 +209,8 @@ mod tests {
         let column = |k: usize, p: usize| Vector3::new((k + p) as f64, (k * p) as f64, 1.0 / (1 + k + p) as f64);
         let matrix = |k: usize| Matrix3::from_fn(|r, c| ((k + 3 * r) as f64 - (2 * c) as f64).sin());
         let matrices: Vec<Matrix3<f64>> = (0..7).map(matrix).collect();
-        let mut planes = Planes::new((0..21).filter(|p| p % 3 != 1).collect());
-        let mut sum = Sum::zero(&planes);
+        let mut planes = Planes::new((0..21).filter(|p| p % 3 != 1).collect(), 7);
+        let mut sum = planes.zero();
         let push = |planes: &mut Planes, k: usize| {
             planes.push(&(0..21).map(|p| column(k, p)).collect::<Vec<_>>());
         };
@@ -171,15 +218,20 @@ mod tests {
             states.clone().for_each(|k| push(&mut planes, k));
             planes.add_up(&matrices[states], &mut sum);
         }
-        (0..7).for_each(|k| push(&mut planes, k));
-        planes.turn(&matrices);
+        for (k, matrix) in matrices.iter().enumerate() {
+            push(&mut planes, k);
+            planes.turn_last(matrix);
+        }
+        let total = planes.sum();
         for (k, &p) in planes.parameters.iter().enumerate() {
             let turned: Vec<Vector3<f64>> = (0..7).map(|state| matrix(state) * column(state, p)).collect();
             let expected: Vector3<f64> = turned.iter().sum();
-            assert!((sum.column(k) - expected).norm() < 1e-12 * expected.norm(), "{p}");
+            for sum in [&sum, &total] {
+                assert!((planes.column(sum, k) - expected).norm() < 1e-12 * expected.norm(), "{p}");
+            }
             for (state, turned) in turned.iter().enumerate() {
-                let own = Sum { width: sum.width, numbers: planes.of(state).to_vec() };
-                assert!((own.column(k) - turned).norm() < 1e-12 * turned.norm(), "{state} {p}");
+                let own = planes.column(planes.of(state), k);
+                assert!((own - turned).norm() < 1e-12 * turned.norm(), "{state} {p}");
             }
         }
         assert_eq!(planes.parameters.len(), 14);

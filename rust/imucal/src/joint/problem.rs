@@ -6,7 +6,7 @@ use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
-use super::encoders::{self, About, EncoderMove, Encoders, StandModel};
+use super::encoders::{self, Encoders, StandModel};
 use super::inside::{self, Rows};
 use super::linear::{AtMove, Line, Linear, Source};
 use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
@@ -14,6 +14,7 @@ use super::nearby::Nearby;
 use super::prepared::Prepared;
 use super::prior::Prior;
 use super::report::JointFit;
+use super::stand_moves::{About, EncoderMove};
 use super::terms::Terms;
 use super::wander::{UnitWander, Wander, Wandering};
 use super::weights::Weights;
@@ -223,9 +224,9 @@ impl<'a> Joint<'a> {
                 About::Stand => put(&mut against_stand, z, sigma),
             });
             row = against_stand;
-        } else if self.terms.kinds.in_motion {
+        } else if let Some(AtMove { pass, .. }) = linear.moves.first().filter(|_| self.terms.kinds.in_motion) {
             let (first, gravity_mps2) = (row, self.prepared.gravity_mps2);
-            let mut rows = Rows::new(&mut all, first);
+            let mut rows = Rows::of_changes(&mut all, first, pass);
             for (at_move, noise) in linear.moves.iter().zip(&self.weights.inside) {
                 let AtMove { pass, before, .. } = at_move;
                 rows.innovations(pass, &before.up, noise, gravity_mps2, |place, d, z| {
@@ -268,8 +269,7 @@ impl Joint<'_> {
             let angles = encoders.in_move(&prepared.recordings[m.recording], m, &model.values, terms);
             let rest = encoders.at_rest(m.from, &prepared.rests[m.from], &model.values, terms);
             let seen = EncoderMove { angles: &angles, rest: &rest, stand: &stand };
-            let (pass, start) = (&at_move.pass, &at_move.before);
-            seen.innovations(pass, terms, start, (noise, self.weights.reading), prepared.gravity_mps2, |about, z| {
+            seen.innovations(at_move, terms, (noise, self.weights.reading), prepared.gravity_mps2, |about, z| {
                 push(about, z, 1.0)
             });
         }

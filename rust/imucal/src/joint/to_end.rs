@@ -7,10 +7,11 @@ use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
+use super::changes::Changes;
 use super::corrected::Corrected;
 use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 use super::pass::{Pass, Route};
-use super::planes::{Planes, Sum};
+use super::planes::Planes;
 use super::stretches::Stretches;
 use super::terms::Terms;
 use crate::carry::{Sums, carry_smoothly};
@@ -41,7 +42,13 @@ impl Route<'_> {
     /// Rotation and turns at the end.
     pub(super) fn to_end(&self, model: &Model, terms: &Terms<'_>) -> Pass {
         let total = terms.total();
-        let pass = |rotation, turn| Pass { rotation, turn, blocks: Vec::new(), attitudes: Vec::new() };
+        let pass = |rotation, turn| Pass {
+            rotation,
+            turn,
+            blocks: Vec::new(),
+            changes: Changes::none(),
+            attitudes: Vec::new(),
+        };
         let active = terms.active(&model.values);
         // What effects do to the force turns nothing.
         let terms = terms.of(Sensor::Gyroscope);
@@ -57,8 +64,8 @@ impl Route<'_> {
             None => self.carried(&model.gyroscope),
             Some(all) => self.carried_freed(model, all, &stretches, &weights),
         };
-        let mut on_rate = Planes::new(terms.parameters_of(Sensor::Gyroscope).collect());
-        let mut turned = Sum::zero(&on_rate);
+        let mut on_rate = Planes::new(terms.parameters_of(Sensor::Gyroscope).collect(), TOGETHER);
+        let mut turned = on_rate.zero();
         let mut columns = terms.room();
         for first in (0..stretches.count()).step_by(TOGETHER) {
             let own = first..(first + TOGETHER).min(stretches.count());

@@ -15,10 +15,11 @@ use imucal_core::effects::{Need, Sensor};
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
+use super::changes::Changes;
 use super::corrected::Corrected;
 use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters};
 use super::pass::Route;
-use super::planes::{Planes, Sum};
+use super::planes::Planes;
 use super::stretches::Stretches;
 use super::terms::Terms;
 
@@ -26,13 +27,15 @@ use super::terms::Terms;
 pub(super) struct Turns {
     stretches: Stretches,
     /// What each stretch turns, and what is added to the force in its middle, in the frame of the move's start.
-    pub(super) on_rate: Planes,
-    pub(super) on_force: Planes,
+    on_rate: Planes,
+    on_force: Planes,
     /// Where the next block begins: its first stretch, and what is turned until there.
     next: usize,
-    turned: Sum,
+    turned: Vec<f64>,
     /// Stretches of a block.
     of_block: usize,
+    /// Those of the blocks that are done.
+    changes: Changes,
 }
 
 impl Route<'_> {
@@ -67,10 +70,12 @@ impl Turns {
         let wants_slopes = terms.needs(Need::AngularAcceleration);
         let stretches = route.stretches(model, Some(freed), size / of_block, wants_slopes);
         let planes = |base: Range<usize>, sensor: Sensor| {
-            Planes::new(base.chain(terms.parameters_of(sensor).map(|p| BASE + p)).collect())
+            let parameters = base.chain(terms.parameters_of(sensor).map(|p| BASE + p)).collect();
+            Planes::new(parameters, stretches.count())
         };
         let mut on_rate = planes(GYRO_BIAS.start..BASE, Sensor::Gyroscope);
         let mut on_force = planes(ACCEL, Sensor::Accelerometer);
+        let weights = stretches.weights();
         let mut columns = vec![Vector3::zeros(); BASE];
         columns.extend(terms.room());
         for k in 0..stretches.count() {
@@ -78,77 +83,66 @@ impl Turns {
             route.columns(terms, &model.values, &stretches, k, of_terms);
             route.base_columns(model, freed, &stretches, k, base);
             on_rate.push(&columns);
+            on_rate.turn_last(&weights[k]);
             on_force.push(&columns);
+            on_force.turn_last(&stretches.rotations[k]);
         }
-        on_rate.turn(&stretches.weights());
-        on_force.turn(&stretches.rotations);
         let next = stretches.groups.of(route.span.first + 1 - route.reach().start);
-        let mut turned = Sum::zero(&on_rate);
-        (0..next).for_each(|k| add(&mut turned.numbers, 1.0, on_rate.of(k)));
-        Self { stretches, on_rate, on_force, next, turned, of_block }
+        let mut turned = on_rate.zero();
+        (0..next).for_each(|k| turned.iter_mut().zip(on_rate.of(k)).for_each(|(turned, own)| *turned += own));
+        let blocks = stretches.count() / of_block;
+        let changes = Changes { turn: on_rate.like(blocks), force: on_force.like(blocks) };
+        Self { stretches, on_rate, on_force, next, turned, of_block, changes }
     }
 
-    /// Means over the next block: of what is turned, and of what is added to the force.
-    pub(super) fn next_block(&mut self) -> [Sum; 2] {
-        Arch::new().dispatch(NextBlock(self))
+    /// Takes the means over the next block.
+    pub(super) fn next_block(&mut self) {
+        Arch::new().dispatch(NextBlock(self));
     }
 
     #[inline(always)] // With the widest registers.
-    fn take_block(&mut self) -> [Sum; 2] {
-        let Self { stretches, on_rate, on_force, next, turned, of_block } = self;
-        let mut means = [Sum::zero(on_rate), Sum::zero(on_force)];
-        let [turn, force] = &mut means;
+    fn take_block(&mut self) {
+        let Self { stretches, on_rate, on_force, next, turned, of_block, changes } = self;
+        let (turn, force) = (changes.turn.next(), changes.force.next());
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
         for k in *next..*next + *of_block {
-            add(&mut turn.numbers, share, &turned.numbers);
-            add(&mut turn.numbers, share / 2.0, on_rate.of(k));
-            add(&mut turned.numbers, 1.0, on_rate.of(k));
-            add(&mut force.numbers, share, on_force.of(k));
-            if !stretches.are_even[k] {
-                continue;
-            }
-            let of_slope = (spread - 0.125) / 2.0;
-            let [before, own, after] = [k - 1, k, k + 1].map(|k| on_rate.of(k));
-            let to = turn.numbers.iter_mut().zip(&mut turned.numbers);
-            for (((before, own), after), (mean, turned)) in before.iter().zip(own).zip(after).zip(to) {
+            // Beside what is as far on either side nothing bends.
+            let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
+            let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
+            let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
+            for (((before, own), after), (mean, turned)) in around.zip(turn.iter_mut().zip(&mut *turned)) {
                 let bend = before + after - 2.0 * own;
-                *mean += share * (of_slope * (after - before) + bend / 48.0);
-                *turned += bend / 24.0;
+                *mean += share * (*turned + 0.5 * own) + of_slope * (after - before) + of_turned * bend;
+                *turned += own + bend / 24.0;
             }
-            let [before, own, after] = [k - 1, k, k + 1].map(|k| on_force.of(k));
-            for (((before, own), after), to) in before.iter().zip(own).zip(after).zip(&mut force.numbers) {
-                *to += share * spread * (before + after - 2.0 * own);
+            let around = on_force.of(before).iter().zip(on_force.of(k)).zip(on_force.of(after));
+            for (((before, own), after), mean) in around.zip(&mut *force) {
+                *mean += share * (own + spread * (before + after - 2.0 * own));
             }
         }
         *next += *of_block;
-        means
     }
 
-    /// What is turned at the end of the move.
-    pub(super) fn at_end(&self) -> Sum {
-        let mut all = Sum::zero(&self.on_rate);
-        (0..self.stretches.count()).for_each(|k| add(&mut all.numbers, 1.0, self.on_rate.of(k)));
-        all
+    /// d_turn_d_p at the end of the move for each of `total` parameters, and all blocks.
+    pub(super) fn at_end(self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
+        let mut turn = vec![Vector3::zeros(); total];
+        self.on_rate.put_negative(&self.on_rate.sum(), &mut turn);
+        (turn, self.changes)
     }
 }
 
 struct NextBlock<'a>(&'a mut Turns);
 
 impl WithSimd for NextBlock<'_> {
-    type Output = [Sum; 2];
+    type Output = ();
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        self.0.take_block()
+    fn with_simd<S: Simd>(self, _: S) {
+        self.0.take_block();
     }
 }
 
 /// Into how many stretches a block of so many samples is cut: two, or as few as there can be.
 fn parts(samples: usize) -> usize {
     (2..=samples).find(|parts| samples.is_multiple_of(*parts)).unwrap_or(1)
-}
-
-#[inline(always)]
-fn add(to: &mut [f64], share: f64, numbers: &[f64]) {
-    to.iter_mut().zip(numbers).for_each(|(to, number)| *to += share * number);
 }

@@ -1,0 +1,73 @@
+//! What every parameter changes inside a move, block by block.
+//!
+//! ```text
+//! d(R f) = turn x R f + R d_f,   along d:   turn . (R f x d) + R d_f . d
+//! ```
+//!
+//! Numbers stand lane by lane, so that as many parameters as a register has lanes take part in each multiplication: first those of the
+//! rate, then those of the force.
+
+use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
+
+use super::planes::Planes;
+
+/// States are blocks; signs are those of what is taken off rate and force.
+pub(crate) struct Changes {
+    /// Mean of what the columns of the rate have turned.
+    pub(super) turn: Planes,
+    /// Mean of what the columns of the force add, turned to the start of the move.
+    pub(super) force: Planes,
+}
+
+impl Changes {
+    /// Of no block.
+    pub(super) fn none() -> Self {
+        let [turn, force] = [(); 2].map(|()| Planes::new(Vec::new(), 0));
+        Self { turn, force }
+    }
+
+    /// Length of a row of numbers, one for each parameter.
+    pub(super) fn lanes(&self) -> usize {
+        self.turn.width() + self.force.width()
+    }
+
+    /// Lane and parameter; not every lane has one.
+    pub(super) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
+        let first = self.turn.width();
+        let of_turn = self.turn.parameters().iter().copied().enumerate();
+        of_turn.chain(self.force.parameters().iter().enumerate().map(move |(k, p)| (first + k, *p)))
+    }
+
+    /// d_turn_d_p in a block for each of `total` parameters.
+    pub(super) fn turns(&self, block: usize, total: usize) -> Vec<Vector3<f64>> {
+        let mut turns = vec![Vector3::zeros(); total];
+        self.turn.put_negative(self.turn.of(block), &mut turns);
+        turns
+    }
+
+    /// Adds what they change of the mean force of a block along `d`, lane by lane.
+    pub(super) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
+        Arch::new().dispatch(AddAlong { changes: self, block, force, d, lanes });
+    }
+}
+
+struct AddAlong<'a> {
+    changes: &'a Changes,
+    block: usize,
+    force: &'a Vector3<f64>,
+    d: &'a Vector3<f64>,
+    lanes: &'a mut [f64],
+}
+
+impl WithSimd for AddAlong<'_> {
+    type Output = ();
+
+    #[inline(always)] // With the widest registers.
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { changes: Changes { turn, force: adding }, block, force, d, lanes } = self;
+        let (by_turn, by_force) = lanes.split_at_mut(turn.width());
+        turn.add_along(block, &d.cross(force), by_turn);
+        adding.add_along(block, &-d, by_force);
+    }
+}

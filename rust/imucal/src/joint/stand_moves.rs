@@ -1,0 +1,114 @@
+//! White residuals of a move that encoders and the force inside it both see (model.md (20), (21)).
+//!
+//! ```text
+//! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = walk + noise of the encoders
+//! force   as inside a move without encoders          = walk + error of the start + noise of the force
+//! ```
+//!
+//! Inside a move the residual against the stand is a random walk of the gyroscope's noise seen through the encoders' noise. The force
+//! sees the same walk, so one filter has to whiten both; and gravity at the end of the move says nothing that the rests against the
+//! stand do not say already.
+
+use imucal_core::so3;
+use nalgebra::{Rotation3, UnitQuaternion, Vector3};
+
+use super::encoders::{Angles, StandModel};
+use super::inside::{self, Filter, InsideNoise, Place};
+use super::linear::AtMove;
+use super::pass::Pass;
+use super::terms::Terms;
+use crate::moves::across;
+
+/// What a white residual inside a move is about.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum About {
+    Force,
+    Stand,
+}
+
+/// One move as the encoders see it.
+pub(crate) struct EncoderMove<'a> {
+    /// Angles of the samples of the move, and of the rest before.
+    pub(crate) angles: &'a Angles,
+    pub(crate) rest: &'a Angles,
+    pub(crate) stand: &'a StandModel,
+}
+
+/// How many residuals against the stand a move gives.
+pub(crate) fn count(pass: &Pass) -> usize {
+    3 * pass.blocks.len()
+}
+
+impl EncoderMove<'_> {
+    /// Hands every white residual to `push`: its derivative by every parameter, and the residual itself as the last number.
+    /// `reading` is the variance of one reading of the encoders, rad^2.
+    pub(crate) fn innovations(
+        &self,
+        at_move: &AtMove,
+        terms: &Terms<'_>,
+        (noise, reading): (&InsideNoise, f64),
+        gravity_mps2: f64,
+        mut push: impl FnMut(About, &[f64]),
+    ) {
+        let (AtMove { pass, before: start, .. }, n) = (at_move, terms.total());
+        let first = self.stand.attitude(&self.rest.angle_rad[0]).inverse();
+        let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand);
+        // Mean residual of each block and its derivatives, in the body frame at the start.
+        let turns: Vec<(Vector3<f64>, Vec<Vector3<f64>>)> = (pass.blocks.iter().enumerate())
+            .map(|(k, block)| {
+                let residual = |i: usize| {
+                    let here = first * self.stand.attitude(&self.angles.angle_rad[i]);
+                    let gyroscope = Rotation3::from_matrix_unchecked(pass.attitudes[i]);
+                    so3::log(&(here * UnitQuaternion::from_rotation_matrix(&gyroscope).inverse()))
+                };
+                let samples = block.samples.clone();
+                let mean = samples.clone().map(residual).sum::<Vector3<f64>>() / samples.len() as f64;
+                let jacobian = self
+                    .angles
+                    .attitude_jacobian(samples, terms, self.stand)
+                    .iter()
+                    .zip(&rest_jacobian)
+                    .zip(&pass.changes.turns(k, n))
+                    .map(|((here, rest), turn)| first * (here - rest) - turn)
+                    .collect();
+                (mean, jacobian)
+            })
+            .collect();
+        let [side, other] = across(&start.up);
+        // The walk is minus the gyroscope's turn x, which moves the carried gravity u by x cross u: along `side` by x . other,
+        // along `other` by -x . side. The force along gravity does not see it.
+        let mut z = vec![0.0; n + 1];
+        let mut by_lane = vec![0.0; pass.changes.lanes() + 1];
+        let mut at_start = by_lane.clone();
+        for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
+            // The second state is the error of the direction at the start, of which the stand knows nothing.
+            let mut filter = Filter::new(n + 1, [0.0, noise.start]);
+            let mut last_s = 0.0;
+            let seen =
+                |place, lanes: &mut [f64]| inside::seen(at_move, gravity_mps2, place, &(along / gravity_mps2), lanes);
+            at_start.fill(0.0);
+            seen(Place::Start, &mut at_start);
+            for (k, (block, (mean, jacobian))) in pass.blocks.iter().zip(&turns).enumerate() {
+                filter.walk(noise.walk * (block.time_s - last_s));
+                last_s = block.time_s;
+                for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
+                    *value = d.dot(column);
+                }
+                // A mean over n steps of a walk varies less than the walk in their middle, by (n - 1/n) / 6 of a step.
+                let count = block.samples.len() as f64;
+                let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
+                filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);
+                push(About::Stand, &z);
+                if terms.kinds.in_motion {
+                    by_lane.copy_from_slice(&at_start);
+                    seen(Place::Block(k), &mut by_lane);
+                    z.fill(0.0);
+                    z[n] = by_lane[pass.changes.lanes()];
+                    pass.changes.parameters().for_each(|(lane, p)| z[p] = by_lane[lane]);
+                    filter.innovate(&mut z, [look, look], noise.force / block.duration_s / gravity_mps2.powi(2));
+                    push(About::Force, &z);
+                }
+            }
+        }
+    }
+}
