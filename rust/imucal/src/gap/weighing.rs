@@ -19,7 +19,7 @@ use super::upper::Upper;
 
 /// Scales and parameters depend on each other; the last round is taken as it is.
 const SCALE_ROUNDS: usize = 20;
-/// Scales that change by a smaller share have settled.
+/// Scales have settled where the evidence at them is so near to its maximum, nats.
 const SETTLED: f64 = 1e-4;
 
 /// A column beside a model: its place in the sums, and the typical size of its parameter.
@@ -122,23 +122,25 @@ impl<'a> Weighing<'a> {
             // What is left of the residual is it less so much of each column.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            let mut settled = true;
+            // The evidence at these scales, and what it lacks: where it is largest it bends by half the rows in the logarithm of a scale.
+            let (mut held, mut lacking) = (0.0, 0.0);
             for (g, part) in parts.iter().enumerate() {
                 let [left, unspent] = part.between(simd, &delta, &normal);
                 chi2[g] = left.max(0.0);
                 let free = gram.rows[g] + unspent / scales[g];
                 let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
-                settled &= (scale / scales[g] - 1.0).abs() < SETTLED;
+                held += gram.rows[g] * scales[g].ln() + chi2[g] / scales[g];
+                lacking += gram.rows[g] / 4.0 * (scale / scales[g] - 1.0).powi(2);
                 scales[g] = scale;
             }
-            if settled || round == SCALE_ROUNDS {
+            if lacking < SETTLED || round == SCALE_ROUNDS {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let deviance: f64 = (0..parts.len()).map(|g| gram.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
                 // The lengths of the base columns are the same in all models, those of the others cancel.
                 return Some(Evidence {
-                    log: -0.5 * (deviance + prior + volume - given),
+                    log: -0.5 * (held + prior + volume - given),
                     deviance,
                     chi2: chi2.iter().sum(),
                     scales,

@@ -116,8 +116,10 @@ impl Terms<'_> {
                     surroundings: Surroundings { rotation_world_from_body: attitude, ..*moment },
                 };
                 term.columns_at(values, &state, sample, &mut one);
-                own.iter_mut().zip(&one).for_each(|(sum, column)| *sum += column / moments.len() as f64);
+                own.iter_mut().zip(&one).for_each(|(sum, column)| *sum += column);
             }
+            let share = 1.0 / moments.len() as f64;
+            own.iter_mut().for_each(|sum| *sum *= share);
         }
     }
 

@@ -18,6 +18,7 @@ use super::model::{Model, mean_surroundings};
 use super::pass::Route;
 use super::terms::{Sample, Terms};
 use crate::carry::turn_on;
+use crate::moves::Move;
 use crate::recording::Samples;
 
 /// Steps between the middles of stretches that differ by a smaller share are even.
@@ -118,14 +119,14 @@ impl Route<'_> {
 
     /// What a trapezoid over the samples from the start of the move to its end has of each.
     fn durations_s(&self, groups: Groups) -> Vec<f64> {
-        let (time_s, first) = (self.recording.time_s, self.reach().start);
-        let mut durations_s = vec![0.0; groups.count()];
-        for i in self.span.first..self.span.last {
-            let half_s = (time_s[i + 1] - time_s[i]) / 2.0;
-            durations_s[groups.of(i - first)] += half_s;
-            durations_s[groups.of(i + 1 - first)] += half_s;
-        }
-        durations_s
+        let Move { first, last, .. } = *self.span;
+        let time_s = |i: usize| self.recording.time_s[i.clamp(first, last)];
+        let own_s = |k: usize| {
+            let Range { start, end } = self.samples(groups, k);
+            // From half way after the sample before to half way after its last one.
+            f64::midpoint(time_s(end - 1), time_s(end)) - f64::midpoint(time_s(start.saturating_sub(1)), time_s(start))
+        };
+        (0..groups.count()).map(own_s).collect()
     }
 
     /// The columns of terms in the middle of a stretch; of a user's fields means are known, as of rates.
