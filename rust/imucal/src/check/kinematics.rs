@@ -58,6 +58,10 @@ fn is_well_determined(p: &Matrix3<f64>) -> bool {
     squares.min() > WELL_DETERMINED.powi(2) * squares.max()
 }
 
+/// Where the factor is that of no unit. Rate times time is all that is seen.
+const OTHERWISE: &str = "give the columns in the unit that their names say, or as raw counts: gyro_x_lsb; or the time \
+                         or the sample rate is wrong by that factor: correct it";
+
 fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
     if (RIGHT_UNIT[0]..=RIGHT_UNIT[1]).contains(&scale) {
         return None;
@@ -70,10 +74,8 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
         (1e-3, "looks 1000 times too small: multiply by 1000"),
     ];
     let too_large = 1.0 / scale;
-    let way_out = known
-        .iter()
-        .find(|(factor, _)| (too_large / factor - 1.0).abs() < KNOWN)
-        .map_or("give the columns in the unit that their names say, or as raw counts: gyro_x_lsb", |(_, hint)| hint);
+    let way_out =
+        known.iter().find(|(factor, _)| (too_large / factor - 1.0).abs() < KNOWN).map_or(OTHERWISE, |(_, hint)| hint);
     Some(Finding {
         columns: names(GYRO),
         count: recording.len(),
