@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gap.case
 import gap.limits
+import gap.said
 import gap.suite
 
 BENCHES = Path(__file__).parent.parent / "benches"
@@ -59,3 +61,15 @@ def test_the_quick_benchmark_runs():
     assert done.returncode == 0, done.stderr
     assert "## Gates" in done.stdout
     assert "## Clean runs" in done.stdout
+
+
+def by_hand() -> list[gap.case.Case]:
+    return [case for case in gap.suite.suite(0.0) if case.group == "data" and case.kind in ("A", "AT")]
+
+
+@pytest.mark.parametrize("case", by_hand(), ids=lambda case: f"{case.label} {case.kind}")
+def test_what_a_hand_shows_is_named(case: gap.case.Case):
+    """A hand is told from an effect by the force inside the moves, whatever effect there is."""
+    measured, control, sealed = case.pose()
+    said, _ = gap.said.find_gap(measured, control, case)
+    assert list(said.names) == [effect.name for effect in sealed.open(said).effects]
