@@ -54,13 +54,34 @@ def predicted_error(
     off, covariance = as_large_as_seen(better, known)
     root = _root(covariance)
     rest_s = sum(rest["end_s"] - rest["start_s"] for rest in after.rests)
+    chances = _Chances.drawn(len(off))
     found = {}
     for name, noise, axes in zip(SIGNALS, _noise(after), (slice(0, 3), slice(3, 6)), strict=True):
         columns = np.vstack((moved[:, :, axes].reshape(len(moved), -1), missed[:, axes].reshape(1, -1)))
         columns = columns[:, np.isfinite(columns).all(axis=0)]
         gram, count = columns @ columns.T / columns.shape[1], columns.shape[1]
-        found[name] = _Signal(noise, gram, off, root, count, NOISE_KNOWN_S / rest_s).claim()
+        found[name] = _Signal(noise, gram, off, root, count, NOISE_KNOWN_S / rest_s).claim(chances)
     return found
+
+
+@dataclass(frozen=True)
+class _Chances:
+    """Standard normal numbers, the same for both sensors: DRAWS of each.
+
+    parameters  (DRAWS, P)
+    products    (DRAWS, P+1), of the noise with each column
+    noise       (DRAWS,)
+    """
+
+    parameters: FloatArray
+    products: FloatArray
+    noise: FloatArray
+
+    @classmethod
+    def drawn(cls, parameters: int) -> _Chances:
+        random = np.random.default_rng(SEED)
+        shapes = ((DRAWS, parameters), (DRAWS, parameters + 1), (DRAWS,))
+        return cls(*(random.standard_normal(shape) for shape in shapes))
 
 
 @dataclass(frozen=True)
@@ -83,13 +104,13 @@ class _Signal:
     count: int
     unsure: float
 
-    def claim(self) -> dict[str, float]:
+    def claim(self, chances: _Chances) -> dict[str, float]:
         unsure = float(np.sum(self.gram[:-1, :-1] * (self.root @ self.root.T)))
         before, after = (
             float(np.sqrt(self.noise + at @ self.gram @ at + unsure))
             for at in (np.append(self.off, 1.0), np.append(self.off, 0.0))
         )
-        low, high = np.quantile(self._factors(), INTERVAL)
+        low, high = np.quantile(self._factors(chances), INTERVAL)
         return {
             "before": before,
             "after": after,
@@ -98,14 +119,13 @@ class _Signal:
             "factor_high": float(high),
         }
 
-    def _factors(self) -> FloatArray:
+    def _factors(self, chances: _Chances) -> FloatArray:
         """Of so many units and runs that may be behind these recordings."""
-        random = np.random.default_rng(SEED)
-        off = self.off + random.standard_normal((DRAWS, len(self.off))) @ self.root.T
+        off = self.off + chances.parameters @ self.root.T
         # The mean product of noise with each of the columns, and of noise with itself.
-        crossed = random.standard_normal((DRAWS, len(self.gram))) @ _root(self.gram).T
+        crossed = chances.products @ _root(self.gram).T
         crossed *= np.sqrt(self.noise / self.count)
-        chance = np.sqrt(2.0 / self.count + self.unsure) * random.standard_normal(DRAWS)
+        chance = np.sqrt(2.0 / self.count + self.unsure) * chances.noise
         noise = self.noise * np.maximum(1.0 + chance, 0.1)
 
         def mean_square(missed: float) -> FloatArray:
