@@ -15,12 +15,8 @@ use nalgebra::{Matrix2x3, Matrix3, Vector3};
 use super::inside::{Place, Rows};
 use super::linear::{AtMove, Linear, Source};
 use super::model::GYRO_BIAS;
-use super::pass::{Block, Route};
 use super::prepared::Prepared;
 use super::problem::Joint;
-use super::terms::{Kinds, Terms};
-use crate::derivative::Width;
-use crate::error::Error;
 use crate::moves::{Move, rows_across};
 
 /// A short stretch of a move.
@@ -82,47 +78,36 @@ impl Field {
     }
 }
 
-/// The way of each move at a linearisation without effects; of the blocks inside the moves only one in `every`.
-pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Result<Vec<Way>, Error> {
-    let kinds = Kinds { in_motion: false, encoders: false };
-    let none = Terms::try_new(&[], &[], &[], kinds)?;
+/// The way of each move at a linearisation without effects, in stretches as long as a block inside it, of which one in `every` is taken.
+pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<Way> {
     let model = &linear.model;
-    let sensitivity = *model.gyroscope.sensitivity();
-    let by_rate = |turn: &[Vector3<f64>]| {
-        Matrix3::from_columns(&[0, 1, 2].map(|axis| turn[GYRO_BIAS.start + axis])) * sensitivity
-    };
-    let way = |((span, width), at_move): ((&Move, &Width), &AtMove)| {
+    let way = |(index, (span, at_move)): (usize, (&Move, &AtMove))| {
         let recording = &prepared.recordings[span.recording];
-        let gravity_at_start = at_move.before.up * prepared.gravity_mps2;
-        let route = Route {
-            recording,
-            span,
-            rotation_world_from_start: None,
-            gravity_at_start,
-            width,
-            block_s: prepared.block_s,
-            has_blocks: true,
-        };
-        let own = (!linear.sees_inside()).then(|| route.pass(model, &none));
-        let pass = own.as_ref().unwrap_or(&at_move.pass);
-        let first = (every / 2).min(pass.blocks.len().saturating_sub(1));
-        let stretch = |(k, block): (usize, &Block)| {
-            let middle = usize::midpoint(block.samples.start, block.samples.end);
-            let sample = (span.first + middle).min(span.last);
-            let rows = recording.angular_rate.slice(span.first + block.samples.start..span.first + block.samples.end);
-            let mean = rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len().max(1) as f64;
-            Stretch {
-                time_s: recording.time_s[sample] - recording.time_s[0],
-                sample,
-                attitude: pass.attitudes[sample - span.first],
-                rate: model.gyroscope.correct(mean),
-                turn: by_rate(&pass.changes.turns(k, pass.turn.len())),
+        let route = prepared.route(index, None, &at_move.before, false);
+        let size = route.samples_in(prepared.block_s);
+        let all = route.stretches(model, None, size, false);
+        let first = all.groups.of(span.first + 1 - route.reach().start);
+        let count = (span.last - span.first) / size;
+        let mut turned = Matrix3::zeros();
+        let mut stretches = Vec::with_capacity(count.div_ceil(every));
+        for (k, weight) in all.weights().iter().enumerate().take(first + count) {
+            let until = turned - weight / 2.0;
+            turned -= weight;
+            if k.checked_sub(first).is_some_and(|block| block % every == (every / 2).min(count - 1)) {
+                let sample = span.first + (k - first) * size + size / 2 + 1;
+                stretches.push(Stretch {
+                    time_s: recording.time_s[sample] - recording.time_s[0],
+                    sample,
+                    attitude: all.rotations[k],
+                    rate: all.states[k].angular_rate,
+                    turn: until,
+                });
             }
-        };
-        let blocks = pass.blocks.iter().enumerate().skip(first).step_by(every);
-        Way { stretches: blocks.map(stretch).collect(), end: by_rate(&pass.turn) }
+        }
+        let end = Matrix3::from_columns(&[0, 1, 2].map(|axis| at_move.pass.turn[GYRO_BIAS.start + axis]));
+        Way { stretches, end: end * model.gyroscope.sensitivity() }
     };
-    Ok(prepared.moves.iter().zip(prepared.widths).zip(linear.moves.iter()).map(way).collect())
+    prepared.moves.iter().zip(linear.moves.iter()).enumerate().map(way).collect()
 }
 
 impl Field {

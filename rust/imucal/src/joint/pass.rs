@@ -50,8 +50,8 @@ pub(crate) struct Pass {
     pub(crate) blocks: Vec<Block>,
     /// What every parameter changes in each.
     pub(super) changes: Changes,
-    /// The rotation at every sample of the move; empty unless asked for.
-    pub(crate) attitudes: Vec<Matrix3<f64>>,
+    /// The rotation at every sample of the move; empty but for the encoders, which alone ask for it.
+    pub(super) attitudes: Vec<Matrix3<f64>>,
 }
 
 /// A short stretch inside a move.
@@ -93,7 +93,7 @@ impl Route<'_> {
         let of_block = self.samples_in(self.block_s);
         let mut turns = Turns::new(self, model, terms, &all, of_block);
         let mut rotation = UnitQuaternion::identity();
-        let mut attitudes = vec![Matrix3::identity()];
+        let mut attitudes = if terms.kinds.encoders { vec![Matrix3::identity()] } else { Vec::new() };
         let mut blocks = Vec::new();
         let mut start = first;
         while start < last {
@@ -116,7 +116,7 @@ impl Route<'_> {
         ((length_s * (last - first) as f64 / duration_s).round() as usize).max(1)
     }
 
-    /// Takes these steps; the mean force behind them, in the frame of the start.
+    /// Takes these steps; the mean force behind them, in the frame of the start. Attitudes go on where there is a first one.
     fn walk(
         &self,
         steps: Range<usize>,
@@ -132,7 +132,9 @@ impl Route<'_> {
             turn_on(rotation, &step.mean(|k| all.rate[k]), [&all.rate[k0], &all.rate[k1]], time[i + 1] - time[i]);
             let here = *rotation.to_rotation_matrix().matrix();
             force += here * all.force[k1];
-            attitudes.push(here);
+            if !attitudes.is_empty() {
+                attitudes.push(here);
+            }
         }
         force / count
     }

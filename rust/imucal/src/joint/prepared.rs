@@ -60,9 +60,10 @@ impl Prepared<'_> {
         let model = Model::of(parameters, terms)?;
         let rests = Rests::new(self, &model, terms);
         let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
+        let has_blocks = terms.kinds.look_inside();
         let at_move = |index: usize, attitude| {
             let [before, after] = ends[index].clone();
-            AtMove { pass: self.route(index, attitude, &before, terms).pass(&model, terms), before, after }
+            AtMove { pass: self.route(index, attitude, &before, has_blocks).pass(&model, terms), before, after }
         };
         // Where nothing adds to the rate the kernel is fast enough to go ahead.
         let goes_ahead = terms.active(&model.values).all.is_empty();
@@ -75,7 +76,7 @@ impl Prepared<'_> {
             while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
                 let [before, after] = &ends[next_move];
                 let rotation = if goes_ahead {
-                    self.route(next_move, None, before, terms).rotation(&model.gyroscope)
+                    self.route(next_move, None, before, has_blocks).rotation(&model.gyroscope)
                 } else {
                     moves.push(at_move(next_move, Some(start)));
                     moves[next_move].pass.rotation
@@ -93,12 +94,13 @@ impl Prepared<'_> {
         Ok(self.lines(&model, terms, &rests, &attitudes, moves))
     }
 
-    fn route(
+    /// That of a move, with the attitude at its start where an effect needs it.
+    pub(super) fn route(
         &self,
         index: usize,
         attitude: Option<UnitQuaternion<f64>>,
         before: &EndDirection,
-        terms: &Terms<'_>,
+        has_blocks: bool,
     ) -> Route<'_> {
         let span = &self.moves[index];
         Route {
@@ -108,7 +110,7 @@ impl Prepared<'_> {
             gravity_at_start: before.up * self.gravity_mps2,
             width: &self.widths[index],
             block_s: self.block_s,
-            has_blocks: terms.kinds.look_inside(),
+            has_blocks,
         }
     }
 }
