@@ -10,7 +10,7 @@
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::planes::Planes;
+use super::planes::{Planes, add_along};
 
 /// States are blocks; signs are those of what is taken off rate and force.
 pub(crate) struct Changes {
@@ -67,7 +67,7 @@ impl WithSimd for AddAlong<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let Self { changes: Changes { turn, force: adding }, block, force, d, lanes } = self;
         let (by_turn, by_force) = lanes.split_at_mut(turn.width());
-        turn.add_along(block, &d.cross(force), by_turn);
-        adding.add_along(block, &-d, by_force);
+        add_along(&d.cross(force), turn.of(block), by_turn);
+        add_along(&-d, adding.of(block), by_force);
     }
 }

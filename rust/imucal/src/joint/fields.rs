@@ -15,6 +15,7 @@ use nalgebra::{Matrix2x3, Matrix3, Vector3};
 use super::inside::{Place, Rows};
 use super::linear::{AtMove, Linear, Source};
 use super::model::GYRO_BIAS;
+use super::planes::add_along;
 use super::prepared::Prepared;
 use super::problem::Joint;
 use crate::moves::{Move, rows_across};
@@ -134,15 +135,6 @@ impl Field {
             }
             before = turn;
         }
-    }
-}
-
-/// Adds what turns by components are along `d`.
-fn add_along(d: &Vector3<f64>, turns: &[f64], z: &mut [f64]) {
-    let (x, others) = turns.split_at(z.len());
-    let (y, third) = others.split_at(z.len());
-    for (((z, x), y), third) in z.iter_mut().zip(x).zip(y).zip(third) {
-        *z += d.x * x + d.y * y + d.z * third;
     }
 }
 

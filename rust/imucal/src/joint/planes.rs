@@ -91,11 +91,11 @@ impl Planes {
         }
     }
 
-    /// The sum of all states.
-    pub(super) fn sum(&self) -> Vec<f64> {
+    /// The sum of the first states, so many.
+    pub(super) fn sum(&self, states: usize) -> Vec<f64> {
         let mut sum = self.zero();
         if self.width > 0 {
-            Arch::new().dispatch(AddAll { numbers: &self.numbers, sum: &mut sum });
+            Arch::new().dispatch(AddAll { numbers: &self.numbers[..states * 3 * self.width], sum: &mut sum });
         }
         sum
     }
@@ -110,20 +110,20 @@ impl Planes {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
     }
 
-    /// Adds what the columns of a state are along a direction to as many numbers as a plane is long.
-    #[inline(always)] // With the widest registers.
-    pub(super) fn add_along(&self, state: usize, direction: &Vector3<f64>, to: &mut [f64]) {
-        let (x, yz) = self.of(state).split_at(self.width);
-        let (y, z) = yz.split_at(self.width);
-        for (((to, x), y), z) in to.iter_mut().zip(x).zip(y).zip(z) {
-            *to += direction.x * x + direction.y * y + direction.z * z;
-        }
-    }
-
     /// The planes of a state, one after the other.
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
+    }
+}
+
+/// Adds what columns in planes are along a direction to as many numbers as a plane is long.
+#[inline(always)] // With the widest registers that the caller has.
+pub(super) fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
+    let (x, yz) = planes.split_at(to.len());
+    let (y, z) = yz.split_at(to.len());
+    for (((to, x), y), z) in to.iter_mut().zip(x).zip(y).zip(z) {
+        *to += direction.x * x + direction.y * y + direction.z * z;
     }
 }
 
@@ -222,7 +222,7 @@ mod tests {
             push(&mut planes, k);
             planes.turn_last(matrix);
         }
-        let total = planes.sum();
+        let total = planes.sum(7);
         for (k, &p) in planes.parameters.iter().enumerate() {
             let turned: Vec<Vector3<f64>> = (0..7).map(|state| matrix(state) * column(state, p)).collect();
             let expected: Vector3<f64> = turned.iter().sum();

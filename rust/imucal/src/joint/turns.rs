@@ -88,8 +88,7 @@ impl Turns {
             on_force.turn_last(&stretches.rotations[k]);
         }
         let next = stretches.groups.of(route.span.first + 1 - route.reach().start);
-        let mut turned = on_rate.zero();
-        (0..next).for_each(|k| turned.iter_mut().zip(on_rate.of(k)).for_each(|(turned, own)| *turned += own));
+        let turned = on_rate.sum(next);
         let blocks = stretches.count() / of_block;
         let changes = Changes { turn: on_rate.like(blocks), force: on_force.like(blocks) };
         Self { stretches, on_rate, on_force, next, turned, of_block, changes }
@@ -126,7 +125,7 @@ impl Turns {
     /// d_turn_d_p at the end of the move for each of `total` parameters, and all blocks.
     pub(super) fn at_end(self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
         let mut turn = vec![Vector3::zeros(); total];
-        self.on_rate.put_negative(&self.on_rate.sum(), &mut turn);
+        self.on_rate.put_negative(&self.on_rate.sum(self.stretches.count()), &mut turn);
         (turn, self.changes)
     }
 }
