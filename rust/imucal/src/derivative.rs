@@ -13,7 +13,7 @@
 use std::borrow::Cow;
 use std::sync::OnceLock;
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, SVector, Vector3, Vector4};
 
 use crate::segment::sample_interval_s;
 use crate::stats::{MEDIAN_SIZE, median};
@@ -94,7 +94,7 @@ impl<'a> Derivative<'a> {
         if n < FEWEST || interval_s <= 0.0 {
             return derivative;
         }
-        let (sums, sigma) = (Sums::new(&values), noise(times, &values));
+        let (sums, sigma) = (Sums::new(&values), noise(derivative.stencil.steps, times, &values));
         let widest = ((WIDEST_S / interval_s) as usize).min(n / BOXES).max(1);
         let mut stride = ((NARROWEST_S / interval_s).round() as usize).clamp(1, widest);
         let mut last = derivative.stencil.with(times, stride);
@@ -134,40 +134,40 @@ impl<'a> Derivative<'a> {
 }
 
 /// White noise of a sample on each axis, from fourth divided differences: motion is too smooth to show in them.
-fn noise(time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
+fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let mut sizes: [Vec<f64>; 3] = [const { Vec::new() }; 3];
     let apart = (values.len() / ENOUGH).max(1);
+    let of_even = steps.are_even.then(|| weights_of_noise(&[0.0, 1.0, 2.0, 3.0, 4.0]));
     for (t, v) in time_s.windows(BOXES).zip(values.windows(BOXES)).step_by(apart) {
-        let others = |j: usize| (0..BOXES).filter(move |i| *i != j);
-        let weights: [f64; BOXES] = std::array::from_fn(|j| others(j).map(|i| t[j] - t[i]).product::<f64>().recip());
-        let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
-        let difference: Vector3<f64> = v.iter().zip(weights).map(|(v, w)| v * (w / norm)).sum();
+        let weights = of_even.unwrap_or_else(|| weights_of_noise(t));
+        let difference: Vector3<f64> = v.iter().zip(weights).map(|(v, w)| v * w).sum();
         sizes.iter_mut().zip(&difference).for_each(|(sizes, d)| sizes.extend(d.is_finite().then(|| d.abs())));
     }
     let [x, y, z] = sizes.map(|mut sizes| if sizes.is_empty() { 0.0 } else { median(&mut sizes) / MEDIAN_SIZE });
     Vector3::new(x, y, z)
 }
 
-/// Running sums of values; those that are missing are counted instead.
-struct Sums {
-    values: Vec<Vector3<f64>>,
-    missing: Vec<u32>,
+/// What values at these times add to their divided difference, all squares together being one.
+fn weights_of_noise(t: &[f64]) -> [f64; BOXES] {
+    let others = |j: usize| (0..BOXES).filter(move |i| *i != j);
+    let weights: [f64; BOXES] = std::array::from_fn(|j| others(j).map(|i| t[j] - t[i]).product::<f64>().recip());
+    let norm = weights.iter().map(|w| w * w).sum::<f64>().sqrt();
+    weights.map(|weight| weight / norm)
 }
+
+/// Running sums of values, and after them how many are missing: four numbers side by side are added at once.
+struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
     fn new(values: &[Vector3<f64>]) -> Self {
-        let mut sums = Self { values: vec![Vector3::zeros()], missing: vec![0] };
-        let (mut sum, mut missing) = (Vector3::zeros(), 0);
+        let mut sums = Vec::with_capacity(values.len() + 1);
+        let mut sum = Vector4::zeros();
+        sums.push(sum);
         for value in values {
-            if value.iter().all(|v| v.is_finite()) {
-                sum += value;
-            } else {
-                missing += 1;
-            }
-            sums.values.push(sum);
-            sums.missing.push(missing);
+            sum += if value.iter().all(|v| v.is_finite()) { value.push(0.0) } else { Vector4::w() };
+            sums.push(sum);
         }
-        sums
+        Self(sums)
     }
 }
 
@@ -285,15 +285,15 @@ struct Boxes {
 impl Boxes {
     /// NaN if a value is missing.
     fn slope(&self, sums: &Sums) -> Vector3<f64> {
-        let edge = |j: usize| self.first + j * self.stride;
-        if sums.missing[edge(0)] != sums.missing[edge(self.count)] {
+        let edge = |j: usize| &sums.0[self.first + j * self.stride];
+        if edge(0).w != edge(self.count).w {
             return Vector3::repeat(f64::NAN);
         }
-        let sum = |j: usize| sums.values[edge(j + 1)] - sums.values[edge(j)];
+        let sum = |j: usize| edge(j + 1) - edge(j);
         // Of what differs from the middle: a large bias is no reason for a large rounding error.
         let middle = sum(self.count / 2);
-        let slope: Vector3<f64> = (0..self.count).map(|j| (sum(j) - middle) * self.weights[j]).sum();
-        slope / self.stride as f64
+        let slope: Vector4<f64> = (0..self.count).map(|j| (sum(j) - middle) * self.weights[j]).sum();
+        slope.xyz() / self.stride as f64
     }
 
     /// The variance of the difference to narrower ones for values with noise of one.

@@ -55,7 +55,8 @@ pub(crate) fn design(
     all: &Terms<'_>,
     linear: &Arc<Linear>,
 ) -> Result<Design, Error> {
-    let (residual, jacobian) = Joint::of_noise(prepared, all, Arc::clone(linear))?.whiten(linear);
+    let whitened = Joint::of_noise(prepared, all, Arc::clone(linear))?.whiten_together(linear);
+    let last = whitened.ncols() - 1;
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
     let of_own: Vec<_> = own.all.iter().map(|t| (place_in_all(t.name()), t.count())).map(|(p, n)| p..p + n).collect();
     let values: Vec<f64> = of_own.iter().flat_map(|places| &linear.model.values[places.clone()]).copied().collect();
@@ -73,22 +74,24 @@ pub(crate) fn design(
         });
         width += term.linear;
     }
-    let order: Vec<usize> = parts.into_iter().flatten().collect();
+    let order: Vec<usize> = parts.into_iter().flatten().chain([last]).collect();
     // Beside a model without effects the columns stand in their order.
-    let columns = if order.iter().copied().eq(0..jacobian.ncols()) {
-        jacobian
+    let mut columns = if order.iter().copied().eq(0..=last) {
+        whitened
     } else {
-        let mut columns = Mat::zeros(residual.nrows(), width);
+        let mut columns = Mat::zeros(whitened.nrows(), width + 1);
         for (to, from) in order.into_iter().enumerate() {
-            columns.col_as_slice_mut(to).copy_from_slice(jacobian.col_as_slice(from));
+            columns.col_as_slice_mut(to).copy_from_slice(whitened.col_as_slice(from));
         }
         columns
     };
     let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, linear, own.kinds));
+    let gram = Gram::of(&columns, &groups);
+    let residual = columns.col_as_slice(width).to_vec();
+    columns.truncate(columns.nrows(), width);
     let rows = Rows { columns, groups, items, axes: axes_of(linear) };
-    let residual = residual.col_as_slice(0).to_vec();
     Ok(Design {
-        gram: Gram::of(&rows.columns, &residual, &rows.groups),
+        gram,
         model: columns_of(own, precisions, &values, 0..own.total()),
         candidates,
         residual,
@@ -161,7 +164,9 @@ impl Design {
             if group == INSIDE { first + prepared.rests[item / 2].recording } else { group }
         };
         let groups: Vec<usize> = groups.iter().zip(items).map(apart).collect();
-        (Cow::Owned(Gram::of(columns, &self.residual, &groups)), first..first + prepared.recordings.len())
+        let (rows, last) = (columns.nrows(), columns.ncols());
+        let all = Mat::from_fn(rows, last + 1, |i, j| if j < last { columns[(i, j)] } else { self.residual[i] });
+        (Cow::Owned(Gram::of(&all, &groups)), first..first + prepared.recordings.len())
     }
 
     /// Its residuals, to be predicted item by item.

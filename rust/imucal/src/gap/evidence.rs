@@ -56,12 +56,6 @@ pub(crate) struct Evidence {
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    #[cfg(test)]
-    pub(crate) fn new(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
-        let last = columns.ncols() - 1;
-        Self::of(&columns.subcols(0, last).to_owned(), columns.col_as_slice(last), group_of_row)
-    }
-
     /// The evidence of a model with these columns; `None` where it is not determined.
     pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
@@ -69,7 +63,8 @@ impl Gram {
 
     /// The same, the scales of a model that is nearly this one being known: they are where the rounds begin.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
-        Weighing::new(self, columns, Vec::new()).evidence(0.0, near)
+        let weighing = Weighing::new(self, columns, Vec::new());
+        weighing.evidence(0.0, &weighing.sweep(near)?)
     }
 
     /// The least chi2 that a group alone can have with these columns, over its number of rows; none with a model of these columns is
@@ -142,7 +137,7 @@ mod tests {
             1 => (i as f64 * 0.3).sin(),
             _ => noise(i) + 0.4 * (i as f64 * 0.3).sin(),
         });
-        let gram = Gram::new(&columns, &vec![0; rows]);
+        let gram = Gram::of(&columns, &vec![0; rows]);
         let base = Column { place: 0, precision: 0.0, value: 0.0 };
         let effect = Column { place: 1, precision: 1.0 / 0.25, value: 0.0 };
         let with = gram.evidence(&[base, effect]).unwrap();

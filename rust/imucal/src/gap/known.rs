@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::ops::Range;
 
 use faer::linalg::matmul::triangular::{self, BlockStructure};
-use faer::{Accum, Mat, MatMut, MatRef};
+use faer::{Accum, Mat, MatRef};
 
 use super::evidence::Gram;
 use crate::stats::dot;
@@ -35,22 +35,14 @@ struct Part<'a> {
 }
 
 impl Gram {
-    /// The sums of columns and a residual, which comes last.
-    pub(crate) fn of(columns: &Mat<f64>, residual: &[f64], group_of_row: &[usize]) -> Self {
-        let last = columns.ncols();
+    /// The sums of columns, of which the last one is the residual.
+    pub(crate) fn of(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let groups = Rows::of_groups(group_of_row);
-        let sum = |rows: &Rows| {
-            let (part, own) = (rows.part(columns), rows.values(residual));
-            let mut sum = Mat::zeros(last + 1, last + 1);
-            square(part.view(), sum.as_mut().submatrix_mut(0, 0, last, last));
-            part.put_residual(&own, last, &mut sum);
-            sum
-        };
         Self {
-            sums: groups.iter().map(sum).collect(),
+            sums: groups.iter().map(|rows| square(rows.part(columns).view())).collect(),
             rows: groups.iter().map(|rows| rows.count() as f64).collect(),
             groups: groups.iter().map(|rows| rows.group).collect(),
-            residual: last,
+            residual: columns.ncols() - 1,
         }
     }
 
@@ -79,8 +71,7 @@ impl<'a> Known<'a> {
         let width = columns.ncols();
         let of_group = |(rows, ..): &(Rows, Part<'_>, Vec<f64>)| {
             let part = rows.part(columns);
-            let mut own = Mat::zeros(width, width);
-            square(part.view(), own.as_mut());
+            let own = square(part.view());
             (part, own)
         };
         Others { parts: self.groups.iter().map(of_group).collect(), width }
@@ -176,8 +167,9 @@ impl Part<'_> {
 }
 
 /// `A^T A`: one half of it is made, the other is the same.
-fn square(a: MatRef<'_, f64>, mut sum: MatMut<'_, f64>) {
+fn square(a: MatRef<'_, f64>) -> Mat<f64> {
     use BlockStructure::{Rectangular, TriangularLower};
+    let mut sum = Mat::zeros(a.ncols(), a.ncols());
     let parallelism = faer::get_global_parallelism();
     triangular::matmul(
         sum.as_mut(),
@@ -195,4 +187,5 @@ fn square(a: MatRef<'_, f64>, mut sum: MatMut<'_, f64>) {
             sum[(i, j)] = sum[(j, i)];
         }
     }
+    sum
 }

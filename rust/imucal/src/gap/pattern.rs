@@ -62,13 +62,14 @@ impl<'a> Judge<'a> {
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
-        let best_width = |scales: &[f64]| weighing.left(scales)?.best_width(&WIDTHS);
+        let swept = weighing.sweep(&before.scales)?;
         // What gains next to nothing at the scales of the model gains no more by narrowing them.
-        let (first, _) = best_width(&before.scales).filter(|(_, gain)| *gain > WORTH_ASKING)?;
-        let mut evidence = weighing.evidence(first, &before.scales)?;
+        let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > WORTH_ASKING)?;
+        let mut evidence = weighing.evidence(first, &swept)?;
         // What explains much narrows the scales, and is the larger for it.
-        if let Some((again, _)) = best_width(&evidence.scales).filter(|(width, _)| *width != first)
-            && let Some(other) = weighing.evidence(again, &evidence.scales).filter(|other| other.log > evidence.log)
+        if let Some(swept) = weighing.sweep(&evidence.scales)
+            && let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != first)
+            && let Some(other) = weighing.evidence(again, &swept).filter(|other| other.log > evidence.log)
         {
             evidence = other;
         }

@@ -124,7 +124,7 @@ mod tests {
             _ => noise(i) + size * (i as f64 * 0.3).sin() + if i == 5 { 3.0 * spike } else { 0.0 },
         });
         let (groups, items) = (vec![0; ROWS], (0..ROWS).collect::<Vec<usize>>());
-        let gram = Gram::new(&columns, &groups);
+        let gram = Gram::of(&columns, &groups);
         let base = [Column { place: 0, precision: 0.0, value: 0.0 }];
         let more = [base[0], Column { place: 1, precision: 1e-4, value: 0.0 }];
         let scales = |model: &[Column]| gram.evidence(model).unwrap().scales;

@@ -57,14 +57,16 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Weighing::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
-    let [plain, widened] = [&unwidened, &stage.evidence.scales].map(|scales| all.left(scales));
+    let widened = all.sweep(&stage.evidence.scales);
+    let plain = if stage.evidence.scales == unwidened { widened.clone() } else { all.sweep(&unwidened) };
+    let left = plain.as_ref().map(|plain| all.left(plain));
     let ends = candidates.iter().scan(0, |end, candidate| {
         *end += candidate.typical.len();
         Some(*end)
     });
     let own: Vec<Range<usize>> = ends.zip(candidates).map(|(end, c)| end - c.typical.len()..end).collect();
     let spectrum = |place: usize| {
-        let all = plain.as_ref().map_or_else(Vec::new, |left| left.part(own[place].clone()).spectrum());
+        let all = left.as_ref().map_or_else(Vec::new, |left| left.part(own[place].clone()).spectrum());
         all.into_iter().filter(|value| *value >= LEAST_CHANGE).count()
     };
     let dofs: Vec<usize> = in_order(processors(), candidates.len(), spectrum);
@@ -84,17 +86,18 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let look = |place: usize| -> Option<(f64, Option<Judged>)> {
         let (candidate, dof) = (&candidates[place], dofs[place]);
         let noncentrality = noncentralities.get(&dof)?;
-        let change = widened.as_ref().map_or(0.0, |left| left.part(own[place].clone()).trace());
-        let size = (noncentrality / change).sqrt() * candidate.typical[0];
+        let beside = all.part(own[place].clone());
+        let swept = all.part_of(widened.as_ref()?, own[place].clone());
+        let size = (noncentrality / beside.left(&swept).trace()).sqrt() * candidate.typical[0];
         let judged = || {
-            let beside = Weighing::new(gram, model, candidate.asides().collect());
-            let free = beside.evidence(NO_PRIOR, &before.scales)?;
+            let free = beside.evidence(NO_PRIOR, &swept)?;
             // The scales hardly depend on the width, and the best one not at all on what little they do.
-            let (width, _) = beside.left(&free.scales)?.best_width(&WIDTHS)?;
+            let settled = if free.scales == swept.scales { swept } else { beside.sweep(&free.scales)? };
+            let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
             let statistic = (before.deviance - free.deviance).max(0.0);
             let score = Score {
                 name: candidate.name.clone(),
-                log_bayes_factor: beside.evidence(width, &free.scales)?.log - before.log,
+                log_bayes_factor: beside.evidence(width, &settled)?.log - before.log,
                 statistic,
                 dof,
                 p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),

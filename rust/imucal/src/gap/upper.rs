@@ -45,6 +45,22 @@ impl Upper {
         &mut self.numbers[i * self.width + j]
     }
 
+    /// Of some of its rows and columns, in their order.
+    pub(super) fn part(&self, own: &[Range<usize>]) -> Self {
+        let mut part = Self::zeros(own.iter().map(Range::len).sum());
+        let mut to = part.numbers.chunks_exact_mut(part.width);
+        let rows = own.iter().enumerate().flat_map(|(run, rows)| rows.clone().map(move |row| (run, row)));
+        for ((run, row), to) in rows.zip(&mut to) {
+            let from = &self.numbers[row * self.width..(row + 1) * self.width];
+            let mut next = own[..run].iter().map(Range::len).sum::<usize>();
+            for run in &own[run..] {
+                to[next..next + run.len()].copy_from_slice(&from[run.clone()]);
+                next += run.len();
+            }
+        }
+        part
+    }
+
     /// Makes it the sum of others, each so many times.
     #[inline(always)]
     pub(super) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>) {

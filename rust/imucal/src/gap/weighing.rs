@@ -36,6 +36,17 @@ pub(crate) struct Weighing<'a> {
     parts: Vec<Upper>,
 }
 
+/// The sums of a weighing at some scales, out of which the model is swept.
+#[derive(Clone)]
+pub(crate) struct Swept {
+    pub(crate) scales: Vec<f64>,
+    sums: Upper,
+    /// What each column beside the model is without it.
+    whole: Vec<f64>,
+    /// Logarithm of the determinant of what the model has.
+    volume: f64,
+}
+
 /// What a model leaves of columns beside it, in typical sizes, and of the residuals, which come last.
 pub(crate) struct Left {
     sums: Upper,
@@ -64,61 +75,82 @@ impl<'a> Weighing<'a> {
         Self { gram, model, beside, unit, parts }
     }
 
-    /// The evidence with a prior of so many typical sizes for what is beside the model, the scales beginning at `near`; `None` where
-    /// it is not determined.
-    pub(crate) fn evidence(&self, width: f64, near: &[f64]) -> Option<Evidence> {
-        Arch::new().dispatch(Settle(self, width, near))
+    /// The same model with some of the columns beside it.
+    pub(crate) fn part(&self, own: Range<usize>) -> Self {
+        let columns = self.own(own.clone());
+        Self {
+            beside: self.beside[own].to_vec(),
+            unit: columns.iter().flat_map(|run| &self.unit[run.clone()]).copied().collect(),
+            parts: self.parts.iter().map(|part| part.part(&columns)).collect(),
+            ..*self
+        }
     }
 
-    /// What the model leaves at these scales; `None` where it is not determined.
-    pub(crate) fn left(&self, scales: &[f64]) -> Option<Left> {
+    /// The columns of the model, some of those beside it, and the residual.
+    fn own(&self, beside: Range<usize>) -> [Range<usize>; 3] {
+        let (n, last) = (self.model.len(), self.model.len() + self.beside.len());
+        [0..n, n + beside.start..n + beside.end, last..last + 1]
+    }
+
+    /// Sweeps the model out of the sums at these scales; `None` where it is not determined.
+    pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
         Arch::new().dispatch(Sweep(self, scales))
     }
 
-    /// The sums at these scales, the model's with their priors.
-    #[inline(always)]
-    fn at_scales<S: Simd>(&self, simd: S, scales: &[f64], to: &mut Upper) {
-        let n = self.model.len() + self.beside.len();
-        to.set_sum(simd, self.parts.iter().zip(scales).map(|(part, scale)| (1.0 / scale, part)));
-        for (i, column) in self.model.iter().enumerate() {
-            let precision = column.precision * self.unit[i] * self.unit[i];
-            *to.at(i, i) += precision + RIDGE;
-            *to.at(i, n) += precision * column.value / self.unit[i];
-        }
+    /// Of some of the columns beside the model, what is swept of all.
+    pub(crate) fn part_of(&self, swept: &Swept, own: Range<usize>) -> Swept {
+        let sums = swept.sums.part(&self.own(own.clone()));
+        Swept { scales: swept.scales.clone(), sums, whole: swept.whole[own].to_vec(), volume: swept.volume }
     }
 
-    #[inline(always)] // With the widest registers.
-    fn swept<S: Simd>(&self, simd: S, scales: &[f64]) -> Option<Left> {
+    /// What the model leaves.
+    pub(crate) fn left(&self, swept: &Swept) -> Left {
         let (n, k) = (self.model.len(), self.beside.len());
-        let mut all = Upper::zeros(n + k + 1);
-        self.at_scales(simd, scales, &mut all);
         let sizes: Vec<f64> =
             self.beside.iter().zip(&self.unit[n..]).map(|((_, typical), unit)| typical / unit).chain([1.0]).collect();
-        let whole = (0..k).map(|a| *all.at(n + a, n + a) * sizes[a] * sizes[a]).collect();
-        all.sweep(simd, 0..n)?;
         let mut sums = Upper::zeros(k + 1);
         for a in 0..=k {
-            let to = sums.row_mut(a).iter_mut().zip(all.row(n + a)).zip(&sizes[a..]);
+            let to = sums.row_mut(a).iter_mut().zip(swept.sums.row(n + a)).zip(&sizes[a..]);
             to.for_each(|((to, from), size)| *to = from * size * sizes[a]);
         }
-        Some(Left { sums, whole })
+        let whole = swept.whole.iter().zip(&sizes).map(|(whole, size)| whole * size * size).collect();
+        Left { sums, whole }
+    }
+
+    /// The evidence with a prior of so many typical sizes for what is beside the model, the scales beginning at those of what is swept;
+    /// `None` where it is not determined.
+    pub(crate) fn evidence(&self, width: f64, swept: &Swept) -> Option<Evidence> {
+        Arch::new().dispatch(Settle(self, width, swept))
     }
 
     #[inline(always)] // With the widest registers.
-    fn settled<S: Simd>(&self, simd: S, width: f64, near: &[f64]) -> Option<Evidence> {
+    fn swept<S: Simd>(&self, simd: S, scales: &[f64]) -> Option<Swept> {
+        let (n, k) = (self.model.len(), self.beside.len());
+        let mut sums = Upper::zeros(n + k + 1);
+        sums.set_sum(simd, self.parts.iter().zip(scales).map(|(part, scale)| (1.0 / scale, part)));
+        for (i, column) in self.model.iter().enumerate() {
+            let precision = column.precision * self.unit[i] * self.unit[i];
+            *sums.at(i, i) += precision + RIDGE;
+            *sums.at(i, n + k) += precision * column.value / self.unit[i];
+        }
+        let whole = (n..n + k).map(|i| *sums.at(i, i)).collect();
+        let volume = sums.sweep(simd, 0..n)?;
+        Some(Swept { scales: scales.to_vec(), sums, whole, volume })
+    }
+
+    #[inline(always)] // With the widest registers.
+    fn settled<S: Simd>(&self, simd: S, width: f64, swept: &Swept) -> Option<Evidence> {
         let Self { gram, model, beside, unit, parts } = self;
         let n = model.len() + beside.len();
         let of_beside = beside.iter().map(|(_, typical)| ((width * typical).powi(-2), 0.0));
         let priors = model.iter().map(|column| (column.precision, column.value)).chain(of_beside);
         let (precision, offset): (Vec<f64>, Vec<f64>) =
             priors.zip(unit).map(|((precision, value), unit)| (precision * unit * unit, value / unit)).unzip();
-        let mut scales = near.to_vec();
-        let mut normal = Upper::zeros(n + 1);
+        let Swept { mut scales, sums: mut normal, volume: mut of_model, .. } = swept.clone();
         let mut chi2 = vec![0.0; parts.len()];
         for round in 1..=SCALE_ROUNDS {
-            self.at_scales(simd, &scales, &mut normal);
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
-            let volume = normal.sweep(simd, 0..n)?;
+            let volume = of_model + normal.sweep(simd, model.len()..n)?;
             // What is left of the residual is it less so much of each column.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
@@ -147,6 +179,7 @@ impl<'a> Weighing<'a> {
                     theta: theta.iter().zip(unit).map(|(theta, unit)| theta * unit).collect(),
                 });
             }
+            Swept { sums: normal, volume: of_model, .. } = self.swept(simd, &scales)?;
         }
         None
     }
@@ -159,14 +192,8 @@ impl Left {
 
     /// Of some of the columns.
     pub(crate) fn part(&self, own: Range<usize>) -> Self {
-        let (residual, k) = (self.columns(), own.len());
-        let mut sums = Upper::zeros(k + 1);
-        for (a, column) in own.clone().chain([residual]).enumerate() {
-            let (row, to) = (self.sums.row(column), sums.row_mut(a));
-            to[..k - a].copy_from_slice(&row[..k - a]);
-            to[k - a] = row[residual - column];
-        }
-        Self { sums, whole: self.whole[own].to_vec() }
+        let k = self.columns();
+        Self { sums: self.sums.part(&[own.clone(), k..k + 1]), whole: self.whole[own].to_vec() }
     }
 
     /// The width of the prior, in typical sizes, with the largest gain of the logarithm of the evidence, and that gain; `None` where none
@@ -199,7 +226,7 @@ impl Left {
     }
 }
 
-struct Settle<'a>(&'a Weighing<'a>, f64, &'a [f64]);
+struct Settle<'a>(&'a Weighing<'a>, f64, &'a Swept);
 
 impl WithSimd for Settle<'_> {
     type Output = Option<Evidence>;
@@ -213,7 +240,7 @@ impl WithSimd for Settle<'_> {
 struct Sweep<'a>(&'a Weighing<'a>, &'a [f64]);
 
 impl WithSimd for Sweep<'_> {
-    type Output = Option<Left>;
+    type Output = Option<Swept>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
@@ -254,18 +281,19 @@ mod tests {
             2 => (i as f64 * 0.11).cos() + 0.1 * noise(i + 7),
             _ => noise(i) + 0.4 * (i as f64 * 0.3).sin(),
         });
-        let gram = Gram::new(&columns, &vec![0; rows]);
+        let gram = Gram::of(&columns, &vec![0; rows]);
         let model = [Column { place: 0, precision: 0.0, value: 0.0 }, Column { place: 1, precision: 4.0, value: 0.3 }];
         let plain = gram.evidence(&model).unwrap();
         assert_eq!(plain.scales, vec![1.0]);
         let weighing = Weighing::new(&gram, &model, vec![(2, 0.2)]);
-        let left = weighing.left(&plain.scales).unwrap();
+        let swept = weighing.sweep(&plain.scales).unwrap();
+        let left = weighing.left(&swept);
         for width in [0.1, 1.0, 10.0] {
             let precision = 1.0 / (width * 0.2f64).powi(2);
             let with = [model[0], model[1], Column { place: 2, precision, value: 0.0 }];
             let gain = gram.evidence(&with).unwrap().log - plain.log;
             assert!((left.gain(pulp::Scalar, width).unwrap() - gain).abs() < 1e-9, "{width}: {gain}");
-            let beside = weighing.evidence(width, &plain.scales).unwrap().log - plain.log;
+            let beside = weighing.evidence(width, &swept).unwrap().log - plain.log;
             assert!((beside - gain).abs() < 1e-9, "{width}: {beside} {gain}");
         }
     }

@@ -85,7 +85,7 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Ve
     let way = |(index, (span, at_move)): (usize, (&Move, &AtMove))| {
         let recording = &prepared.recordings[span.recording];
         let route = prepared.route(index, None, &at_move.before, false);
-        let size = route.samples_in(prepared.block_s);
+        let size = route.stretches_of_block().iter().product();
         let all = route.stretches(model, None, size, false);
         let first = all.groups.of(span.first + 1 - route.reach().start);
         let count = (span.last - span.first) / size;

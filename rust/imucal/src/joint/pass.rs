@@ -79,6 +79,8 @@ pub(crate) struct Route<'a> {
     pub(crate) block_s: f64,
     /// Whether blocks are wanted, or only the end of the move.
     pub(crate) has_blocks: bool,
+    /// Rotation and sums without effects, where they are known already.
+    pub(crate) carried: Option<(Matrix3<f64>, Sums)>,
 }
 
 impl Route<'_> {
@@ -90,8 +92,9 @@ impl Route<'_> {
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
         let all = self.freed(model, &terms.active(&model.values), terms.needs(Need::AngularAcceleration));
-        let of_block = self.samples_in(self.block_s);
-        let mut turns = Turns::new(self, model, terms, &all, of_block);
+        let [stretch, stretches] = self.stretches_of_block();
+        let of_block = stretch * stretches;
+        let mut turns = Turns::new(self, model, terms, &all, [stretch, stretches]);
         let mut rotation = UnitQuaternion::identity();
         let mut attitudes = if terms.kinds.encoders { vec![Matrix3::identity()] } else { Vec::new() };
         let mut blocks = Vec::new();
@@ -108,6 +111,12 @@ impl Route<'_> {
         }
         let (turn, changes) = turns.at_end(terms.total());
         Pass { rotation: *rotation.to_rotation_matrix().matrix(), turn, blocks, changes, attitudes }
+    }
+
+    /// Samples of a stretch inside the move, and stretches of a block: two, or one where it is a single sample.
+    pub(super) fn stretches_of_block(&self) -> [usize; 2] {
+        let [stretch, block] = [self.block_s / 2.0, self.block_s].map(|length_s| self.samples_in(length_s));
+        [stretch, if block > stretch { 2 } else { 1 }]
     }
 
     /// How many samples are as long as this.
@@ -150,13 +159,8 @@ impl Route<'_> {
         }
     }
 
-    /// The rotation without effects.
-    pub(crate) fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
-        self.carried(gyroscope).0
-    }
-
     /// Rotation and sums without effects, as the kernel takes them.
-    pub(super) fn carried(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
+    pub(super) fn carry(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
         carry_smoothly(time_s, angular_rate, self.span.first, self.span.last, gyroscope)
     }

@@ -61,14 +61,16 @@ impl Prepared<'_> {
         let rests = Rests::new(self, &model, terms);
         let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
         let has_blocks = terms.kinds.look_inside();
-        let at_move = |index: usize, attitude| {
+        let at_move = |index: usize, attitude, carried| {
             let [before, after] = ends[index].clone();
-            AtMove { pass: self.route(index, attitude, &before, has_blocks).pass(&model, terms), before, after }
+            let route = Route { carried, ..self.route(index, attitude, &before, has_blocks) };
+            AtMove { pass: route.pass(&model, terms), before, after }
         };
         // Where nothing adds to the rate the kernel is fast enough to go ahead.
         let goes_ahead = terms.active(&model.values).all.is_empty();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
+        let mut carried = vec![None; self.moves.len()];
         let mut next_move = 0;
         for k in (0..self.rests.len()).filter(|&k| self.used[k] && terms.needs(Need::Attitude)) {
             let start = *attitudes[k].get_or_insert_with(|| attitude::first(&rests.forces[k].direction.up));
@@ -76,9 +78,11 @@ impl Prepared<'_> {
             while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
                 let [before, after] = &ends[next_move];
                 let rotation = if goes_ahead {
-                    self.route(next_move, None, before, has_blocks).rotation(&model.gyroscope)
+                    let found = self.route(next_move, None, before, has_blocks).carry(&model.gyroscope);
+                    carried[next_move] = Some(found);
+                    found.0
                 } else {
-                    moves.push(at_move(next_move, Some(start)));
+                    moves.push(at_move(next_move, Some(start), None));
                     moves[next_move].pass.rotation
                 };
                 attitudes[m.to] = Some(attitude::after(&start, &rotation, &after.up));
@@ -88,7 +92,7 @@ impl Prepared<'_> {
         if moves.is_empty() {
             let samples: usize = self.moves.iter().map(|m| m.last - m.first).sum();
             let cost = if terms.count > 0 || terms.kinds.look_inside() { COST } else { 1 };
-            let at_move = |index: usize| at_move(index, attitudes[self.moves[index].from]);
+            let at_move = |index: usize| at_move(index, attitudes[self.moves[index].from], carried[index]);
             moves = in_order(threads_for(cost * samples), self.moves.len(), at_move);
         }
         Ok(self.lines(&model, terms, &rests, &attitudes, moves))
@@ -111,6 +115,7 @@ impl Prepared<'_> {
             width: &self.widths[index],
             block_s: self.block_s,
             has_blocks,
+            carried: None,
         }
     }
 }

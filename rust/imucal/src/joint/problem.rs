@@ -191,6 +191,15 @@ impl<'a> Joint<'a> {
 
     /// As [`whitened`](Self::whitened), of a linearisation that is there.
     pub(crate) fn whiten(&self, linear: &Linear) -> (Mat<f64>, Mat<f64>) {
+        let mut all = self.whiten_together(linear);
+        let n = self.terms.total();
+        let residual = all.subcols(n, 1).to_owned();
+        all.truncate(self.rows, n);
+        (residual, all)
+    }
+
+    /// The same in one matrix, the residuals last.
+    pub(crate) fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let head = linear.lines.len();
         let mut lines = Mat::from_fn(head, n + 1, |i, p| {
@@ -248,9 +257,7 @@ impl<'a> Joint<'a> {
         for &p in &self.fixed {
             all.col_mut(p).fill(0.0);
         }
-        let residual = all.subcols(n, 1).to_owned();
-        all.truncate(self.rows, n);
-        (residual, all)
+        all
     }
 }
 

@@ -53,7 +53,7 @@ impl Route<'_> {
         // What effects do to the force turns nothing.
         let terms = terms.of(Sensor::Gyroscope);
         if terms.all.is_empty() {
-            let (rotation, base) = self.carried(&model.gyroscope);
+            let (rotation, base) = self.carried.unwrap_or_else(|| self.carry(&model.gyroscope));
             return pass(rotation, turn(&base, model, total));
         }
         let freed = (!active.all.is_empty()).then(|| self.freed(model, &active, false));
@@ -61,7 +61,7 @@ impl Route<'_> {
         let stretches = self.stretches(model, freed.as_ref(), size, terms.needs(Need::AngularAcceleration));
         let weights = stretches.weights();
         let (rotation, base) = match &freed {
-            None => self.carried(&model.gyroscope),
+            None => self.carried.unwrap_or_else(|| self.carry(&model.gyroscope)),
             Some(all) => self.carried_freed(model, all, &stretches, &weights),
         };
         let mut on_rate = Planes::new(terms.parameters_of(Sensor::Gyroscope).collect(), TOGETHER);

@@ -64,11 +64,16 @@ impl Route<'_> {
 }
 
 impl Turns {
-    /// Of the route with blocks of so many samples.
-    pub(super) fn new(route: &Route<'_>, model: &Model, terms: &Terms<'_>, freed: &Corrected, size: usize) -> Self {
-        let of_block = parts(size);
+    /// Of the route, with stretches of so many samples and so many of these in a block.
+    pub(super) fn new(
+        route: &Route<'_>,
+        model: &Model,
+        terms: &Terms<'_>,
+        freed: &Corrected,
+        [size, of_block]: [usize; 2],
+    ) -> Self {
         let wants_slopes = terms.needs(Need::AngularAcceleration);
-        let stretches = route.stretches(model, Some(freed), size / of_block, wants_slopes);
+        let stretches = route.stretches(model, Some(freed), size, wants_slopes);
         let planes = |base: Range<usize>, sensor: Sensor| {
             let parameters = base.chain(terms.parameters_of(sensor).map(|p| BASE + p)).collect();
             Planes::new(parameters, stretches.count())
@@ -139,9 +144,4 @@ impl WithSimd for NextBlock<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         self.0.take_block();
     }
-}
-
-/// Into how many stretches a block of so many samples is cut: two, or as few as there can be.
-fn parts(samples: usize) -> usize {
-    (2..=samples).find(|parts| samples.is_multiple_of(*parts)).unwrap_or(1)
 }
