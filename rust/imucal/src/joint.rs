@@ -40,6 +40,7 @@ mod stretches;
 mod terms;
 mod to_end;
 mod turns;
+mod walk;
 mod wander;
 mod weights;
 mod whiten;

@@ -8,6 +8,7 @@ use faer::{Accum, Mat, MatRef};
 
 use super::evidence::Gram;
 use crate::stats::dot;
+use crate::workers::{in_order, processors};
 
 /// A model's columns and residuals in groups of rows, with their sums.
 pub(crate) struct Known<'a> {
@@ -166,26 +167,29 @@ impl Part<'_> {
     }
 }
 
+/// Rows whose products are summed by one thread: so many whatever the number of threads, for the sum is not to depend on that.
+const TOGETHER: usize = 2048;
+
 /// `A^T A`: one half of it is made, the other is the same.
 fn square(a: MatRef<'_, f64>) -> Mat<f64> {
-    use BlockStructure::{Rectangular, TriangularLower};
+    let of_part = |part: usize| {
+        let first = part * TOGETHER;
+        lower_square(a.subrows(first, TOGETHER.min(a.nrows() - first)))
+    };
     let mut sum = Mat::zeros(a.ncols(), a.ncols());
-    let parallelism = faer::get_global_parallelism();
-    triangular::matmul(
-        sum.as_mut(),
-        TriangularLower,
-        Accum::Replace,
-        a.transpose(),
-        Rectangular,
-        a,
-        Rectangular,
-        1.0,
-        parallelism,
-    );
+    in_order(processors(), a.nrows().div_ceil(TOGETHER), of_part).into_iter().for_each(|part| sum += part);
     for j in 1..a.ncols() {
         for i in 0..j {
             sum[(i, j)] = sum[(j, i)];
         }
     }
+    sum
+}
+
+fn lower_square(a: MatRef<'_, f64>) -> Mat<f64> {
+    use BlockStructure::{Rectangular, TriangularLower};
+    let mut sum = Mat::zeros(a.ncols(), a.ncols());
+    let (to, alone) = (sum.as_mut(), faer::Par::Seq);
+    triangular::matmul(to, TriangularLower, Accum::Replace, a.transpose(), Rectangular, a, Rectangular, 1.0, alone);
     sum
 }

@@ -12,10 +12,10 @@ use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
-use super::inside::{Place, Rows};
+use super::inside::{Edges, Inside, Rows};
 use super::linear::{AtMove, Linear, Source};
 use super::model::GYRO_BIAS;
-use super::planes::add_along;
+use super::planes::Planes;
 use super::prepared::Prepared;
 use super::problem::Joint;
 use crate::moves::{Move, rows_across};
@@ -70,11 +70,14 @@ impl Field {
         axis * count..(axis + 1) * count
     }
 
-    /// Adds numbers times what belongs to their axis.
-    fn add(&self, by_axis: &Vector3<f64>, numbers: &[f64], to: &mut [f64]) {
-        for axis in 0..3 {
-            let (own, by) = (self.own(axis), by_axis[axis]);
-            to[own.clone()].iter_mut().zip(&numbers[own]).for_each(|(to, number)| *to += by * number);
+    /// Adds numbers times the column of a matrix that belongs to their axis, component by component.
+    fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
+        let width = to.len() / 3;
+        for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
+            for axis in 0..3 {
+                let (own, by) = (self.own(axis), matrix[(component, axis)]);
+                to[own.clone()].iter_mut().zip(&numbers[own]).for_each(|(to, number)| *to += by * number);
+            }
         }
     }
 }
@@ -112,29 +115,21 @@ pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Ve
 }
 
 impl Field {
-    /// What it has turned at each stretch of a move, and at the end: it goes straight from one stretch to the next. Of each the
-    /// first component for all columns, then the second and the third.
-    fn turns(&self, k: usize, way: &Way, turns: &mut Vec<f64>) {
-        let width = self.width;
-        turns.clear();
-        turns.resize((way.stretches.len() + 1) * 3 * width, 0.0);
-        let Some(last) = way.stretches.len().checked_sub(1) else { return };
-        let mut before = Matrix3::zeros();
+    /// What it has turned at each stretch of a move, and at the end: it goes straight from one stretch to the next.
+    fn turns(&self, k: usize, way: &Way) -> Planes {
+        let count = way.stretches.len();
+        let mut turns = Planes::new((0..self.width).collect(), count + 1);
+        let (mut sums, mut before) = (turns.zero(), Matrix3::zeros());
         for (stretch, turn) in way.stretches.iter().map(|s| s.turn).chain([way.end]).enumerate() {
-            let (done, open) = turns.split_at_mut(stretch * 3 * width);
-            let sums = &mut open[..3 * width];
-            if let Some(before) = done.len().checked_sub(sums.len()) {
-                sums.copy_from_slice(&done[before..]);
+            if let Some(last) = count.checked_sub(1) {
+                let half = (turn - before) / 2.0;
+                self.add(&half, self.in_move(k, stretch.saturating_sub(1)), &mut sums);
+                self.add(&half, self.in_move(k, stretch.min(last)), &mut sums);
             }
-            let half = (turn - before) / 2.0;
-            for component in 0..3 {
-                let by_axis = half.row(component).transpose();
-                let sums = &mut sums[component * width..][..width];
-                self.add(&by_axis, self.in_move(k, stretch.saturating_sub(1)), sums);
-                self.add(&by_axis, self.in_move(k, stretch.min(last)), sums);
-            }
+            turns.next().copy_from_slice(&sums);
             before = turn;
         }
+        turns
     }
 }
 
@@ -165,30 +160,28 @@ impl Joint<'_> {
             }
             row += 3;
         }
-        let (mut turns, mut turned) = (Vec::new(), Vec::with_capacity(ways.len()));
+        let mut turned = Vec::with_capacity(ways.len());
         let mut rows = Rows::new(all, row);
         for (k, (at_move, way)) in linear.moves.iter().zip(ways).enumerate() {
             let AtMove { pass, before, after } = at_move;
-            field.turns(k, way, &mut turns);
-            let (here, end) = turns.split_at(way.stretches.len() * 3 * width);
-            turned.push(end.to_vec());
+            let turns = field.turns(k, way);
+            let end: Vec<Vector3<f64>> = (0..width).map(|c| turns.column(turns.of(way.stretches.len()), c)).collect();
             if linear.sees_inside() {
+                // A turn t moves the force by t x f: along d that is (f x d) . t.
+                let inside = Inside::new(pass, &before.up, &self.weights.inside[k], gravity_mps2);
                 let carried = pass.rotation * after.up * gravity_mps2;
-                let noise = &self.weights.inside[k];
-                rows.innovations(pass, &before.up, noise, gravity_mps2, |place, d, z| match place {
-                    // A turn t moves the force by t x f: along d that is (f x d) . t.
-                    Place::Start => {}
-                    Place::Block(k) => add_along(&pass.blocks[k].force.cross(d), &here[k * 3 * width..], z),
-                    Place::End => add_along(&carried.cross(d), end, z),
-                });
+                let by_end = [1, 2].map(|c| carried.cross(&inside.directions[c]));
+                let edges = |c: usize| Edges { start: [0.0; 3], end: by_end.map(|by_end| by_end.dot(&end[c])) };
+                rows.put(&inside, &turns, |block, d| pass.blocks[block].force.cross(d), edges);
+                rows.leave(&inside);
             }
+            turned.push(end);
         }
-        let (mut component, mut z) = (0, vec![0.0; width]);
+        let mut component = 0;
         for (row, line) in linear.lines.iter().enumerate() {
             if let Source::Move(k) = line.source {
-                z.fill(0.0);
-                add_along(&across(&linear.moves[k]).row(component).transpose(), &turned[k], &mut z);
-                (0..width).for_each(|c| lines[(row, c)] = z[c]);
+                let seen = across(&linear.moves[k]).row(component).transpose();
+                turned[k].iter().enumerate().for_each(|(c, turned)| lines[(row, c)] = seen.dot(turned));
                 component = 1 - component;
             }
         }
@@ -212,17 +205,21 @@ impl Joint<'_> {
             let AtMove { pass, before, after } = at_move;
             let Move { from, to, .. } = self.prepared.moves[k];
             let (at_start, at_end) = (field.at_rest(from), field.at_rest(to));
+            let inside = Inside::new(pass, &before.up, &self.weights.inside[k], self.prepared.gravity_mps2);
+            // The rests before and after tell directions of gravity by the same accelerometer.
             let level = |up: &Vector3<f64>, d: &Vector3<f64>| d - up * up.dot(d);
-            let noise = &self.weights.inside[k];
-            rows.innovations(pass, &before.up, noise, self.prepared.gravity_mps2, |place, d, z| match place {
-                // The rests before and after tell directions of gravity by the same accelerometer.
-                Place::Start => field.add(&level(&before.up, d), at_start, z),
-                Place::Block(stretch) => {
-                    let by_axis = -way.stretches[stretch].attitude.tr_mul(d);
-                    field.add(&by_axis, field.in_move(k, stretch), z);
-                }
-                Place::End => field.add(&-level(&after.up, &pass.rotation.tr_mul(d)), at_end, z),
-            });
+            let by_start = inside.directions.map(|d| level(&before.up, &d));
+            let by_end = [1, 2].map(|c| level(&after.up, &pass.rotation.tr_mul(&inside.directions[c])));
+            let edges = |c: usize| Edges {
+                start: by_start.map(|by| by[field.axis(c)] * at_start[c]),
+                end: by_end.map(|by| -by[field.axis(c)] * at_end[c]),
+            };
+            let mut added = Planes::new((0..field.width).collect(), way.stretches.len());
+            for (stretch, Stretch { attitude, .. }) in way.stretches.iter().enumerate() {
+                field.add(attitude, field.in_move(k, stretch), added.next());
+            }
+            rows.put(&inside, &added, |_, d| -d, edges);
+            rows.leave(&inside);
         }
     }
 }

@@ -14,6 +14,8 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::linear::AtMove;
 use super::pass::Pass;
+use super::planes::Planes;
+use super::walk::{Gain, Walk};
 use crate::moves::across;
 
 /// Variances of one move.
@@ -41,77 +43,79 @@ pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
     3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
 }
 
-/// Where a residual inside a move is seen: in one of its blocks, or by the rest after it; and what the start adds to each of them.
-#[derive(Clone, Copy, Debug)]
-pub(super) enum Place {
-    Start,
-    Block(usize),
-    End,
+/// What whitens the residuals inside a move.
+pub(super) struct Inside<'a> {
+    pub(super) pass: &'a Pass,
+    /// Along gravity at the start of the move, and two directions across it.
+    pub(super) directions: [Vector3<f64>; 3],
+    /// Of each block, along gravity and across it, and of the rest after the move.
+    along: Vec<Gain<1>>,
+    across: Vec<Gain<1>>,
+    end: Gain<1>,
+}
+
+/// What a parameter changes of the residuals of a move along the three directions: of all by what it changes at the start, and of the
+/// last ones, across gravity, by the rest after the move.
+pub(super) struct Edges {
+    pub(super) start: [f64; 3],
+    pub(super) end: [f64; 2],
+}
+
+impl<'a> Inside<'a> {
+    /// Of a move with gravity along `up` at its start.
+    pub(super) fn new(pass: &'a Pass, up: &Vector3<f64>, noise: &InsideNoise, gravity_mps2: f64) -> Self {
+        let g2 = gravity_mps2 * gravity_mps2;
+        let mut walk = Walk::new([g2 * noise.start]);
+        let mut last_s = 0.0;
+        let (mut along, mut across_it) = (Vec::new(), Vec::new());
+        for block in &pass.blocks {
+            let white = noise.force / block.duration_s;
+            along.push(Walk::new([0.0]).look([1.0], white));
+            walk.go_on(g2 * noise.walk * (block.time_s - last_s));
+            last_s = block.time_s;
+            across_it.push(walk.look([1.0], white));
+        }
+        let end = walk.look([1.0], g2 * noise.end);
+        let [first, second] = across(up);
+        Self { pass, directions: [*up, first, second], along, across: across_it, end }
+    }
 }
 
 /// Rows of a matrix, from one on, for the residuals inside the moves.
 pub(super) struct Rows<'a> {
     matrix: &'a mut Mat<f64>,
     next: usize,
-    /// How many numbers are asked for in a row, and which of them goes to each column.
-    lanes: usize,
-    lane_of_column: Vec<usize>,
-    /// The rows of one move, one after the other.
-    gathered: Vec<f64>,
 }
 
 impl<'a> Rows<'a> {
     pub(super) fn new(matrix: &'a mut Mat<f64>, first: usize) -> Self {
-        let columns = matrix.ncols();
-        Self { matrix, next: first, lanes: columns, lane_of_column: (0..columns).collect(), gathered: Vec::new() }
+        Self { matrix, next: first }
     }
 
-    /// For what [`seen`] says of moves that are passed like this one.
-    pub(super) fn of_changes(matrix: &'a mut Mat<f64>, first: usize, pass: &Pass) -> Self {
-        let residual = pass.changes.lanes();
-        let mut lane_of_column = vec![residual; matrix.ncols()];
-        pass.changes.parameters().for_each(|(lane, parameter)| lane_of_column[parameter] = lane);
-        Self { matrix, next: first, lanes: residual + 1, lane_of_column, gathered: Vec::new() }
-    }
-
-    /// The white residuals of a move with gravity along `up` at its start; `seen` adds what each is before, where and along which
-    /// direction.
-    pub(super) fn innovations(
+    /// Writes what some parameters change of the white residuals of a move. A state of the planes is a block, of which the part along a
+    /// direction d is seen along `toward(block, d)`.
+    pub(super) fn put(
         &mut self,
-        pass: &Pass,
-        up: &Vector3<f64>,
-        noise: &InsideNoise,
-        gravity_mps2: f64,
-        mut seen: impl FnMut(Place, &Vector3<f64>, &mut [f64]),
+        inside: &Inside<'_>,
+        planes: &Planes,
+        toward: impl Fn(usize, &Vector3<f64>) -> Vector3<f64>,
+        edges: impl Fn(usize) -> Edges,
     ) {
-        let (lanes, count) = (self.lanes, count(pass, false));
-        self.gathered.resize(count * lanes, 0.0);
-        let mut rows = self.gathered.chunks_exact_mut(lanes.max(1));
-        let mut start = vec![0.0; lanes];
-        let [first, second] = across(up);
-        let g2 = gravity_mps2 * gravity_mps2;
-        for (channel, d) in [*up, first, second].iter().enumerate() {
-            let across = channel > 0;
-            let mut filter = Filter::new(lanes, [if across { g2 * noise.start } else { 0.0 }]);
-            let walk = if across { g2 * noise.walk } else { 0.0 };
-            let mut last_s = 0.0;
-            start.fill(0.0);
-            seen(Place::Start, d, &mut start);
-            for ((k, block), z) in pass.blocks.iter().enumerate().zip(&mut rows) {
-                z.copy_from_slice(&start);
-                seen(Place::Block(k), d, z);
-                filter.walk(walk * (block.time_s - last_s));
-                last_s = block.time_s;
-                filter.innovate(z, [1.0], noise.force / block.duration_s);
-            }
-            if across && let Some(z) = rows.next() {
-                z.copy_from_slice(&start);
-                seen(Place::End, d, z);
-                filter.innovate(z, [1.0], g2 * noise.end);
-            }
+        let width = planes.width();
+        let toward: Vec<[Vector3<f64>; 3]> =
+            (0..inside.pass.blocks.len()).map(|k| inside.directions.each_ref().map(|d| toward(k, d))).collect();
+        let mut at_edges = vec![0.0; 5 * width];
+        for (lane, p) in planes.parameters().iter().enumerate() {
+            let Edges { start, end } = edges(*p);
+            let values = [start[0], start[1], start[2], start[1] + end[0], start[2] + end[1]];
+            values.into_iter().enumerate().for_each(|(row, value)| at_edges[row * width + lane] = value);
         }
-        self.put();
-        self.next += count;
+        Arch::new().dispatch(Put { rows: self, inside, planes, toward: &toward, at_edges: &at_edges });
+    }
+
+    /// Goes on behind the rows of a move.
+    pub(super) fn leave(&mut self, inside: &Inside<'_>) {
+        self.next += count(inside.pass, false);
     }
 
     /// The row after them.
@@ -119,143 +123,85 @@ impl<'a> Rows<'a> {
         self.next
     }
 
-    /// Writes what is gathered. The matrix holds columns: some rows are taken together, for one by one they would go to as many
-    /// places as there are columns.
-    fn put(&mut self) {
-        let lanes = self.lanes.max(1);
-        for (tile, rows) in self.gathered.chunks(TOGETHER * lanes).enumerate() {
-            let first = self.next + tile * TOGETHER;
-            let count = rows.len() / lanes;
-            let mut own: [&[f64]; TOGETHER] = [&[]; TOGETHER];
-            own.iter_mut().zip(rows.chunks_exact(lanes)).for_each(|(own, row)| *own = row);
-            for (c, &lane) in self.lane_of_column.iter().enumerate() {
-                let to = &mut self.matrix.col_as_slice_mut(c)[first..first + count];
-                if let Ok(to) = <&mut [f64; TOGETHER]>::try_from(&mut *to) {
-                    *to = std::array::from_fn(|r| own[r][lane]);
-                } else {
-                    to.iter_mut().zip(own).for_each(|(to, row)| *to = row[lane]);
-                }
-            }
-        }
+    /// Writes all that is seen inside a move, its derivatives by the parameters and the residuals, which come last.
+    pub(super) fn put_move(&mut self, at_move: &AtMove, noise: &InsideNoise, gravity_mps2: f64) {
+        let AtMove { pass, before, after } = at_move;
+        let inside = Inside::new(pass, &before.up, noise, gravity_mps2);
+        let carried = pass.rotation * after.up;
+        let at_start = inside.directions.map(|d| d * gravity_mps2);
+        let (by_turn, by_end) = (at_start.map(|d| carried.cross(&d)), at_start.map(|d| pass.rotation.tr_mul(&d)));
+        let edges = |p: usize| Edges {
+            start: at_start.map(|d| -d.dot(&before.jacobian[p])),
+            end: [1, 2].map(|c| pass.turn[p].dot(&by_turn[c]) + after.jacobian[p].dot(&by_end[c])),
+        };
+        self.put(&inside, &pass.changes.turn, |k, d| d.cross(&pass.blocks[k].force), edges);
+        self.put(&inside, &pass.changes.force, |_, d| -d, edges);
+        let mut residual = Planes::new(vec![self.matrix.ncols() - 1], pass.blocks.len());
+        pass.blocks.iter().for_each(|block| residual.push_one(&block.force));
+        let edges =
+            |_| Edges { start: at_start.map(|d| -d.dot(&before.up)), end: [1, 2].map(|c| carried.dot(&at_start[c])) };
+        self.put(&inside, &residual, |_, d| *d, edges);
+        self.leave(&inside);
     }
 }
 
-/// Adds a residual inside a move along `d`, m/s^2, after its derivatives by the parameters in their lanes.
-pub(super) fn seen(at_move: &AtMove, gravity_mps2: f64, place: Place, d: &Vector3<f64>, z: &mut [f64]) {
-    let AtMove { pass, before, after } = at_move;
-    let at_start = d * gravity_mps2;
-    let Some((residual, by_lane)) = z.split_last_mut() else { return };
-    match place {
-        Place::Start => {
-            pass.changes.parameters().for_each(|(lane, p)| by_lane[lane] -= at_start.dot(&before.jacobian[p]));
-            *residual -= at_start.dot(&before.up);
-        }
-        Place::Block(k) => {
-            let force = &pass.blocks[k].force;
-            pass.changes.add_along(k, force, d, by_lane);
-            *residual += d.dot(force);
-        }
-        Place::End => {
-            let carried = pass.rotation * after.up;
-            let (by_turn, by_end) = (carried.cross(&at_start), pass.rotation.tr_mul(&at_start));
-            let by = |p: usize| pass.turn[p].dot(&by_turn) + after.jacobian[p].dot(&by_end);
-            pass.changes.parameters().for_each(|(lane, p)| by_lane[lane] += by(p));
-            *residual += carried.dot(&at_start);
-        }
-    }
+struct Put<'a, 'b> {
+    rows: &'a mut Rows<'b>,
+    inside: &'a Inside<'a>,
+    planes: &'a Planes,
+    toward: &'a [[Vector3<f64>; 3]],
+    /// Of each lane what stands at the start along the three directions, and at the end along two of them.
+    at_edges: &'a [f64],
 }
 
-/// Rows that are written together.
-const TOGETHER: usize = 16;
-
-/// A random walk and what does not change, seen together through white noise, for a residual and all its derivatives at once.
-pub(super) struct Filter<const N: usize> {
-    states: Vec<[f64; N]>,
-    covariance: [[f64; N]; N],
-}
-
-impl<const N: usize> Filter<N> {
-    /// For so many numbers, a residual and derivatives; `variances` are those of the states at the start. The first one walks.
-    pub(super) fn new(width: usize, variances: [f64; N]) -> Self {
-        let mut covariance = [[0.0; N]; N];
-        (0..N).for_each(|i| covariance[i][i] = variances[i]);
-        Self { states: vec![[0.0; N]; width], covariance }
-    }
-
-    /// The walk goes on by this variance.
-    pub(super) fn walk(&mut self, variance: f64) {
-        self.covariance[0][0] += variance;
-    }
-
-    /// Replaces what is seen, `look` times the states and white noise, by its innovation over its standard deviation.
-    pub(super) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
-        Arch::new().dispatch(Innovate { filter: self, seen, look, white_variance });
-    }
-
-    #[inline(always)] // With the widest registers.
-    fn take(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
-        let shared: [f64; N] =
-            std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
-        let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
-        let (gain, per_sigma) = (shared.map(|s| s / total), 1.0 / total.sqrt());
-        if shared == [0.0; N] {
-            // What is known and does not walk says nothing of what comes.
-            seen.iter_mut().for_each(|value| *value *= per_sigma);
-        } else {
-            for (value, state) in seen.iter_mut().zip(&mut self.states) {
-                let innovation = (0..N).fold(*value, |value, i| value - look[i] * state[i]);
-                (0..N).for_each(|i| state[i] += gain[i] * innovation);
-                *value = innovation * per_sigma;
-            }
-        }
-        for i in 0..N {
-            for j in 0..N {
-                self.covariance[i][j] -= gain[i] * shared[j];
-            }
-        }
-    }
-}
-
-struct Innovate<'a, const N: usize> {
-    filter: &'a mut Filter<N>,
-    seen: &'a mut [f64],
-    look: [f64; N],
-    white_variance: f64,
-}
-
-impl<const N: usize> WithSimd for Innovate<'_, N> {
+impl WithSimd for Put<'_, '_> {
     type Output = ();
 
+    /// As many columns at once as a register has lanes, from the start of the move to its end. They are turned into columns of the matrix
+    /// from what is still in the nearest cache.
     #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) {
-        self.filter.take(self.seen, self.look, self.white_variance);
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { rows, inside, planes, toward, at_edges } = self;
+        let (width, blocks, count) = (planes.width(), toward.len(), count(inside.pass, false));
+        let mut tile = vec![0.0; count * S::F64_LANES];
+        for (group, parameters) in planes.parameters().chunks(S::F64_LANES).enumerate() {
+            let own = group * S::F64_LANES..(group + 1) * S::F64_LANES;
+            let zero = simd.splat_f64s(0.0);
+            let mut edges = [zero; 5];
+            for (row, edge) in edges.iter_mut().enumerate() {
+                *edge = S::as_simd_f64s(&at_edges[row * width..][own.clone()]).0[0];
+            }
+            let (lanes, _) = S::as_mut_simd_f64s(&mut tile);
+            let mut states = [zero; 3];
+            for (k, toward) in toward.iter().enumerate() {
+                let state = planes.of(k);
+                let mut seen = [edges[0], edges[1], edges[2]];
+                for axis in 0..3 {
+                    let plane = S::as_simd_f64s(&state[axis * width..][own.clone()]).0[0];
+                    for c in 0..3 {
+                        seen[c] = simd.mul_add_e_f64s(simd.splat_f64s(toward[c][axis]), plane, seen[c]);
+                    }
+                }
+                for c in 0..3 {
+                    let Gain { shares: [share], per_sigma } = if c == 0 { inside.along[k] } else { inside.across[k] };
+                    let innovation = simd.sub_f64s(seen[c], states[c]);
+                    states[c] = simd.mul_add_e_f64s(simd.splat_f64s(share), innovation, states[c]);
+                    lanes[row_of(c, k, blocks)] = simd.mul_f64s(simd.splat_f64s(per_sigma), innovation);
+                }
+            }
+            for c in 1..3 {
+                let innovation = simd.sub_f64s(edges[2 + c], states[c]);
+                lanes[row_of(c, blocks, blocks)] = simd.mul_f64s(simd.splat_f64s(inside.end.per_sigma), innovation);
+            }
+            for (lane, parameter) in parameters.iter().enumerate() {
+                let to = &mut rows.matrix.col_as_slice_mut(*parameter)[rows.next..][..count];
+                to.iter_mut().zip(tile.chunks_exact(S::F64_LANES)).for_each(|(to, row)| *to = row[lane]);
+            }
+        }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// The innovations are what the Cholesky factor of the covariance makes of the residuals.
-    #[test]
-    fn innovations_whiten_a_random_walk_seen_through_noise() {
-        let (n, start, walk, white) = (6, 0.3, 0.2, 0.5);
-        let covariance = |i: usize, j: usize| start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 };
-        let seen: Vec<f64> = (0..n).map(|i| ((i * i) as f64).sin()).collect();
-        let factor = Mat::from_fn(n, n, covariance).llt(faer::Side::Lower).unwrap().L().to_owned();
-        let mut filter = Filter::new(1, [start]);
-        let mut whitened: Vec<f64> = Vec::new();
-        for (i, value) in seen.iter().enumerate() {
-            if i > 0 {
-                filter.walk(walk);
-            }
-            let mut z = [*value];
-            filter.innovate(&mut z, [1.0], white);
-            // Forward substitution in the factor of the covariance.
-            let dot: f64 = (0..i).map(|k| factor[(i, k)] * whitened[k]).sum();
-            let expected = (value - dot) / factor[(i, i)];
-            assert!((z[0] - expected).abs() < 1e-13, "{i}: {} {expected}", z[0]);
-            whitened.push(expected);
-        }
-    }
+/// The row of a block along a direction, among those of a move: along gravity there is no rest after the last one.
+fn row_of(direction: usize, block: usize, blocks: usize) -> usize {
+    direction * blocks + direction.saturating_sub(1) + block
 }

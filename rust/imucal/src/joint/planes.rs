@@ -53,6 +53,13 @@ impl Planes {
         &mut self.numbers[start..]
     }
 
+    /// Takes the column of a single parameter in the next state.
+    pub(super) fn push_one(&mut self, column: &Vector3<f64>) {
+        let width = self.width;
+        let state = self.next();
+        (0..3).for_each(|axis| state[axis * width] = column[axis]);
+    }
+
     /// Takes those of all columns in the next state.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>]) {
         let Self { runs, width, numbers, .. } = self;
@@ -106,7 +113,7 @@ impl Planes {
     }
 
     /// The column of parameter `k` of these.
-    fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
+    pub(super) fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
     }
 

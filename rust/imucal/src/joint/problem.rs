@@ -7,8 +7,8 @@ use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
 use super::encoders::{self, Encoders, StandModel};
-use super::inside::{self, Rows};
-use super::linear::{AtMove, Line, Linear, Source};
+use super::inside::Rows;
+use super::linear::{Line, Linear, Source};
 use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
 use super::nearby::Nearby;
 use super::prepared::Prepared;
@@ -233,14 +233,11 @@ impl<'a> Joint<'a> {
                 About::Stand => put(&mut against_stand, z, sigma),
             });
             row = against_stand;
-        } else if let Some(AtMove { pass, .. }) = linear.moves.first().filter(|_| self.terms.kinds.in_motion) {
-            let (first, gravity_mps2) = (row, self.prepared.gravity_mps2);
-            let mut rows = Rows::of_changes(&mut all, first, pass);
+        } else if self.terms.kinds.in_motion {
+            let first = row;
+            let mut rows = Rows::new(&mut all, first);
             for (at_move, noise) in linear.moves.iter().zip(&self.weights.inside) {
-                let AtMove { pass, before, .. } = at_move;
-                rows.innovations(pass, &before.up, noise, gravity_mps2, |place, d, z| {
-                    inside::seen(at_move, gravity_mps2, place, d, z);
-                });
+                rows.put_move(at_move, noise, self.prepared.gravity_mps2);
             }
             row = rows.next();
             for (p, change) in linear.change.iter().enumerate().filter(|(_, change)| **change != 0.0) {

@@ -13,10 +13,11 @@ use imucal_core::so3;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::encoders::{Angles, StandModel};
-use super::inside::{self, Filter, InsideNoise, Place};
+use super::inside::InsideNoise;
 use super::linear::AtMove;
 use super::pass::Pass;
 use super::terms::Terms;
+use super::walk::{Filter, Walk};
 use crate::moves::across;
 
 /// What a white residual inside a move is about.
@@ -78,18 +79,16 @@ impl EncoderMove<'_> {
         // The walk is minus the gyroscope's turn x, which moves the carried gravity u by x cross u: along `side` by x . other,
         // along `other` by -x . side. The force along gravity does not see it.
         let mut z = vec![0.0; n + 1];
-        let mut by_lane = vec![0.0; pass.changes.lanes() + 1];
-        let mut at_start = by_lane.clone();
+        let mut by_lane = vec![0.0; pass.changes.lanes()];
         for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
             // The second state is the error of the direction at the start, of which the stand knows nothing.
-            let mut filter = Filter::new(n + 1, [0.0, noise.start]);
+            let mut filter = Filter::new(n + 1, Walk::new([0.0, noise.start]));
             let mut last_s = 0.0;
-            let seen =
-                |place, lanes: &mut [f64]| inside::seen(at_move, gravity_mps2, place, &(along / gravity_mps2), lanes);
-            at_start.fill(0.0);
-            seen(Place::Start, &mut at_start);
+            let at_start: Vec<f64> =
+                start.jacobian.iter().chain([&start.up]).map(|column| -along.dot(column)).collect();
+            let along = along / gravity_mps2;
             for (k, (block, (mean, jacobian))) in pass.blocks.iter().zip(&turns).enumerate() {
-                filter.walk(noise.walk * (block.time_s - last_s));
+                filter.walk.go_on(noise.walk * (block.time_s - last_s));
                 last_s = block.time_s;
                 for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
                     *value = d.dot(column);
@@ -100,11 +99,11 @@ impl EncoderMove<'_> {
                 filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);
                 push(About::Stand, &z);
                 if terms.kinds.in_motion {
-                    by_lane.copy_from_slice(&at_start);
-                    seen(Place::Block(k), &mut by_lane);
-                    z.fill(0.0);
-                    z[n] = by_lane[pass.changes.lanes()];
-                    pass.changes.parameters().for_each(|(lane, p)| z[p] = by_lane[lane]);
+                    by_lane.fill(0.0);
+                    pass.changes.add_along(k, &block.force, &along, &mut by_lane);
+                    z.copy_from_slice(&at_start);
+                    z[n] += along.dot(&block.force);
+                    pass.changes.parameters().for_each(|(lane, p)| z[p] += by_lane[lane]);
                     filter.innovate(&mut z, [look, look], noise.force / block.duration_s / gravity_mps2.powi(2));
                     push(About::Force, &z);
                 }

@@ -1,0 +1,114 @@
+//! A random walk and what does not change, seen together through white noise: the innovations of a Kalman filter are white.
+
+use pulp::{Arch, Simd, WithSimd};
+
+/// How well the states are known; the first one walks.
+pub(super) struct Walk<const N: usize> {
+    covariance: [[f64; N]; N],
+}
+
+/// What a look at the states makes of what is seen: `innovation = seen - look . states`, `states += shares innovation`.
+#[derive(Clone, Copy)]
+pub(super) struct Gain<const N: usize> {
+    pub(super) shares: [f64; N],
+    /// One over the standard deviation of the innovation.
+    pub(super) per_sigma: f64,
+}
+
+impl<const N: usize> Walk<N> {
+    /// With these variances of the states at the start.
+    pub(super) fn new(variances: [f64; N]) -> Self {
+        let mut covariance = [[0.0; N]; N];
+        (0..N).for_each(|i| covariance[i][i] = variances[i]);
+        Self { covariance }
+    }
+
+    /// The walk goes on by this variance.
+    pub(super) fn go_on(&mut self, variance: f64) {
+        self.covariance[0][0] += variance;
+    }
+
+    /// What is seen is `look` times the states and white noise.
+    pub(super) fn look(&mut self, look: [f64; N], white_variance: f64) -> Gain<N> {
+        let shared: [f64; N] =
+            std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
+        let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
+        let shares = shared.map(|s| s / total);
+        for i in 0..N {
+            for j in 0..N {
+                self.covariance[i][j] -= shares[i] * shared[j];
+            }
+        }
+        Gain { shares, per_sigma: 1.0 / total.sqrt() }
+    }
+}
+
+/// The states of a walk, for a residual and all its derivatives at once.
+pub(super) struct Filter<const N: usize> {
+    states: Vec<[f64; N]>,
+    pub(super) walk: Walk<N>,
+}
+
+impl<const N: usize> Filter<N> {
+    /// For so many numbers, a residual and derivatives.
+    pub(super) fn new(width: usize, walk: Walk<N>) -> Self {
+        Self { states: vec![[0.0; N]; width], walk }
+    }
+
+    /// Replaces what is seen, `look` times the states and white noise, by its innovation over its standard deviation.
+    pub(super) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
+        let gain = self.walk.look(look, white_variance);
+        Arch::new().dispatch(Innovate { states: &mut self.states, seen, look, gain });
+    }
+}
+
+struct Innovate<'a, const N: usize> {
+    states: &'a mut [[f64; N]],
+    seen: &'a mut [f64],
+    look: [f64; N],
+    gain: Gain<N>,
+}
+
+impl<const N: usize> WithSimd for Innovate<'_, N> {
+    type Output = ();
+
+    #[inline(always)] // With the widest registers.
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { states, seen, look, gain: Gain { shares, per_sigma } } = self;
+        for (value, state) in seen.iter_mut().zip(states) {
+            let innovation = (0..N).fold(*value, |value, i| value - look[i] * state[i]);
+            (0..N).for_each(|i| state[i] += shares[i] * innovation);
+            *value = innovation * per_sigma;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use faer::Mat;
+
+    use super::*;
+
+    /// The innovations are what the Cholesky factor of the covariance makes of the residuals.
+    #[test]
+    fn innovations_whiten_a_random_walk_seen_through_noise() {
+        let (n, start, walk, white) = (6, 0.3, 0.2, 0.5);
+        let covariance = |i: usize, j: usize| start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 };
+        let seen: Vec<f64> = (0..n).map(|i| ((i * i) as f64).sin()).collect();
+        let factor = Mat::from_fn(n, n, covariance).llt(faer::Side::Lower).unwrap().L().to_owned();
+        let mut filter = Filter::new(1, Walk::new([start]));
+        let mut whitened: Vec<f64> = Vec::new();
+        for (i, value) in seen.iter().enumerate() {
+            if i > 0 {
+                filter.walk.go_on(walk);
+            }
+            let mut z = [*value];
+            filter.innovate(&mut z, [1.0], white);
+            // Forward substitution in the factor of the covariance.
+            let dot: f64 = (0..i).map(|k| factor[(i, k)] * whitened[k]).sum();
+            let expected = (value - dot) / factor[(i, i)];
+            assert!((z[0] - expected).abs() < 1e-13, "{i}: {} {expected}", z[0]);
+            whitened.push(expected);
+        }
+    }
+}
