@@ -11,39 +11,28 @@
 //! (`whiten`); a random walk inside a move is whitened by its innovations (`inside`). Weights follow from the result and
 //! the result from the weights, so both are repeated until neither changes.
 
+mod at_move;
 mod attitude;
-mod changes;
-mod corrected;
-mod directions;
 mod encoders;
 mod fields;
-mod groups;
 mod held_out;
 mod inside;
+mod layout;
 mod linear;
 mod misfit;
 mod model;
-mod nearby;
 mod outliers;
 mod pass;
-mod planes;
 mod prepared;
 mod prior;
 mod problem;
-mod report;
 mod rests;
 mod scatter;
 mod settle;
-mod stand_moves;
 mod start;
-mod stretches;
 mod terms;
-mod to_end;
-mod turns;
-mod walk;
 mod wander;
 mod weights;
-mod whiten;
 
 #[cfg(test)]
 mod derivatives;
@@ -53,17 +42,19 @@ mod tests;
 pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
-pub(crate) use fields::{Field, Way, ways};
+pub(crate) use fields::{Field, ways};
+pub(crate) use layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 pub(crate) use linear::{INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
-pub(crate) use model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
+pub(crate) use model::Model;
 pub(crate) use outliers::{Item, outliers};
 pub(crate) use pass::BLOCK_S;
+pub(crate) use pass::ways::Way;
 pub(crate) use prepared::Prepared;
 pub(crate) use problem::Joint;
-pub(crate) use report::JointFit;
-pub use report::{ResidualScales, TermEstimate};
+pub(crate) use problem::report::JointFit;
+pub use problem::report::{ResidualScales, TermEstimate};
 pub(crate) use start::{Near, start_model};
 pub(crate) use terms::{Kinds, Term, Terms};
 pub(crate) use wander::Wander;
@@ -81,6 +72,7 @@ use crate::error::Error;
 use crate::lsq::{self, Solution, Termination};
 use crate::moves::Ends;
 use prior::Prior;
+use problem::report::moves_of;
 use weights::Weights;
 
 /// Ten typical effects must move chi2 by one, in every direction of an effect's parameters.
@@ -193,7 +185,7 @@ pub(crate) fn predict(
     let parameters = model.parameters();
     let linear = prepared.linearise(terms, &parameters)?;
     let weights = Weights::of(prepared, terms, &linear, None);
-    Ok(report::moves_of(&linear, &weights))
+    Ok(moves_of(&linear, &weights))
 }
 
 /// Refuses effects that are not determined, holds those that may be so in part by a prior of `width`, and takes weights with which
@@ -317,8 +309,7 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;
-        let longest_s =
-            problem.prepared.recordings.iter().map(|r| r.time_s[r.len() - 1] - r.time_s[0]).fold(0.0, f64::max);
+        let longest_s = problem.prepared.recordings.iter().map(|r| r.span_s()[1] - r.span_s()[0]).fold(0.0, f64::max);
         let mut best: Option<(f64, Vec<f64>)> = None;
         for share in SHAPE_SHARES {
             let mut start = parameters.clone();

@@ -202,6 +202,11 @@ impl<'a> Recording<'a> {
         self.time_s.len()
     }
 
+    /// Time of the first and of the last sample, s.
+    pub(crate) fn span_s(&self) -> [f64; 2] {
+        [self.time_s[0], self.time_s[self.len() - 1]]
+    }
+
     /// Whether there is no sample at all.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()

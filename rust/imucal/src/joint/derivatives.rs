@@ -2,8 +2,9 @@
 
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
-use super::encoders::STAND_PARAMETERS;
-use super::model::{BASE, GYRO_SENSITIVITY, Model};
+use super::layout::STAND_PARAMETERS;
+use super::layout::{BASE, GYRO_SENSITIVITY};
+use super::model::Model;
 use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};

@@ -9,15 +9,17 @@
 //! The stand is not accurate: how the unit is mounted on it (3), its base's tilt (2) and the angles between its axes (2) are
 //! estimated along, after all other parameters.
 
+mod directions;
+pub(super) mod moves;
+
 use std::ops::Range;
 
 use imucal_core::effects::{Sensor, StandState, State, Surroundings};
 use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::directions::directions;
-use super::inside::EndDirection;
-use super::model::BASE;
+use super::at_move::EndDirection;
+use super::layout::{BASE, STAND_PARAMETERS};
 use super::terms::{Sample, Terms};
 use crate::derivative::Derivative;
 use crate::error::Error;
@@ -25,9 +27,8 @@ use crate::moves::{Move, UnitRest, rows_across};
 use crate::recording::Recording;
 use crate::simulate::stand::Stand;
 use crate::stats::median;
+use directions::directions;
 
-/// Mount rotation, base tilt and the angles between the axes.
-pub(crate) const STAND_PARAMETERS: usize = 7;
 /// Angle by which a derivative by a stand parameter or a motor angle is taken, rad; its square is the error.
 const STEP_RAD: f64 = 1e-4;
 /// No encoder has finer counts; smaller changes are rounding of the numbers.

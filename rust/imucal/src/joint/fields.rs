@@ -12,32 +12,14 @@ use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
+use super::at_move::AtMove;
 use super::inside::{Edges, Inside, Rows};
-use super::linear::{AtMove, Linear, Source};
-use super::model::GYRO_BIAS;
-use super::planes::Planes;
+use super::linear::{Linear, Source};
+use super::pass::planes::Planes;
+use super::pass::ways::{Stretch, Way};
 use super::prepared::Prepared;
 use super::problem::Joint;
 use crate::moves::{Move, rows_across};
-
-/// A short stretch of a move.
-pub(crate) struct Stretch {
-    /// Since the first sample of the recording, s.
-    pub(crate) time_s: f64,
-    /// The sample in its middle.
-    pub(crate) sample: usize,
-    /// `v_start = attitude v_here`.
-    pub(crate) attitude: Matrix3<f64>,
-    pub(crate) rate: Vector3<f64>,
-    /// What a constant error of the rate, of one about each axis, has turned until then.
-    turn: Matrix3<f64>,
-}
-
-/// The stretches of a move, and what a constant error has turned at its end.
-pub(crate) struct Way {
-    pub(crate) stretches: Vec<Stretch>,
-    end: Matrix3<f64>,
-}
 
 /// Columns of a field, each about one axis: those about x come first, then as many about y and z. Numbers in SI units.
 pub(crate) struct Field {
@@ -82,36 +64,13 @@ impl Field {
     }
 }
 
-/// The way of each move at a linearisation without effects, in stretches as long as a block inside it, of which one in `every` is taken.
+/// The way of each move at a linearisation without effects, of whose stretches one in `every` is taken.
 pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<Way> {
-    let model = &linear.model;
-    let way = |(index, (span, at_move)): (usize, (&Move, &AtMove))| {
-        let recording = &prepared.recordings[span.recording];
+    let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);
-        let size = route.stretches_of_block().iter().product();
-        let all = route.stretches(model, None, size, false);
-        let first = all.groups.of(span.first + 1 - route.reach().start);
-        let count = (span.last - span.first) / size;
-        let mut turned = Matrix3::zeros();
-        let mut stretches = Vec::with_capacity(count.div_ceil(every));
-        for (k, weight) in all.weights().iter().enumerate().take(first + count) {
-            let until = turned - weight / 2.0;
-            turned -= weight;
-            if k.checked_sub(first).is_some_and(|block| block % every == (every / 2).min(count - 1)) {
-                let sample = span.first + (k - first) * size + size / 2 + 1;
-                stretches.push(Stretch {
-                    time_s: recording.time_s[sample] - recording.time_s[0],
-                    sample,
-                    attitude: all.rotations[k],
-                    rate: all.states[k].angular_rate,
-                    turn: until,
-                });
-            }
-        }
-        let end = Matrix3::from_columns(&[0, 1, 2].map(|axis| at_move.pass.turn[GYRO_BIAS.start + axis]));
-        Way { stretches, end: end * model.gyroscope.sensitivity() }
+        route.way(&linear.model, &at_move.pass, every)
     };
-    prepared.moves.iter().zip(linear.moves.iter()).enumerate().map(way).collect()
+    linear.moves.iter().enumerate().map(way).collect()
 }
 
 impl Field {

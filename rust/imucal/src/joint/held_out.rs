@@ -13,7 +13,8 @@ use std::ops::Range;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-use super::linear::{Linear, Source, move_direction};
+use super::at_move::move_direction;
+use super::linear::{Linear, Source};
 use super::outliers::by_means;
 use super::problem::Joint;
 use crate::stats::dot;

@@ -8,15 +8,17 @@
 //! error of the gyroscope's white noise walks; its innovations, as of a scalar Kalman filter, are white. The last
 //! residual of a move is the rest after it.
 
+pub(super) mod walk;
+
 use faer::Mat;
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::linear::AtMove;
+use super::at_move::AtMove;
 use super::pass::Pass;
-use super::planes::Planes;
-use super::walk::{Gain, Walk};
+use super::pass::planes::Planes;
 use crate::moves::across;
+use walk::{Gain, Walk};
 
 /// Variances of one move.
 #[derive(Clone, Copy, Debug)]
@@ -29,13 +31,6 @@ pub(crate) struct InsideNoise {
     pub(crate) walk: f64,
     /// Of the force of a block times its length, (m/s^2)^2 s.
     pub(crate) force: f64,
-}
-
-/// Direction of gravity at one end of a move and its derivative by every parameter.
-#[derive(Clone)]
-pub(crate) struct EndDirection {
-    pub(crate) up: Vector3<f64>,
-    pub(crate) jacobian: Vec<Vector3<f64>>,
 }
 
 /// How many residuals a pass gives; with encoders the rest after it stands among theirs.

@@ -3,17 +3,22 @@
 use std::ops::Range;
 use std::sync::Arc;
 
-use imucal_core::effects::Sensor;
-use nalgebra::{Matrix3, UnitQuaternion, Vector2, Vector3};
+use imucal_core::effects::{Need, Sensor};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::inside::{self, EndDirection};
-use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
-use super::pass::Pass;
+use super::at_move::{AtMove, EndDirection, move_direction};
+use super::attitude;
+use super::encoders::moves;
+use super::inside;
+use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use super::model::Model;
+use super::pass::Route;
 use super::prepared::Prepared;
 use super::rests::{Force, Rate, Rests};
-use super::stand_moves;
 use super::terms::{Kinds, Terms};
+use crate::error::Error;
 use crate::moves::{Carried, End, UnitRest, rows_across};
+use crate::workers::{in_order, threads_for};
 
 /// A residual, its derivatives by the parameters and by the means of the rests.
 #[derive(Clone)]
@@ -36,13 +41,6 @@ impl Line {
 pub(crate) enum Source {
     Norm(usize),
     Move(usize),
-}
-
-/// One move at given parameters.
-pub(crate) struct AtMove {
-    pub(crate) pass: Pass,
-    pub(crate) before: Arc<EndDirection>,
-    pub(crate) after: Arc<EndDirection>,
 }
 
 /// All residuals at given parameters, not whitened.
@@ -97,7 +95,7 @@ impl Linear {
             0
         };
         let rests = if self.kinds.encoders { 2 * self.directions.len() } else { 0 };
-        let count = |m: &AtMove| stand_moves::count(&m.pass);
+        let count = |m: &AtMove| moves::count(&m.pass);
         let moves: usize = if self.kinds.encoders { self.moves.iter().map(count).sum() } else { 0 };
         let (a, b, c) = (start + inside, start + inside + rests, start + inside + rests + moves);
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
@@ -118,7 +116,7 @@ impl Linear {
         }
         if self.kinds.encoders {
             self.directions.iter().for_each(|(k, _)| next(Source::Norm(*k), 2));
-            moves().for_each(|(k, m)| next(Source::Move(k), stand_moves::count(&m.pass)));
+            moves().for_each(|(k, m)| next(Source::Move(k), moves::count(&m.pass)));
         }
         found
     }
@@ -140,7 +138,53 @@ pub(crate) const INSIDE: usize = 5;
 pub(crate) const STAND_RESTS: usize = 6;
 pub(crate) const STAND_MOVES: usize = 7;
 
+/// With effects, or with blocks inside the move, a sample costs as much as so many in the kernel.
+const COST: usize = 30;
+
 impl Prepared<'_> {
+    /// Residuals and derivatives at these parameters.
+    pub(crate) fn linearise(&self, terms: &Terms<'_>, parameters: &[f64]) -> Result<Linear, Error> {
+        let model = Model::of(parameters, terms)?;
+        let rests = Rests::new(self, &model, terms);
+        let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
+        let has_blocks = terms.kinds.look_inside();
+        let at_move = |index: usize, attitude, carried| {
+            let [before, after] = ends[index].clone();
+            let route = Route { carried, ..self.route(index, attitude, &before, has_blocks) };
+            AtMove { pass: route.pass(&model, terms), before, after }
+        };
+        // Where nothing adds to the rate the kernel is fast enough to go ahead.
+        let goes_ahead = terms.active(&model.values).all.is_empty();
+        let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
+        let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
+        let mut carried = vec![None; self.moves.len()];
+        let mut next_move = 0;
+        for k in (0..self.rests.len()).filter(|&k| self.used[k] && terms.needs(Need::Attitude)) {
+            let start = *attitudes[k].get_or_insert_with(|| attitude::first(&rests.forces[k].direction.up));
+            // Each move leads to the attitude at the next rest.
+            while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
+                let [before, after] = &ends[next_move];
+                let rotation = if goes_ahead {
+                    let found = self.route(next_move, None, before, has_blocks).carry(&model.gyroscope);
+                    carried[next_move] = Some(found);
+                    found.0
+                } else {
+                    moves.push(at_move(next_move, Some(start), None));
+                    moves[next_move].pass.rotation
+                };
+                attitudes[m.to] = Some(attitude::after(&start, &rotation, &after.up));
+                next_move += 1;
+            }
+        }
+        if moves.is_empty() {
+            let samples: usize = self.moves.iter().map(|m| m.last - m.first).sum();
+            let cost = if terms.count > 0 || terms.kinds.look_inside() { COST } else { 1 };
+            let at_move = |index: usize| at_move(index, attitudes[self.moves[index].from], carried[index]);
+            moves = in_order(threads_for(cost * samples), self.moves.len(), at_move);
+        }
+        Ok(self.lines(&model, terms, &rests, &attitudes, moves))
+    }
+
     /// What the residuals are at rests and moves that are known.
     pub(super) fn lines(
         &self,
@@ -221,15 +265,4 @@ impl Prepared<'_> {
             Line { residual: residual[axis], jacobian, by_means: Vec::new(), source: Source::Norm(k) }
         })
     }
-}
-
-/// Two components of the carried minus the measured direction, and their derivatives by every parameter.
-pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
-    let AtMove { pass, before, after } = at_move;
-    let across = rows_across(&after.up);
-    let to_end = across * pass.rotation.transpose();
-    let by_turn = to_end * before.up.cross_matrix();
-    let columns = pass.turn.iter().zip(&before.jacobian).zip(&after.jacobian);
-    let columns = columns.map(|((turn, before), after)| by_turn * turn + to_end * before - across * after);
-    (to_end * before.up - across * after.up, columns.collect())
 }

@@ -1,7 +1,4 @@
-//! The list of all parameters and the sensor model that it stands for.
-//!
-//! Order: accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row by
-//! row), then the terms', then the stand's.
+//! The sensor model that a list of all parameters stands for.
 
 use std::ops::Range;
 
@@ -9,18 +6,13 @@ use imucal_core::effects::Surroundings;
 use imucal_core::sensor::Triad;
 use nalgebra::{SMatrix, Vector3};
 
+use super::layout::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::terms::Terms;
 use crate::accelerometer;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
 use crate::gyroscope;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
-
-/// Number of base parameters.
-pub(crate) const BASE: usize = 21;
-pub(crate) const ACCEL: Range<usize> = 0..9;
-pub(crate) const GYRO_BIAS: Range<usize> = 9..12;
-pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
 
 /// Both triads and the values of the terms.
 #[derive(Clone, Debug)]

@@ -19,23 +19,32 @@
 //! depends on the accelerometer's parameters as gravity, carried along, lets expect: at the sample itself the derivative would
 //! hold the same noise as the residual, and beside a field that holds none it would explain that noise.
 
+mod changes;
+mod corrected;
+mod groups;
+pub(super) mod planes;
+mod stretches;
+mod to_end;
+mod turns;
+pub(super) mod ways;
+
 use std::ops::Range;
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::changes::Changes;
-use super::corrected::Corrected;
 use super::model::Model;
 use super::terms::Terms;
-use super::turns::Turns;
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
 use crate::carry::{Sums, carry_smoothly, turn_on};
 use crate::derivative::Width;
 use crate::moves::Move;
 use crate::recording::Recording;
+use changes::Changes;
+use corrected::Corrected;
+use turns::Turns;
 
 /// Length of a block inside a move, s.
 pub(crate) const BLOCK_S: f64 = 0.04;

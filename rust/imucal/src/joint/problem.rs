@@ -1,25 +1,31 @@
 //! The joint problem: residuals whitened for the solver.
 
+mod nearby;
+pub(super) mod report;
+mod wandering;
+
 use std::sync::Arc;
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
+use super::encoders::moves::{About, EncoderMove};
 use super::encoders::{self, Encoders, StandModel};
 use super::inside::Rows;
+use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::linear::{Line, Linear, Source};
-use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
-use super::nearby::Nearby;
+use super::model::Model;
 use super::prepared::Prepared;
 use super::prior::Prior;
-use super::report::JointFit;
-use super::stand_moves::{About, EncoderMove};
 use super::terms::Terms;
-use super::wander::{UnitWander, Wander, Wandering};
+use super::wander::{UnitWander, Wander};
 use super::weights::Weights;
 use crate::error::Error;
 use crate::lsq::{self, Residuals, Solution};
+use nearby::Nearby;
+use report::JointFit;
+use wandering::Wandering;
 
 /// The joint problem.
 pub(crate) struct Joint<'a> {

@@ -8,8 +8,9 @@ use std::sync::Arc;
 use imucal_core::effects::{Sensor, Surroundings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::inside::EndDirection;
-use super::model::{ACCEL, BASE, GYRO_BIAS, Model, force_by_parameters, moments};
+use super::at_move::EndDirection;
+use super::layout::{ACCEL, BASE, GYRO_BIAS};
+use super::model::{Model, force_by_parameters, moments};
 use super::prepared::Prepared;
 use super::settle::Still;
 use super::terms::{Term, Terms};

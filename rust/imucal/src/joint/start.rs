@@ -3,6 +3,7 @@
 use imucal_core::sensor::Triad;
 
 use super::encoders;
+use super::layout::STAND_PARAMETERS;
 use super::model::Model;
 use super::prepared::Prepared;
 use super::terms::{Term, Terms};
@@ -73,7 +74,7 @@ fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad
             (*encoders.mean(k), accelerometer.correct(mean).normalize())
         })
         .unzip();
-    let mut stand = vec![0.0; encoders::STAND_PARAMETERS];
+    let mut stand = vec![0.0; STAND_PARAMETERS];
     stand[..3].copy_from_slice(encoders::mount_rotation(&angles, &up).as_slice());
     stand
 }

@@ -10,8 +10,7 @@
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
 
-use super::encoders::STAND_PARAMETERS;
-use super::model::BASE;
+use super::layout::{BASE, STAND_PARAMETERS};
 use crate::error::Error;
 
 /// An effect of the catalogue that is to be estimated.

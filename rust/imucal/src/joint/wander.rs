@@ -11,16 +11,11 @@
 use std::f64::consts::PI;
 
 use faer::Mat;
-use imucal_core::effects::Sensor;
 
-use super::linear::Linear;
-use super::prepared::Prepared;
-use super::problem::Joint;
 use crate::error::Error;
-use crate::recording::Recording;
 
 /// More residuals have a covariance that takes too long to factor.
-const MOST_ROWS: usize = 6000;
+pub(super) const MOST_ROWS: usize = 6000;
 
 /// How the biases of a unit are taken to wander.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -92,7 +87,7 @@ impl BiasWander {
     }
 
     /// Covariance of the means over the rests of one recording, each less the mean over `whole`.
-    fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
+    pub(super) fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);
         let mut own = Mat::zeros(rests.len(), rests.len());
@@ -102,102 +97,6 @@ impl BiasWander {
         }
         own
     }
-}
-
-/// Covariance of the mean biases at the rests that take part, in their order, for a bias instability of one; `None` where there
-/// are too many.
-pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
-    let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
-    if rows(places.len(), prepared.moves.len()) > MOST_ROWS {
-        return None;
-    }
-    let unit = BiasWander { bias_instability: [1.0; 3], random_walk: [0.0; 3] };
-    let mut covariance = Mat::zeros(places.len(), places.len());
-    for (index, recording) in prepared.recordings.iter().enumerate() {
-        let (at, spans): (Vec<usize>, Vec<[f64; 2]>) = (places.iter().enumerate())
-            .filter(|(_, k)| prepared.rests[**k].recording == index)
-            .map(|(at, k)| (at, [prepared.rests[*k].rest.start_s, prepared.rests[*k].rest.end_s]))
-            .unzip();
-        let own = unit.of_rests(0, &spans, span(recording));
-        for (i, j) in (0..at.len()).flat_map(|i| (0..at.len()).map(move |j| (i, j))) {
-            covariance[(at[i], at[j])] = own[(i, j)];
-        }
-    }
-    Some(covariance)
-}
-
-/// A norm and three rates for each rest, and two lines for each move.
-fn rows(rests: usize, moves: usize) -> usize {
-    4 * rests + 2 * moves
-}
-
-/// Whitens the residuals of rests and moves once more, for what the wandering biases add to white noise.
-pub(crate) struct Wandering {
-    /// Lower factor of `I + D C D^T`, D the whitened derivatives by the bias of each rest.
-    factor: Mat<f64>,
-}
-
-impl Wandering {
-    pub(crate) fn new(joint: &Joint<'_>, linear: &Linear, unit: &UnitWander) -> Result<Self, Error> {
-        let rows = linear.lines.len() + 3 * linear.rates.len();
-        if rows > MOST_ROWS {
-            return Err(Error::Input(format!(
-                "{} rests are too many to take the bias instability and the random walk into account: leave the unit's \
-                 profile out, or calibrate with a part of the recordings",
-                linear.rates.len()
-            )));
-        }
-        let mut covariance = Mat::<f64>::identity(rows, rows);
-        let [by_gyroscope, by_accelerometer] = joint.by_biases_of_rests(linear);
-        let prepared = joint.prepared;
-        for (index, recording) in prepared.recordings.iter().enumerate() {
-            let (places, spans): (Vec<usize>, Vec<[f64; 2]>) = (0..prepared.rests.len())
-                .filter(|&k| prepared.used[k] && prepared.rests[k].recording == index)
-                .map(|k| (k, [prepared.rests[k].rest.start_s, prepared.rests[k].rest.end_s]))
-                .unzip();
-            for (sensor, wander, by_bias) in [
-                (Sensor::Gyroscope, &unit.gyroscope, &by_gyroscope),
-                (Sensor::Accelerometer, &unit.accelerometer, &by_accelerometer),
-            ] {
-                let raw = joint.raw_scale(sensor, &linear.model.parameters());
-                for axis in 0..3 {
-                    let own = wander.of_rests(axis, &spans, span(recording));
-                    let by = Mat::from_fn(rows, places.len(), |row, k| raw * by_bias[(row, 3 * places[k] + axis)]);
-                    covariance += &by * own * by.transpose();
-                }
-            }
-        }
-        let factor = covariance.llt(faer::Side::Lower).map_err(|_| {
-            Error::Fit("the wandering of the biases outgrows all else: check bias_instability and random_walk".into())
-        })?;
-        Ok(Self { factor: factor.L().to_owned() })
-    }
-
-    /// Whitens the first rows of a matrix.
-    pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
-        let head = matrix.as_ref().subrows(0, self.factor.nrows()).to_owned();
-        let white = self.solved(&head);
-        matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
-    }
-
-    /// What is left of a column that begins at row `first`, from there on.
-    pub(crate) fn unit(&self, first: usize, column: &[f64]) -> Vec<f64> {
-        let whole = Mat::from_fn(self.factor.nrows(), 1, |row, _| {
-            row.checked_sub(first).and_then(|k| column.get(k)).copied().unwrap_or(0.0)
-        });
-        let white = self.solved(&whole);
-        (first..white.nrows()).map(|row| white[(row, 0)]).collect()
-    }
-
-    fn solved(&self, right: &Mat<f64>) -> Mat<f64> {
-        let mut white = right.clone();
-        self.factor.as_ref().solve_lower_triangular_in_place(&mut white);
-        white
-    }
-}
-
-fn span(recording: &Recording<'_>) -> [f64; 2] {
-    [recording.time_s[0], recording.time_s[recording.len() - 1]]
 }
 
 #[cfg(test)]

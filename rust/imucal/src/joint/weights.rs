@@ -4,6 +4,9 @@
 //! the excess is estimated from them: a variance from rest to rest for the rates, a factor for norms, moves and what is
 //! inside the moves.
 
+mod flicker;
+mod whiten;
+
 use faer::Mat;
 use nalgebra::{Matrix3, Vector3};
 
@@ -14,12 +17,13 @@ use super::model::Model;
 use super::prepared::Prepared;
 use super::scatter::{Excess, Modes, Scatter};
 use super::terms::Terms;
-use super::wander::{self, Wander};
-use super::whiten::{Shares, Whitening};
+use super::wander::Wander;
 use crate::accelerometer::FINEST_MPS2;
 use crate::lsq::{self, Solution, by_chance};
 use crate::moves::{FINEST_RAD, random_walk_rad, variance_per_axis};
 use crate::stats::median;
+use flicker::flicker_of_rests;
+use whiten::{Shares, Whitening};
 
 /// No standard deviation is finer: a noise-free simulation has no scatter at all. Scales widen these, too: where a model does
 /// not fit such data there is nothing else to widen.
@@ -183,7 +187,7 @@ fn rate_whitenings(
     if prepared.wander == Wander::Seen
         && one_by_one.iter().any(Option::is_some)
         && let Some(modes) = prepared.flicker.get_or_init(|| {
-            let flicker = wander::flicker_of_rests(prepared)?;
+            let flicker = flicker_of_rests(prepared)?;
             let [x, y, z] = axes.each_ref().map(|(_, variances)| Modes::new(variances, &flicker));
             Some([x?, y?, z?])
         })

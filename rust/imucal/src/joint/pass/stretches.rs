@@ -12,12 +12,12 @@ use imucal_core::sensor::Triad;
 use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
+use super::Route;
 use super::corrected::{Corrected, Step};
 use super::groups::Groups;
-use super::model::{Model, mean_surroundings};
-use super::pass::Route;
-use super::terms::{Sample, Terms};
 use crate::carry::turn_on;
+use crate::joint::model::{Model, mean_surroundings};
+use crate::joint::terms::{Sample, Terms};
 use crate::moves::Move;
 use crate::recording::Samples;
 

@@ -9,12 +9,13 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::changes::Changes;
 use super::corrected::Corrected;
-use super::model::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model};
-use super::pass::{Pass, Route};
 use super::planes::Planes;
 use super::stretches::Stretches;
-use super::terms::Terms;
+use super::{Pass, Route};
 use crate::carry::{Sums, carry_smoothly};
+use crate::joint::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use crate::joint::model::Model;
+use crate::joint::terms::Terms;
 use crate::recording::Samples;
 
 /// Length of a stretch, s.

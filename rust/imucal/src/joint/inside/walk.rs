@@ -3,33 +3,33 @@
 use pulp::{Arch, Simd, WithSimd};
 
 /// How well the states are known; the first one walks.
-pub(super) struct Walk<const N: usize> {
+pub(crate) struct Walk<const N: usize> {
     covariance: [[f64; N]; N],
 }
 
 /// What a look at the states makes of what is seen: `innovation = seen - look . states`, `states += shares innovation`.
 #[derive(Clone, Copy)]
-pub(super) struct Gain<const N: usize> {
-    pub(super) shares: [f64; N],
+pub(crate) struct Gain<const N: usize> {
+    pub(crate) shares: [f64; N],
     /// One over the standard deviation of the innovation.
-    pub(super) per_sigma: f64,
+    pub(crate) per_sigma: f64,
 }
 
 impl<const N: usize> Walk<N> {
     /// With these variances of the states at the start.
-    pub(super) fn new(variances: [f64; N]) -> Self {
+    pub(crate) fn new(variances: [f64; N]) -> Self {
         let mut covariance = [[0.0; N]; N];
         (0..N).for_each(|i| covariance[i][i] = variances[i]);
         Self { covariance }
     }
 
     /// The walk goes on by this variance.
-    pub(super) fn go_on(&mut self, variance: f64) {
+    pub(crate) fn go_on(&mut self, variance: f64) {
         self.covariance[0][0] += variance;
     }
 
     /// What is seen is `look` times the states and white noise.
-    pub(super) fn look(&mut self, look: [f64; N], white_variance: f64) -> Gain<N> {
+    pub(crate) fn look(&mut self, look: [f64; N], white_variance: f64) -> Gain<N> {
         let shared: [f64; N] =
             std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
         let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
@@ -44,19 +44,19 @@ impl<const N: usize> Walk<N> {
 }
 
 /// The states of a walk, for a residual and all its derivatives at once.
-pub(super) struct Filter<const N: usize> {
+pub(crate) struct Filter<const N: usize> {
     states: Vec<[f64; N]>,
-    pub(super) walk: Walk<N>,
+    pub(crate) walk: Walk<N>,
 }
 
 impl<const N: usize> Filter<N> {
     /// For so many numbers, a residual and derivatives.
-    pub(super) fn new(width: usize, walk: Walk<N>) -> Self {
+    pub(crate) fn new(width: usize, walk: Walk<N>) -> Self {
         Self { states: vec![[0.0; N]; width], walk }
     }
 
     /// Replaces what is seen, `look` times the states and white noise, by its innovation over its standard deviation.
-    pub(super) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
+    pub(crate) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
         let gain = self.walk.look(look, white_variance);
         Arch::new().dispatch(Innovate { states: &mut self.states, seen, look, gain });
     }

@@ -15,13 +15,14 @@ use imucal_core::effects::{Need, Sensor};
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
+use super::Route;
 use super::changes::Changes;
 use super::corrected::Corrected;
-use super::model::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY, Model, force_by_parameters};
-use super::pass::Route;
 use super::planes::Planes;
 use super::stretches::Stretches;
-use super::terms::Terms;
+use crate::joint::layout::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use crate::joint::model::{Model, force_by_parameters};
+use crate::joint::terms::Terms;
 
 /// The columns inside a move, block by block; their signs are those of what is taken off rate and force.
 pub(super) struct Turns {

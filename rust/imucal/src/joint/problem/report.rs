@@ -5,14 +5,16 @@ use std::sync::Arc;
 use faer::Mat;
 use nalgebra::Matrix3;
 
-use super::linear::{AtMove, Linear, Source};
-use super::model::{BASE, Model};
-use super::prior::Prior;
-use super::problem::Joint;
-use super::terms::Terms;
-use super::wander::UnitWander;
-use super::weights::Weights;
+use super::Joint;
 use crate::error::Error;
+use crate::joint::at_move::AtMove;
+use crate::joint::layout::BASE;
+use crate::joint::linear::{Linear, Source};
+use crate::joint::model::Model;
+use crate::joint::prior::Prior;
+use crate::joint::terms::Terms;
+use crate::joint::wander::UnitWander;
+use crate::joint::weights::Weights;
 use crate::lsq::{self, FitReport, Solution};
 use crate::moves::Ends;
 
@@ -32,8 +34,8 @@ pub(crate) struct JointFit {
     pub(crate) terms: Vec<TermEstimate>,
     /// Residuals and derivatives at its end.
     pub(crate) linear: Arc<Linear>,
-    pub(super) weights: Weights,
-    pub(super) priors: Vec<Prior>,
+    pub(crate) weights: Weights,
+    pub(crate) priors: Vec<Prior>,
 }
 
 /// By how much residuals of each kind exceed what noise explains, and their standard deviations are widened; 1 where they do

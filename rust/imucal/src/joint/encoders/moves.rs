@@ -12,12 +12,12 @@
 use imucal_core::so3;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
-use super::encoders::{Angles, StandModel};
-use super::inside::InsideNoise;
-use super::linear::AtMove;
-use super::pass::Pass;
-use super::terms::Terms;
-use super::walk::{Filter, Walk};
+use super::{Angles, StandModel};
+use crate::joint::at_move::AtMove;
+use crate::joint::inside::InsideNoise;
+use crate::joint::inside::walk::{Filter, Walk};
+use crate::joint::pass::Pass;
+use crate::joint::terms::Terms;
 use crate::moves::across;
 
 /// What a white residual inside a move is about.

@@ -8,11 +8,11 @@ use imucal_core::sensor::Triad;
 use imucal_core::so3;
 use nalgebra::Vector3;
 
-use super::model::{Model, surroundings};
-use super::pass::Route;
-use super::settle::Settling;
-use super::terms::{Sample, Terms};
+use super::Route;
 use crate::carry::Between;
+use crate::joint::model::{Model, surroundings};
+use crate::joint::settle::Settling;
+use crate::joint::terms::{Sample, Terms};
 use crate::recording::Samples;
 
 /// The samples of a move after correction, with one more on either side.

@@ -15,39 +15,39 @@ use super::planes::{Planes, add_along};
 /// States are blocks; signs are those of what is taken off rate and force.
 pub(crate) struct Changes {
     /// Mean of what the columns of the rate have turned.
-    pub(super) turn: Planes,
+    pub(crate) turn: Planes,
     /// Mean of what the columns of the force add, turned to the start of the move.
-    pub(super) force: Planes,
+    pub(crate) force: Planes,
 }
 
 impl Changes {
     /// Of no block.
-    pub(super) fn none() -> Self {
+    pub(crate) fn none() -> Self {
         let [turn, force] = [(); 2].map(|()| Planes::new(Vec::new(), 0));
         Self { turn, force }
     }
 
     /// Length of a row of numbers, one for each parameter.
-    pub(super) fn lanes(&self) -> usize {
+    pub(crate) fn lanes(&self) -> usize {
         self.turn.width() + self.force.width()
     }
 
     /// Lane and parameter; not every lane has one.
-    pub(super) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
+    pub(crate) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
         let first = self.turn.width();
         let of_turn = self.turn.parameters().iter().copied().enumerate();
         of_turn.chain(self.force.parameters().iter().enumerate().map(move |(k, p)| (first + k, *p)))
     }
 
     /// d_turn_d_p in a block for each of `total` parameters.
-    pub(super) fn turns(&self, block: usize, total: usize) -> Vec<Vector3<f64>> {
+    pub(crate) fn turns(&self, block: usize, total: usize) -> Vec<Vector3<f64>> {
         let mut turns = vec![Vector3::zeros(); total];
         self.turn.put_negative(self.turn.of(block), &mut turns);
         turns
     }
 
     /// Adds what they change of the mean force of a block along `d`, lane by lane.
-    pub(super) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
+    pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Arch::new().dispatch(AddAlong { changes: self, block, force, d, lanes });
     }
 }

@@ -24,44 +24,44 @@ pub(crate) struct Planes {
 
 impl Planes {
     /// No state yet, and room for so many; the parameters have these places among all columns.
-    pub(super) fn new(parameters: Vec<usize>, states: usize) -> Self {
+    pub(crate) fn new(parameters: Vec<usize>, states: usize) -> Self {
         let width = parameters.len().next_multiple_of(MOST_LANES);
         let runs = parameters.chunk_by(|a, b| a + 1 == *b).map(|run| run[0]..run[0] + run.len()).collect();
         Self { parameters, runs, width, numbers: Vec::with_capacity(states * 3 * width) }
     }
 
     /// Of the same parameters, with room for so many states.
-    pub(super) fn like(&self, states: usize) -> Self {
+    pub(crate) fn like(&self, states: usize) -> Self {
         Self::new(self.parameters.clone(), states)
     }
 
     /// Places of the parameters among all columns.
-    pub(super) fn parameters(&self) -> &[usize] {
+    pub(crate) fn parameters(&self) -> &[usize] {
         &self.parameters
     }
 
     /// Length of a plane.
-    pub(super) fn width(&self) -> usize {
+    pub(crate) fn width(&self) -> usize {
         self.width
     }
 
     /// The planes of a next state, all zero.
     #[inline(always)]
-    pub(super) fn next(&mut self) -> &mut [f64] {
+    pub(crate) fn next(&mut self) -> &mut [f64] {
         let start = self.numbers.len();
         self.numbers.resize(start + 3 * self.width, 0.0);
         &mut self.numbers[start..]
     }
 
     /// Takes the column of a single parameter in the next state.
-    pub(super) fn push_one(&mut self, column: &Vector3<f64>) {
+    pub(crate) fn push_one(&mut self, column: &Vector3<f64>) {
         let width = self.width;
         let state = self.next();
         (0..3).for_each(|axis| state[axis * width] = column[axis]);
     }
 
     /// Takes those of all columns in the next state.
-    pub(super) fn push(&mut self, columns: &[Vector3<f64>]) {
+    pub(crate) fn push(&mut self, columns: &[Vector3<f64>]) {
         let Self { runs, width, numbers, .. } = self;
         let start = numbers.len();
         numbers.resize(start + 3 * *width, 0.0);
@@ -79,12 +79,12 @@ impl Planes {
     }
 
     /// Planes of zeros.
-    pub(super) fn zero(&self) -> Vec<f64> {
+    pub(crate) fn zero(&self) -> Vec<f64> {
         vec![0.0; 3 * self.width]
     }
 
     /// Adds what the matrix of each state makes of its columns to planes, and forgets them.
-    pub(super) fn add_up(&mut self, matrices: &[Matrix3<f64>], sum: &mut [f64]) {
+    pub(crate) fn add_up(&mut self, matrices: &[Matrix3<f64>], sum: &mut [f64]) {
         if !self.parameters.is_empty() {
             Arch::new().dispatch(AddUp { numbers: &self.numbers, matrices, sum });
         }
@@ -92,14 +92,14 @@ impl Planes {
     }
 
     /// Puts what a matrix makes of the columns of the last state in their place.
-    pub(super) fn turn_last(&mut self, matrix: &Matrix3<f64>) {
+    pub(crate) fn turn_last(&mut self, matrix: &Matrix3<f64>) {
         if let Some(first) = self.numbers.len().checked_sub(3 * self.width).filter(|_| self.width > 0) {
             Arch::new().dispatch(Turn { state: &mut self.numbers[first..], matrix });
         }
     }
 
     /// The sum of the first states, so many.
-    pub(super) fn sum(&self, states: usize) -> Vec<f64> {
+    pub(crate) fn sum(&self, states: usize) -> Vec<f64> {
         let mut sum = self.zero();
         if self.width > 0 {
             Arch::new().dispatch(AddAll { numbers: &self.numbers[..states * 3 * self.width], sum: &mut sum });
@@ -108,25 +108,25 @@ impl Planes {
     }
 
     /// Puts columns in planes as these are, with the other sign, where their parameters have their places.
-    pub(super) fn put_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
+    pub(crate) fn put_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
 
     /// The column of parameter `k` of these.
-    pub(super) fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
+    pub(crate) fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
     }
 
     /// The planes of a state, one after the other.
     #[inline(always)]
-    pub(super) fn of(&self, state: usize) -> &[f64] {
+    pub(crate) fn of(&self, state: usize) -> &[f64] {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 }
 
 /// Adds what columns in planes are along a direction to as many numbers as a plane is long.
 #[inline(always)] // With the widest registers that the caller has.
-pub(super) fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
+pub(crate) fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());
     let (y, z) = yz.split_at(to.len());
     for (((to, x), y), z) in to.iter_mut().zip(x).zip(y).zip(z) {

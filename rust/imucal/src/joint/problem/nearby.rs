@@ -5,11 +5,11 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::linear::Linear;
-use super::model::Model;
-use super::problem::Joint;
-use super::terms::{Kinds, Term};
+use super::Joint;
 use crate::error::Error;
+use crate::joint::linear::Linear;
+use crate::joint::model::Model;
+use crate::joint::terms::{Kinds, Term};
 use crate::lsq::Solution;
 
 /// Within so many standard deviations of a linearisation the residuals follow their derivatives, to a part in a thousand of one: what
@@ -18,7 +18,7 @@ use crate::lsq::Solution;
 const NEAR: f64 = 3.0;
 
 /// The linearisations that are known, whichever thread asks.
-pub(super) struct Nearby {
+pub(crate) struct Nearby {
     /// The last one that took a pass over the samples.
     last: Mutex<Place>,
     /// What was made of it nearby.
@@ -38,7 +38,7 @@ fn known(place: &Mutex<Place>) -> MutexGuard<'_, Place> {
 
 impl Nearby {
     /// One is known.
-    pub(super) fn new(linear: Arc<Linear>) -> Self {
+    pub(crate) fn new(linear: Arc<Linear>) -> Self {
         let place = Place { parameters: linear.model.parameters(), linear };
         Self { last: Mutex::new(place.clone()), near: Mutex::new(place) }
     }
