@@ -3,7 +3,7 @@
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::between::{Between, shares_of_cubic};
+use super::between::{Between, shares_of_cubic, until_other};
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
 use super::{Carried, Instructions, Sums, turn_on};
@@ -105,7 +105,7 @@ impl<'a> Path<'a> {
         std::iter::from_fn(move || {
             let start = next;
             let (between, _) = (start < last).then(|| Between::of(time_s, start))?;
-            next = (start + 1..last).find(|&i| Between::of(time_s, i).0 != between).unwrap_or(last);
+            next = until_other(time_s, start + 1, last, between);
             let around = if between == Between::Straight { start..next + 1 } else { start - 1..next + 2 };
             Some(Self::of_samples(rates.slice(around.clone()), Pace::of(&time_s[around]), between))
         })
