@@ -12,13 +12,14 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Frame, Provenance, Triad, as_frame, require_serial_number
 from imucal.calibration_result import CalibrationResult
-from imucal.document import now, without_nan
+from imucal.document import now
 from imucal.effects import EffectValues, State, UserEffect
 from imucal.errors import FitError, InputError
 from imucal.evaluate import MIN_REST_S, evaluate, poor_figures
 from imucal.finding import Finding
 from imucal.one_unit import of_one_unit, require_other_data
 from imucal.options import Options, UserField, asked_for, wander_of
+from imucal.plain import without_nan
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source, as_recordings
 from imucal.unit import Unit
 from imucal.whole import is_whole

@@ -18,9 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, as_matrix, as_rows
-from imucal.document import Node, plain, read_json, write_json
+from imucal.document import Node, read_json, write_json
 from imucal.effects import Effect, EffectValues, UserEffect, check_values, definitions, find, named_numbers
 from imucal.errors import InputError
+from imucal.plain import plain
 from imucal.recording import AccelUnit, GyroUnit, Recording, Source
 
 __all__ = ["Calibration", "Frame", "Parameter", "Provenance", "Triad", "as_frame"]

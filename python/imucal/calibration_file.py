@@ -12,9 +12,10 @@ from typing import Any, Final, get_args
 import numpy as np
 
 from imucal.calibration import FRAMES, Calibration, Provenance, Triad, as_frame
-from imucal.document import Node, plain
+from imucal.document import Node
 from imucal.effects import Effect, EffectParameter, EffectValues, UserEffect, by_name, catalogue
 from imucal.errors import FormatError, InputError
+from imucal.plain import plain
 from imucal.recording import AccelUnit, GyroUnit, Source
 
 __all__ = ["calibration_of", "document_of"]

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration import Calibration, Parameter
-from imucal.document import without_nan
 from imucal.evaluate import Evaluation, figures_text, used_of
 from imucal.finding import Finding
 from imucal.judgement import Judgement
+from imucal.plain import without_nan
 
 if TYPE_CHECKING:
     from imucal.limits import Limits

@@ -19,8 +19,8 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.calibration import Calibration, Provenance
-from imucal.document import plain
 from imucal.errors import InputError
+from imucal.plain import plain
 
 __all__ = ["Change", "Difference", "diff"]
 

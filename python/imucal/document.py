@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import datetime, timezone
 from typing import Any
@@ -17,55 +16,14 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.atomic import write_text
 from imucal.errors import FormatError, InputError
+from imucal.plain import plain
 
-__all__ = ["Node", "now", "plain", "read_json", "to_json", "without_nan", "write_json"]
-
-
-# What nearly all values of a result are: seen at once, where the checks for all else take ten times as long.
-_AS_THEY_ARE = frozenset({bool, float, int, str, type(None)})
+__all__ = ["Node", "now", "read_json", "to_json", "write_json"]
 
 
 def now() -> str:
     """When a document is made: ISO 8601, UTC, to the second."""
     return datetime.now(timezone.utc).isoformat(timespec="seconds")
-
-
-def plain(value: Any) -> Any:
-    """`value` with arrays, NumPy numbers, tuples and dataclasses made lists, numbers and dictionaries."""
-    if type(value) in _AS_THEY_ARE:
-        return value
-    if isinstance(value, np.ndarray):
-        return value.tolist()
-    if isinstance(value, np.generic):
-        return value.item()
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [plain(item) for item in value]
-    return value
-
-
-def without_nan(value: Any) -> Any:
-    """`value` made plain, NaN and infinity made null: for reports, where a figure may not exist."""
-    if type(value) in _AS_THEY_ARE:
-        return None if type(value) is float and not math.isfinite(value) else value
-    return _without_nan(plain(value))
-
-
-def _without_nan(value: Any) -> Any:
-    if isinstance(value, list):
-        # Most are short lists of floats: a call for each costs more than the rest.
-        finite = math.isfinite
-        return [
-            (item if finite(item) else None) if type(item) is float else _without_nan(item) for item in value
-        ]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    return value
 
 
 def to_json(document: Any) -> str:

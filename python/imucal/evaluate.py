@@ -11,11 +11,12 @@ import numpy as np
 
 from imucal.calibration import Calibration, Provenance, Triad
 from imucal.correction import empty_samples
-from imucal.document import now, plain, without_nan
+from imucal.document import now
 from imucal.errors import InputError
 from imucal.finding import Finding
 from imucal.judgement import Judgement
 from imucal.one_unit import require_different
+from imucal.plain import plain, without_nan
 from imucal.recording import Recording, as_recordings
 
 if TYPE_CHECKING:

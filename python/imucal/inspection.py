@@ -11,11 +11,11 @@ import numpy as np
 
 from imucal.calibrate import calibrate
 from imucal.calibration import Calibration, Triad
-from imucal.document import without_nan
 from imucal.errors import ImucalError
 from imucal.evaluate import MIN_REST_S
 from imucal.finding import Finding
 from imucal.options import Options
+from imucal.plain import without_nan
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recording
 
 __all__ = ["Inspection", "inspect"]

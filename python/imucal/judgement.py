@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final
 
-from imucal.document import without_nan
+from imucal.plain import without_nan
 from imucal.recording import Source
 
 __all__ = ["Check", "Judgement"]

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.arrays import FloatArray
-from imucal.document import without_nan
 from imucal.evaluate import MIN_REST_S
 from imucal.finding import Finding
+from imucal.plain import without_nan
 from imucal.recording import Recording, as_recording
 from imucal.whole import check_threads
 

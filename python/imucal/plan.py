@@ -19,11 +19,11 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.calibration import Calibration, Triad
-from imucal.document import without_nan
 from imucal.effects import catalogue, find
 from imucal.errors import ImucalError, InputError
 from imucal.motion import Motion, Program, Tumble, motion_of
 from imucal.options import Options
+from imucal.plain import without_nan
 from imucal.plan_targets import sigma_of, targets_of, worst_of
 from imucal.recording import STANDARD_GRAVITY_MPS2, Recording
 from imucal.simulate import simulate

@@ -71,7 +71,7 @@ def size(parameter: EffectParameter | DisturbanceParameter) -> str:
 
 
 def _plain(row: Effect | Disturbance) -> dict[str, Any]:
-    from imucal.document import plain
+    from imucal.plain import plain
 
     document: dict[str, Any] = plain(row)
     return document

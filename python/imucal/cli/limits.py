@@ -80,7 +80,8 @@ def check(
     """
     import imucal
     from imucal.atomic import write_text
-    from imucal.document import now, plain
+    from imucal.document import now
+    from imucal.plain import plain
 
     require_apart([limits, *calibrations], {"--csv": csv, "--json": json})
     loaded: list[Calibration | ImucalError] = []

@@ -17,7 +17,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from imucal.atomic import write_text
 from imucal.calibration import Calibration
-from imucal.document import without_nan
 from imucal.errors import InputError
 from imucal.evaluate import MIN_REST_S, Evaluation, evaluate, figures_text
 from imucal.export.ardupilot import ARDUPILOT
@@ -32,6 +31,7 @@ from imucal.export.px4 import PX4
 from imucal.export.realsense import REALSENSE
 from imucal.export.ros import ROS
 from imucal.export.rust import RUST
+from imucal.plain import without_nan
 from imucal.recording import Recording
 
 if TYPE_CHECKING:

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.document import plain
 from imucal.effects import Effect, catalogue
 from imucal.errors import ImucalError
 from imucal.gap.motion_library import Suggestion, suggestions
 from imucal.gap.residuals import noise_densities
+from imucal.plain import plain
 from imucal.recording import Recording
 from imucal.temperature import Temperature
 from imucal.unit import Sensor, Unit

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration import Calibration
-from imucal.document import plain, without_nan
 from imucal.finding import Finding
+from imucal.plain import plain, without_nan
 
 if TYPE_CHECKING:
     from imucal.calibration_result import CalibrationResult

@@ -15,7 +15,6 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use crate::moves::Move;
 use crate::recording::Recording;
-use crate::segment::sample_interval_s;
 
 /// Of the squared turns about the busiest axis, the idlest one needs at least this share.
 const LEAST_TURN_SHARE: f64 = 0.01;
@@ -79,7 +78,7 @@ struct Pair {
 }
 
 fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
-    let dt_s = sample_interval_s(&recording.time_s[m.first..=m.last]);
+    let dt_s = m.interval_s;
     // An even number of samples: the centre of a block lies between two of them.
     let block = (((BLOCK_S / dt_s / 2.0).round() as usize).max(1)) * 2;
     let up = |start: usize| {
@@ -146,7 +145,7 @@ mod tests {
             rate.push(gyroscope.measure(w).into());
         }
         let recording = Recording::try_new("tumble", &time, &force, &rate).unwrap();
-        let whole = Move { recording: 0, from: 0, to: 1, first: 0, last: 1999, duration_s: 10.0 };
+        let whole = Move { recording: 0, from: 0, to: 1, first: 0, last: 1999, duration_s: 10.0, interval_s: 0.005 };
         let p = rate_from_gravity(&[recording], &[whole], &Triad::identity(), *gyroscope.bias()).unwrap();
         assert!((p * sensitivity - Matrix3::identity()).norm() < 0.05, "{}", p * sensitivity);
     }

@@ -59,6 +59,8 @@ pub(crate) struct Move {
     pub(crate) last: usize,
     /// Duration, s.
     pub(crate) duration_s: f64,
+    /// Median time between its samples, s.
+    pub(crate) interval_s: f64,
 }
 
 /// What the residual of a move depends on beside the gyroscope.
@@ -159,8 +161,9 @@ pub(crate) fn between(
         }
         let (first, last) = (rests[from].rest.end - 1, rests[to].rest.first);
         let time_s = &recordings[recording].time_s[first..=last];
-        let span = Move { recording, from, to, first, last, duration_s: time_s[time_s.len() - 1] - time_s[0] };
         let interval_s = sample_interval_s(time_s);
+        let duration_s = time_s[time_s.len() - 1] - time_s[0];
+        let span = Move { recording, from, to, first, last, duration_s, interval_s };
         if touches(&saturated[recording], &(first..last + 1)) {
             unusable.push(Unusable { span, reason: "saturation" });
         } else if time_s.windows(2).any(|t| t[1] - t[0] > LONGEST_STEP * interval_s) {

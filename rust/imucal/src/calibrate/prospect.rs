@@ -24,7 +24,6 @@ use crate::observability::{
     FARTHEST, LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2, missing_poses, missing_turns, too_few_poses,
 };
 use crate::recording::Recording;
-use crate::segment::sample_interval_s;
 
 /// Between rests whose directions of gravity differ by more than this, a unit has turned for certain, rad.
 const TURNED_RAD: f64 = 0.35;
@@ -236,8 +235,7 @@ impl UnitData<'_> {
         let reacts = |m: &&&Move| {
             let recording = &self.recordings[m.recording];
             let rates = recording.angular_rate.slice(m.first..m.last + 1);
-            let noise = self.segments[m.recording].noise_density.angular_rate
-                / sample_interval_s(&recording.time_s[m.first..=m.last]).sqrt();
+            let noise = self.segments[m.recording].noise_density.angular_rate / m.interval_s.sqrt();
             let squares: Vector3<f64> =
                 rates.iter().map(|rate| (Vector3::from(rate) - self.bias.bias).map(|v| v * v)).sum();
             (0..3).any(|axis| (squares[axis] / rates.len() as f64).sqrt() > REACTS * noise[axis])

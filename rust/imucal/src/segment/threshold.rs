@@ -22,28 +22,38 @@ pub(super) fn window_statistic(variances: &[Vec<f64>; 6], steps: &Vector6<f64>) 
         quantile_of(of_channel.len(), write, 0.05).max(rounding[channel])
     });
     let mut statistic = vec![0.0; variances[0].len()];
-    let mut before: Vec<bool> = Vec::new();
+    let (mut before, mut in_quiet) = (Vec::new(), Vec::new());
     // The floor of each channel is that of the windows that are quiet in all channels together.
     for _ in 0..4 {
         Arch::new().dispatch(Ratios { variances, floor: &floor, statistic: &mut statistic });
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
         let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
-        let quiet: Vec<bool> = statistic.iter().map(|s| *s <= limit).collect();
+        let quiet = runs_up_to(&statistic, limit);
         // The same windows have the same floor.
         if quiet == before {
             break;
         }
         floor = Vector6::from_fn(|channel, _| {
-            let in_quiet = |k: usize, to: &mut [f64]| {
-                let windows = variances[channel][k..].iter().zip(&quiet[k..]);
-                let in_quiet = windows.map(|(variance, quiet)| if *quiet { *variance } else { f64::NAN });
-                to.iter_mut().zip(in_quiet).for_each(|(to, variance)| *to = variance);
-            };
-            quantile_of(statistic.len(), in_quiet, 0.5).max(rounding[channel])
+            in_quiet.clear();
+            quiet.iter().for_each(|run| in_quiet.extend_from_slice(&variances[channel][run.clone()]));
+            let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&in_quiet[k..k + to.len()]);
+            quantile_of(in_quiet.len(), write, 0.5).max(rounding[channel])
         });
         before = quiet;
     }
     (statistic, floor)
+}
+
+/// The windows whose statistic is no more than this, in runs.
+fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (window, _) in statistic.iter().enumerate().filter(|(_, s)| **s <= limit) {
+        match runs.last_mut() {
+            Some(run) if run.end == window => run.end += 1,
+            _ => runs.push(window..window + 1),
+        }
+    }
+    runs
 }
 
 /// The mean over the six channels of variance over noise floor, as [`imucal_core::rest::statistic_of`], of every window.
