@@ -40,7 +40,7 @@ impl Gram {
     pub(crate) fn of(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let groups = Rows::of_groups(group_of_row);
         Self {
-            sums: groups.iter().map(|rows| square(rows.part(columns).view())).collect(),
+            sums: groups.iter().map(|rows| square(rows.part(columns).view(), processors())).collect(),
             rows: groups.iter().map(|rows| rows.count() as f64).collect(),
             groups: groups.iter().map(|rows| rows.group).collect(),
             residual: columns.ncols() - 1,
@@ -72,7 +72,8 @@ impl<'a> Known<'a> {
         let width = columns.ncols();
         let of_group = |(rows, ..): &(Rows, Part<'_>, Vec<f64>)| {
             let part = rows.part(columns);
-            let own = square(part.view());
+            // One thread for each hypothesis.
+            let own = square(part.view(), 1);
             (part, own)
         };
         Others { parts: self.groups.iter().map(of_group).collect(), width }
@@ -167,17 +168,17 @@ impl Part<'_> {
     }
 }
 
-/// Rows whose products are summed by one thread: so many whatever the number of threads, for the sum is not to depend on that.
+/// Rows whose products are summed at once: so many whatever the number of threads, for the sum is not to depend on that.
 const TOGETHER: usize = 2048;
 
 /// `A^T A`: one half of it is made, the other is the same.
-fn square(a: MatRef<'_, f64>) -> Mat<f64> {
+fn square(a: MatRef<'_, f64>, threads: usize) -> Mat<f64> {
     let of_part = |part: usize| {
         let first = part * TOGETHER;
         lower_square(a.subrows(first, TOGETHER.min(a.nrows() - first)))
     };
     let mut sum = Mat::zeros(a.ncols(), a.ncols());
-    in_order(processors(), a.nrows().div_ceil(TOGETHER), of_part).into_iter().for_each(|part| sum += part);
+    in_order(threads, a.nrows().div_ceil(TOGETHER), of_part).into_iter().for_each(|part| sum += part);
     for j in 1..a.ncols() {
         for i in 0..j {
             sum[(i, j)] = sum[(j, i)];
