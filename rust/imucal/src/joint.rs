@@ -309,7 +309,7 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;
-        let longest_s = problem.prepared.recordings.iter().map(|r| r.span_s()[1] - r.span_s()[0]).fold(0.0, f64::max);
+        let longest_s = problem.prepared.longest_s();
         let mut best: Option<(f64, Vec<f64>)> = None;
         for share in SHAPE_SHARES {
             let mut start = parameters.clone();

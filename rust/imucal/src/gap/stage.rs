@@ -181,7 +181,7 @@ impl Hunt<'_> {
         let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
         let choices: Vec<EffectChoice> = members.chain(plain).collect();
         let mut all = Terms::try_new(&choices, &all_fields, &self.samples, terms.kinds)?;
-        let longest_s = prepared.recordings.iter().map(|r| r.span_s()[1] - r.span_s()[0]).fold(0.0, f64::max);
+        let longest_s = prepared.longest_s();
         for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
             all.push_frozen(choice.effect, share * longest_s)?;
         }

@@ -2,8 +2,7 @@
 
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
-use super::layout::STAND_PARAMETERS;
-use super::layout::{BASE, GYRO_SENSITIVITY};
+use super::layout::{BASE, GYRO_SENSITIVITY, STAND_PARAMETERS};
 use super::model::Model;
 use super::prepared::Prepared;
 use super::problem::Joint;

@@ -44,6 +44,18 @@ impl Prepared<'_> {
         (0..self.rests.len()).find(|&k| self.used[k] && !is_reached(k))
     }
 
+    /// The rests of a recording that take part, and from when to when each lasts, s.
+    pub(super) fn rests_of(&self, recording: usize) -> (Vec<usize>, Vec<[f64; 2]>) {
+        let own = |k: &usize| self.used[*k] && self.rests[*k].recording == recording;
+        let rest = |k: usize| (k, [self.rests[k].rest.start_s, self.rests[k].rest.end_s]);
+        (0..self.rests.len()).filter(own).map(rest).unzip()
+    }
+
+    /// How long the longest recording is, s.
+    pub(crate) fn longest_s(&self) -> f64 {
+        self.recordings.iter().map(Recording::span_s).map(|[first, last]| last - first).fold(0.0, f64::max)
+    }
+
     /// That of a move, with the attitude at its start where an effect needs it.
     pub(super) fn route(
         &self,

@@ -10,7 +10,7 @@
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::planes::{Planes, add_along};
+use super::planes::Planes;
 
 /// States are blocks; signs are those of what is taken off rate and force.
 pub(crate) struct Changes {
@@ -69,5 +69,15 @@ impl WithSimd for AddAlong<'_> {
         let (by_turn, by_force) = lanes.split_at_mut(turn.width());
         add_along(&d.cross(force), turn.of(block), by_turn);
         add_along(&-d, adding.of(block), by_force);
+    }
+}
+
+/// Adds what columns in planes are along a direction to as many numbers as a plane is long.
+#[inline(always)] // With the widest registers that the caller has.
+fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
+    let (x, yz) = planes.split_at(to.len());
+    let (y, z) = yz.split_at(to.len());
+    for (((to, x), y), z) in to.iter_mut().zip(x).zip(y).zip(z) {
+        *to += direction.x * x + direction.y * y + direction.z * z;
     }
 }

@@ -124,16 +124,6 @@ impl Planes {
     }
 }
 
-/// Adds what columns in planes are along a direction to as many numbers as a plane is long.
-#[inline(always)] // With the widest registers that the caller has.
-pub(crate) fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
-    let (x, yz) = planes.split_at(to.len());
-    let (y, z) = yz.split_at(to.len());
-    for (((to, x), y), z) in to.iter_mut().zip(x).zip(y).zip(z) {
-        *to += direction.x * x + direction.y * y + direction.z * z;
-    }
-}
-
 /// A matrix times a column in each lane, and what is there already.
 #[inline(always)]
 fn times_plus<S: Simd>(simd: S, matrix: &Matrix3<f64>, column: [S::f64s; 3], there: [S::f64s; 3]) -> [S::f64s; 3] {

@@ -28,10 +28,7 @@ impl Wandering {
         let [by_gyroscope, by_accelerometer] = joint.by_biases_of_rests(linear);
         let prepared = joint.prepared;
         for (index, recording) in prepared.recordings.iter().enumerate() {
-            let (places, spans): (Vec<usize>, Vec<[f64; 2]>) = (0..prepared.rests.len())
-                .filter(|&k| prepared.used[k] && prepared.rests[k].recording == index)
-                .map(|k| (k, [prepared.rests[k].rest.start_s, prepared.rests[k].rest.end_s]))
-                .unzip();
+            let (places, spans) = prepared.rests_of(index);
             for (sensor, wander, by_bias) in [
                 (Sensor::Gyroscope, &unit.gyroscope, &by_gyroscope),
                 (Sensor::Accelerometer, &unit.accelerometer, &by_accelerometer),

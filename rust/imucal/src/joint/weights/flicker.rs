@@ -15,10 +15,8 @@ pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let unit = BiasWander { bias_instability: [1.0; 3], random_walk: [0.0; 3] };
     let mut covariance = Mat::zeros(places.len(), places.len());
     for (index, recording) in prepared.recordings.iter().enumerate() {
-        let (at, spans): (Vec<usize>, Vec<[f64; 2]>) = (places.iter().enumerate())
-            .filter(|(_, k)| prepared.rests[**k].recording == index)
-            .map(|(at, k)| (at, [prepared.rests[*k].rest.start_s, prepared.rests[*k].rest.end_s]))
-            .unzip();
+        let (rests, spans) = prepared.rests_of(index);
+        let at: Vec<usize> = rests.iter().map(|k| places.partition_point(|place| place < k)).collect();
         let own = unit.of_rests(0, &spans, recording.span_s());
         for (i, j) in (0..at.len()).flat_map(|i| (0..at.len()).map(move |j| (i, j))) {
             covariance[(at[i], at[j])] = own[(i, j)];
