@@ -1,0 +1,281 @@
+//! Boxes of samples in a row, and the slope of the polynomial through their means.
+
+use std::iter::StepBy;
+use std::ops::Range;
+
+use nalgebra::{SMatrix, Vector3, Vector4};
+use pulp::{Arch, Simd, WithSimd};
+
+use crate::segment::sample_interval_s;
+
+/// Boxes whose means give the polynomial.
+pub(super) const BOXES: usize = 5;
+/// Of the squares that noise explains of a difference.
+const AGREE: f64 = 2.0;
+/// Every stretch as long as this has to agree, s, and of as many boxes at least.
+const STRETCH_S: f64 = 1.0;
+const STRETCH_BOXES: usize = 20;
+/// At so many places of it.
+const MOST_LOOKS: usize = 100;
+/// Steps that differ by a smaller share are even.
+const EVEN: f64 = 1e-9;
+
+/// Running sums of what values differ by from the first one, for a large bias is no reason for a large rounding error, and after them how
+/// many are missing: four numbers side by side are added at once.
+pub(super) struct Sums(Vec<Vector4<f64>>);
+
+impl Sums {
+    pub(super) fn new(values: &[Vector3<f64>]) -> Self {
+        let is_there = |value: &&Vector3<f64>| value.iter().all(|v| v.is_finite());
+        let bias = values.iter().find(is_there).copied().unwrap_or_default();
+        let mut sums = Vec::with_capacity(values.len() + 1);
+        let mut sum = Vector4::zeros();
+        sums.push(sum);
+        for value in values {
+            sum += if is_there(&value) { (value - bias).push(0.0) } else { Vector4::w() };
+            sums.push(sum);
+        }
+        Self(sums)
+    }
+}
+
+/// The steps in time.
+#[derive(Clone, Copy)]
+pub(super) struct Steps {
+    pub(super) interval_s: f64,
+    pub(super) are_even: bool,
+}
+
+/// Boxes of one width.
+#[derive(Clone)]
+pub(super) struct Stencil {
+    pub(super) steps: Steps,
+    /// Samples in a box.
+    pub(super) stride: usize,
+    boxes: usize,
+    /// The same for all boxes, where steps are even.
+    even: Option<Even>,
+}
+
+#[derive(Clone)]
+struct Even {
+    polynomial: Polynomial,
+    /// What each box and each edge of one adds to the slope in the middle.
+    weights: [f64; BOXES],
+    edges: Edges,
+}
+
+/// What the mean over each box, row by row, adds to the coefficient of each power, of time in widths of a box from the middle.
+type Polynomial = SMatrix<f64, BOXES, BOXES>;
+/// What the running sum at each edge of boxes in a row adds to a slope.
+type Edges = [f64; BOXES + 1];
+
+/// Those of boxes of so many samples, of which each adds this.
+fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
+    std::array::from_fn(|edge| {
+        let before = edge.checked_sub(1).map_or(0.0, |j| weights[j]);
+        (before - weights.get(edge).unwrap_or(&0.0)) / stride as f64
+    })
+}
+
+impl Stencil {
+    /// A sample in each box.
+    pub(super) fn narrow(time_s: &[f64]) -> Self {
+        let interval_s = if time_s.len() > 1 { sample_interval_s(time_s) } else { 0.0 };
+        let is_even = |w: &[f64]| ((w[1] - w[0]) - interval_s).abs() <= EVEN * interval_s;
+        let steps = Steps { interval_s, are_even: time_s.windows(2).all(is_even) };
+        Self { steps, stride: 1, boxes: 0, even: None }.with(time_s, 1)
+    }
+
+    /// So many samples in each box, at the same times.
+    pub(super) fn with(&self, time_s: &[f64], stride: usize) -> Self {
+        let boxes = (time_s.len() / stride).min(BOXES);
+        let mut stencil = Self { steps: self.steps, stride, boxes, even: None };
+        if self.steps.are_even && boxes == BOXES {
+            stencil.even = stencil.powers(time_s, stencil.before(), 0).try_inverse().map(|polynomial| {
+                let weights = stencil.slope_of(&polynomial, 0.0);
+                Even { polynomial, weights, edges: edges(&weights, stride) }
+            });
+        }
+        stencil
+    }
+
+    /// Samples of the boxes before the one that they are about.
+    fn before(&self) -> usize {
+        self.stride / 2 + self.boxes / 2 * self.stride
+    }
+
+    /// The first sample of the boxes about sample `k`: at the ends those that have room there.
+    fn first(&self, samples: usize, k: usize) -> usize {
+        k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
+    }
+
+    /// The boxes about sample `k`.
+    pub(super) fn at(&self, time_s: &[f64], k: usize) -> Boxes {
+        let first = self.first(time_s.len(), k);
+        let middle = first + self.before();
+        let weights = match &self.even {
+            Some(even) if middle == k => even.weights,
+            Some(even) => self.slope_of(&even.polynomial, (k as f64 - middle as f64) / self.stride as f64),
+            None => {
+                let powers = self.powers(time_s, k, first).try_inverse();
+                powers.map_or([f64::NAN; BOXES], |polynomial| self.slope_of(&polynomial, 0.0))
+            }
+        };
+        Boxes { first, stride: self.stride, count: self.boxes, weights }
+    }
+
+    /// Width of a box, s.
+    fn width_s(&self) -> f64 {
+        self.stride as f64 * self.steps.interval_s
+    }
+
+    /// Box by box the means of the powers of time from sample `k` on, in widths of a box; the boxes begin with sample `first`. With fewer
+    /// boxes the polynomial is of a lower degree.
+    fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
+        let mut powers = Polynomial::identity();
+        for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
+            column.fill(0.0);
+            for t in &time_s[first + j * self.stride..][..self.stride] {
+                let mut power = 1.0 / self.stride as f64;
+                let since = (t - time_s[k]) / self.width_s();
+                for m in 0..self.boxes {
+                    column[m] += power;
+                    power *= since;
+                }
+            }
+        }
+        powers
+    }
+
+    /// What each box adds to the slope of the polynomial at a time, in widths of a box.
+    fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
+        std::array::from_fn(|j| {
+            let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);
+            slope / self.width_s()
+        })
+    }
+
+    /// Whether the slopes of both differ by no more than noise of `sigma` makes of it, in every stretch and on every axis.
+    pub(super) fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
+        let n = time_s.len();
+        let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
+        let inside = self.before()..(n + self.before() + 1).saturating_sub(self.boxes * self.stride);
+        let count = inside.len().div_ceil(length).max(1);
+        // Neighbouring slopes are of nearly the same samples.
+        let apart = (self.stride / 2).max(length / MOST_LOOKS).max(1);
+        let both = |k: usize| (self.at(time_s, k), narrower.at(time_s, k));
+        let noise_of = |(wide, narrow): (Boxes, Boxes)| wide.noise_of_difference(&narrow);
+        // Of even steps it is the same everywhere.
+        let of_even = self.even.as_ref().zip(narrower.even.as_ref()).map(|(wide, narrow)| {
+            let run = |stencil: &Self, even: &Even| Run {
+                before: stencil.before(),
+                stride: stencil.stride,
+                edges: even.edges,
+            };
+            ([run(self, wide), run(narrower, narrow)], noise_of(both(self.before())))
+        });
+        (0..count).all(|part| {
+            let range = inside.start + part * inside.len() / count..inside.start + (part + 1) * inside.len() / count;
+            let (squares, explained) = match &of_even {
+                Some((runs, noise)) => {
+                    let (squares, looks) = Arch::new().dispatch(Squares { sums, runs, places: range.step_by(apart) });
+                    (squares, looks as f64 * noise)
+                }
+                None => {
+                    let (mut squares, mut explained) = ([0.0; 3], 0.0);
+                    for (wide, narrow) in range.step_by(apart).map(both) {
+                        let difference = wide.slope(sums) - narrow.slope(sums);
+                        if difference.iter().all(|d| d.is_finite()) {
+                            (0..3).for_each(|axis| squares[axis] += difference[axis] * difference[axis]);
+                            explained += noise_of((wide, narrow));
+                        }
+                    }
+                    (squares, explained)
+                }
+            };
+            (0..3).all(|axis| squares[axis] <= AGREE * explained * sigma[axis].powi(2))
+        })
+    }
+}
+
+/// Boxes that are alike at all places.
+struct Run {
+    /// Samples from the first of the boxes to that which they are about.
+    before: usize,
+    stride: usize,
+    edges: Edges,
+}
+
+/// The sums of the squares of what the slopes of two runs differ by, the wide one first, and at how many places no value is missing.
+struct Squares<'a> {
+    sums: &'a Sums,
+    runs: &'a [Run; 2],
+    places: StepBy<Range<usize>>,
+}
+
+impl WithSimd for Squares<'_> {
+    type Output = ([f64; 3], usize);
+
+    #[inline(always)] // With the widest registers.
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let Self { sums: Sums(sums), runs: [wide, narrow], places } = self;
+        let (mut squares, mut looks) = ([0.0; 4], 0);
+        for k in places {
+            let mut difference = [0.0; 4];
+            let own = &sums[k - wide.before..];
+            if own[0].w != own[BOXES * wide.stride].w {
+                continue;
+            }
+            add(own, wide, 1.0, &mut difference);
+            add(&sums[k - narrow.before..], narrow, -1.0, &mut difference);
+            (0..4).for_each(|lane| squares[lane] += difference[lane] * difference[lane]);
+            looks += 1;
+        }
+        ([squares[0], squares[1], squares[2]], looks)
+    }
+}
+
+/// Adds so many times what the boxes of a run make of sums.
+#[inline(always)] // With the widest registers that the caller has.
+fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
+    for (edge, share) in run.edges.iter().enumerate() {
+        let (sum, share) = (&sums[edge * run.stride], times * share);
+        for lane in 0..4 {
+            to[lane] += share * sum[lane];
+        }
+    }
+}
+
+/// Boxes in a row and what each adds to a derivative.
+pub(super) struct Boxes {
+    first: usize,
+    stride: usize,
+    count: usize,
+    weights: [f64; BOXES],
+}
+
+impl Boxes {
+    /// NaN if a value is missing.
+    pub(super) fn slope(&self, sums: &Sums) -> Vector3<f64> {
+        let edge = |j: usize| &sums.0[self.first + j * self.stride];
+        if edge(0).w != edge(self.count).w {
+            return Vector3::repeat(f64::NAN);
+        }
+        let sum = |j: usize| edge(j + 1) - edge(j);
+        // Of what differs from the middle: what is the same in all is no reason for a rounding error.
+        let middle = sum(self.count / 2);
+        let slope: Vector4<f64> = (0..self.count).map(|j| (sum(j) - middle) * self.weights[j]).sum();
+        slope.xyz() / self.stride as f64
+    }
+
+    /// The variance of the difference to narrower ones for values with noise of one.
+    fn noise_of_difference(&self, narrower: &Self) -> f64 {
+        let of = |boxes: &Self, k: usize| {
+            let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);
+            place.and_then(|j| boxes.weights.get(j)).map_or(0.0, |weight| weight / boxes.stride as f64)
+        };
+        let end = self.first + BOXES * self.stride;
+        (self.first..end).map(|k| (of(self, k) - of(narrower, k)).powi(2)).sum()
+    }
+}
