@@ -64,7 +64,7 @@ impl Gram {
     /// The same, the scales of a model that is nearly this one being known: they are where the rounds begin.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
-        weighing.evidence(0.0, &weighing.sweep(near)?)
+        weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)
     }
 
     /// The least chi2 that a group alone can have with these columns, over its number of rows; none with a model of these columns is

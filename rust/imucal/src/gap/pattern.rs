@@ -65,11 +65,10 @@ impl<'a> Judge<'a> {
         let swept = weighing.sweep(&before.scales)?;
         // What gains next to nothing at the scales of the model gains no more by narrowing them.
         let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > WORTH_ASKING)?;
-        let mut evidence = weighing.evidence(first, &swept)?;
+        let (mut evidence, swept) = weighing.evidence(first, swept)?;
         // What explains much narrows the scales, and is the larger for it.
-        if let Some(swept) = weighing.sweep(&evidence.scales)
-            && let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != first)
-            && let Some(other) = weighing.evidence(again, &swept).filter(|other| other.log > evidence.log)
+        if let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != first)
+            && let Some((other, _)) = weighing.evidence(again, swept).filter(|(other, _)| other.log > evidence.log)
         {
             evidence = other;
         }

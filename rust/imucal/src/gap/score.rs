@@ -10,10 +10,10 @@ use imucal_core::effects::{Effect, Sensor};
 use super::Scattering;
 use super::design::{Candidate, Design};
 use super::detect::visible_noncentrality;
-use super::evidence::{Column, Gram};
+use super::evidence::{Column, Evidence, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
-use super::weighing::{Aside, Weighing};
+use super::weighing::{Aside, Common, SweptCommon};
 use super::{Score, Trace};
 use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;
@@ -56,69 +56,38 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
     // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
-    let all = Weighing::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
+    let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
-    let plain = if stage.evidence.scales == unwidened { widened.clone() } else { all.sweep(&unwidened) };
-    let left = plain.as_ref().map(|plain| all.left(plain));
+    let plain = if stage.evidence.scales == unwidened { None } else { all.sweep(&unwidened) };
     let ends = candidates.iter().scan(0, |end, candidate| {
         *end += candidate.typical.len();
         Some(*end)
     });
     let own: Vec<Range<usize>> = ends.zip(candidates).map(|(end, c)| end - c.typical.len()..end).collect();
-    let seen = |own: &Range<usize>| {
-        let spectrum = left.as_ref().map_or_else(Vec::new, |left| left.part(own.clone()).spectrum());
-        spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).count()
-    };
-    let dofs: Vec<usize> = own.iter().map(seen).collect();
+    let look =
+        |place: usize| look_at(&candidates[place], &all, own[place].clone(), [&plain, &widened], &stage.evidence);
+    let looks: Vec<Option<Look>> = in_order(processors(), candidates.len(), look);
     let tests = {
-        let mut seen: Vec<&str> =
-            candidates.iter().zip(&dofs).filter(|(_, dof)| **dof > 0).map(|(c, _)| c.name.as_str()).collect();
-        seen.sort_unstable();
-        seen.dedup();
-        seen.len()
+        let seen = candidates.iter().zip(&looks).filter(|(_, look)| look.is_some()).map(|(c, _)| c.name.as_str());
+        seen.collect::<BTreeSet<&str>>().len()
     };
     let noncentralities: BTreeMap<usize, f64> = {
-        let distinct: BTreeSet<usize> = dofs.iter().copied().filter(|dof| *dof > 0).collect();
+        let distinct: BTreeSet<usize> = looks.iter().flatten().map(|look| look.dof).collect();
         distinct.into_iter().map(|dof| (dof, visible_noncentrality(dof, tests))).collect()
     };
-    let before = &stage.evidence;
-    // The size that would be seen, and the score.
-    let look = |place: usize| -> Option<(f64, Option<Judged>)> {
-        let (candidate, dof) = (&candidates[place], dofs[place]);
-        let noncentrality = noncentralities.get(&dof)?;
-        let beside = all.part(own[place].clone());
-        let swept = all.part_of(widened.as_ref()?, own[place].clone());
-        let size = (noncentrality / beside.left(&swept).trace()).sqrt() * candidate.typical[0];
-        let judged = || {
-            let free = beside.evidence(NO_PRIOR, &swept)?;
-            // The scales hardly depend on the width, and the best one not at all on what little they do.
-            let settled = if free.scales == swept.scales { swept } else { beside.sweep(&free.scales)? };
-            let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
-            let statistic = (before.deviance - free.deviance).max(0.0);
-            let score = Score {
-                name: candidate.name.clone(),
-                log_bayes_factor: beside.evidence(width, &settled)?.log - before.log,
-                statistic,
-                dof,
-                p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
-                rivals: Vec::new(),
-            };
-            Some(Judged { score, width, shape: candidate.shape })
-        };
-        Some((size, judged()))
-    };
-    for (candidate, seen) in candidates.iter().zip(in_order(processors(), candidates.len(), look)) {
-        let Some((size, judged)) = seen else {
+    for (candidate, look) in candidates.iter().zip(looks) {
+        let Some(look) = look else {
             if !blind.iter().any(|(name, _)| *name == candidate.name) {
                 blind.push((candidate.name.clone(), observable(&candidate.name)));
             }
             continue;
         };
+        let size = (noncentralities[&look.dof] / look.trace).sqrt() * candidate.typical[0];
         match visible.iter_mut().find(|(name, _, _): &&mut (String, f64, String)| *name == candidate.name) {
             Some(entry) => entry.1 = entry.1.min(size),
             None => visible.push((candidate.name.clone(), size, unit(&candidate.name))),
         }
-        let Some(judged) = judged else { continue };
+        let Some(judged) = look.judged else { continue };
         match scores.iter_mut().find(|other| other.score.name == candidate.name) {
             Some(other) if other.score.log_bayes_factor >= judged.score.log_bayes_factor => {}
             Some(other) => *other = judged,
@@ -127,6 +96,48 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     }
     blind.retain(|(name, _)| !scores.iter().any(|judged| judged.score.name == *name));
     Judgement { scores, blind, visible }
+}
+
+/// What is seen of a candidate beside a model.
+struct Look {
+    /// Directions of its parameters that noise alone lets be seen.
+    dof: usize,
+    /// What a typical size of it moves chi2 by.
+    trace: f64,
+    judged: Option<Judged>,
+}
+
+/// Looks at a candidate, which has these of all columns, with the model swept out where only noise scatters (`None` if it is where the
+/// residuals scatter as they do) and there; `None` where it is not seen.
+fn look_at(
+    candidate: &Candidate,
+    all: &Common<'_>,
+    own: Range<usize>,
+    [plain, widened]: [&Option<SweptCommon>; 2],
+    before: &Evidence,
+) -> Option<Look> {
+    let beside = all.weighing(own.clone());
+    let swept = all.part_of(widened.as_ref()?, &beside, own.clone());
+    let left = beside.left(&swept);
+    let unwidened = plain.as_ref().map(|plain| beside.left(&all.part_of(plain, &beside, own)));
+    let spectrum = unwidened.as_ref().unwrap_or(&left).spectrum();
+    let dof = spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).count();
+    let judged = || {
+        // The scales hardly depend on the width, and the best one not at all on what little they do.
+        let (free, settled) = beside.evidence(NO_PRIOR, swept)?;
+        let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
+        let statistic = (before.deviance - free.deviance).max(0.0);
+        let score = Score {
+            name: candidate.name.clone(),
+            log_bayes_factor: beside.evidence(width, settled)?.0.log - before.log,
+            statistic,
+            dof,
+            p_value: p_value(statistic, dof + usize::from(candidate.shape.is_some())),
+            rivals: Vec::new(),
+        };
+        Some(Judged { score, width, shape: candidate.shape })
+    };
+    (dof > 0).then(|| Look { dof, trace: left.trace(), judged: judged() })
 }
 
 /// What a candidate gains on rests and moves held out; `None` where noise explains what it leaves, for its p-value is that of

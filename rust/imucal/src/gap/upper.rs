@@ -7,7 +7,8 @@ use pulp::Simd;
 /// As many numbers as the widest register has.
 const LANES: usize = 8;
 
-/// The upper half of a symmetric matrix, row by row, each filled up to whole registers: what is left of the diagonal means nothing.
+/// The upper half of a symmetric matrix, or the first rows of it, each filled up to whole registers: what is left of the diagonal means
+/// nothing.
 #[derive(Clone)]
 pub(super) struct Upper {
     size: usize,
@@ -18,11 +19,16 @@ pub(super) struct Upper {
 
 impl Upper {
     pub(super) fn zeros(size: usize) -> Self {
-        let width = size.next_multiple_of(LANES);
-        Self { size, width, numbers: vec![0.0; size * width] }
+        Self::first_rows(size, size)
     }
 
-    /// Number of rows.
+    /// Only so many rows of zeros.
+    pub(super) fn first_rows(rows: usize, size: usize) -> Self {
+        let width = size.next_multiple_of(LANES);
+        Self { size, width, numbers: vec![0.0; rows * width] }
+    }
+
+    /// Number of columns.
     pub(super) fn size(&self) -> usize {
         self.size
     }
@@ -45,13 +51,13 @@ impl Upper {
         &mut self.numbers[i * self.width + j]
     }
 
-    /// Of some of its rows and columns, in their order.
+    /// Of some of its rows and columns, in their order; rows that it does not have are zero.
     pub(super) fn part(&self, own: &[Range<usize>]) -> Self {
         let mut part = Self::zeros(own.iter().map(Range::len).sum());
         let mut to = part.numbers.chunks_exact_mut(part.width);
         let rows = own.iter().enumerate().flat_map(|(run, rows)| rows.clone().map(move |row| (run, row)));
         for ((run, row), to) in rows.zip(&mut to) {
-            let from = &self.numbers[row * self.width..(row + 1) * self.width];
+            let Some(from) = self.numbers.get(row * self.width..(row + 1) * self.width) else { break };
             let mut next = own[..run].iter().map(Range::len).sum::<usize>();
             for run in &own[run..] {
                 to[next..next + run.len()].copy_from_slice(&from[run.clone()]);
@@ -108,6 +114,25 @@ impl Upper {
             own[k] = -share;
         }
         Some(volume.logarithm())
+    }
+
+    /// The same as [`sweep`](Self::sweep) of the first rows, so many, where it is known what that makes of these.
+    #[inline(always)]
+    pub(super) fn sweep_as<S: Simd>(&mut self, simd: S, known: usize, swept: &Self) {
+        let (width, lanes) = (self.width, S::F64_LANES);
+        let (top, rest) = self.numbers.split_at_mut(known * width);
+        for (a, row) in rest.chunks_exact_mut(width).enumerate() {
+            let column = known + a;
+            let first = column / lanes * lanes;
+            let (to, _) = S::as_mut_simd_f64s(&mut row[first..]);
+            for (own, by) in top.chunks_exact(width).zip(swept.numbers.chunks_exact(width)) {
+                let share = simd.splat_f64s(own[column]);
+                for (to, from) in to.iter_mut().zip(S::as_simd_f64s(&by[first..]).0) {
+                    *to = simd.negate_mul_add_e_f64s(share, *from, *to);
+                }
+            }
+        }
+        top.copy_from_slice(&swept.numbers[..known * width]);
     }
 
     /// `v^T A v` and the trace of `A B`, A being this one.
@@ -214,6 +239,23 @@ mod tests {
         let eigenvalues = faer::Mat::from_fn(n, n, a).self_adjoint_eigenvalues(faer::Side::Lower).unwrap();
         let expected: f64 = eigenvalues.iter().map(|value| value.ln()).sum();
         assert!((log_determinant - expected).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_swept_of_all_columns_is_swept_of_some() {
+        let (n, size, own) = (5, 12, [0..5, 7..9, 11..12]);
+        let a = |i: usize, j: usize| 1.0 / (1 + i + j) as f64 + if i == j { 1.0 } else { 0.0 };
+        let mut first = Upper::first_rows(n, size);
+        (0..n).for_each(|i| first.row_mut(i).iter_mut().enumerate().for_each(|(k, to)| *to = a(i, i + k)));
+        let volume = first.sweep(pulp::Scalar, 0..n).unwrap();
+        let (mut one_by_one, mut at_once) = (upper(size, a).part(&own), upper(size, a).part(&own));
+        assert!((one_by_one.sweep(pulp::Scalar, 0..n).unwrap() - volume).abs() < 1e-14);
+        at_once.sweep_as(pulp::Scalar, n, &first.part(&own));
+        for i in 0..at_once.size() {
+            for (known, own) in at_once.row(i).iter().zip(one_by_one.row(i)) {
+                assert!((known - own).abs() < 1e-14, "{i}: {known} {own}");
+            }
+        }
     }
 
     #[test]

@@ -9,29 +9,38 @@
 //!
 //! With the scales that the evidence itself settles at this is its gain; with others it tells which widths are worth asking it for.
 
+mod common;
+mod left;
+
 use std::ops::Range;
 
-use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::{Column, Evidence, Gram, RIDGE};
 use super::upper::Upper;
+pub(crate) use common::{Common, SweptCommon};
+pub(crate) use left::Left;
 
 /// Scales and parameters depend on each other; the last round is taken as it is.
 const SCALE_ROUNDS: usize = 20;
-/// Scales have settled where the evidence at them is so near to its maximum, nats.
-const SETTLED: f64 = 1e-4;
+/// So little of the evidence is told well from where the scales are, nats: what the parameters follow them by gains a hundredth of that.
+const FORESEEN: f64 = 0.05;
 
 /// A column beside a model: its place in the sums, and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// A model's columns, and those beside it, each divided by its length.
-pub(crate) struct Weighing<'a> {
+/// Columns of a model and of what is beside it, each divided by its length.
+struct Columns<'a> {
     gram: &'a Gram,
     model: &'a [Column],
     beside: Vec<Aside>,
-    /// One over the length of each column, and of the residual, which comes last and is as it is.
+    /// One over the length of each, and of the residual, which comes last and is as it is.
     unit: Vec<f64>,
+}
+
+/// A model and columns beside it, to be weighed.
+pub(crate) struct Weighing<'a> {
+    columns: Columns<'a>,
     /// Their sums, group by group.
     parts: Vec<Upper>,
 }
@@ -47,49 +56,58 @@ pub(crate) struct Swept {
     volume: f64,
 }
 
-/// What a model leaves of columns beside it, in typical sizes, and of the residuals, which come last.
-pub(crate) struct Left {
-    sums: Upper,
-    /// What each column is without the model.
-    whole: Vec<f64>,
-}
-
-impl<'a> Weighing<'a> {
-    pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
-        let n = model.len() + beside.len();
+impl<'a> Columns<'a> {
+    fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
         let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
         // Columns of length one: sums of squares would lose the small ones otherwise.
-        let unit: Vec<f64> = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
-        let place: Vec<usize> = columns.iter().map(|column| column.place).chain([gram.residual]).collect();
-        let part = |sum: &Mat<f64>| {
-            let mut part = Upper::zeros(n + 1);
-            for i in 0..=n {
+        let unit = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
+        Self { gram, model, beside, unit }
+    }
+
+    /// How many there are.
+    fn count(&self) -> usize {
+        self.model.len() + self.beside.len()
+    }
+
+    /// Their places in the sums, and that of the residual.
+    fn places(&self) -> Vec<usize> {
+        let columns = self.model.iter().map(|column| column.place).chain(self.beside.iter().map(|(place, _)| *place));
+        columns.chain([self.gram.residual]).collect()
+    }
+
+    /// Fills some rows of their sums.
+    fn fill(&self, sums: &mut [Upper], rows: &Range<usize>) {
+        let (place, unit) = (self.places(), &self.unit);
+        for (part, sum) in sums.iter_mut().zip(&self.gram.sums) {
+            for i in rows.clone() {
                 let from = sum.col_as_slice(place[i]);
                 let to = part.row_mut(i).iter_mut().zip(&place[i..]).zip(&unit[i..]);
                 to.for_each(|((to, place), own)| *to = from[*place] * own * unit[i]);
             }
-            part
-        };
-        let parts = gram.sums.iter().map(part).collect();
-        Self { gram, model, beside, unit, parts }
-    }
-
-    /// The same model with some of the columns beside it.
-    pub(crate) fn part(&self, own: Range<usize>) -> Self {
-        let columns = self.own(own.clone());
-        Self {
-            beside: self.beside[own].to_vec(),
-            unit: columns.iter().flat_map(|run| &self.unit[run.clone()]).copied().collect(),
-            parts: self.parts.iter().map(|part| part.part(&columns)).collect(),
-            ..*self
         }
     }
 
-    /// The columns of the model, some of those beside it, and the residual.
-    fn own(&self, beside: Range<usize>) -> [Range<usize>; 3] {
-        let (n, last) = (self.model.len(), self.model.len() + self.beside.len());
-        [0..n, n + beside.start..n + beside.end, last..last + 1]
+    /// Adds these sums over their scales, and what is known of the model.
+    #[inline(always)] // With the widest registers.
+    fn add_up<S: Simd>(&self, simd: S, parts: &[Upper], scales: &[f64], to: &mut Upper) {
+        let last = self.count();
+        to.set_sum(simd, parts.iter().zip(scales).map(|(part, scale)| (1.0 / scale, part)));
+        for (i, column) in self.model.iter().enumerate() {
+            let precision = column.precision * self.unit[i] * self.unit[i];
+            *to.at(i, i) += precision + RIDGE;
+            *to.at(i, last) += precision * column.value / self.unit[i];
+        }
+    }
+}
+
+impl<'a> Weighing<'a> {
+    pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
+        let columns = Columns::new(gram, model, beside);
+        let rows = 0..columns.count() + 1;
+        let mut parts = vec![Upper::zeros(rows.len()); gram.sums.len()];
+        columns.fill(&mut parts, &rows);
+        Self { columns, parts }
     }
 
     /// Sweeps the model out of the sums at these scales; `None` where it is not determined.
@@ -97,17 +115,12 @@ impl<'a> Weighing<'a> {
         Arch::new().dispatch(Sweep(self, scales))
     }
 
-    /// Of some of the columns beside the model, what is swept of all.
-    pub(crate) fn part_of(&self, swept: &Swept, own: Range<usize>) -> Swept {
-        let sums = swept.sums.part(&self.own(own.clone()));
-        Swept { scales: swept.scales.clone(), sums, whole: swept.whole[own].to_vec(), volume: swept.volume }
-    }
-
     /// What the model leaves.
     pub(crate) fn left(&self, swept: &Swept) -> Left {
-        let (n, k) = (self.model.len(), self.beside.len());
+        let Columns { model, beside, unit, .. } = &self.columns;
+        let (n, k) = (model.len(), beside.len());
         let sizes: Vec<f64> =
-            self.beside.iter().zip(&self.unit[n..]).map(|((_, typical), unit)| typical / unit).chain([1.0]).collect();
+            beside.iter().zip(&unit[n..]).map(|((_, typical), unit)| typical / unit).chain([1.0]).collect();
         let mut sums = Upper::zeros(k + 1);
         for a in 0..=k {
             let to = sums.row_mut(a).iter_mut().zip(swept.sums.row(n + a)).zip(&sizes[a..]);
@@ -117,119 +130,83 @@ impl<'a> Weighing<'a> {
         Left { sums, whole }
     }
 
-    /// The evidence with a prior of so many typical sizes for what is beside the model, the scales beginning at those of what is swept;
-    /// `None` where it is not determined.
-    pub(crate) fn evidence(&self, width: f64, swept: &Swept) -> Option<Evidence> {
+    /// The evidence with a prior of so many typical sizes for what is beside the model, the scales beginning at those of what is swept,
+    /// and what is swept where they have settled; `None` where it is not determined.
+    pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Arch::new().dispatch(Settle(self, width, swept))
+    }
+
+    /// The sums at some scales, nothing swept yet.
+    #[inline(always)] // With the widest registers.
+    fn whole<S: Simd>(&self, simd: S, scales: &[f64]) -> Swept {
+        let (n, all) = (self.columns.model.len(), self.columns.count());
+        let mut sums = Upper::zeros(all + 1);
+        self.columns.add_up(simd, &self.parts, scales, &mut sums);
+        let whole = (n..all).map(|i| *sums.at(i, i)).collect();
+        Swept { scales: scales.to_vec(), sums, whole, volume: 0.0 }
     }
 
     #[inline(always)] // With the widest registers.
     fn swept<S: Simd>(&self, simd: S, scales: &[f64]) -> Option<Swept> {
-        let (n, k) = (self.model.len(), self.beside.len());
-        let mut sums = Upper::zeros(n + k + 1);
-        sums.set_sum(simd, self.parts.iter().zip(scales).map(|(part, scale)| (1.0 / scale, part)));
-        for (i, column) in self.model.iter().enumerate() {
-            let precision = column.precision * self.unit[i] * self.unit[i];
-            *sums.at(i, i) += precision + RIDGE;
-            *sums.at(i, n + k) += precision * column.value / self.unit[i];
-        }
-        let whole = (n..n + k).map(|i| *sums.at(i, i)).collect();
-        let volume = sums.sweep(simd, 0..n)?;
-        Some(Swept { scales: scales.to_vec(), sums, whole, volume })
+        let mut swept = self.whole(simd, scales);
+        swept.volume = swept.sums.sweep(simd, 0..self.columns.model.len())?;
+        Some(swept)
     }
 
     #[inline(always)] // With the widest registers.
-    fn settled<S: Simd>(&self, simd: S, width: f64, swept: &Swept) -> Option<Evidence> {
-        let Self { gram, model, beside, unit, parts } = self;
+    fn settled<S: Simd>(&self, simd: S, width: f64, mut swept: Swept) -> Option<(Evidence, Swept)> {
+        let Self { columns: Columns { gram, model, beside, unit }, parts } = self;
         let n = model.len() + beside.len();
         let of_beside = beside.iter().map(|(_, typical)| ((width * typical).powi(-2), 0.0));
         let priors = model.iter().map(|column| (column.precision, column.value)).chain(of_beside);
         let (precision, offset): (Vec<f64>, Vec<f64>) =
             priors.zip(unit).map(|((precision, value), unit)| (precision * unit * unit, value / unit)).unzip();
-        let Swept { mut scales, sums: mut normal, volume: mut of_model, .. } = swept.clone();
         let mut chi2 = vec![0.0; parts.len()];
         for round in 1..=SCALE_ROUNDS {
+            let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
-            let volume = of_model + normal.sweep(simd, model.len()..n)?;
+            let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
             // What is left of the residual is it less so much of each column.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // The evidence at these scales, and what it lacks: where it is largest it bends by half the rows in the logarithm of a scale.
-            let (mut held, mut lacking) = (0.0, 0.0);
+            // The evidence at these scales, what it gains from there to its maximum if the parameters stay, and the deviance there.
+            let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
+            let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {
                 let [left, unspent] = part.between(simd, &delta, &normal);
                 chi2[g] = left.max(0.0);
-                let free = gram.rows[g] + unspent / scales[g];
-                let scale = if free < 1.0 { scales[g] } else { (chi2[g] / free).max(1.0) };
-                held += gram.rows[g] * scales[g].ln() + chi2[g] / scales[g];
-                lacking += gram.rows[g] / 4.0 * (scale / scales[g] - 1.0).powi(2);
+                let (rows, before) = (gram.rows[g], scales[g]);
+                let free = rows + unspent / before;
+                let scale = if free < 1.0 { before } else { (chi2[g] / free).max(1.0) };
+                held += rows * before.ln() + chi2[g] / before;
+                gain += 0.5 * (free * (before / scale).ln() + chi2[g] * (1.0 / before - 1.0 / scale));
+                deviance += rows * scale.ln() + chi2[g] / scale;
                 scales[g] = scale;
             }
-            if lacking < SETTLED || round == SCALE_ROUNDS {
+            if gain < FORESEEN || round == SCALE_ROUNDS {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
-                let deviance: f64 = (0..parts.len()).map(|g| gram.rows[g] * scales[g].ln() + chi2[g] / scales[g]).sum();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
                 // The lengths of the base columns are the same in all models, those of the others cancel.
-                return Some(Evidence {
-                    log: -0.5 * (held + prior + volume - given),
+                let evidence = Evidence {
+                    log: gain - 0.5 * (held + prior + volume - given),
                     deviance,
                     chi2: chi2.iter().sum(),
                     scales,
                     theta: theta.iter().zip(unit).map(|(theta, unit)| theta * unit).collect(),
-                });
+                };
+                return Some((evidence, swept));
             }
-            Swept { sums: normal, volume: of_model, .. } = self.swept(simd, &scales)?;
+            swept = self.swept(simd, &scales)?;
         }
         None
     }
 }
 
-impl Left {
-    fn columns(&self) -> usize {
-        self.sums.size() - 1
-    }
-
-    /// Of some of the columns.
-    pub(crate) fn part(&self, own: Range<usize>) -> Self {
-        let k = self.columns();
-        Self { sums: self.sums.part(&[own.clone(), k..k + 1]), whole: self.whole[own].to_vec() }
-    }
-
-    /// The width of the prior, in typical sizes, with the largest gain of the logarithm of the evidence, and that gain; `None` where none
-    /// can be computed.
-    pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
-        Arch::new().dispatch(BestWidth(self, widths))
-    }
-
-    #[inline(always)]
-    fn gain<S: Simd>(&self, simd: S, width: f64) -> Option<f64> {
-        let (mut sums, k) = (self.sums.clone(), self.columns());
-        let residual = *sums.at(k, k);
-        (0..k).for_each(|a| *sums.at(a, a) += 1.0 / (width * width));
-        let volume = sums.sweep(simd, 0..k)? + 2.0 * k as f64 * width.ln();
-        Some(0.5 * (residual - *sums.at(k, k) - volume))
-    }
-
-    /// What each direction of the parameters moves chi2 by; what is below the rounding of what was subtracted is nothing.
-    pub(crate) fn spectrum(&self) -> Vec<f64> {
-        let k = self.columns();
-        let normal = Mat::from_fn(k, k, |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
-        let Ok(values) = normal.self_adjoint_eigenvalues(faer::Side::Lower) else { return Vec::new() };
-        let rounding = 1e-9 * self.whole.iter().sum::<f64>();
-        values.into_iter().map(|value| if value > rounding { value } else { 0.0 }).collect()
-    }
-
-    /// The sum of these.
-    pub(crate) fn trace(&self) -> f64 {
-        (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
-    }
-}
-
-struct Settle<'a>(&'a Weighing<'a>, f64, &'a Swept);
+struct Settle<'a>(&'a Weighing<'a>, f64, Swept);
 
 impl WithSimd for Settle<'_> {
-    type Output = Option<Evidence>;
+    type Output = Option<(Evidence, Swept)>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
@@ -248,26 +225,10 @@ impl WithSimd for Sweep<'_> {
     }
 }
 
-struct BestWidth<'a>(&'a Left, &'a [f64]);
-
-impl WithSimd for BestWidth<'_> {
-    type Output = Option<(f64, f64)>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let mut best: Option<(f64, f64)> = None;
-        // Not in a closure, which would be compiled for other registers.
-        for &width in self.1 {
-            if let Some(gain) = self.0.gain(simd, width).filter(|gain| best.is_none_or(|(_, most)| *gain > most)) {
-                best = Some((width, gain));
-            }
-        }
-        best
-    }
-}
-
 #[cfg(test)]
 mod tests {
+    use faer::Mat;
+
     use super::*;
 
     /// With scales of one the gain is the difference of two evidences, whatever the width.
@@ -293,7 +254,7 @@ mod tests {
             let with = [model[0], model[1], Column { place: 2, precision, value: 0.0 }];
             let gain = gram.evidence(&with).unwrap().log - plain.log;
             assert!((left.gain(pulp::Scalar, width).unwrap() - gain).abs() < 1e-9, "{width}: {gain}");
-            let beside = weighing.evidence(width, &swept).unwrap().log - plain.log;
+            let beside = weighing.evidence(width, swept.clone()).unwrap().0.log - plain.log;
             assert!((beside - gain).abs() < 1e-9, "{width}: {beside} {gain}");
         }
     }

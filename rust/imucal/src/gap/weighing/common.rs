@@ -1,0 +1,95 @@
+//! A model that is swept once for many columns beside it.
+
+use std::ops::Range;
+
+use pulp::{Arch, Simd, WithSimd};
+
+use super::super::evidence::{Column, Gram};
+use super::super::upper::Upper;
+use super::{Aside, Columns, Swept, Weighing};
+
+/// A model and many columns beside it, of which each is weighed with a few others: their products with the model, and no others.
+pub(crate) struct Common<'a> {
+    columns: Columns<'a>,
+    /// The first rows of their sums.
+    parts: Vec<Upper>,
+}
+
+/// A model that is swept at some scales, and what all columns beside it have in common with it.
+pub(crate) struct SweptCommon {
+    scales: Vec<f64>,
+    sums: Upper,
+    volume: f64,
+}
+
+impl<'a> Common<'a> {
+    pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
+        let columns = Columns::new(gram, model, beside);
+        let rows = 0..model.len();
+        let mut parts = vec![Upper::first_rows(rows.len(), columns.count() + 1); gram.sums.len()];
+        columns.fill(&mut parts, &rows);
+        Self { columns, parts }
+    }
+
+    /// Sweeps the model out of all at these scales; `None` where it is not determined.
+    pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
+        Arch::new().dispatch(SweepCommon(self, scales))
+    }
+
+    /// The model with some of the columns.
+    pub(crate) fn weighing(&self, own: Range<usize>) -> Weighing<'a> {
+        let Columns { gram, model, ref beside, ref unit } = self.columns;
+        let runs = self.runs(own.clone());
+        let columns = Columns {
+            gram,
+            model,
+            beside: beside[own].to_vec(),
+            unit: runs.iter().flat_map(|run| &unit[run.clone()]).copied().collect(),
+        };
+        let mut parts: Vec<Upper> = self.parts.iter().map(|part| part.part(&runs)).collect();
+        columns.fill(&mut parts, &(model.len()..columns.count() + 1));
+        Weighing { columns, parts }
+    }
+
+    /// Of a weighing of some of the columns, what is swept of all.
+    pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
+        let known = swept.sums.part(&self.runs(own));
+        Arch::new().dispatch(SweepAs(weighing, swept, &known))
+    }
+
+    /// The columns of the model, some of those beside it, and the residual.
+    fn runs(&self, own: Range<usize>) -> [Range<usize>; 3] {
+        let (n, last) = (self.columns.model.len(), self.columns.count());
+        [0..n, n + own.start..n + own.end, last..last + 1]
+    }
+}
+
+struct SweepCommon<'a>(&'a Common<'a>, &'a [f64]);
+
+impl WithSimd for SweepCommon<'_> {
+    type Output = Option<SweptCommon>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let Self(Common { columns, parts }, scales) = self;
+        let n = columns.model.len();
+        let mut sums = Upper::first_rows(n, columns.count() + 1);
+        columns.add_up(simd, parts, scales, &mut sums);
+        let volume = sums.sweep(simd, 0..n)?;
+        Some(SweptCommon { scales: scales.to_vec(), sums, volume })
+    }
+}
+
+struct SweepAs<'a>(&'a Weighing<'a>, &'a SweptCommon, &'a Upper);
+
+impl WithSimd for SweepAs<'_> {
+    type Output = Swept;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
+        let Self(weighing, common, known) = self;
+        let mut swept = weighing.whole(simd, &common.scales);
+        swept.sums.sweep_as(simd, weighing.columns.model.len(), known);
+        Swept { volume: common.volume, ..swept }
+    }
+}
