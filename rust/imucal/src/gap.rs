@@ -21,6 +21,7 @@ mod moments;
 mod path;
 mod pattern;
 mod predict;
+mod products;
 mod revise;
 mod score;
 mod shares;

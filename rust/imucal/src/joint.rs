@@ -43,6 +43,8 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use fields::{Field, ways};
+pub(crate) use inside::Insides;
+pub(crate) use inside::lanes::Lanes;
 pub(crate) use layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 pub(crate) use linear::{INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;

@@ -3,7 +3,7 @@
 use std::borrow::Cow;
 use std::iter::once;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use faer::Mat;
 
@@ -11,7 +11,7 @@ use super::evidence::{Column, Gram};
 use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
-use crate::joint::{BASE, INSIDE, Joint, Kinds, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
+use crate::joint::{BASE, INSIDE, Insides, Joint, Kinds, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
 use crate::moves::axis_aside;
 
 /// One effect in the design.
@@ -29,6 +29,7 @@ pub(crate) struct Candidate {
 /// Residuals at a model and the columns beside it.
 #[derive(Clone)]
 pub(crate) struct Design {
+    /// Of the model with each candidate by itself; of all with all where some candidates have joined.
     pub(crate) gram: Gram,
     /// Columns of the model that is there: base, its effects, the stand.
     pub(crate) model: Vec<Column>,
@@ -39,12 +40,54 @@ pub(crate) struct Design {
 
 /// Columns of one linearisation.
 pub(crate) struct Rows {
-    pub(crate) columns: Mat<f64>,
+    made: Made,
+    /// The same in one matrix, once it is asked for.
+    columns: OnceLock<Mat<f64>>,
+    /// Sums of all their products, group by group, once they are asked for.
+    products: OnceLock<Vec<Mat<f64>>>,
     /// The group of each row, and the rest or move that it is about.
     groups: Vec<usize>,
     items: Vec<usize>,
     /// With which axes the directions across gravity are made.
     axes: Vec<usize>,
+}
+
+/// Columns and the residual, which comes last, as whitening makes them.
+struct Made {
+    /// All rows but what is inside the moves, where that stands apart.
+    head: Mat<f64>,
+    inside: Option<Insides>,
+    /// The columns among those inside the moves.
+    order: Vec<usize>,
+}
+
+impl Made {
+    /// All rows in one matrix, without the residual.
+    fn together(&self, rows: usize) -> Mat<f64> {
+        let Self { head, inside, order } = self;
+        let mut all = Mat::zeros(rows, head.ncols() - 1);
+        let mut first = head.nrows();
+        all.as_mut().subrows_mut(0, first).copy_from(head.subcols(0, head.ncols() - 1));
+        let Some((insides, mut lanes)) = inside.as_ref().and_then(|own| Some((own, own.no_rows()?))) else {
+            return all;
+        };
+        for k in 0..insides.moves() {
+            insides.look(k, &mut lanes);
+            for (j, column) in order[..all.ncols()].iter().enumerate() {
+                let to = &mut all.col_as_slice_mut(j)[first..];
+                to.iter_mut().zip(lanes.column(*column)).for_each(|(to, value)| *to = value);
+            }
+            first += lanes.rows();
+        }
+        all
+    }
+}
+
+impl Rows {
+    /// All columns, without the residual.
+    pub(crate) fn columns(&self) -> &Mat<f64> {
+        self.columns.get_or_init(|| self.made.together(self.groups.len()))
+    }
 }
 
 /// Columns at a model: `own` are its effects with the precisions of their priors, `all` these and the candidates beside them,
@@ -55,8 +98,8 @@ pub(crate) fn design(
     all: &Terms<'_>,
     linear: &Arc<Linear>,
 ) -> Result<Design, Error> {
-    let whitened = Joint::of_noise(prepared, all, Arc::clone(linear))?.whiten_together(linear);
-    let last = whitened.ncols() - 1;
+    let (head, inside) = Joint::of_noise(prepared, all, Arc::clone(linear))?.whiten_apart(linear);
+    let last = head.ncols() - 1;
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
     let of_own: Vec<_> = own.all.iter().map(|t| (place_in_all(t.name()), t.count())).map(|(p, n)| p..p + n).collect();
     let values: Vec<f64> = of_own.iter().flat_map(|places| &linear.model.values[places.clone()]).copied().collect();
@@ -76,20 +119,22 @@ pub(crate) fn design(
     }
     let order: Vec<usize> = parts.into_iter().flatten().chain([last]).collect();
     // Beside a model without effects the columns stand in their order.
-    let mut columns = if order.iter().copied().eq(0..=last) {
-        whitened
+    let head = if order.iter().copied().eq(0..=last) {
+        head
     } else {
-        let mut columns = Mat::zeros(whitened.nrows(), width + 1);
-        for (to, from) in order.into_iter().enumerate() {
-            columns.col_as_slice_mut(to).copy_from_slice(whitened.col_as_slice(from));
+        let mut columns = Mat::zeros(head.nrows(), width + 1);
+        for (to, from) in order.iter().enumerate() {
+            columns.col_as_slice_mut(to).copy_from_slice(head.col_as_slice(*from));
         }
         columns
     };
     let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, linear, own.kinds));
-    let gram = Gram::of(&columns, &groups);
-    let residual = columns.col_as_slice(width).to_vec();
-    columns.truncate(columns.nrows(), width);
-    let rows = Rows { columns, groups, items, axes: axes_of(linear) };
+    let blocks: Vec<Range<usize>> = candidates.iter().map(|candidate| candidate.columns.clone()).collect();
+    let apart = inside.as_ref().map(|insides| (insides, order.as_slice()));
+    let (gram, of_insides) = Gram::beside((&head, &groups[..head.nrows()]), apart, own.total(), &blocks);
+    let residual = [head.col_as_slice(width), &of_insides].concat();
+    let made = Made { head, inside, order };
+    let rows = Rows { made, columns: OnceLock::new(), products: OnceLock::new(), groups, items, axes: axes_of(linear) };
     Ok(Design {
         gram,
         model: columns_of(own, precisions, &values, 0..own.total()),
@@ -138,12 +183,18 @@ impl Design {
         let places = (0..BASE).chain(joining.into_iter().flatten()).chain(BASE..self.model.len());
         let is_left = |candidate: &&Candidate| !own.all.iter().any(|term| term.name() == candidate.name);
         Ok(Some(Self {
-            gram: self.gram.with_residual(&self.rows.columns, &residual, &self.rows.groups),
+            gram: self.whole_gram(&residual),
             model: columns_of(own, precisions, &linear.model.values, places),
             candidates: self.candidates.iter().filter(is_left).cloned().collect(),
             residual,
             rows: Arc::clone(&self.rows),
         }))
+    }
+
+    /// The sums of the products of all columns with all, and with a residual.
+    fn whole_gram(&self, residual: &[f64]) -> Gram {
+        let Rows { products, groups, .. } = &*self.rows;
+        self.gram.with_residual(products, self.rows.columns(), residual, groups)
     }
 
     /// Without the candidates of these names.
@@ -153,12 +204,17 @@ impl Design {
         left
     }
 
-    /// The sums with what is inside the moves of each recording in a group of its own, and these groups.
+    /// The sums of all products with what is inside the moves of each recording in a group of its own, and these groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
-            return (Cow::Borrowed(&self.gram), INSIDE..INSIDE + 1);
+            let gram = match self.candidates.is_empty() {
+                true => Cow::Borrowed(&self.gram),
+                false => Cow::Owned(self.whole_gram(&self.residual)),
+            };
+            return (gram, INSIDE..INSIDE + 1);
         }
-        let Rows { columns, groups, items, .. } = &*self.rows;
+        let Rows { groups, items, .. } = &*self.rows;
+        let columns = self.rows.columns();
         let first = STAND_MOVES + 1;
         let apart = |(&group, &item): (&usize, &usize)| {
             if group == INSIDE { first + prepared.rests[item / 2].recording } else { group }
@@ -171,13 +227,13 @@ impl Design {
 
     /// Its residuals, to be predicted item by item.
     pub(crate) fn held(&self) -> Held<'_> {
-        let Rows { columns, groups, items, .. } = &*self.rows;
-        Held { columns, residual: &self.residual, gram: &self.gram, groups, items }
+        let Rows { groups, items, .. } = &*self.rows;
+        Held { columns: self.rows.columns(), residual: &self.residual, gram: &self.gram, groups, items }
     }
 
     /// Its columns, for others to come beside them.
     pub(crate) fn known(&self) -> Known<'_> {
-        Known::new(&self.rows.columns, &self.residual, &self.rows.groups, &self.gram)
+        Known::new(self.rows.columns(), &self.residual, &self.rows.groups, &self.gram)
     }
 
     /// The axes that its directions across gravity are made with.

@@ -65,7 +65,7 @@ pub fn linearise(
     let checked = Checked::try_new(recordings, options)?;
     at_start(&checked, recordings, options, candidates, user_fields, |_, stage| {
         let Design { rows, model, candidates, residual, .. } = &*stage.design;
-        let columns = &rows.columns;
+        let columns = rows.columns();
         let take = |range: std::ops::Range<usize>| {
             (0..columns.nrows()).map(|i| range.clone().map(|j| columns[(i, j)]).collect()).collect()
         };

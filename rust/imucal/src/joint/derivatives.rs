@@ -1,8 +1,10 @@
 //! Derivatives of the whitened residuals against central differences, for every kind of row and every kind of column.
 
+use std::sync::Arc;
+
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
-use super::layout::{BASE, GYRO_SENSITIVITY, STAND_PARAMETERS};
+use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, STAND_PARAMETERS};
 use super::model::Model;
 use super::prepared::Prepared;
 use super::problem::Joint;
@@ -141,6 +143,53 @@ fn derivatives_meet_central_differences() {
             });
         });
     }
+}
+
+/// Move by move the rows are the same as in one matrix, of a linearisation that the residuals follow, too.
+#[test]
+fn what_stands_apart_is_whitened_alike() {
+    let kinds = Kinds { in_motion: true, encoders: false };
+    with(
+        &["gyro_g_sensitivity", "accel_lever_arm", "encoder_time_offset"],
+        kinds,
+        100.0,
+        |prepared, terms, parameters| {
+            let problem = Joint::new(prepared, terms, &parameters).unwrap();
+            let mut change = vec![0.0; parameters.len()];
+            (change[GYRO_BIAS.start], change[BASE]) = (1e-4, 2e-5);
+            let moved = {
+                let changed: Vec<f64> = parameters.iter().zip(&change).map(|(p, by)| p + by).collect();
+                let linear = prepared.linearise(terms, &parameters).unwrap();
+                linear.moved(&change, Model::of(&changed, terms).unwrap())
+            };
+            for linear in [prepared.linearise(terms, &parameters).unwrap(), moved].map(Arc::new) {
+                let (residual, jacobian) = problem.whiten(&linear);
+                let (head, insides) = problem.whiten_apart(&linear);
+                let insides = insides.unwrap();
+                let (mut lanes, mut first) = (insides.no_rows().unwrap(), head.nrows());
+                for k in 0..insides.moves() {
+                    insides.look(k, &mut lanes);
+                    for p in 0..=parameters.len() {
+                        for (i, number) in lanes.column(p).enumerate() {
+                            let row = first + i;
+                            let known = if p < parameters.len() { jacobian[(row, p)] } else { residual[(row, 0)] };
+                            assert!(
+                                (number - known).abs() <= 1e-12 * known.abs().max(1.0),
+                                "{row} {p}: {number} {known}"
+                            );
+                        }
+                    }
+                    first += lanes.rows();
+                }
+                assert_eq!((first, first - head.nrows()), (jacobian.nrows(), insides.rows()));
+                let n = parameters.len();
+                assert!(
+                    (0..head.nrows())
+                        .all(|row| head[(row, 0)] == jacobian[(row, 0)] && head[(row, n)] == residual[(row, 0)])
+                );
+            }
+        },
+    );
 }
 
 /// At an effect of typical size its slope with rate and force is left out: as much as the effect is of these. What a delay and

@@ -8,16 +8,23 @@
 //! error of the gyroscope's white noise walks; its innovations, as of a scalar Kalman filter, are white. The last
 //! residual of a move is the rest after it.
 
+pub(crate) mod lanes;
+mod put;
 pub(super) mod walk;
+
+use std::sync::Arc;
 
 use faer::Mat;
 use nalgebra::Vector3;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::Arch;
 
 use super::at_move::AtMove;
+use super::linear::Linear;
 use super::pass::Pass;
 use super::pass::planes::Planes;
 use crate::moves::across;
+use lanes::Lanes;
+use put::{IntoColumns, IntoLanes, Seen};
 use walk::{Gain, Walk};
 
 /// Variances of one move.
@@ -76,15 +83,29 @@ impl<'a> Inside<'a> {
     }
 }
 
-/// Rows of a matrix, from one on, for the residuals inside the moves.
+/// Rows for the residuals inside the moves, which go on from move to move.
 pub(super) struct Rows<'a> {
-    matrix: &'a mut Mat<f64>,
+    target: Target<'a>,
     next: usize,
+    /// How much of the rows of the next move is there already.
+    place: usize,
+}
+
+/// What they are rows of.
+enum Target<'a> {
+    Columns(&'a mut Mat<f64>),
+    Lanes(&'a mut Lanes),
 }
 
 impl<'a> Rows<'a> {
+    /// Of a matrix, from one on.
     pub(super) fn new(matrix: &'a mut Mat<f64>, first: usize) -> Self {
-        Self { matrix, next: first }
+        Self { target: Target::Columns(matrix), next: first, place: 0 }
+    }
+
+    /// Of numbers side by side.
+    fn side_by_side(lanes: &'a mut Lanes) -> Self {
+        Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }
 
     /// Writes what some parameters change of the white residuals of a move. A state of the planes is a block, of which the part along a
@@ -105,12 +126,18 @@ impl<'a> Rows<'a> {
             let values = [start[0], start[1], start[2], start[1] + end[0], start[2] + end[1]];
             values.into_iter().enumerate().for_each(|(row, value)| at_edges[row * width + lane] = value);
         }
-        Arch::new().dispatch(Put { rows: self, inside, planes, toward: &toward, at_edges: &at_edges });
+        let seen = Seen { inside, planes, toward: &toward, at_edges: &at_edges };
+        match &mut self.target {
+            Target::Columns(matrix) => Arch::new().dispatch(IntoColumns { seen, matrix, first: self.next }),
+            Target::Lanes(lanes) => Arch::new().dispatch(IntoLanes { seen, lanes, place: self.place }),
+        }
+        self.place += width;
     }
 
     /// Goes on behind the rows of a move.
     pub(super) fn leave(&mut self, inside: &Inside<'_>) {
         self.next += count(inside.pass, false);
+        self.place = 0;
     }
 
     /// The row after them.
@@ -131,7 +158,7 @@ impl<'a> Rows<'a> {
         };
         self.put(&inside, &pass.changes.turn, |k, d| d.cross(&pass.blocks[k].force), edges);
         self.put(&inside, &pass.changes.force, |_, d| -d, edges);
-        let mut residual = Planes::new(vec![self.matrix.ncols() - 1], pass.blocks.len());
+        let mut residual = Planes::new(vec![pass.turn.len()], pass.blocks.len());
         pass.blocks.iter().for_each(|block| residual.push_one(&block.force));
         let edges =
             |_| Edges { start: at_start.map(|d| -d.dot(&before.up)), end: [1, 2].map(|c| carried.dot(&at_start[c])) };
@@ -140,63 +167,40 @@ impl<'a> Rows<'a> {
     }
 }
 
-struct Put<'a, 'b> {
-    rows: &'a mut Rows<'b>,
-    inside: &'a Inside<'a>,
-    planes: &'a Planes,
-    toward: &'a [[Vector3<f64>; 3]],
-    /// Of each lane what stands at the start along the three directions, and at the end along two of them.
-    at_edges: &'a [f64],
+/// What is seen inside the moves of a linearisation, to be whitened when it is asked for.
+pub(crate) struct Insides {
+    linear: Arc<Linear>,
+    noise: Vec<InsideNoise>,
+    gravity_mps2: f64,
 }
 
-impl WithSimd for Put<'_, '_> {
-    type Output = ();
+impl Insides {
+    pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Self {
+        Self { linear, noise, gravity_mps2 }
+    }
 
-    /// As many columns at once as a register has lanes, from the start of the move to its end. They are turned into columns of the matrix
-    /// from what is still in the nearest cache.
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let Self { rows, inside, planes, toward, at_edges } = self;
-        let (width, blocks, count) = (planes.width(), toward.len(), count(inside.pass, false));
-        let mut tile = vec![0.0; count * S::F64_LANES];
-        for (group, parameters) in planes.parameters().chunks(S::F64_LANES).enumerate() {
-            let own = group * S::F64_LANES..(group + 1) * S::F64_LANES;
-            let zero = simd.splat_f64s(0.0);
-            let mut edges = [zero; 5];
-            for (row, edge) in edges.iter_mut().enumerate() {
-                *edge = S::as_simd_f64s(&at_edges[row * width..][own.clone()]).0[0];
-            }
-            let (lanes, _) = S::as_mut_simd_f64s(&mut tile);
-            let mut states = [zero; 3];
-            for (k, toward) in toward.iter().enumerate() {
-                let state = planes.of(k);
-                let mut seen = [edges[0], edges[1], edges[2]];
-                for axis in 0..3 {
-                    let plane = S::as_simd_f64s(&state[axis * width..][own.clone()]).0[0];
-                    for c in 0..3 {
-                        seen[c] = simd.mul_add_e_f64s(simd.splat_f64s(toward[c][axis]), plane, seen[c]);
-                    }
-                }
-                for c in 0..3 {
-                    let Gain { shares: [share], per_sigma } = if c == 0 { inside.along[k] } else { inside.across[k] };
-                    let innovation = simd.sub_f64s(seen[c], states[c]);
-                    states[c] = simd.mul_add_e_f64s(simd.splat_f64s(share), innovation, states[c]);
-                    lanes[row_of(c, k, blocks)] = simd.mul_f64s(simd.splat_f64s(per_sigma), innovation);
-                }
-            }
-            for c in 1..3 {
-                let innovation = simd.sub_f64s(edges[2 + c], states[c]);
-                lanes[row_of(c, blocks, blocks)] = simd.mul_f64s(simd.splat_f64s(inside.end.per_sigma), innovation);
-            }
-            for (lane, parameter) in parameters.iter().enumerate() {
-                let to = &mut rows.matrix.col_as_slice_mut(*parameter)[rows.next..][..count];
-                to.iter_mut().zip(tile.chunks_exact(S::F64_LANES)).for_each(|(to, row)| *to = row[lane]);
-            }
+    /// How many moves there are.
+    pub(crate) fn moves(&self) -> usize {
+        self.linear.moves.len()
+    }
+
+    /// How many rows they have together.
+    pub(crate) fn rows(&self) -> usize {
+        self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
+    }
+
+    /// Where the columns stand in each row, and the residual; `None` if there is no move.
+    pub(crate) fn no_rows(&self) -> Option<Lanes> {
+        self.linear.moves.first().map(|at_move| Lanes::new(&at_move.pass))
+    }
+
+    /// Puts the rows of a move in the place of those of another one.
+    pub(crate) fn look(&self, k: usize, lanes: &mut Lanes) {
+        let at_move = &self.linear.moves[k];
+        lanes.resize(count(&at_move.pass, false));
+        Rows::side_by_side(lanes).put_move(at_move, &self.noise[k], self.gravity_mps2);
+        if self.linear.change.iter().any(|change| *change != 0.0) {
+            lanes.change(&self.linear.change);
         }
     }
-}
-
-/// The row of a block along a direction, among those of a move: along gravity there is no rest after the last one.
-fn row_of(direction: usize, block: usize, blocks: usize) -> usize {
-    direction * blocks + direction.saturating_sub(1) + block
 }

@@ -254,15 +254,24 @@ impl Prepared<'_> {
             residual += turned * (model.gyroscope.bias() - bias);
             by_bias += turned;
         }
-        [0, 1, 2].map(|axis| {
+        let mut jacobians = [0, 1, 2].map(|axis| {
             let mut jacobian = vec![0.0; terms.total()];
             for j in 0..3 {
                 jacobian[GYRO_BIAS.start + j] = by_bias[(axis, j)];
                 jacobian[GYRO_SENSITIVITY.start + 3 * axis + j] = -rate.added[j];
             }
-            let by_rate = -sensitivity.row(axis).transpose();
-            terms.parameters_of(Sensor::Gyroscope).for_each(|p| jacobian[BASE + p] = by_rate.dot(&rate.columns[p]));
-            Line { residual: residual[axis], jacobian, by_means: Vec::new(), source: Source::Norm(k) }
+            jacobian
+        });
+        for p in terms.parameters_of(Sensor::Gyroscope) {
+            let seen = sensitivity * rate.columns[p];
+            jacobians.iter_mut().zip(&seen).for_each(|(jacobian, seen)| jacobian[BASE + p] = -seen);
+        }
+        let [x, y, z] = jacobians;
+        [(x, residual.x), (y, residual.y), (z, residual.z)].map(|(jacobian, residual)| Line {
+            residual,
+            jacobian,
+            by_means: Vec::new(),
+            source: Source::Norm(k),
         })
     }
 }

@@ -12,7 +12,7 @@ use nalgebra::Vector3;
 
 use super::encoders::moves::{About, EncoderMove};
 use super::encoders::{self, Encoders, StandModel};
-use super::inside::Rows;
+use super::inside::{Insides, Rows};
 use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::linear::{Line, Linear, Source};
 use super::model::Model;
@@ -204,16 +204,27 @@ impl<'a> Joint<'a> {
         (residual, all)
     }
 
-    /// The same in one matrix, the residuals last.
-    pub(crate) fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
+    /// The same with the residuals last; where the force inside the moves takes part without a stand, what is there stands apart.
+    pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Mat<f64>, Option<Insides>) {
+        if self.terms.kinds.encoders || !self.terms.kinds.in_motion {
+            return (self.whiten_together(linear), None);
+        }
+        let (head, _) = self.whiten_rests(linear, linear.lines.len() + 3 * linear.rates.len());
+        let noise = self.weights.inside.clone();
+        (head, Some(Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2)))
+    }
+
+    /// What is seen at rests and from rest to rest, the residuals last, in a matrix of so many rows, and the row behind it.
+    fn whiten_rests(&self, linear: &Linear, rows: usize) -> (Mat<f64>, usize) {
         let n = self.terms.total();
         let head = linear.lines.len();
-        let mut lines = Mat::from_fn(head, n + 1, |i, p| {
-            let line = &linear.lines[i];
-            if p < n { line.jacobian[p] } else { line.residual }
-        });
+        let mut lines = Mat::zeros(head, n + 1);
+        for p in 0..=n {
+            let at = |line: &Line| if p < n { line.jacobian[p] } else { line.residual };
+            lines.col_as_slice_mut(p).iter_mut().zip(&linear.lines).for_each(|(to, line)| *to = at(line));
+        }
         self.weights.whitening.apply(&mut lines);
-        let mut all = Mat::zeros(self.rows, n + 1);
+        let mut all = Mat::zeros(rows, n + 1);
         all.as_mut().subrows_mut(0, head).copy_from(&lines);
         let mut row = head;
         for (rest, rates) in &linear.rates {
@@ -226,6 +237,13 @@ impl<'a> Joint<'a> {
             row += 3;
         }
         self.let_wander(&mut all);
+        (all, row)
+    }
+
+    /// All in one matrix, the residuals last.
+    fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
+        let n = self.terms.total();
+        let (mut all, mut row) = self.whiten_rests(linear, self.rows);
         if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
             let mut put = |row: &mut usize, z: &[f64], sigma: f64| {
                 for (p, value) in z.iter().enumerate() {

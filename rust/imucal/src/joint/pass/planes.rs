@@ -63,18 +63,10 @@ impl Planes {
     /// Takes those of all columns in the next state.
     pub(crate) fn push(&mut self, columns: &[Vector3<f64>]) {
         let Self { runs, width, numbers, .. } = self;
-        let start = numbers.len();
-        numbers.resize(start + 3 * *width, 0.0);
-        let (x, yz) = numbers[start..].split_at_mut(*width);
-        let (y, z) = yz.split_at_mut(*width);
-        let mut k = 0;
-        for run in runs {
-            let own = k..k + run.len();
-            let to = x[own.clone()].iter_mut().zip(&mut y[own.clone()]).zip(&mut z[own]);
-            for (((x, y), z), column) in to.zip(&columns[run.clone()]) {
-                (*x, *y, *z) = (column.x, column.y, column.z);
-            }
-            k += run.len();
+        for axis in 0..3 {
+            let end = numbers.len() + *width;
+            runs.iter().for_each(|run| numbers.extend(columns[run.clone()].iter().map(|column| column[axis])));
+            numbers.resize(end, 0.0);
         }
     }
 
@@ -115,6 +107,12 @@ impl Planes {
     /// The column of parameter `k` of these.
     pub(crate) fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
+    }
+
+    /// The planes of all states, one after the other.
+    #[inline(always)]
+    pub(crate) fn registers<S: Simd>(&self, _: S) -> &[S::f64s] {
+        S::as_simd_f64s(&self.numbers).0
     }
 
     /// The planes of a state, one after the other.

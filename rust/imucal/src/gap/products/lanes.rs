@@ -1,0 +1,203 @@
+//! Products of the columns inside the moves, which stand side by side in the rows of a move.
+
+use std::iter::once;
+use std::ops::Range;
+
+use faer::Mat;
+use pulp::{Arch, Simd, WithSimd};
+
+use super::Asked;
+use crate::joint::{Insides, Lanes};
+use crate::workers::{in_order, processors};
+
+/// Moves whose rows are made and summed at once: so many whatever the number of threads, for the sum is not to depend on that.
+const TOGETHER: usize = 8;
+/// Columns that are multiplied by a register at once: of a model, which has three times as many, and of all others.
+const OF_MODEL: usize = 7;
+const OF_OTHERS: usize = 4;
+/// Rows whose numbers stay in the nearest cache.
+const NEAR: usize = 32;
+
+/// The products that are asked for, and the residual. `order` are the columns among those of the lanes.
+pub(super) fn products(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
+    let (mut sum, mut residual) = (asked.nothing_yet.clone(), Vec::with_capacity(insides.rows()));
+    let Some(none) = insides.no_rows() else { return (sum, residual) };
+    let plan = Plan::new(&none, order, asked);
+    let of_part = |part: usize| {
+        let (mut lanes, mut sums, mut residual) = (none.clone(), plan.nothing_yet(), Vec::new());
+        for k in part * TOGETHER..insides.moves().min((part + 1) * TOGETHER) {
+            insides.look(k, &mut lanes);
+            residual.extend(lanes.column(order[asked.last]));
+            plan.add(&lanes, &mut sums);
+        }
+        (sums, residual)
+    };
+    for (sums, of_part) in in_order(processors(), insides.moves().div_ceil(TOGETHER), of_part) {
+        plan.take(&sums, &mut sum);
+        residual.extend(of_part);
+    }
+    asked.mirror(&mut sum);
+    (sum, residual)
+}
+
+/// Some columns, by which a register of each row is multiplied.
+struct Job {
+    columns: Vec<usize>,
+    /// Their places, one of them as often as there are fewer.
+    places: [usize; OF_MODEL],
+    /// The first place of the register, and what is asked of the columns that stand in it.
+    first: usize,
+    with: Range<usize>,
+}
+
+/// All that is multiplied.
+struct Plan {
+    /// Which column stands where.
+    columns: Vec<Option<usize>>,
+    of_model: Vec<Job>,
+    of_others: Vec<Job>,
+    /// Numbers of a register.
+    register: usize,
+}
+
+impl Plan {
+    /// The products of the model with all, of each block with itself, and of the residual with each block and itself.
+    fn new(lanes: &Lanes, order: &[usize], asked: &Asked<'_>) -> Self {
+        let register = Arch::new().dispatch(Register);
+        let places: Vec<Option<usize>> = order.iter().map(|column| lanes.place(*column)).collect();
+        let mut columns = vec![None; lanes.width()];
+        let seen = places.iter().enumerate().filter_map(|(column, place)| Some((column, (*place)?)));
+        seen.for_each(|(column, place)| columns[place] = Some(column));
+        let is_seen = |column: &usize| places[*column].is_some();
+        let job = |own: &[usize], first: usize, with: Range<usize>| {
+            let place = |k: usize| places[own[k.min(own.len() - 1)]].unwrap_or(0);
+            Job { columns: own.to_vec(), places: std::array::from_fn(place), first, with }
+        };
+        let (mut of_model, mut of_others) = (Vec::new(), Vec::new());
+        let model: Vec<usize> = (0..asked.model).filter(is_seen).collect();
+        for own in model.chunks(OF_MODEL) {
+            let firsts = (0..columns.len() / register).map(|k| k * register);
+            let firsts = firsts.filter(|first| columns[*first..first + register].iter().any(Option::is_some));
+            of_model.extend(firsts.map(|first| job(own, first, 0..asked.last + 1)));
+        }
+        for block in asked.blocks.iter().cloned().chain(once(asked.last..asked.last + 1)) {
+            let own: Vec<usize> = block.clone().filter(is_seen).collect();
+            let ends = own.first().zip(own.last()).and_then(|(first, last)| places[*first].zip(places[*last]));
+            let Some((first, last)) = ends else { continue };
+            let residual = Some(asked.last).filter(|last| !block.contains(last));
+            let with_residual: Vec<usize> = own.iter().copied().chain(residual).collect();
+            for own in with_residual.chunks(OF_OTHERS) {
+                let firsts = (first..=last).step_by(register);
+                of_others.extend(firsts.map(|first| job(own, first, block.clone())));
+            }
+        }
+        Self { columns, of_model, of_others, register }
+    }
+
+    /// Sums of each job, column by column, with each place of its register.
+    fn nothing_yet(&self) -> Vec<f64> {
+        vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
+    }
+
+    fn add(&self, lanes: &Lanes, sums: &mut [f64]) {
+        Arch::new().dispatch(Add { plan: self, lanes, sums });
+    }
+
+    /// Puts sums where they are asked for.
+    fn take(&self, sums: &[f64], to: &mut Mat<f64>) {
+        let (of_model, of_others) = sums.split_at(self.of_model.len() * OF_MODEL * self.register);
+        let of_model = self.of_model.iter().zip(of_model.chunks_exact(OF_MODEL * self.register));
+        let of_others = self.of_others.iter().zip(of_others.chunks_exact(OF_OTHERS * self.register));
+        for (Job { columns, first, with, .. }, sums) in of_model.chain(of_others) {
+            let others = &self.columns[*first..first + self.register];
+            for (i, sums) in columns.iter().zip(sums.chunks_exact(self.register)) {
+                let others = others.iter().zip(sums).filter_map(|(j, sum)| Some(((*j)?, sum)));
+                others.filter(|(j, _)| with.contains(j)).for_each(|(j, sum)| to[(j, *i)] += sum);
+            }
+        }
+    }
+}
+
+struct Register;
+
+impl WithSimd for Register {
+    type Output = usize;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> usize {
+        S::F64_LANES
+    }
+}
+
+struct Add<'a> {
+    plan: &'a Plan,
+    lanes: &'a Lanes,
+    sums: &'a mut [f64],
+}
+
+impl WithSimd for Add<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { plan, lanes, sums } = self;
+        let (sums, _) = S::as_mut_simd_f64s(sums);
+        let (of_model, of_others) = sums.split_at_mut(plan.of_model.len() * OF_MODEL);
+        for first in (0..lanes.rows()).step_by(NEAR) {
+            let rows = (lanes.numbers(first..(first + NEAR).min(lanes.rows())), lanes.width());
+            for (job, sums) in plan.of_model.iter().zip(of_model.chunks_exact_mut(OF_MODEL)) {
+                add::<S, OF_MODEL>(simd, rows, job, sums);
+            }
+            for (job, sums) in plan.of_others.iter().zip(of_others.chunks_exact_mut(OF_OTHERS)) {
+                add::<S, OF_OTHERS>(simd, rows, job, sums);
+            }
+        }
+    }
+}
+
+/// Adds the products of the first N places of a job with its register, row by row.
+#[inline(always)]
+fn add<S: Simd, const N: usize>(simd: S, (numbers, width): (&[f64], usize), job: &Job, sums: &mut [S::f64s]) {
+    let (places, first) = (&job.places, job.first);
+    let mut own = [simd.splat_f64s(0.0); N];
+    for row in numbers.chunks_exact(width) {
+        let register = S::as_simd_f64s(&row[first..first + S::F64_LANES]).0[0];
+        for k in 0..N {
+            own[k] = simd.mul_add_e_f64s(simd.splat_f64s(row[places[k]]), register, own[k]);
+        }
+    }
+    for (sum, own) in sums.iter_mut().zip(own) {
+        *sum = simd.add_f64s(*sum, own);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::gap::evidence::Gram;
+
+    #[test]
+    fn what_stands_side_by_side_has_the_products_of_columns() {
+        // The model's columns stand apart, the third block is not seen, and the order is another one.
+        let (rows, model, blocks) = (420, 6, [6..7, 7..12, 12..14, 14..17]);
+        let places: Vec<Option<usize>> =
+            (0..18).map(|j| if (12..14).contains(&j) { None } else { Some(if j < 3 { j } else { j + 10 }) }).collect();
+        let order: Vec<usize> = [3, 4, 5, 0, 1, 2].into_iter().chain(6..18).collect();
+        let number = |i: usize, column: usize| ((1 + i) as f64 * (0.3 + 0.17 * column as f64)).sin();
+        let lanes = Lanes::of(&places, rows, number);
+        let columns = Mat::from_fn(rows, 18, |i, j| places[order[j]].map_or(0.0, |_| number(i, order[j])));
+        let all = &Gram::of(&columns, &vec![0; rows]).sums[0];
+        let asked = Asked::new(model, 17, &blocks);
+        let plan = Plan::new(&lanes, &order, &asked);
+        let (mut sums, mut some) = (plan.nothing_yet(), asked.nothing_yet.clone());
+        plan.add(&lanes, &mut sums);
+        plan.take(&sums, &mut some);
+        asked.mirror(&mut some);
+        let block = |j: usize| blocks.iter().position(|block| block.contains(&j));
+        for (i, j) in (0..18).flat_map(|i| (0..18).map(move |j| (i, j))) {
+            let is_there = i.min(j) < model || i.max(j) == 17 || block(i) == block(j);
+            let difference = (all[(i, j)] - some[(i, j)]).abs();
+            assert!(if is_there { difference < 1e-10 } else { difference.is_nan() }, "{i} {j}: {difference}");
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! Whitening of what parameters change inside a move, as many parameters at once as a register has lanes.
+
+use faer::Mat;
+use nalgebra::Vector3;
+use pulp::{Simd, WithSimd};
+
+use super::lanes::Lanes;
+use super::walk::Gain;
+use super::{Inside, count};
+use crate::joint::pass::planes::Planes;
+
+/// What is seen of some parameters, to be made white.
+pub(super) struct Seen<'a> {
+    pub(super) inside: &'a Inside<'a>,
+    pub(super) planes: &'a Planes,
+    /// Where the part of a block along each direction is seen.
+    pub(super) toward: &'a [[Vector3<f64>; 3]],
+    /// Of each lane what stands at the start along the three directions, and at the end along two of them.
+    pub(super) at_edges: &'a [f64],
+}
+
+/// Into the rows of a matrix, from one on.
+pub(super) struct IntoColumns<'a> {
+    pub(super) seen: Seen<'a>,
+    pub(super) matrix: &'a mut Mat<f64>,
+    pub(super) first: usize,
+}
+
+/// Into the rows of a move, from a place on.
+pub(super) struct IntoLanes<'a> {
+    pub(super) seen: Seen<'a>,
+    pub(super) lanes: &'a mut Lanes,
+    pub(super) place: usize,
+}
+
+impl WithSimd for IntoColumns<'_> {
+    type Output = ();
+
+    /// A register of columns from the start of the move to its end; they are turned into columns of the matrix from what is still in the
+    /// nearest cache.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { seen: Seen { inside, planes, toward, at_edges }, matrix, first } = self;
+        let (registers, blocks) = (planes.width() / S::F64_LANES, toward.len());
+        let edges = S::as_simd_f64s(at_edges).0;
+        let mut tile = vec![0.0; count(inside.pass, false) * S::F64_LANES];
+        for (group, parameters) in planes.parameters().chunks(S::F64_LANES).enumerate() {
+            let (lanes, _) = S::as_mut_simd_f64s(&mut tile);
+            let [along, one, other] = by_direction(lanes, blocks, 1);
+            let mut states = [simd.splat_f64s(0.0); 3];
+            for (k, (state, toward)) in planes.registers(simd).chunks_exact(3 * registers).zip(toward).enumerate() {
+                let own = [state[group], state[registers + group], state[2 * registers + group]];
+                let gains = [&inside.along[k], &inside.across[k], &inside.across[k]];
+                for (c, to) in [&mut along[k], &mut one[k], &mut other[k]].into_iter().enumerate() {
+                    let seen = along_direction(simd, &toward[c], own, edges[c * registers + group]);
+                    *to = innovation(simd, seen, gains[c], &mut states[c]);
+                }
+            }
+            for (c, to) in [(1, &mut one[blocks]), (2, &mut other[blocks])] {
+                *to = innovation(simd, edges[(2 + c) * registers + group], &inside.end, &mut states[c]);
+            }
+            for (lane, parameter) in parameters.iter().enumerate() {
+                let to = matrix.col_as_slice_mut(*parameter)[first..].iter_mut();
+                to.zip(tile.chunks_exact(S::F64_LANES)).for_each(|(to, row)| *to = row[lane]);
+            }
+        }
+    }
+}
+
+impl WithSimd for IntoLanes<'_> {
+    type Output = ();
+
+    /// Block by block, as the numbers stand in memory.
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { seen: Seen { inside, planes, toward, at_edges }, lanes, place } = self;
+        let (registers, blocks) = (planes.width() / S::F64_LANES, toward.len());
+        let edges = S::as_simd_f64s(at_edges).0;
+        let mut states = vec![0.0; 3 * planes.width()];
+        let (states, _) = S::as_mut_simd_f64s(&mut states);
+        let (width, own) = (lanes.width(), place..place + planes.width());
+        let [along, one, other] = by_direction(lanes.numbers_mut(), blocks, width);
+        for (k, (state, toward)) in planes.registers(simd).chunks_exact(3 * registers).zip(toward).enumerate() {
+            let gains = [&inside.along[k], &inside.across[k], &inside.across[k]];
+            let (x, y, z) = (&state[..registers], &state[registers..][..registers], &state[2 * registers..]);
+            for (c, rows) in [&mut *along, &mut *one, &mut *other].into_iter().enumerate() {
+                let to = S::as_mut_simd_f64s(&mut rows[k * width..][own.clone()]).0;
+                let (edges, states) = (&edges[c * registers..], &mut states[c * registers..]);
+                let known = x.iter().zip(y).zip(z).zip(edges);
+                for (((((x, y), z), edge), state), to) in known.zip(states).zip(to) {
+                    let seen = along_direction(simd, &toward[c], [*x, *y, *z], *edge);
+                    *to = innovation(simd, seen, gains[c], state);
+                }
+            }
+        }
+        for (c, rows) in [(1, one), (2, other)] {
+            let to = S::as_mut_simd_f64s(&mut rows[blocks * width..][own.clone()]).0;
+            let (edges, states) = (&edges[(2 + c) * registers..], &mut states[c * registers..]);
+            for ((edge, state), to) in edges.iter().zip(states).zip(to) {
+                *to = innovation(simd, *edge, &inside.end, state);
+            }
+        }
+    }
+}
+
+/// The rows of a move, each so long, along each direction: along gravity there is no rest after the last block.
+fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3] {
+    let (along, across) = rows.split_at_mut(blocks * length);
+    let (one, other) = across.split_at_mut((blocks + 1) * length);
+    [along, one, other]
+}
+
+/// What planes are along a direction, and what is there already.
+#[inline(always)]
+fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
+    let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);
+    seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.y), planes[1], seen);
+    simd.mul_add_e_f64s(simd.splat_f64s(direction.z), planes[2], seen)
+}
+
+/// What is new in what is seen, over its standard deviation.
+#[inline(always)]
+fn innovation<S: Simd>(simd: S, seen: S::f64s, gain: &Gain<1>, state: &mut S::f64s) -> S::f64s {
+    let innovation = simd.sub_f64s(seen, *state);
+    *state = simd.mul_add_e_f64s(simd.splat_f64s(gain.shares[0]), innovation, *state);
+    simd.mul_f64s(simd.splat_f64s(gain.per_sigma), innovation)
+}
