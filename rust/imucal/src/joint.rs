@@ -17,6 +17,7 @@ mod encoders;
 mod fields;
 mod held_out;
 mod inside;
+mod insides;
 mod layout;
 mod linear;
 mod misfit;
@@ -43,8 +44,8 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use fields::{Field, ways};
-pub(crate) use inside::Insides;
 pub(crate) use inside::lanes::Lanes;
+pub(crate) use insides::Insides;
 pub(crate) use layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 pub(crate) use linear::{INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;

@@ -12,14 +12,11 @@ pub(crate) mod lanes;
 mod put;
 pub(super) mod walk;
 
-use std::sync::Arc;
-
 use faer::Mat;
 use nalgebra::Vector3;
 use pulp::Arch;
 
 use super::at_move::AtMove;
-use super::linear::Linear;
 use super::pass::Pass;
 use super::pass::planes::Planes;
 use crate::moves::across;
@@ -104,7 +101,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Of numbers side by side.
-    fn side_by_side(lanes: &'a mut Lanes) -> Self {
+    pub(super) fn side_by_side(lanes: &'a mut Lanes) -> Self {
         Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }
 
@@ -164,43 +161,5 @@ impl<'a> Rows<'a> {
             |_| Edges { start: at_start.map(|d| -d.dot(&before.up)), end: [1, 2].map(|c| carried.dot(&at_start[c])) };
         self.put(&inside, &residual, |_, d| *d, edges);
         self.leave(&inside);
-    }
-}
-
-/// What is seen inside the moves of a linearisation, to be whitened when it is asked for.
-pub(crate) struct Insides {
-    linear: Arc<Linear>,
-    noise: Vec<InsideNoise>,
-    gravity_mps2: f64,
-}
-
-impl Insides {
-    pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Self {
-        Self { linear, noise, gravity_mps2 }
-    }
-
-    /// How many moves there are.
-    pub(crate) fn moves(&self) -> usize {
-        self.linear.moves.len()
-    }
-
-    /// How many rows they have together.
-    pub(crate) fn rows(&self) -> usize {
-        self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
-    }
-
-    /// Where the columns stand in each row, and the residual; `None` if there is no move.
-    pub(crate) fn no_rows(&self) -> Option<Lanes> {
-        self.linear.moves.first().map(|at_move| Lanes::new(&at_move.pass))
-    }
-
-    /// Puts the rows of a move in the place of those of another one.
-    pub(crate) fn look(&self, k: usize, lanes: &mut Lanes) {
-        let at_move = &self.linear.moves[k];
-        lanes.resize(count(&at_move.pass, false));
-        Rows::side_by_side(lanes).put_move(at_move, &self.noise[k], self.gravity_mps2);
-        if self.linear.change.iter().any(|change| *change != 0.0) {
-            lanes.change(&self.linear.change);
-        }
     }
 }

@@ -12,7 +12,8 @@ use nalgebra::Vector3;
 
 use super::encoders::moves::{About, EncoderMove};
 use super::encoders::{self, Encoders, StandModel};
-use super::inside::{Insides, Rows};
+use super::inside::Rows;
+use super::insides::Insides;
 use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::linear::{Line, Linear, Source};
 use super::model::Model;

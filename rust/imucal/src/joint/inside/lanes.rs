@@ -20,7 +20,7 @@ pub(crate) struct Lanes {
 
 impl Lanes {
     /// No row yet, with as many columns beside the residual as this move has.
-    pub(super) fn new(pass: &Pass) -> Self {
+    pub(crate) fn new(pass: &Pass) -> Self {
         let (of_residual, columns) = (pass.changes.lanes(), pass.turn.len());
         let mut places = vec![None; columns + 1];
         pass.changes.parameters().for_each(|(lane, column)| places[column] = Some(lane));
@@ -70,7 +70,7 @@ impl Lanes {
     }
 
     /// Adds so many times each column to the residual.
-    pub(super) fn change(&mut self, change: &[f64]) {
+    pub(crate) fn change(&mut self, change: &[f64]) {
         let by: Vec<(usize, f64)> = self.places.iter().zip(change).filter_map(|(p, by)| Some(((*p)?, *by))).collect();
         for row in self.numbers.chunks_exact_mut(self.width) {
             row[self.of_residual] += by.iter().map(|(place, by)| row[*place] * by).sum::<f64>();
@@ -78,7 +78,7 @@ impl Lanes {
     }
 
     /// As many rows, whose numbers are still to be put there.
-    pub(super) fn resize(&mut self, rows: usize) {
+    pub(crate) fn resize(&mut self, rows: usize) {
         self.numbers.resize(rows * self.width, 0.0);
     }
 
