@@ -11,6 +11,7 @@
 //! that worse, is for its caller.
 
 mod attitudes;
+mod common;
 mod design;
 mod detect;
 mod earth;

@@ -8,12 +8,13 @@ use faer::linalg::solvers::Solve;
 use imucal_core::effects::{Effect, Sensor};
 
 use super::Scattering;
+use super::common::{Common, SweptCommon};
 use super::design::{Candidate, Design};
 use super::detect::visible_noncentrality;
 use super::evidence::{Column, Evidence, Gram};
 use super::predict::Gain;
 use super::stage::Stage;
-use super::weighing::{Aside, Common, SweptCommon};
+use super::weighing::Aside;
 use super::{Score, Trace};
 use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::stats::p_value;

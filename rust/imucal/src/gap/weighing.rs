@@ -9,7 +9,6 @@
 //!
 //! With the scales that the evidence itself settles at this is its gain; with others it tells which widths are worth asking it for.
 
-mod common;
 mod left;
 
 use std::ops::Range;
@@ -18,7 +17,6 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::{Column, Evidence, Gram, RIDGE};
 use super::upper::Upper;
-pub(crate) use common::{Common, SweptCommon};
 pub(crate) use left::Left;
 
 /// Scales and parameters depend on each other; the last round is taken as it is.
@@ -30,34 +28,34 @@ const FORESEEN: f64 = 0.05;
 pub(crate) type Aside = (usize, f64);
 
 /// Columns of a model and of what is beside it, each divided by its length.
-struct Columns<'a> {
-    gram: &'a Gram,
-    model: &'a [Column],
-    beside: Vec<Aside>,
+pub(super) struct Columns<'a> {
+    pub(super) gram: &'a Gram,
+    pub(super) model: &'a [Column],
+    pub(super) beside: Vec<Aside>,
     /// One over the length of each, and of the residual, which comes last and is as it is.
-    unit: Vec<f64>,
+    pub(super) unit: Vec<f64>,
 }
 
 /// A model and columns beside it, to be weighed.
 pub(crate) struct Weighing<'a> {
-    columns: Columns<'a>,
+    pub(super) columns: Columns<'a>,
     /// Their sums, group by group.
-    parts: Vec<Upper>,
+    pub(super) parts: Vec<Upper>,
 }
 
 /// The sums of a weighing at some scales, out of which the model is swept.
 #[derive(Clone)]
 pub(crate) struct Swept {
-    pub(crate) scales: Vec<f64>,
-    sums: Upper,
+    pub(super) scales: Vec<f64>,
+    pub(super) sums: Upper,
     /// What each column beside the model is without it.
     whole: Vec<f64>,
     /// Logarithm of the determinant of what the model has.
-    volume: f64,
+    pub(super) volume: f64,
 }
 
 impl<'a> Columns<'a> {
-    fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
+    pub(super) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
         let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
         // Columns of length one: sums of squares would lose the small ones otherwise.
@@ -66,7 +64,7 @@ impl<'a> Columns<'a> {
     }
 
     /// How many there are.
-    fn count(&self) -> usize {
+    pub(super) fn count(&self) -> usize {
         self.model.len() + self.beside.len()
     }
 
@@ -77,7 +75,7 @@ impl<'a> Columns<'a> {
     }
 
     /// Fills some rows of their sums.
-    fn fill(&self, sums: &mut [Upper], rows: &Range<usize>) {
+    pub(super) fn fill(&self, sums: &mut [Upper], rows: &Range<usize>) {
         let (place, unit) = (self.places(), &self.unit);
         for (part, sum) in sums.iter_mut().zip(&self.gram.sums) {
             for i in rows.clone() {
@@ -90,7 +88,7 @@ impl<'a> Columns<'a> {
 
     /// Adds these sums over their scales, and what is known of the model.
     #[inline(always)] // With the widest registers.
-    fn add_up<S: Simd>(&self, simd: S, parts: &[Upper], scales: &[f64], to: &mut Upper) {
+    pub(super) fn add_up<S: Simd>(&self, simd: S, parts: &[Upper], scales: &[f64], to: &mut Upper) {
         let last = self.count();
         to.set_sum(simd, parts.iter().zip(scales).map(|(part, scale)| (1.0 / scale, part)));
         for (i, column) in self.model.iter().enumerate() {
@@ -138,7 +136,7 @@ impl<'a> Weighing<'a> {
 
     /// The sums at some scales, nothing swept yet.
     #[inline(always)] // With the widest registers.
-    fn whole<S: Simd>(&self, simd: S, scales: &[f64]) -> Swept {
+    pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64]) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
         let mut sums = Upper::zeros(all + 1);
         self.columns.add_up(simd, &self.parts, scales, &mut sums);

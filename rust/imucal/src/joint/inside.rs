@@ -8,6 +8,7 @@
 //! error of the gyroscope's white noise walks; its innovations, as of a scalar Kalman filter, are white. The last
 //! residual of a move is the rest after it.
 
+mod gains;
 pub(crate) mod lanes;
 mod put;
 pub(super) mod walk;
@@ -17,67 +18,17 @@ use nalgebra::Vector3;
 use pulp::Arch;
 
 use super::at_move::AtMove;
-use super::pass::Pass;
 use super::pass::planes::Planes;
-use crate::moves::across;
+pub(super) use gains::Inside;
+pub(crate) use gains::{InsideNoise, count};
 use lanes::Lanes;
 use put::{IntoColumns, IntoLanes, Seen};
-use walk::{Gain, Walk};
-
-/// Variances of one move.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct InsideNoise {
-    /// Of the direction of gravity at the start, rad^2.
-    pub(crate) start: f64,
-    /// Of the direction at the end, rad^2.
-    pub(crate) end: f64,
-    /// Growth of the attitude error, rad^2/s.
-    pub(crate) walk: f64,
-    /// Of the force of a block times its length, (m/s^2)^2 s.
-    pub(crate) force: f64,
-}
-
-/// How many residuals a pass gives; with encoders the rest after it stands among theirs.
-pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
-    3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
-}
-
-/// What whitens the residuals inside a move.
-pub(super) struct Inside<'a> {
-    pub(super) pass: &'a Pass,
-    /// Along gravity at the start of the move, and two directions across it.
-    pub(super) directions: [Vector3<f64>; 3],
-    /// Of each block, along gravity and across it, and of the rest after the move.
-    along: Vec<Gain<1>>,
-    across: Vec<Gain<1>>,
-    end: Gain<1>,
-}
 
 /// What a parameter changes of the residuals of a move along the three directions: of all by what it changes at the start, and of the
 /// last ones, across gravity, by the rest after the move.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
-}
-
-impl<'a> Inside<'a> {
-    /// Of a move with gravity along `up` at its start.
-    pub(super) fn new(pass: &'a Pass, up: &Vector3<f64>, noise: &InsideNoise, gravity_mps2: f64) -> Self {
-        let g2 = gravity_mps2 * gravity_mps2;
-        let mut walk = Walk::new([g2 * noise.start]);
-        let mut last_s = 0.0;
-        let (mut along, mut across_it) = (Vec::new(), Vec::new());
-        for block in &pass.blocks {
-            let white = noise.force / block.duration_s;
-            along.push(Walk::new([0.0]).look([1.0], white));
-            walk.go_on(g2 * noise.walk * (block.time_s - last_s));
-            last_s = block.time_s;
-            across_it.push(walk.look([1.0], white));
-        }
-        let end = walk.look([1.0], g2 * noise.end);
-        let [first, second] = across(up);
-        Self { pass, directions: [*up, first, second], along, across: across_it, end }
-    }
 }
 
 /// Rows for the residuals inside the moves, which go on from move to move.

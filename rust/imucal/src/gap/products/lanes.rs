@@ -6,7 +6,7 @@ use std::ops::Range;
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::Asked;
+use super::asked::Asked;
 use crate::joint::{Insides, Lanes};
 use crate::workers::{in_order, processors};
 

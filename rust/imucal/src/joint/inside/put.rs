@@ -4,9 +4,9 @@ use faer::Mat;
 use nalgebra::Vector3;
 use pulp::{Simd, WithSimd};
 
+use super::gains::{Inside, count};
 use super::lanes::Lanes;
 use super::walk::Gain;
-use super::{Inside, count};
 use crate::joint::pass::planes::Planes;
 
 /// What is seen of some parameters, to be made white.

@@ -4,9 +4,9 @@ use std::ops::Range;
 
 use pulp::{Arch, Simd, WithSimd};
 
-use super::super::evidence::{Column, Gram};
-use super::super::upper::Upper;
-use super::{Aside, Columns, Swept, Weighing};
+use super::evidence::{Column, Gram};
+use super::upper::Upper;
+use super::weighing::{Aside, Columns, Swept, Weighing};
 
 /// A model and many columns beside it, of which each is weighed with a few others: their products with the model, and no others.
 pub(crate) struct Common<'a> {
@@ -90,6 +90,7 @@ impl WithSimd for SweepAs<'_> {
         let Self(weighing, common, known) = self;
         let mut swept = weighing.whole(simd, &common.scales);
         swept.sums.sweep_as(simd, weighing.columns.model.len(), known);
-        Swept { volume: common.volume, ..swept }
+        swept.volume = common.volume;
+        swept
     }
 }

@@ -1,0 +1,40 @@
+//! Which products of columns are asked for.
+
+use std::ops::Range;
+
+use faer::Mat;
+
+/// The products of a model of the first columns with all, and of each block of others with itself and the last column.
+pub(super) struct Asked<'a> {
+    pub(super) model: usize,
+    pub(super) last: usize,
+    pub(super) blocks: &'a [Range<usize>],
+    /// What is asked for beside the model: columns and the others that each is multiplied by, not before it.
+    pub(super) pairs: Vec<(usize, Vec<usize>)>,
+    /// Zero where any are asked for, and no number elsewhere.
+    pub(super) nothing_yet: Mat<f64>,
+}
+
+impl<'a> Asked<'a> {
+    pub(super) fn new(model: usize, last: usize, blocks: &'a [Range<usize>]) -> Self {
+        let own = blocks.iter().flat_map(|block| block.clone().map(|i| (i, i..block.end)));
+        let with_last = own.map(|(i, others)| (i, others.chain([last]).collect()));
+        let pairs: Vec<(usize, Vec<usize>)> = with_last.chain([(last, vec![last])]).collect();
+        let mut nothing_yet = Mat::zeros(last + 1, last + 1);
+        (model..=last).for_each(|j| nothing_yet.col_as_slice_mut(j)[model..].fill(f64::NAN));
+        for (i, others) in &pairs {
+            others.iter().for_each(|j| (nothing_yet[(*i, *j)], nothing_yet[(*j, *i)]) = (0.0, 0.0));
+        }
+        Self { model, last, blocks, pairs, nothing_yet }
+    }
+
+    /// Puts what stands in the model's columns in its rows, and what is right of the diagonal beside the model left of it.
+    pub(super) fn mirror(&self, sum: &mut Mat<f64>) {
+        for j in self.model..=self.last {
+            (0..self.model).for_each(|i| sum[(i, j)] = sum[(j, i)]);
+        }
+        for (i, others) in &self.pairs {
+            others.iter().for_each(|j| sum[(*j, *i)] = sum[(*i, *j)]);
+        }
+    }
+}
