@@ -68,9 +68,8 @@ impl Made {
         let mut all = Mat::zeros(rows, head.ncols() - 1);
         let mut first = head.nrows();
         all.as_mut().subrows_mut(0, first).copy_from(head.subcols(0, head.ncols() - 1));
-        let Some((insides, mut lanes)) = inside.as_ref().and_then(|own| Some((own, own.no_rows()?))) else {
-            return all;
-        };
+        let Some(insides) = inside else { return all };
+        let mut lanes = insides.no_rows().clone();
         for k in 0..insides.moves() {
             insides.look(k, &mut lanes);
             for (j, column) in order[..all.ncols()].iter().enumerate() {

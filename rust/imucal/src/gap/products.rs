@@ -46,7 +46,7 @@ impl Gram {
     ) -> (Self, Vec<f64>) {
         let asked = Asked::new(model, columns.ncols() - 1, blocks);
         let mut all = Self::from(columns, group_of_row, |part| part.products(&asked));
-        let Some((insides, order)) = inside.filter(|(insides, _)| insides.rows() > 0) else { return (all, Vec::new()) };
+        let Some((insides, order)) = inside else { return (all, Vec::new()) };
         let (sum, residual) = lanes::products(insides, order, &asked);
         all.sums.push(sum);
         all.rows.push(residual.len() as f64);
@@ -82,7 +82,7 @@ impl Gram {
         for (rows, sum) in groups.iter().zip(&mut sums) {
             rows.part(columns).put_residual(&rows.values(residual), self.residual, sum);
         }
-        Self { sums, ..self.clone() }
+        Self { sums, rows: self.rows.clone(), groups: self.groups.clone(), residual: self.residual }
     }
 }
 

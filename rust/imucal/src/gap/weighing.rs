@@ -21,7 +21,8 @@ pub(crate) use left::Left;
 
 /// Scales and parameters depend on each other; the last round is taken as it is.
 const SCALE_ROUNDS: usize = 20;
-/// So little of the evidence is told well from where the scales are, nats: what the parameters follow them by gains a hundredth of that.
+/// So little of the evidence is told well from where the scales are, nats: what the parameters gain by following them is three hundredths
+/// of that at most.
 const FORESEEN: f64 = 0.05;
 
 /// A column beside a model: its place in the sums, and the typical size of its parameter.

@@ -166,7 +166,7 @@ fn what_stands_apart_is_whitened_alike() {
                 let (residual, jacobian) = problem.whiten(&linear);
                 let (head, insides) = problem.whiten_apart(&linear);
                 let insides = insides.unwrap();
-                let (mut lanes, mut first) = (insides.no_rows().unwrap(), head.nrows());
+                let (mut lanes, mut first) = (insides.no_rows().clone(), head.nrows());
                 for k in 0..insides.moves() {
                     insides.look(k, &mut lanes);
                     for p in 0..=parameters.len() {

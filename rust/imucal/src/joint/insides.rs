@@ -11,11 +11,14 @@ pub(crate) struct Insides {
     linear: Arc<Linear>,
     noise: Vec<InsideNoise>,
     gravity_mps2: f64,
+    no_rows: Lanes,
 }
 
 impl Insides {
-    pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Self {
-        Self { linear, noise, gravity_mps2 }
+    /// `None` if there is no move.
+    pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Option<Self> {
+        let no_rows = Lanes::new(&linear.moves.first()?.pass);
+        Some(Self { linear, noise, gravity_mps2, no_rows })
     }
 
     /// How many moves there are.
@@ -28,9 +31,9 @@ impl Insides {
         self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
     }
 
-    /// Where the columns stand in each row, and the residual; `None` if there is no move.
-    pub(crate) fn no_rows(&self) -> Option<Lanes> {
-        self.linear.moves.first().map(|at_move| Lanes::new(&at_move.pass))
+    /// Where the columns stand in each row, and the residual.
+    pub(crate) fn no_rows(&self) -> &Lanes {
+        &self.no_rows
     }
 
     /// Puts the rows of a move in the place of those of another one.

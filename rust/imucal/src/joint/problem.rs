@@ -212,7 +212,7 @@ impl<'a> Joint<'a> {
         }
         let (head, _) = self.whiten_rests(linear, linear.lines.len() + 3 * linear.rates.len());
         let noise = self.weights.inside.clone();
-        (head, Some(Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2)))
+        (head, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
     /// What is seen at rests and from rest to rest, the residuals last, in a matrix of so many rows, and the row behind it.

@@ -21,8 +21,8 @@ const NEAR: usize = 32;
 /// The products that are asked for, and the residual. `order` are the columns among those of the lanes.
 pub(super) fn products(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet.clone(), Vec::with_capacity(insides.rows()));
-    let Some(none) = insides.no_rows() else { return (sum, residual) };
-    let plan = Plan::new(&none, order, asked);
+    let none = insides.no_rows();
+    let plan = Plan::new(none, order, asked);
     let of_part = |part: usize| {
         let (mut lanes, mut sums, mut residual) = (none.clone(), plan.nothing_yet(), Vec::new());
         for k in part * TOGETHER..insides.moves().min((part + 1) * TOGETHER) {
