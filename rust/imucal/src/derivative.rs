@@ -114,9 +114,7 @@ impl<'a> Derivative<'a> {
         if distinct.len() < 2 {
             return Vec::new();
         }
-        let sums = Sums::new(&distinct);
-        let slope = |k: usize| self.stencil.at(&self.time_s, k).slope(&sums);
-        let slopes: Vec<Vector3<f64>> = (0..distinct.len()).map(slope).collect();
+        let slopes = self.stencil.slopes(&self.time_s, &Sums::new(&distinct));
         if self.places.is_empty() { slopes } else { self.places.iter().map(|place| slopes[*place]).collect() }
     }
 
@@ -132,15 +130,20 @@ impl<'a> Derivative<'a> {
 /// White noise of a sample on each axis, from fourth divided differences: motion is too smooth to show in them.
 fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let apart = (values.len() / ENOUGH).max(1);
-    let mut sizes = [(); 3].map(|()| Vec::with_capacity(values.len() / apart));
     let of_even = steps.are_even.then(|| weights_of_noise(&[0.0, 1.0, 2.0, 3.0, 4.0]));
-    for (t, v) in time_s.windows(BOXES).zip(values.windows(BOXES)).step_by(apart) {
-        let weights = of_even.unwrap_or_else(|| weights_of_noise(t));
-        let difference: Vector3<f64> = v.iter().zip(weights).map(|(v, w)| v * w).sum();
-        sizes.iter_mut().zip(&difference).for_each(|(sizes, d)| sizes.extend(d.is_finite().then(|| d.abs())));
-    }
-    let [x, y, z] = sizes.map(|mut sizes| if sizes.is_empty() { 0.0 } else { median(&mut sizes) / MEDIAN_SIZE });
-    Vector3::new(x, y, z)
+    Vector3::from_fn(|axis, _| {
+        let values: Vec<f64> = values.iter().map(|v| v[axis]).collect();
+        let size = |weights: &[f64; BOXES], v: &[f64]| v.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>().abs();
+        let windows = values.windows(BOXES).step_by(apart);
+        let mut sizes: Vec<f64> = match &of_even {
+            Some(weights) => windows.map(|v| size(weights, v)).collect(),
+            None => {
+                time_s.windows(BOXES).step_by(apart).zip(windows).map(|(t, v)| size(&weights_of_noise(t), v)).collect()
+            }
+        };
+        sizes.retain(|size| size.is_finite());
+        if sizes.is_empty() { 0.0 } else { median(&mut sizes) / MEDIAN_SIZE }
+    })
 }
 
 /// What values at these times add to their divided difference, all squares together being one.

@@ -46,6 +46,15 @@ pub(super) struct Steps {
     pub(super) are_even: bool,
 }
 
+impl Steps {
+    fn of(time_s: &[f64]) -> Self {
+        let [first, .., last] = *time_s else { return Self { interval_s: 0.0, are_even: true } };
+        let mean_s = (last - first) / (time_s.len() - 1) as f64;
+        let are_even = time_s.windows(2).all(|w| ((w[1] - w[0]) - mean_s).abs() <= EVEN * mean_s);
+        Self { interval_s: if are_even { mean_s } else { sample_interval_s(time_s) }, are_even }
+    }
+}
+
 /// Boxes of one width.
 #[derive(Clone)]
 pub(super) struct Stencil {
@@ -81,10 +90,7 @@ fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
 impl Stencil {
     /// A sample in each box.
     pub(super) fn narrow(time_s: &[f64]) -> Self {
-        let interval_s = if time_s.len() > 1 { sample_interval_s(time_s) } else { 0.0 };
-        let is_even = |w: &[f64]| ((w[1] - w[0]) - interval_s).abs() <= EVEN * interval_s;
-        let steps = Steps { interval_s, are_even: time_s.windows(2).all(is_even) };
-        Self { steps, stride: 1, boxes: 0, even: None }.with(time_s, 1)
+        Self { steps: Steps::of(time_s), stride: 1, boxes: 0, even: None }.with(time_s, 1)
     }
 
     /// So many samples in each box, at the same times.
@@ -125,6 +131,28 @@ impl Stencil {
         Boxes { first, stride: self.stride, count: self.boxes, weights }
     }
 
+    /// The samples that have as many on either side as their boxes reach.
+    fn inside(&self, samples: usize) -> Range<usize> {
+        self.before()..(samples + self.before() + 1).saturating_sub(self.boxes * self.stride)
+    }
+
+    /// The slope at each sample.
+    pub(super) fn slopes(&self, time_s: &[f64], sums: &Sums) -> Vec<Vector3<f64>> {
+        let one_by_one = |range: Range<usize>| range.map(|k| self.at(time_s, k).slope(sums));
+        let (n, inside) = (time_s.len(), self.inside(time_s.len()));
+        let Some(run) = self.run() else { return one_by_one(0..n).collect() };
+        let mut slopes = Vec::with_capacity(n);
+        slopes.extend(one_by_one(0..inside.start));
+        Arch::new().dispatch(Slopes { sums, run, places: inside.clone(), slopes: &mut slopes });
+        slopes.extend(one_by_one(inside.end..n));
+        slopes
+    }
+
+    /// The boxes about any sample with as many on either side, where they are alike.
+    fn run(&self) -> Option<Run> {
+        self.even.as_ref().map(|even| Run { before: self.before(), stride: self.stride, edges: even.edges })
+    }
+
     /// Width of a box, s.
     fn width_s(&self) -> f64 {
         self.stride as f64 * self.steps.interval_s
@@ -160,21 +188,15 @@ impl Stencil {
     pub(super) fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
         let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
-        let inside = self.before()..(n + self.before() + 1).saturating_sub(self.boxes * self.stride);
+        let inside = self.inside(n);
         let count = inside.len().div_ceil(length).max(1);
         // Neighbouring slopes are of nearly the same samples.
         let apart = (self.stride / 2).max(length / MOST_LOOKS).max(1);
         let both = |k: usize| (self.at(time_s, k), narrower.at(time_s, k));
         let noise_of = |(wide, narrow): (Boxes, Boxes)| wide.noise_of_difference(&narrow);
         // Of even steps it is the same everywhere.
-        let of_even = self.even.as_ref().zip(narrower.even.as_ref()).map(|(wide, narrow)| {
-            let run = |stencil: &Self, even: &Even| Run {
-                before: stencil.before(),
-                stride: stencil.stride,
-                edges: even.edges,
-            };
-            ([run(self, wide), run(narrower, narrow)], noise_of(both(self.before())))
-        });
+        let runs = self.run().zip(narrower.run());
+        let of_even = runs.map(|(wide, narrow)| ([wide, narrow], noise_of(both(self.before()))));
         (0..count).all(|part| {
             let range = inside.start + part * inside.len() / count..inside.start + (part + 1) * inside.len() / count;
             let (squares, explained) = match &of_even {
@@ -233,6 +255,29 @@ impl WithSimd for Squares<'_> {
             looks += 1;
         }
         ([squares[0], squares[1], squares[2]], looks)
+    }
+}
+
+/// The slopes that a run makes of sums at some places.
+struct Slopes<'a> {
+    sums: &'a Sums,
+    run: Run,
+    places: Range<usize>,
+    slopes: &'a mut Vec<Vector3<f64>>,
+}
+
+impl WithSimd for Slopes<'_> {
+    type Output = ();
+
+    #[inline(always)] // With the widest registers.
+    fn with_simd<S: Simd>(self, _: S) {
+        let Self { sums: Sums(sums), run, places, slopes } = self;
+        for k in places {
+            let own = &sums[k - run.before..];
+            let mut slope = [if own[0].w == own[BOXES * run.stride].w { 0.0 } else { f64::NAN }; 4];
+            add(own, &run, 1.0, &mut slope);
+            slopes.push(Vector3::new(slope[0], slope[1], slope[2]));
+        }
     }
 }
 
