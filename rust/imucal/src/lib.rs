@@ -32,6 +32,7 @@
 //! What this crate does not do: it reads and writes no files and plots nothing (the Python package does), and it does not
 //! run on the device (`imucal-core` does).
 
+mod aligned;
 pub mod allan;
 pub mod calibrate;
 #[doc(hidden)] // for the benchmark of the kernels

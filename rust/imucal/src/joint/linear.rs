@@ -12,7 +12,7 @@ use super::encoders::moves;
 use super::inside;
 use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::model::Model;
-use super::pass::Route;
+use super::pass::{Asked, Route};
 use super::prepared::Prepared;
 use super::rests::{Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
@@ -147,14 +147,14 @@ impl Prepared<'_> {
         let model = Model::of(parameters, terms)?;
         let rests = Rests::new(self, &model, terms);
         let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
-        let has_blocks = terms.kinds.look_inside();
+        let (has_blocks, asked) = (terms.kinds.look_inside(), Asked::new(&model, terms));
         let at_move = |index: usize, attitude, carried| {
             let [before, after] = ends[index].clone();
             let route = Route { carried, ..self.route(index, attitude, &before, has_blocks) };
-            AtMove { pass: route.pass(&model, terms), before, after }
+            AtMove { pass: route.pass(&model, &asked), before, after }
         };
         // Where nothing adds to the rate the kernel is fast enough to go ahead.
-        let goes_ahead = terms.active(&model.values).all.is_empty();
+        let goes_ahead = asked.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
         let mut carried = vec![None; self.moves.len()];
@@ -165,9 +165,12 @@ impl Prepared<'_> {
             while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
                 let [before, after] = &ends[next_move];
                 let rotation = if goes_ahead {
-                    let found = self.route(next_move, None, before, has_blocks).carry(&model.gyroscope);
-                    carried[next_move] = Some(found);
-                    found.0
+                    let route = self.route(next_move, None, before, has_blocks);
+                    if has_blocks {
+                        route.rotation(&model.gyroscope)
+                    } else {
+                        carried[next_move].insert(route.carry(&model.gyroscope)).0
+                    }
                 } else {
                     moves.push(at_move(next_move, Some(start), None));
                     moves[next_move].pass.rotation

@@ -79,6 +79,7 @@ pub(crate) fn moments(recording: &Recording<'_>, range: Range<usize>) -> Vec<Sur
 }
 
 /// Mean temperature and time of one sample or more.
+#[inline]
 pub(super) fn mean_surroundings(recording: &Recording<'_>, range: Range<usize>) -> Surroundings<f64> {
     let mean = |values: &[f64]| {
         let values = &values[range.clone()];

@@ -25,20 +25,21 @@ mod groups;
 pub(super) mod planes;
 mod stretches;
 mod to_end;
+mod turned;
 mod turns;
 pub(super) mod ways;
 
 use std::ops::Range;
 
-use imucal_core::effects::Need;
+use imucal_core::effects::{Need, Sensor};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::model::Model;
-use super::terms::Terms;
+use super::terms::{SideBySide, Terms};
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
-use crate::carry::{Sums, carry_smoothly, turn_on};
+use crate::carry::{Sums, carry_smoothly, rotate_smoothly, turn_on};
 use crate::derivative::Width;
 use crate::moves::Move;
 use crate::recording::Recording;
@@ -61,6 +62,28 @@ pub(crate) struct Pass {
     pub(super) changes: Changes,
     /// The rotation at every sample of the move; empty but for the encoders, which alone ask for it.
     pub(super) attitudes: Vec<Matrix3<f64>>,
+}
+
+/// The terms of a model, as the passes through all its moves ask for them.
+pub(crate) struct Asked<'a> {
+    terms: &'a Terms<'a>,
+    /// Those that add anything.
+    active: Terms<'a>,
+    on_rate: SideBySide<'a>,
+    on_force: SideBySide<'a>,
+}
+
+impl<'a> Asked<'a> {
+    pub(crate) fn new(model: &Model, terms: &'a Terms<'a>) -> Self {
+        let [on_rate, on_force] =
+            [Sensor::Gyroscope, Sensor::Accelerometer].map(|sensor| terms.side_by_side(sensor, &model.values));
+        Self { terms, active: terms.active(&model.values), on_rate, on_force }
+    }
+
+    /// Whether they add nothing at all.
+    pub(crate) fn adds_nothing(&self) -> bool {
+        self.active.all.is_empty()
+    }
 }
 
 /// A short stretch inside a move.
@@ -88,22 +111,23 @@ pub(crate) struct Route<'a> {
     pub(crate) block_s: f64,
     /// Whether blocks are wanted, or only the end of the move.
     pub(crate) has_blocks: bool,
-    /// Rotation and sums without effects, where they are known already.
+    /// Rotation and sums without effects, where they are known already; what has blocks does not ask for them.
     pub(crate) carried: Option<(Matrix3<f64>, Sums)>,
 }
 
 impl Route<'_> {
-    pub(crate) fn pass(&self, model: &Model, terms: &Terms<'_>) -> Pass {
+    pub(crate) fn pass(&self, model: &Model, asked: &Asked<'_>) -> Pass {
         if !self.has_blocks {
-            return self.to_end(model, terms);
+            return self.to_end(model, asked);
         }
+        let Asked { terms, active, .. } = asked;
         let Move { first, last, .. } = *self.span;
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
-        let all = self.freed(model, &terms.active(&model.values), terms.needs(Need::AngularAcceleration));
+        let all = self.freed(model, active, terms.needs(Need::AngularAcceleration));
         let [stretch, stretches] = self.stretches_of_block();
         let of_block = stretch * stretches;
-        let mut turns = Turns::new(self, model, terms, &all, [stretch, stretches]);
+        let mut turns = Turns::new(self, model, asked, &all, [stretch, stretches]);
         let mut rotation = UnitQuaternion::identity();
         let mut attitudes = if terms.kinds.encoders { vec![Matrix3::identity()] } else { Vec::new() };
         let mut blocks = Vec::new();
@@ -168,7 +192,12 @@ impl Route<'_> {
         }
     }
 
-    /// Rotation and sums without effects, as the kernel takes them.
+    /// The rotation without effects.
+    pub(super) fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
+        rotate_smoothly(self.recording, self.span.first, self.span.last, gyroscope)
+    }
+
+    /// The same and the sums, as the kernel takes them.
     pub(super) fn carry(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
         carry_smoothly(time_s, angular_rate, self.span.first, self.span.last, gyroscope)

@@ -219,14 +219,17 @@ impl<'a> Joint<'a> {
     fn whiten_rests(&self, linear: &Linear, rows: usize) -> (Mat<f64>, usize) {
         let n = self.terms.total();
         let head = linear.lines.len();
-        let mut lines = Mat::zeros(head, n + 1);
-        for p in 0..=n {
-            let at = |line: &Line| if p < n { line.jacobian[p] } else { line.residual };
-            lines.col_as_slice_mut(p).iter_mut().zip(&linear.lines).for_each(|(to, line)| *to = at(line));
+        let mut lines = Vec::with_capacity(head * (n + 1));
+        for line in &linear.lines {
+            lines.extend_from_slice(&line.jacobian);
+            lines.push(line.residual);
         }
-        self.weights.whitening.apply(&mut lines);
+        self.weights.whitening.apply_to_rows(&mut lines);
         let mut all = Mat::zeros(rows, n + 1);
-        all.as_mut().subrows_mut(0, head).copy_from(&lines);
+        for p in 0..=n {
+            let from = lines[p.min(lines.len())..].iter().step_by(n + 1);
+            all.col_as_slice_mut(p).iter_mut().zip(from).for_each(|(to, from)| *to = *from);
+        }
         let mut row = head;
         for (rest, rates) in &linear.rates {
             let whitening = &self.weights.rates[*rest];

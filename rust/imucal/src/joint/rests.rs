@@ -15,6 +15,7 @@ use super::prepared::Prepared;
 use super::settle::Still;
 use super::terms::{Term, Terms};
 use crate::moves::{Carried, End, Move, UnitRest};
+use crate::recording::Recording;
 
 /// The force at a rest.
 pub(super) struct Force {
@@ -46,11 +47,13 @@ pub(super) struct Rests<'a> {
 impl<'a> Rests<'a> {
     pub(super) fn new(prepared: &'a Prepared<'a>, model: &'a Model, terms: &Terms<'a>) -> Self {
         let [on_force, on_rate] = [Sensor::Accelerometer, Sensor::Gyroscope].map(|sensor| terms.of(sensor));
-        let changes = terms.all.iter().any(Term::changes_at_rest);
+        let changes = |recording: &Recording<'_>| {
+            terms.all.iter().any(|term| term.changes_at_rest(recording.temperature_degc.is_some()))
+        };
         let still = |(k, UnitRest { recording, rest, .. }): (usize, &UnitRest)| {
-            let samples = rest.first..rest.end;
-            let moments = match changes && prepared.used[k] {
-                true => moments(&prepared.recordings[*recording], samples.clone()),
+            let (samples, whole) = (rest.first..rest.end, &prepared.recordings[*recording]);
+            let moments = match prepared.used[k] && changes(whole) {
+                true => moments(whole, samples.clone()),
                 false => vec![Surroundings::unknown()],
             };
             let still = Still { recording: *recording, samples, moments };

@@ -100,26 +100,29 @@ impl Terms<'_> {
     ) {
         let Still { recording, samples, moments } = still;
         let sample = Sample { recording: *recording, index: samples.start };
-        let mut one = [Vector3::zeros(); MAX_PARAMETERS];
-        for term in self.all.iter().filter(|term| is_asked(term)) {
+        let asked = || self.all.iter().filter(|term| is_asked(term));
+        let changes = |term: &Term<'_>| term.changes_at_rest(moments[0].temperature_difference_k.is_some());
+        let moments = if asked().any(changes) { moments } else { &moments[..1] };
+        let state = |moment: &Surroundings<f64>| State {
+            angular_rate: Vector3::zeros(),
+            specific_force: *force,
+            surroundings: Surroundings { rotation_world_from_body: attitude, ..*moment },
+        };
+        let states: Vec<State<f64>> = moments.iter().map(state).collect();
+        let mut each = vec![[Vector3::zeros(); MAX_PARAMETERS]; states.len()];
+        for term in asked() {
             let own = &mut columns[term.first..term.first + term.count()];
             if let Kind::User(field) = term.kind {
                 user_mean(field, *recording, samples, own);
                 continue;
             }
-            let moments = if term.changes_at_rest() { moments } else { &moments[..1] };
-            own.fill(Vector3::zeros());
-            for moment in moments {
-                let state = State {
-                    angular_rate: Vector3::zeros(),
-                    specific_force: *force,
-                    surroundings: Surroundings { rotation_world_from_body: attitude, ..*moment },
-                };
-                term.columns_at(values, &state, sample, &mut one);
-                own.iter_mut().zip(&one).for_each(|(sum, column)| *sum += column);
+            let count = if changes(term) { states.len() } else { 1 };
+            // All before any is added: what has just been written number by number is slow to be read otherwise.
+            for (state, one) in states[..count].iter().zip(&mut each) {
+                term.columns_at(values, state, sample, one);
             }
-            let share = 1.0 / moments.len() as f64;
-            own.iter_mut().for_each(|sum| *sum *= share);
+            let mean = |k: usize| each[..count].iter().map(|one| one[k]).sum::<Vector3<f64>>() / count as f64;
+            own.iter_mut().enumerate().for_each(|(k, own)| *own = mean(k));
         }
     }
 

@@ -107,9 +107,10 @@ impl Term<'_> {
         }
     }
 
-    /// Whether it may change while the unit is still.
-    pub(super) fn changes_at_rest(&self) -> bool {
-        self.effect().is_some_and(|e| e.needs.contains(&Need::Time) || e.needs.contains(&Need::Temperature))
+    /// Whether it may change while the unit is still, the temperature being known or not.
+    pub(super) fn changes_at_rest(&self, temperature_is_known: bool) -> bool {
+        let needs = |need| self.effect().is_some_and(|effect| effect.needs.contains(&need));
+        needs(Need::Time) || (temperature_is_known && needs(Need::Temperature))
     }
 
     /// Whether it depends on the true value of a sensor.
@@ -164,6 +165,15 @@ pub(crate) struct Terms<'a> {
     pub(crate) sensors: Vec<Sensor>,
     /// Which residuals there are beyond rests and moves.
     pub(crate) kinds: Kinds,
+}
+
+/// The terms of one sensor.
+pub(super) struct SideBySide<'a> {
+    /// Their parameters stand side by side.
+    pub(super) terms: Terms<'a>,
+    /// Those of these, and their places among those of all terms.
+    pub(super) values: Vec<f64>,
+    pub(super) places: Vec<usize>,
 }
 
 /// Which residuals take part beyond those of rests and moves.
@@ -290,6 +300,18 @@ impl<'a> Terms<'a> {
     /// Those of a sensor; parameters keep their places.
     pub(super) fn of(&self, sensor: Sensor) -> Self {
         Self { all: self.all.iter().filter(|term| term.sensor == sensor).cloned().collect(), ..self.clone() }
+    }
+
+    /// Those of a sensor, with their parameters side by side.
+    pub(super) fn side_by_side(&self, sensor: Sensor, values: &[f64]) -> SideBySide<'a> {
+        let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds: self.kinds };
+        for term in self.all.iter().filter(|term| term.sensor == sensor) {
+            terms.all.push(Term { first: terms.count, ..term.clone() });
+            terms.count += term.count();
+        }
+        terms.sensors = vec![sensor; terms.count];
+        let places: Vec<usize> = self.parameters_of(sensor).collect();
+        SideBySide { terms, values: places.iter().map(|p| values[*p]).collect(), places }
     }
 
     /// Places of the parameters of a sensor.

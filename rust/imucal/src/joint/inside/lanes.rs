@@ -3,9 +3,7 @@
 use std::ops::Range;
 
 use super::super::pass::Pass;
-
-/// As many numbers as the widest register has.
-const WIDEST: usize = 8;
+use crate::aligned::{Aligned, WIDEST};
 
 /// Rows of numbers side by side: the derivatives by what acts on the rate, by what acts on the force, and the residual.
 #[derive(Clone)]
@@ -15,7 +13,7 @@ pub(crate) struct Lanes {
     of_residual: usize,
     /// Length of a row.
     width: usize,
-    numbers: Vec<f64>,
+    numbers: Aligned,
 }
 
 impl Lanes {
@@ -27,7 +25,7 @@ impl Lanes {
         places[columns] = Some(of_residual);
         // There is room for a register behind each place.
         let width = of_residual + 1 + WIDEST;
-        Self { places, of_residual, width: width.next_multiple_of(WIDEST), numbers: Vec::new() }
+        Self { places, of_residual, width: width.next_multiple_of(WIDEST), numbers: Aligned::default() }
     }
 
     /// Of columns that have these places, and the residual the last; each number is that of a row and a column.
@@ -35,7 +33,7 @@ impl Lanes {
     pub(crate) fn of(places: &[Option<usize>], rows: usize, number: impl Fn(usize, usize) -> f64) -> Self {
         let of_residual = places.last().copied().flatten().unwrap();
         let width = (of_residual + 1 + WIDEST).next_multiple_of(WIDEST);
-        let mut numbers = vec![0.0; rows * width];
+        let mut numbers = Aligned::zeros(rows * width);
         for (i, row) in numbers.chunks_exact_mut(width).enumerate() {
             let seen = places.iter().enumerate().filter_map(|(column, place)| Some((column, (*place)?)));
             seen.for_each(|(column, place)| row[place] = number(i, column));
@@ -79,7 +77,7 @@ impl Lanes {
 
     /// As many rows, whose numbers are still to be put there.
     pub(crate) fn resize(&mut self, rows: usize) {
-        self.numbers.resize(rows * self.width, 0.0);
+        self.numbers.resize(rows * self.width);
     }
 
     /// All rows, to be filled.

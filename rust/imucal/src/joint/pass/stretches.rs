@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use imucal_core::effects::State;
+use imucal_core::effects::{State, Surroundings};
 use imucal_core::sensor::Triad;
 use imucal_core::so3;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
@@ -63,8 +63,14 @@ impl Route<'_> {
     ) -> Stretches {
         let (span, reach) = (self.span, self.reach());
         let groups = Groups::new(size, span.first + 1 - reach.start, reach.len());
-        let mut states: Vec<State<f64>> =
-            (0..groups.count()).map(|k| self.mean_state(groups, k, model, freed)).collect();
+        let none = State {
+            angular_rate: Vector3::zeros(),
+            specific_force: Vector3::zeros(),
+            surroundings: Surroundings::unknown(),
+        };
+        // A state is large: it is set where it stays.
+        let mut states = vec![none; groups.count()];
+        states.iter_mut().enumerate().for_each(|(k, state)| self.set_means(groups, k, (model, freed), state));
         let time_s: Vec<f64> = states.iter().map(|state| state.surroundings.time_s.unwrap_or_default()).collect();
         let spread = 1.0 - 1.0 / (size * size) as f64;
         let are_even: Vec<bool> = (0..states.len()).map(|k| is_even(&time_s, k, 1)).collect();
@@ -82,24 +88,33 @@ impl Route<'_> {
         Stretches { groups, states, rotations, durations_s: self.durations_s(groups), are_even, spread }
     }
 
-    /// The mean state of a stretch but for its attitude.
-    fn mean_state(&self, groups: Groups, k: usize, model: &Model, freed: Option<&Corrected>) -> State<f64> {
+    /// Sets the mean state of a stretch but for its attitude.
+    #[inline]
+    fn set_means(
+        &self,
+        groups: Groups,
+        k: usize,
+        (model, freed): (&Model, Option<&Corrected>),
+        state: &mut State<f64>,
+    ) {
         let (own, range) = (groups.samples(k), self.samples(groups, k));
         let of_freed = |values: &[Vector3<f64>]| values[own.clone()].iter().sum::<Vector3<f64>>() / own.len() as f64;
         let of_raw = |triad: &Triad<f64>, rows: Samples<'_>| {
             let rows = rows.part(range.clone());
             triad.correct(rows.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / rows.len() as f64)
         };
-        let (angular_rate, specific_force) = match freed {
+        (state.angular_rate, state.specific_force) = match freed {
             Some(all) => (of_freed(&all.rate), of_freed(&all.force)),
             None => (
                 of_raw(&model.gyroscope, self.recording.angular_rate),
                 of_raw(&model.accelerometer, self.recording.specific_force),
             ),
         };
-        let mut surroundings = mean_surroundings(self.recording, range);
-        surroundings.angular_acceleration = freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
-        State { angular_rate, specific_force, surroundings }
+        let around = mean_surroundings(self.recording, range);
+        state.surroundings.temperature_difference_k = around.temperature_difference_k;
+        state.surroundings.time_s = around.time_s;
+        state.surroundings.angular_acceleration =
+            freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
     }
 
     /// `v_start = rotation v_here` in the middle of each, the rates there being samples of their own. Before the stretch of the move's start it

@@ -3,27 +3,25 @@
 //! Rotation and sums of the base parameters are the kernel's. What an effect turns until the end is the integral of `R Phi`, and a motion
 //! that begins and ends at rest lets a sum over even steps be as exact as if they were far finer.
 
-use imucal_core::effects::{Need, Sensor};
+use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use super::changes::Changes;
 use super::corrected::Corrected;
-use super::planes::Planes;
 use super::stretches::Stretches;
-use super::{Pass, Route};
+use super::turned::Turned;
+use super::{Asked, Pass, Route};
 use crate::carry::{Sums, carry_smoothly};
 use crate::joint::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::joint::model::Model;
-use crate::joint::terms::Terms;
+use crate::joint::terms::SideBySide;
 use crate::recording::Samples;
 
 /// Length of a stretch, s.
 const STRETCH_S: f64 = 0.04;
 /// A move has at least so many.
 const FEWEST: f64 = 24.0;
-/// Stretches whose columns are kept at a time.
-const TOGETHER: usize = 16;
 
 /// d_turn_d_p for the base parameters; room for those of effects.
 fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
@@ -41,7 +39,9 @@ fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
 
 impl Route<'_> {
     /// Rotation and turns at the end.
-    pub(super) fn to_end(&self, model: &Model, terms: &Terms<'_>) -> Pass {
+    pub(super) fn to_end(&self, model: &Model, asked: &Asked<'_>) -> Pass {
+        // What effects do to the force turns nothing.
+        let Asked { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = asked;
         let total = terms.total();
         let pass = |rotation, turn| Pass {
             rotation,
@@ -50,34 +50,26 @@ impl Route<'_> {
             changes: Changes::none(),
             attitudes: Vec::new(),
         };
-        let active = terms.active(&model.values);
-        // What effects do to the force turns nothing.
-        let terms = terms.of(Sensor::Gyroscope);
-        if terms.all.is_empty() {
+        if own.all.is_empty() {
             let (rotation, base) = self.carried.unwrap_or_else(|| self.carry(&model.gyroscope));
             return pass(rotation, turn(&base, model, total));
         }
-        let freed = (!active.all.is_empty()).then(|| self.freed(model, &active, false));
+        let freed = (!active.all.is_empty()).then(|| self.freed(model, active, false));
         let size = self.samples_in(STRETCH_S.min(self.span.duration_s / FEWEST));
-        let stretches = self.stretches(model, freed.as_ref(), size, terms.needs(Need::AngularAcceleration));
+        let stretches = self.stretches(model, freed.as_ref(), size, own.needs(Need::AngularAcceleration));
         let weights = stretches.weights();
         let (rotation, base) = match &freed {
             None => self.carried.unwrap_or_else(|| self.carry(&model.gyroscope)),
             Some(all) => self.carried_freed(model, all, &stretches, &weights),
         };
-        let mut on_rate = Planes::new(terms.parameters_of(Sensor::Gyroscope).collect(), TOGETHER);
-        let mut turned = on_rate.zero();
-        let mut columns = terms.room();
-        for first in (0..stretches.count()).step_by(TOGETHER) {
-            let own = first..(first + TOGETHER).min(stretches.count());
-            for k in own.clone() {
-                self.columns(&terms, &model.values, &stretches, k, &mut columns);
-                on_rate.push(&columns);
-            }
-            on_rate.add_up(&weights[own], &mut turned);
+        let mut on_rate = Turned::new(places.clone());
+        let mut columns = own.room();
+        for (k, weight) in weights.iter().enumerate() {
+            self.columns(own, values, &stretches, k, &mut columns);
+            on_rate.push(&columns, weight);
         }
         let mut turn = turn(&base, model, total);
-        on_rate.put_negative(&turned, &mut turn[BASE..]);
+        on_rate.put_negative_sum(&mut turn[BASE..]);
         pass(rotation, turn)
     }
 

@@ -11,25 +11,33 @@
 
 use std::ops::Range;
 
-use imucal_core::effects::{Need, Sensor};
-use nalgebra::Vector3;
+use imucal_core::effects::Need;
+use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::Route;
 use super::changes::Changes;
 use super::corrected::Corrected;
-use super::planes::Planes;
 use super::stretches::Stretches;
-use crate::joint::layout::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use super::turned::Turned;
+use super::{Asked, Route};
+use crate::joint::layout::{ACCEL, BASE, GYRO_BIAS};
 use crate::joint::model::{Model, force_by_parameters};
-use crate::joint::terms::Terms;
+use crate::joint::terms::SideBySide;
 
 /// The columns inside a move, block by block; their signs are those of what is taken off rate and force.
-pub(super) struct Turns {
+pub(super) struct Turns<'a> {
+    route: &'a Route<'a>,
+    model: &'a Model,
+    freed: &'a Corrected,
     stretches: Stretches,
+    /// The rotation in the middle of each, times its duration.
+    weights: Vec<Matrix3<f64>>,
     /// What each stretch turns, and what is added to the force in its middle, in the frame of the move's start.
-    on_rate: Planes,
-    on_force: Planes,
+    on_rate: Turned,
+    on_force: Turned,
+    /// What turns and what is added in the middle of a stretch.
+    rates: Columns<'a>,
+    forces: Columns<'a>,
     /// Where the next block begins: its first stretch, and what is turned until there.
     next: usize,
     turned: Vec<f64>,
@@ -39,110 +47,136 @@ pub(super) struct Turns {
     changes: Changes,
 }
 
-impl Route<'_> {
-    /// Columns of the base parameters in the middle of a stretch. The force there is what gravity, carried along, lets expect.
-    fn base_columns(
-        &self,
-        model: &Model,
-        freed: &Corrected,
-        stretches: &Stretches,
-        k: usize,
-        columns: &mut [Vector3<f64>],
-    ) {
-        let [on_rate, on_force] = self.mean_added(model, freed, stretches.groups.samples(k));
-        let rate = stretches.states[k].angular_rate + on_rate;
-        let inverse = model.gyroscope.inverse();
-        for i in 0..3 {
-            columns[GYRO_BIAS.start + i] = inverse.column(i).into_owned();
-            for j in 0..3 {
-                columns[GYRO_SENSITIVITY.start + 3 * i + j] = inverse.column(i) * rate[j];
-            }
-        }
-        let gravity = stretches.rotations[k].tr_mul(&self.gravity_at_start);
-        let by_parameters = force_by_parameters(&model.accelerometer, &(gravity + on_force));
-        ACCEL.for_each(|p| columns[p] = -by_parameters.column(p));
+/// Columns of the base parameters of a sensor and of its terms.
+struct Columns<'a> {
+    base: usize,
+    terms: &'a SideBySide<'a>,
+    all: Vec<Vector3<f64>>,
+}
+
+impl<'a> Columns<'a> {
+    fn new(base: usize, terms: &'a SideBySide<'a>) -> Self {
+        let mut all = vec![Vector3::zeros(); base];
+        all.extend(terms.terms.room());
+        Self { base, terms, all }
+    }
+
+    /// Those of the terms in the middle of a stretch; those of the base are to be set.
+    fn at(&mut self, route: &Route<'_>, stretches: &Stretches, k: usize) -> &mut [Vector3<f64>] {
+        let (base, own) = self.all.split_at_mut(self.base);
+        route.columns(&self.terms.terms, &self.terms.values, stretches, k, own);
+        base
     }
 }
 
-impl Turns {
+impl<'a> Turns<'a> {
     /// Of the route, with stretches of so many samples and so many of these in a block.
     pub(super) fn new(
-        route: &Route<'_>,
-        model: &Model,
-        terms: &Terms<'_>,
-        freed: &Corrected,
+        route: &'a Route<'a>,
+        model: &'a Model,
+        asked: &'a Asked<'a>,
+        freed: &'a Corrected,
         [size, of_block]: [usize; 2],
     ) -> Self {
-        let wants_slopes = terms.needs(Need::AngularAcceleration);
-        let stretches = route.stretches(model, Some(freed), size, wants_slopes);
-        let planes = |base: Range<usize>, sensor: Sensor| {
-            let parameters = base.chain(terms.parameters_of(sensor).map(|p| BASE + p)).collect();
-            Planes::new(parameters, stretches.count())
+        let Asked { terms, on_rate, on_force, .. } = asked;
+        let stretches = route.stretches(model, Some(freed), size, terms.needs(Need::AngularAcceleration));
+        let of_rate = GYRO_BIAS.start..BASE;
+        let (rates, forces) = (Columns::new(of_rate.len(), on_rate), Columns::new(ACCEL.len(), on_force));
+        let turned = |base: Range<usize>, own: &SideBySide<'_>| {
+            Turned::new(base.chain(own.places.iter().map(|p| BASE + p)).collect())
         };
-        let mut on_rate = planes(GYRO_BIAS.start..BASE, Sensor::Gyroscope);
-        let mut on_force = planes(ACCEL, Sensor::Accelerometer);
-        let weights = stretches.weights();
-        let mut columns = vec![Vector3::zeros(); BASE];
-        columns.extend(terms.room());
-        for k in 0..stretches.count() {
-            let (base, of_terms) = columns.split_at_mut(BASE);
-            route.columns(terms, &model.values, &stretches, k, of_terms);
-            route.base_columns(model, freed, &stretches, k, base);
-            on_rate.push(&columns);
-            on_rate.turn_last(&weights[k]);
-            on_force.push(&columns);
-            on_force.turn_last(&stretches.rotations[k]);
-        }
+        let (on_rate, on_force) = (turned(of_rate, on_rate), turned(ACCEL, on_force));
         let next = stretches.groups.of(route.span.first + 1 - route.reach().start);
-        let turned = on_rate.sum(next);
         let blocks = stretches.count() / of_block;
-        let changes = Changes { turn: on_rate.like(blocks), force: on_force.like(blocks) };
-        Self { stretches, on_rate, on_force, next, turned, of_block, changes }
+        let mut turns = Self {
+            route,
+            model,
+            freed,
+            weights: stretches.weights(),
+            changes: Changes { turn: on_rate.room(blocks), force: on_force.room(blocks) },
+            turned: Vec::new(),
+            stretches,
+            on_rate,
+            on_force,
+            rates,
+            forces,
+            next,
+            of_block,
+        };
+        turns.look_to(next);
+        turns.turned = turns.on_rate.sum().to_vec();
+        turns
+    }
+
+    /// Asks for the columns of all stretches before one, as far as they are not there yet. The force of the base is what gravity, carried
+    /// along, lets expect.
+    fn look_to(&mut self, end: usize) {
+        let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
+        let inverse = model.gyroscope.inverse();
+        for k in on_rate.count()..end.min(stretches.count()) {
+            let [added_rate, added_force] = route.mean_added(model, freed, stretches.groups.samples(k));
+            let rate = stretches.states[k].angular_rate + added_rate;
+            let base = rates.at(route, stretches, k);
+            for i in 0..3 {
+                base[i] = inverse.column(i).into_owned();
+                (0..3).for_each(|j| base[3 + 3 * i + j] = inverse.column(i) * rate[j]);
+            }
+            on_rate.push(&rates.all, &weights[k]);
+            let gravity = stretches.rotations[k].tr_mul(&route.gravity_at_start);
+            let by_parameters = force_by_parameters(&model.accelerometer, &(gravity + added_force));
+            let base = forces.at(route, stretches, k);
+            base.iter_mut().enumerate().for_each(|(p, column)| *column = -by_parameters.column(p));
+            on_force.push(&forces.all, &stretches.rotations[k]);
+        }
     }
 
     /// Takes the means over the next block.
     pub(super) fn next_block(&mut self) {
-        Arch::new().dispatch(NextBlock(self));
+        self.changes.turn.next();
+        self.changes.force.next();
+        for k in self.next..self.next + self.of_block {
+            self.look_to(k + 2);
+            Arch::new().dispatch(NextStretch(self, k));
+        }
+        self.next += self.of_block;
     }
 
+    /// Adds a stretch to the means over its block.
     #[inline(always)] // With the widest registers.
-    fn take_block(&mut self) {
-        let Self { stretches, on_rate, on_force, next, turned, of_block, changes } = self;
-        let (turn, force) = (changes.turn.next(), changes.force.next());
+    fn take_stretch(&mut self, k: usize) {
+        let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
-        for k in *next..*next + *of_block {
-            // Beside what is as far on either side nothing bends.
-            let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
-            let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
-            let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
-            for (((before, own), after), (mean, turned)) in around.zip(turn.iter_mut().zip(&mut *turned)) {
-                let bend = before + after - 2.0 * own;
-                *mean += share * (*turned + 0.5 * own) + of_slope * (after - before) + of_turned * bend;
-                *turned += own + bend / 24.0;
-            }
-            let around = on_force.of(before).iter().zip(on_force.of(k)).zip(on_force.of(after));
-            for (((before, own), after), mean) in around.zip(&mut *force) {
-                *mean += share * (own + spread * (before + after - 2.0 * own));
-            }
+        // Beside what is as far on either side nothing bends.
+        let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
+        let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
+        let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
+        for (((before, own), after), (mean, turned)) in around.zip(changes.turn.last_mut().iter_mut().zip(turned)) {
+            let bend = before + after - 2.0 * own;
+            *mean += share * (*turned + 0.5 * own) + of_slope * (after - before) + of_turned * bend;
+            *turned += own + bend / 24.0;
         }
-        *next += *of_block;
+        let around = on_force.of(before).iter().zip(on_force.of(k)).zip(on_force.of(after));
+        for (((before, own), after), mean) in around.zip(changes.force.last_mut()) {
+            *mean += share * (own + spread * (before + after - 2.0 * own));
+        }
     }
 
     /// d_turn_d_p at the end of the move for each of `total` parameters, and all blocks.
-    pub(super) fn at_end(self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
+    pub(super) fn at_end(mut self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
+        self.look_to(self.stretches.count());
         let mut turn = vec![Vector3::zeros(); total];
-        self.on_rate.put_negative(&self.on_rate.sum(self.stretches.count()), &mut turn);
+        self.on_rate.put_negative_sum(&mut turn);
         (turn, self.changes)
     }
 }
 
-struct NextBlock<'a>(&'a mut Turns);
+struct NextStretch<'a, 'b>(&'a mut Turns<'b>, usize);
 
-impl WithSimd for NextBlock<'_> {
+impl WithSimd for NextStretch<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        self.0.take_block();
+        self.0.take_stretch(self.1);
     }
 }

@@ -47,38 +47,42 @@ impl Whitening {
 
     /// Solves `L x = column` in place.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
-        Arch::new().dispatch(Apply(self, matrix));
+        let width = matrix.ncols();
+        let mut rows = vec![0.0; self.rows.len() * width];
+        for j in 0..width {
+            let to = rows[j..].iter_mut().step_by(width);
+            to.zip(matrix.col_as_slice(j)).for_each(|(to, from)| *to = *from);
+        }
+        self.apply_to_rows(&mut rows);
+        for j in 0..width {
+            let from = rows[j..].iter().step_by(width);
+            matrix.col_as_slice_mut(j).iter_mut().zip(from).for_each(|(to, from)| *to = *from);
+        }
+    }
+
+    /// The same of all columns, the rows of which stand one after the other.
+    pub(crate) fn apply_to_rows(&self, rows: &mut [f64]) {
+        Arch::new().dispatch(Apply(self, rows));
     }
 }
 
-/// Columns that are solved for side by side.
-const TOGETHER: usize = 8;
-
-struct Apply<'a>(&'a Whitening, &'a mut Mat<f64>);
+struct Apply<'a>(&'a Whitening, &'a mut [f64]);
 
 impl WithSimd for Apply<'_> {
     type Output = ();
 
     #[inline(always)] // With the widest registers.
     fn with_simd<S: Simd>(self, _: S) {
-        let Self(whitening, matrix) = self;
-        let mut tile = vec![[0.0; TOGETHER]; whitening.rows.len()];
-        for first in (0..matrix.ncols()).step_by(TOGETHER) {
-            let columns = first..(first + TOGETHER).min(matrix.ncols());
-            for (lane, c) in columns.clone().enumerate() {
-                tile.iter_mut().zip(matrix.col_as_slice(c)).for_each(|(to, from)| to[lane] = *from);
+        let Self(Whitening { rows }, numbers) = self;
+        let width = numbers.len() / rows.len().max(1);
+        for (i, (first, row)) in rows.iter().enumerate() {
+            let (before, last) = row.split_at(i - first);
+            let (known, own) = numbers.split_at_mut(i * width);
+            let own = &mut own[..width];
+            for (by, known) in before.iter().zip(known[first * width..].chunks_exact(width.max(1))) {
+                own.iter_mut().zip(known).for_each(|(own, known)| *own -= by * known);
             }
-            for (i, (first, row)) in whitening.rows.iter().enumerate() {
-                let (before, last) = row.split_at(i - first);
-                let mut own = tile[i];
-                for (by, known) in before.iter().zip(&tile[*first..i]) {
-                    own.iter_mut().zip(known).for_each(|(own, known)| *own -= by * known);
-                }
-                tile[i] = own.map(|own| own / last[0]);
-            }
-            for (lane, c) in columns.enumerate() {
-                matrix.col_as_slice_mut(c).iter_mut().zip(&tile).for_each(|(to, from)| *to = from[lane]);
-            }
+            own.iter_mut().for_each(|own| *own /= last[0]);
         }
     }
 }
