@@ -18,6 +18,8 @@ pub(crate) struct Common<'a> {
 /// A model that is swept at some scales, and what all columns beside it have in common with it.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
+    /// The sums at these scales, and what the sweep makes of them.
+    whole: Upper,
     sums: Upper,
     volume: f64,
 }
@@ -53,8 +55,10 @@ impl<'a> Common<'a> {
 
     /// Of a weighing of some of the columns, what is swept of all.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
-        let known = swept.sums.part(&self.runs(own));
-        Arch::new().dispatch(SweepAs(weighing, swept, &known))
+        let runs = self.runs(own);
+        let known = swept.sums.part(&runs);
+        let [_, own, last] = runs;
+        Arch::new().dispatch(SweepAs { weighing, common: swept, known, columns: own.chain(last).collect() })
     }
 
     /// The columns of the model, some of those beside it, and the residual.
@@ -73,24 +77,33 @@ impl WithSimd for SweepCommon<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let Self(Common { columns, parts }, scales) = self;
         let n = columns.model.len();
-        let mut sums = Upper::first_rows(n, columns.count() + 1);
-        columns.add_up(simd, parts, scales, &mut sums);
+        let mut whole = Upper::first_rows(n, columns.count() + 1);
+        columns.add_up(simd, parts, scales, 0, &mut whole);
+        let mut sums = whole.clone();
         let volume = sums.sweep(simd, 0..n)?;
-        Some(SweptCommon { scales: scales.to_vec(), sums, volume })
+        Some(SweptCommon { scales: scales.to_vec(), whole, sums, volume })
     }
 }
 
-struct SweepAs<'a>(&'a Weighing<'a>, &'a SweptCommon, &'a Upper);
+struct SweepAs<'a> {
+    weighing: &'a Weighing<'a>,
+    common: &'a SweptCommon,
+    /// Of what is swept of all, the part of the weighing.
+    known: Upper,
+    /// Which of all columns stand beside the model in the weighing.
+    columns: Vec<usize>,
+}
 
 impl WithSimd for SweepAs<'_> {
     type Output = Swept;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let Self(weighing, common, known) = self;
-        let mut swept = weighing.whole(simd, &common.scales);
-        swept.sums.sweep_as(simd, weighing.columns.model.len(), known);
-        swept.volume = common.volume;
+        let Self { weighing, common: SweptCommon { scales, whole, volume, .. }, known, columns } = self;
+        let model = weighing.columns.model.len();
+        let mut swept = weighing.whole(simd, scales, model);
+        swept.sums.sweep_as(simd, model, (whole, &columns), &known);
+        swept.volume = *volume;
         swept
     }
 }

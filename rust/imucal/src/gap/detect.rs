@@ -1,6 +1,7 @@
 //! How small an effect would have been seen.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
+use statrs::function::gamma::ln_gamma;
 
 /// Family-wise probability of a false alarm by the distribution of chi2. The noise is estimated from the same rests, which makes
 /// small probabilities about three times as frequent as they say: of clean runs one in a hundred is meant.
@@ -10,24 +11,34 @@ const POWER: f64 = 0.9;
 /// Where it is looked for first; no chi2 with as many degrees of freedom as an effect has parameters needs more than the last.
 const FIRST: f64 = 16.0;
 const MOST: f64 = 1024.0;
-/// Halvings of the span that it lies in: to a part in ten million.
-const HALVINGS: usize = 24;
+/// A step that changes it by less than this share is the last one.
+const LAST_STEP: f64 = 1e-9;
 
 /// The non-centrality with which chi2 exceeds its limit with 90 % probability; the limit is for one of `tests`.
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
     let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);
-    let mut tails = Tails { dof, limit, known: Vec::new() };
-    let mut is_enough = |noncentrality: f64| exceeds(&mut tails, noncentrality) >= POWER;
+    let mut tails = Tails::new(dof, limit);
     let (mut low, mut high) = (0.0, FIRST);
-    while high < MOST && !is_enough(high) {
+    while high < MOST && exceeds(&mut tails, high)[0] < POWER {
         (low, high) = (high, 2.0 * high);
     }
-    for _ in 0..HALVINGS {
-        let middle = (low + high) / 2.0;
-        if is_enough(middle) { high = middle } else { low = middle }
+    // By Newton, or to the middle of the span where that leads out of it.
+    let mut at = high;
+    loop {
+        let [power, slope] = exceeds(&mut tails, at);
+        if power >= POWER {
+            high = at
+        } else {
+            low = at
+        }
+        let next = Some(at - (power - POWER) / slope).filter(|next| low < *next && *next < high);
+        let next = next.unwrap_or(f64::midpoint(low, high));
+        if (next - at).abs() <= LAST_STEP * at {
+            return next;
+        }
+        at = next;
     }
-    high
 }
 
 /// Probabilities that chi2 with 0, 2, 4 ... degrees of freedom more exceeds a limit, as far as they have been asked for.
@@ -35,32 +46,39 @@ struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
+    /// What the next one is more than the last.
+    step: f64,
 }
 
 impl Tails {
+    fn new(dof: usize, limit: f64) -> Self {
+        let (half, shape) = (limit / 2.0, dof as f64 / 2.0);
+        let first = ChiSquared::new(dof as f64).map_or(0.0, |chi2| chi2.sf(limit));
+        Self { dof, limit, known: vec![first], step: (shape * half.ln() - half - ln_gamma(shape + 1.0)).exp() }
+    }
+
+    /// `Q(a + 1, x) = Q(a, x) + x^a e^-x / Gamma(a + 1)` (Abramowitz and Stegun 6.5.21).
     fn at(&mut self, k: usize) -> f64 {
-        while self.known.len() <= k {
-            // They grow: behind one that is certain all are.
-            let next = match self.known.last() {
-                Some(last) if *last >= 1.0 => 1.0,
-                _ => ChiSquared::new((self.dof + 2 * self.known.len()) as f64).map_or(0.0, |chi2| chi2.sf(self.limit)),
-            };
-            self.known.push(next);
+        for known in self.known.len()..=k {
+            self.known.push(self.known[known - 1] + self.step);
+            self.step *= self.limit / (self.dof + 2 * known) as f64;
         }
         self.known[k]
     }
 }
 
-/// A noncentral chi2 is a mixture of central ones with Poisson weights; those that are left out come to less than a rounding error.
-fn exceeds(tails: &mut Tails, noncentrality: f64) -> f64 {
+/// The probability that chi2 with this non-centrality exceeds the limit, and its slope. It is a mixture of central ones with Poisson
+/// weights; those that are left out come to less than a rounding error.
+fn exceeds(tails: &mut Tails, noncentrality: f64) -> [f64; 2] {
     let mean = noncentrality / 2.0;
-    let (mut weight, mut sum, mut k) = ((-mean).exp(), 0.0, 0);
+    let (mut weight, mut sum, mut slope, mut k) = ((-mean).exp(), 0.0, 0.0, 0);
     while (k as f64) < mean || weight > f64::EPSILON {
         sum += weight * tails.at(k);
+        slope += weight * (tails.at(k + 1) - tails.at(k)) / 2.0;
         k += 1;
         weight *= mean / k as f64;
     }
-    sum
+    [sum, slope]
 }
 
 #[cfg(test)]
@@ -74,5 +92,9 @@ mod tests {
         // One degree of freedom and one test at 0.3 %: (z_0.9985 + z_0.9)^2.
         let expected = (2.967_738 + 1.281_552_f64).powi(2);
         assert!((visible_noncentrality(1, 1) - expected).abs() < 1e-3, "{}", visible_noncentrality(1, 1));
+        let mut tails = Tails::new(3, 20.0);
+        for k in 0..40 {
+            assert!((tails.at(k) - p_value(20.0, 3 + 2 * k)).abs() < 1e-12, "{k}");
+        }
     }
 }

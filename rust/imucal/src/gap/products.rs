@@ -143,7 +143,7 @@ impl Part<'_> {
             matmul(&mut of_model, Accum::Replace, part.transpose(), model, 1.0, faer::Par::Seq);
             (of_model, Arch::new().dispatch(Dots { part: self, rows, pairs }))
         };
-        let mut sum = asked.nothing_yet.clone();
+        let mut sum = asked.nothing_yet();
         for (of_model, dots) in in_parts(processors(), self.rows.len(), of_part) {
             sum.as_mut().subcols_mut(0, asked.model).add_assign(&of_model);
             let places = pairs.iter().flat_map(|(i, others)| others.iter().map(|j| (*i, *j)));

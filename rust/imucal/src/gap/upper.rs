@@ -28,6 +28,11 @@ impl Upper {
         Self { size, width, numbers: vec![0.0; rows * width] }
     }
 
+    /// Makes it another one of its size.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        self.numbers.copy_from_slice(&other.numbers);
+    }
+
     /// Number of columns.
     pub(super) fn size(&self) -> usize {
         self.size
@@ -67,14 +72,15 @@ impl Upper {
         part
     }
 
-    /// Makes it the sum of others, each so many times.
+    /// Makes it the sum of others from a row on, each so many times.
     #[inline(always)]
-    pub(super) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>) {
-        self.numbers.fill(0.0);
-        let (to, _) = S::as_mut_simd_f64s(&mut self.numbers);
+    pub(super) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>, row: usize) {
+        let own = row * self.width..;
+        self.numbers[own.clone()].fill(0.0);
+        let (to, _) = S::as_mut_simd_f64s(&mut self.numbers[own.clone()]);
         for (share, other) in others {
             let share = simd.splat_f64s(share);
-            for (to, from) in to.iter_mut().zip(S::as_simd_f64s(&other.numbers).0) {
+            for (to, from) in to.iter_mut().zip(S::as_simd_f64s(&other.numbers[own.clone()]).0) {
                 *to = simd.mul_add_e_f64s(share, *from, *to);
             }
         }
@@ -116,17 +122,24 @@ impl Upper {
         Some(volume.logarithm())
     }
 
-    /// The same as [`sweep`](Self::sweep) of the first rows, so many, where it is known what that makes of these.
+    /// The same as [`sweep`](Self::sweep) of the first rows, so many, where it is known what that makes of them. What they are stands in
+    /// `whole`, there at these places for the columns behind them.
     #[inline(always)]
-    pub(super) fn sweep_as<S: Simd>(&mut self, simd: S, known: usize, swept: &Self) {
+    pub(super) fn sweep_as<S: Simd>(
+        &mut self,
+        simd: S,
+        known: usize,
+        (whole, places): (&Self, &[usize]),
+        swept: &Self,
+    ) {
         let (width, lanes) = (self.width, S::F64_LANES);
         let (top, rest) = self.numbers.split_at_mut(known * width);
-        for (a, row) in rest.chunks_exact_mut(width).enumerate() {
-            let column = known + a;
-            let first = column / lanes * lanes;
+        for (a, (row, place)) in rest.chunks_exact_mut(width).zip(places).enumerate() {
+            let first = (known + a) / lanes * lanes;
             let (to, _) = S::as_mut_simd_f64s(&mut row[first..]);
-            for (own, by) in top.chunks_exact(width).zip(swept.numbers.chunks_exact(width)) {
-                let share = simd.splat_f64s(own[column]);
+            for (own, by) in whole.numbers.chunks_exact(whole.width).zip(swept.numbers.chunks_exact(width)).take(known)
+            {
+                let share = simd.splat_f64s(own[*place]);
                 for (to, from) in to.iter_mut().zip(S::as_simd_f64s(&by[first..]).0) {
                     *to = simd.negate_mul_add_e_f64s(share, *from, *to);
                 }
@@ -247,10 +260,11 @@ mod tests {
         let a = |i: usize, j: usize| 1.0 / (1 + i + j) as f64 + if i == j { 1.0 } else { 0.0 };
         let mut first = Upper::first_rows(n, size);
         (0..n).for_each(|i| first.row_mut(i).iter_mut().enumerate().for_each(|(k, to)| *to = a(i, i + k)));
+        let whole = first.clone();
         let volume = first.sweep(pulp::Scalar, 0..n).unwrap();
         let (mut one_by_one, mut at_once) = (upper(size, a).part(&own), upper(size, a).part(&own));
         assert!((one_by_one.sweep(pulp::Scalar, 0..n).unwrap() - volume).abs() < 1e-14);
-        at_once.sweep_as(pulp::Scalar, n, &first.part(&own));
+        at_once.sweep_as(pulp::Scalar, n, (&whole, &[7, 8, 11]), &first.part(&own));
         for i in 0..at_once.size() {
             for (known, own) in at_once.row(i).iter().zip(one_by_one.row(i)) {
                 assert!((known - own).abs() < 1e-14, "{i}: {known} {own}");

@@ -12,7 +12,7 @@ pub(super) struct Asked<'a> {
     /// What is asked for beside the model: columns and the others that each is multiplied by, not before it.
     pub(super) pairs: Vec<(usize, Vec<usize>)>,
     /// Zero where any are asked for, and no number elsewhere.
-    pub(super) nothing_yet: Mat<f64>,
+    nothing_yet: Mat<f64>,
 }
 
 impl<'a> Asked<'a> {
@@ -26,6 +26,15 @@ impl<'a> Asked<'a> {
             others.iter().for_each(|j| (nothing_yet[(*i, *j)], nothing_yet[(*j, *i)]) = (0.0, 0.0));
         }
         Self { model, last, blocks, pairs, nothing_yet }
+    }
+
+    /// Sums of nothing: zero where any are asked for, and no number elsewhere.
+    pub(super) fn nothing_yet(&self) -> Mat<f64> {
+        let size = self.last + 1;
+        let mut sums = Mat::zeros(size, size);
+        // Column by column: a copy of a matrix is made number by number.
+        (0..size).for_each(|j| sums.col_as_slice_mut(j).copy_from_slice(self.nothing_yet.col_as_slice(j)));
+        sums
     }
 
     /// Puts what stands in the model's columns in its rows, and what is right of the diagonal beside the model left of it.

@@ -20,7 +20,7 @@ const NEAR: usize = 32;
 
 /// The products that are asked for, and the residual. `order` are the columns among those of the lanes.
 pub(super) fn products(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
-    let (mut sum, mut residual) = (asked.nothing_yet.clone(), Vec::with_capacity(insides.rows()));
+    let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
     let plan = Plan::new(none, order, asked);
     let of_part = |part: usize| {
@@ -189,7 +189,7 @@ mod tests {
         let all = &Gram::of(&columns, &vec![0; rows]).sums[0];
         let asked = Asked::new(model, 17, &blocks);
         let plan = Plan::new(&lanes, &order, &asked);
-        let (mut sums, mut some) = (plan.nothing_yet(), asked.nothing_yet.clone());
+        let (mut sums, mut some) = (plan.nothing_yet(), asked.nothing_yet());
         plan.add(&lanes, &mut sums);
         plan.take(&sums, &mut some);
         asked.mirror(&mut some);

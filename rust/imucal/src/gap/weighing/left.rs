@@ -23,9 +23,11 @@ impl Left {
         Arch::new().dispatch(BestWidth(self, widths))
     }
 
+    /// What a width gains; `sums` are overwritten.
     #[inline(always)]
-    pub(super) fn gain<S: Simd>(&self, simd: S, width: f64) -> Option<f64> {
-        let (mut sums, k) = (self.sums.clone(), self.columns());
+    fn gain<S: Simd>(&self, simd: S, width: f64, sums: &mut Upper) -> Option<f64> {
+        let k = self.columns();
+        sums.copy_from(&self.sums);
         let residual = *sums.at(k, k);
         (0..k).for_each(|a| *sums.at(a, a) += 1.0 / (width * width));
         let volume = sums.sweep(simd, 0..k)? + 2.0 * k as f64 * width.ln();
@@ -57,10 +59,12 @@ impl WithSimd for BestWidth<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
-        let mut best: Option<(f64, f64)> = None;
+        let (mut best, mut sums): (Option<(f64, f64)>, _) = (None, self.0.sums.clone());
         // Not in a closure, which would be compiled for other registers.
         for &width in self.1 {
-            if let Some(gain) = self.0.gain(simd, width).filter(|gain| best.is_none_or(|(_, most)| *gain > most)) {
+            if let Some(gain) =
+                self.0.gain(simd, width, &mut sums).filter(|gain| best.is_none_or(|(_, most)| *gain > most))
+            {
                 best = Some((width, gain));
             }
         }
