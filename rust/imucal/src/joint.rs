@@ -18,6 +18,7 @@ mod fields;
 mod held_out;
 mod inside;
 mod insides;
+mod lanes;
 mod layout;
 mod linear;
 mod misfit;
@@ -44,8 +45,8 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use fields::{Field, ways};
-pub(crate) use inside::lanes::Lanes;
 pub(crate) use insides::Insides;
+pub(crate) use lanes::Lanes;
 pub(crate) use layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 pub(crate) use linear::{INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;

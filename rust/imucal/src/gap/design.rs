@@ -11,7 +11,7 @@ use super::evidence::{Column, Gram};
 use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
-use crate::joint::{BASE, INSIDE, Insides, Joint, Kinds, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
+use crate::joint::{BASE, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
 use crate::moves::axis_aside;
 
 /// One effect in the design.
@@ -55,9 +55,9 @@ pub(crate) struct Rows {
 /// Columns and the residual, which comes last, as whitening makes them.
 struct Made {
     /// All rows but what is inside the moves, where that stands apart.
-    head: Mat<f64>,
+    head: Lanes,
     inside: Option<Insides>,
-    /// The columns among those inside the moves.
+    /// The columns among those of the rows.
     order: Vec<usize>,
 }
 
@@ -65,17 +65,14 @@ impl Made {
     /// All rows in one matrix, without the residual.
     fn together(&self, rows: usize) -> Mat<f64> {
         let Self { head, inside, order } = self;
-        let mut all = Mat::zeros(rows, head.ncols() - 1);
-        let mut first = head.nrows();
-        all.as_mut().subrows_mut(0, first).copy_from(head.subcols(0, head.ncols() - 1));
+        let columns = &order[..order.len() - 1];
+        let mut all = Mat::zeros(rows, columns.len());
+        head.put_columns(columns.iter().copied(), &mut all, 0);
         let Some(insides) = inside else { return all };
-        let mut lanes = insides.no_rows().clone();
+        let (mut lanes, mut first) = (insides.no_rows().clone(), head.rows());
         for k in 0..insides.moves() {
             insides.look(k, &mut lanes);
-            for (j, column) in order[..all.ncols()].iter().enumerate() {
-                let to = &mut all.col_as_slice_mut(j)[first..];
-                to.iter_mut().zip(lanes.column(*column)).for_each(|(to, value)| *to = value);
-            }
+            lanes.put_columns(columns.iter().copied(), &mut all, first);
             first += lanes.rows();
         }
         all
@@ -98,7 +95,6 @@ pub(crate) fn design(
     linear: &Arc<Linear>,
 ) -> Result<Design, Error> {
     let (head, inside) = Joint::of_noise(prepared, all, Arc::clone(linear))?.whiten_apart(linear);
-    let last = head.ncols() - 1;
     let place_in_all = |name: &str| all.all.iter().find(|term| term.name() == name).map_or(0, |term| term.first);
     let of_own: Vec<_> = own.all.iter().map(|t| (place_in_all(t.name()), t.count())).map(|(p, n)| p..p + n).collect();
     let values: Vec<f64> = of_own.iter().flat_map(|places| &linear.model.values[places.clone()]).copied().collect();
@@ -116,22 +112,12 @@ pub(crate) fn design(
         });
         width += term.linear;
     }
-    let order: Vec<usize> = parts.into_iter().flatten().chain([last]).collect();
-    // Beside a model without effects the columns stand in their order.
-    let head = if order.iter().copied().eq(0..=last) {
-        head
-    } else {
-        let mut columns = Mat::zeros(head.nrows(), width + 1);
-        for (to, from) in order.iter().enumerate() {
-            columns.col_as_slice_mut(to).copy_from_slice(head.col_as_slice(*from));
-        }
-        columns
-    };
+    let order: Vec<usize> = parts.into_iter().flatten().chain([all.total()]).collect();
     let (groups, items) = (linear.groups_of_rows(), items_of_rows(prepared, linear, own.kinds));
     let blocks: Vec<Range<usize>> = candidates.iter().map(|candidate| candidate.columns.clone()).collect();
-    let apart = inside.as_ref().map(|insides| (insides, order.as_slice()));
-    let (gram, of_insides) = Gram::beside((&head, &groups[..head.nrows()]), apart, own.total(), &blocks);
-    let residual = [head.col_as_slice(width), &of_insides].concat();
+    let of_head = (&head, &groups[..head.rows()]);
+    let (gram, of_insides) = Gram::beside(of_head, inside.as_ref(), &order, (own.total(), &blocks));
+    let residual = head.column(all.total()).chain(of_insides).collect();
     let made = Made { head, inside, order };
     let rows = Rows { made, columns: OnceLock::new(), products: OnceLock::new(), groups, items, axes: axes_of(linear) };
     Ok(Design {

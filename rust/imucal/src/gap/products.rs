@@ -4,16 +4,14 @@ mod asked;
 mod lanes;
 
 use std::borrow::Cow;
-use std::ops::{AddAssign, Range};
+use std::ops::Range;
 use std::sync::OnceLock;
 
-use faer::linalg::matmul::matmul;
 use faer::linalg::matmul::triangular::{self, BlockStructure};
 use faer::{Accum, Mat, MatRef};
-use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::Gram;
-use crate::joint::{INSIDE, Insides};
+use crate::joint::{INSIDE, Insides, Lanes};
 use crate::stats::dot;
 use crate::workers::{in_order, processors};
 use asked::Asked;
@@ -33,35 +31,34 @@ pub(super) struct Part<'a> {
 impl Gram {
     /// The sums of columns, of which the last one is the residual.
     pub(crate) fn of(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
-        Self::from(columns, group_of_row, |part| square(part.view(), processors()))
+        let groups = Rows::of_groups(group_of_row);
+        let sums = groups.iter().map(|rows| square(rows.part(columns).view(), processors())).collect();
+        Self::of_groups(sums, &groups, columns.ncols() - 1)
     }
 
     /// Those of a model of the first columns with one at a time of the blocks of others, which is all that judging these takes. What
-    /// nobody may ask for is no number. Of what is inside the moves `order` are the same columns there; its residual comes along.
+    /// nobody may ask for is no number. `order` are the columns among those of the rows, the residual the last; that of what is inside
+    /// the moves comes along.
     pub(crate) fn beside(
-        (columns, group_of_row): (&Mat<f64>, &[usize]),
-        inside: Option<(&Insides, &[usize])>,
-        model: usize,
-        blocks: &[Range<usize>],
+        (rows, group_of_row): (&Lanes, &[usize]),
+        insides: Option<&Insides>,
+        order: &[usize],
+        (model, blocks): (usize, &[Range<usize>]),
     ) -> (Self, Vec<f64>) {
-        let asked = Asked::new(model, columns.ncols() - 1, blocks);
-        let mut all = Self::from(columns, group_of_row, |part| part.products(&asked));
-        let Some((insides, order)) = inside else { return (all, Vec::new()) };
-        let (sum, residual) = lanes::products(insides, order, &asked);
+        let residual = order.len() - 1;
+        let (asked, groups) = (Asked::new(model, residual, blocks), Rows::of_groups(group_of_row));
+        let mut all = Self::of_groups(lanes::of_groups(rows, &groups, order, &asked), &groups, residual);
+        let Some(insides) = insides else { return (all, Vec::new()) };
+        let (sum, residual) = lanes::of_insides(insides, order, &asked);
         all.sums.push(sum);
         all.rows.push(residual.len() as f64);
         all.groups.push(INSIDE);
         (all, residual)
     }
 
-    fn from(columns: &Mat<f64>, group_of_row: &[usize], sum: impl Fn(&Part<'_>) -> Mat<f64>) -> Self {
-        let groups = Rows::of_groups(group_of_row);
-        Self {
-            sums: groups.iter().map(|rows| sum(&rows.part(columns))).collect(),
-            rows: groups.iter().map(|rows| rows.count() as f64).collect(),
-            groups: groups.iter().map(|rows| rows.group).collect(),
-            residual: columns.ncols() - 1,
-        }
+    fn of_groups(sums: Vec<Mat<f64>>, groups: &[Rows], residual: usize) -> Self {
+        let rows = groups.iter().map(|rows| rows.count() as f64).collect();
+        Self { sums, rows, groups: groups.iter().map(|rows| rows.group).collect(), residual }
     }
 
     /// Those of the same groups with the products of all columns, which are asked for the first time, and a residual.
@@ -133,26 +130,6 @@ impl Part<'_> {
         &self.columns.col_as_slice(j)[self.rows.clone()]
     }
 
-    /// Those of its columns, of which the last one is the residual.
-    fn products(&self, asked: &Asked<'_>) -> Mat<f64> {
-        let (view, pairs) = (self.view(), &asked.pairs);
-        let of_part = |rows: Range<usize>| {
-            let mut of_model = Mat::zeros(asked.last + 1, asked.model);
-            let part = view.subrows(rows.start, rows.len());
-            let model = part.subcols(0, asked.model);
-            matmul(&mut of_model, Accum::Replace, part.transpose(), model, 1.0, faer::Par::Seq);
-            (of_model, Arch::new().dispatch(Dots { part: self, rows, pairs }))
-        };
-        let mut sum = asked.nothing_yet();
-        for (of_model, dots) in in_parts(processors(), self.rows.len(), of_part) {
-            sum.as_mut().subcols_mut(0, asked.model).add_assign(&of_model);
-            let places = pairs.iter().flat_map(|(i, others)| others.iter().map(|j| (*i, *j)));
-            places.zip(dots).for_each(|(place, dot)| sum[place] += dot);
-        }
-        asked.mirror(&mut sum);
-        sum
-    }
-
     /// Puts the products with a residual, which has this place, into the sums.
     fn put_residual(&self, residual: &[f64], place: usize, sum: &mut Mat<f64>) {
         for j in 0..self.columns.ncols() {
@@ -193,48 +170,6 @@ fn lower_square(a: MatRef<'_, f64>) -> Mat<f64> {
     sum
 }
 
-/// Columns that are multiplied by one at a time: what is loaded of that serves all.
-const AT_ONCE: usize = 4;
-
-/// Products of columns with others in some rows.
-struct Dots<'a> {
-    part: &'a Part<'a>,
-    rows: Range<usize>,
-    pairs: &'a [(usize, Vec<usize>)],
-}
-
-impl WithSimd for Dots<'_> {
-    type Output = Vec<f64>;
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vec<f64> {
-        let Self { part, rows, pairs } = self;
-        let mut dots = Vec::new();
-        for (own, others) in pairs {
-            let (own, own_rest) = S::as_simd_f64s(&part.column(*own)[rows.clone()]);
-            for others in others.chunks(AT_ONCE) {
-                let mut sums = [simd.splat_f64s(0.0); AT_ONCE];
-                // What is too many is summed for nothing.
-                let mut columns = [S::as_simd_f64s(&part.column(others[0])[rows.clone()]); AT_ONCE];
-                for (column, other) in columns.iter_mut().zip(others) {
-                    *column = S::as_simd_f64s(&part.column(*other)[rows.clone()]);
-                }
-                let [(a, _), (b, _), (c, _), (d, _)] = columns;
-                for ((((own, a), b), c), d) in own.iter().zip(a).zip(b).zip(c).zip(d) {
-                    sums[0] = simd.mul_add_e_f64s(*own, *a, sums[0]);
-                    sums[1] = simd.mul_add_e_f64s(*own, *b, sums[1]);
-                    sums[2] = simd.mul_add_e_f64s(*own, *c, sums[2]);
-                    sums[3] = simd.mul_add_e_f64s(*own, *d, sums[3]);
-                }
-                for (sum, (_, rest)) in sums.into_iter().zip(columns).take(others.len()) {
-                    dots.push(simd.reduce_sum_f64s(sum) + dot(own_rest, rest));
-                }
-            }
-        }
-        dots
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -244,7 +179,10 @@ mod tests {
         let (rows, model, blocks) = (4500, 3, [3..4, 4..9, 9..12]);
         let columns = Mat::from_fn(rows, 13, |i, j| ((1 + i) as f64 * (0.3 + 0.17 * j as f64)).sin());
         let groups: Vec<usize> = (0..rows).map(|row| if row < 100 { row % 2 } else { 2 }).collect();
-        let (all, some) = (Gram::of(&columns, &groups), Gram::beside((&columns, &groups), None, model, &blocks).0);
+        let places: Vec<Option<usize>> = (0..13).map(Some).collect();
+        let (lanes, order) = (Lanes::of(&places, rows, |i, j| columns[(i, j)]), Vec::from_iter(0..13));
+        let all = Gram::of(&columns, &groups);
+        let some = Gram::beside((&lanes, &groups), None, &order, (model, &blocks)).0;
         assert_eq!((&all.groups, &all.rows, all.residual), (&some.groups, &some.rows, some.residual));
         let block = |j: usize| blocks.iter().position(|block| block.contains(&j));
         for (all, some) in all.sums.iter().zip(&some.sums) {

@@ -121,8 +121,7 @@ fn look_at(
     let swept = all.part_of(widened.as_ref()?, &beside, own.clone());
     let left = beside.left(&swept);
     let unwidened = plain.as_ref().map(|plain| beside.left(&all.part_of(plain, &beside, own)));
-    let spectrum = unwidened.as_ref().unwrap_or(&left).spectrum();
-    let dof = spectrum.into_iter().filter(|value| *value >= LEAST_CHANGE).count();
+    let dof = unwidened.as_ref().unwrap_or(&left).directions(LEAST_CHANGE);
     let judged = || {
         // The scales hardly depend on the width, and the best one not at all on what little they do.
         let (free, settled) = beside.evidence(NO_PRIOR, swept)?;

@@ -58,18 +58,17 @@ impl Upper {
 
     /// Of some of its rows and columns, in their order; rows that it does not have are zero.
     pub(super) fn part(&self, own: &[Range<usize>]) -> Self {
-        let mut part = Self::zeros(own.iter().map(Range::len).sum());
-        let mut to = part.numbers.chunks_exact_mut(part.width);
-        let rows = own.iter().enumerate().flat_map(|(run, rows)| rows.clone().map(move |row| (run, row)));
-        for ((run, row), to) in rows.zip(&mut to) {
-            let Some(from) = self.numbers.get(row * self.width..(row + 1) * self.width) else { break };
-            let mut next = own[..run].iter().map(Range::len).sum::<usize>();
-            for run in &own[run..] {
-                to[next..next + run.len()].copy_from_slice(&from[run.clone()]);
-                next += run.len();
+        let size = own.iter().map(Range::len).sum::<usize>();
+        let width = size.next_multiple_of(LANES);
+        let mut numbers = Vec::with_capacity(size * width);
+        for row in own.iter().flat_map(Range::clone) {
+            let end = numbers.len() + width;
+            if let Some(from) = self.numbers.get(row * self.width..(row + 1) * self.width) {
+                own.iter().for_each(|run| numbers.extend_from_slice(&from[run.clone()]));
             }
+            numbers.resize(end, 0.0);
         }
-        part
+        Self { size, width, numbers }
     }
 
     /// Makes it the sum of others from a row on, each so many times.

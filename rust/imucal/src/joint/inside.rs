@@ -9,7 +9,6 @@
 //! residual of a move is the rest after it.
 
 mod gains;
-pub(crate) mod lanes;
 mod put;
 pub(super) mod walk;
 
@@ -18,10 +17,10 @@ use nalgebra::Vector3;
 use pulp::Arch;
 
 use super::at_move::AtMove;
+use super::lanes::Lanes;
 use super::pass::planes::Planes;
 pub(super) use gains::Inside;
 pub(crate) use gains::{InsideNoise, count};
-use lanes::Lanes;
 use put::{IntoColumns, IntoLanes, Seen};
 
 /// What a parameter changes of the residuals of a move along the three directions: of all by what it changes at the start, and of the

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use super::inside::lanes::Lanes;
 use super::inside::{InsideNoise, Rows, count};
+use super::lanes::Lanes;
 use super::linear::Linear;
 
 /// What is seen inside the moves of a linearisation, to be whitened when it is asked for.
@@ -17,7 +17,7 @@ pub(crate) struct Insides {
 impl Insides {
     /// `None` if there is no move.
     pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Option<Self> {
-        let no_rows = Lanes::new(&linear.moves.first()?.pass);
+        let no_rows = Lanes::inside(&linear.moves.first()?.pass);
         Some(Self { linear, noise, gravity_mps2, no_rows })
     }
 

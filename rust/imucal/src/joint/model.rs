@@ -83,8 +83,12 @@ pub(crate) fn moments(recording: &Recording<'_>, range: Range<usize>) -> Vec<Sur
 pub(super) fn mean_surroundings(recording: &Recording<'_>, range: Range<usize>) -> Surroundings<f64> {
     let mean = |values: &[f64]| {
         let values = &values[range.clone()];
-        // Differences keep the digits of a large clock.
-        values[0] + values.iter().map(|value| value - values[0]).sum::<f64>() / values.len() as f64
+        // Differences keep the digits of a large clock. Four sums need not wait for each other.
+        let (first, (fours, rest)) = (values[0], values.as_chunks::<4>());
+        let mut sums = [0.0; 4];
+        fours.iter().for_each(|four| sums.iter_mut().zip(four).for_each(|(sum, value)| *sum += value - first));
+        let sum = sums.iter().sum::<f64>() + rest.iter().map(|value| value - first).sum::<f64>();
+        first + sum / values.len() as f64
     };
     Surroundings {
         temperature_difference_k: recording.temperature_degc.map(|t| mean(t) - REFERENCE_TEMPERATURE_DEGC),

@@ -8,14 +8,14 @@ use std::sync::Arc;
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
-use nalgebra::Vector3;
 
 use super::encoders::moves::{About, EncoderMove};
 use super::encoders::{self, Encoders, StandModel};
 use super::inside::Rows;
 use super::insides::Insides;
+use super::lanes::Lanes;
 use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
-use super::linear::{Line, Linear, Source};
+use super::linear::{Linear, Source};
 use super::model::Model;
 use super::prepared::Prepared;
 use super::prior::Prior;
@@ -205,63 +205,61 @@ impl<'a> Joint<'a> {
         (residual, all)
     }
 
-    /// The same with the residuals last; where the force inside the moves takes part without a stand, what is there stands apart.
-    pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Mat<f64>, Option<Insides>) {
+    /// The same by noise alone, row by row with the residuals last; where the force inside the moves takes part without a stand, what is
+    /// there stands apart.
+    pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
+        let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {
-            return (self.whiten_together(linear), None);
+            return (rows, None);
         }
-        let (head, _) = self.whiten_rests(linear, linear.lines.len() + 3 * linear.rates.len());
         let noise = self.weights.inside.clone();
-        (head, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
+        (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// What is seen at rests and from rest to rest, the residuals last, in a matrix of so many rows, and the row behind it.
-    fn whiten_rests(&self, linear: &Linear, rows: usize) -> (Mat<f64>, usize) {
+    /// What is seen at rests and from rest to rest, and all against a stand.
+    fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
-        let head = linear.lines.len();
-        let mut lines = Vec::with_capacity(head * (n + 1));
-        for line in &linear.lines {
-            lines.extend_from_slice(&line.jacobian);
-            lines.push(line.residual);
+        let (head, groups) = (linear.lines.len(), linear.groups());
+        let count = if self.terms.kinds.encoders { groups.stand_moves.end } else { groups.inside.start };
+        let mut rows = Lanes::zeros(n, count);
+        for (row, line) in linear.lines.iter().enumerate() {
+            let to = rows.row_mut(row);
+            to[..n].copy_from_slice(&line.jacobian);
+            to[n] = line.residual;
         }
-        self.weights.whitening.apply_to_rows(&mut lines);
-        let mut all = Mat::zeros(rows, n + 1);
-        for p in 0..=n {
-            let from = lines[p.min(lines.len())..].iter().step_by(n + 1);
-            all.col_as_slice_mut(p).iter_mut().zip(from).for_each(|(to, from)| *to = *from);
-        }
-        let mut row = head;
-        for (rest, rates) in &linear.rates {
+        self.weights.whitening.apply_to_rows(rows.rows_mut(0..head));
+        for (k, (rest, rates)) in linear.rates.iter().enumerate() {
             let whitening = &self.weights.rates[*rest];
-            for p in 0..=n {
-                let at = |line: &Line| if p < n { line.jacobian[p] } else { line.residual };
-                let white = whitening * Vector3::from_fn(|axis, _| at(&rates[axis]));
-                (0..3).for_each(|axis| all[(row + axis, p)] = white[axis]);
+            for (row, axis) in (0..3).flat_map(|row| (0..=row).map(move |axis| (row, axis))) {
+                let (to, by) = (rows.row_mut(head + 3 * k + row), whitening[(row, axis)]);
+                to.iter_mut().zip(&rates[axis].jacobian).for_each(|(to, from)| *to += by * from);
+                to[n] += by * rates[axis].residual;
             }
-            row += 3;
         }
-        self.let_wander(&mut all);
-        (all, row)
+        if let Some(wandering) = &self.wandering {
+            wandering.apply_to_rows(&mut rows);
+        }
+        if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
+            let mut put = |row: &mut usize, z: &[f64], sigma: f64| {
+                rows.row_mut(*row).iter_mut().zip(z).for_each(|(to, value)| *to = value / sigma);
+                *row += 1;
+            };
+            let (mut inside, mut against_stand) = (groups.inside.start, groups.stand_rests.start);
+            self.stand_rows(encoders, linear, |about, z, sigma| match about {
+                About::Force => put(&mut inside, z, sigma),
+                About::Stand => put(&mut against_stand, z, sigma),
+            });
+        }
+        rows
     }
 
     /// All in one matrix, the residuals last.
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
-        let (mut all, mut row) = self.whiten_rests(linear, self.rows);
-        if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
-            let mut put = |row: &mut usize, z: &[f64], sigma: f64| {
-                for (p, value) in z.iter().enumerate() {
-                    all[(*row, p)] = *value / sigma;
-                }
-                *row += 1;
-            };
-            let mut against_stand = linear.groups().stand_rests.start;
-            self.stand_rows(encoders, linear, |about, z, sigma| match about {
-                About::Force => put(&mut row, z, sigma),
-                About::Stand => put(&mut against_stand, z, sigma),
-            });
-            row = against_stand;
-        } else if self.terms.kinds.in_motion {
+        let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));
+        rows.put_columns(0..=n, &mut all, 0);
+        let mut row = rows.rows();
+        if self.terms.kinds.in_motion && !self.terms.kinds.encoders {
             let first = row;
             let mut rows = Rows::new(&mut all, first);
             for (at_move, noise) in linear.moves.iter().zip(&self.weights.inside) {

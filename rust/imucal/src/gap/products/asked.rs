@@ -10,7 +10,7 @@ pub(super) struct Asked<'a> {
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
     /// What is asked for beside the model: columns and the others that each is multiplied by, not before it.
-    pub(super) pairs: Vec<(usize, Vec<usize>)>,
+    pairs: Vec<(usize, Vec<usize>)>,
     /// Zero where any are asked for, and no number elsewhere.
     nothing_yet: Mat<f64>,
 }

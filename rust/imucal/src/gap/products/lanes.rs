@@ -1,4 +1,4 @@
-//! Products of the columns inside the moves, which stand side by side in the rows of a move.
+//! Products of columns that stand side by side in rows.
 
 use std::iter::once;
 use std::ops::Range;
@@ -6,33 +6,56 @@ use std::ops::Range;
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
+use super::Rows;
 use super::asked::Asked;
 use crate::joint::{Insides, Lanes};
 use crate::workers::{in_order, processors};
 
-/// Moves whose rows are made and summed at once: so many whatever the number of threads, for the sum is not to depend on that.
-const TOGETHER: usize = 8;
+/// Moves whose rows are made and summed at once, and rows that are: so many whatever the number of threads, for the sum is not to depend
+/// on that.
+const MOVES: usize = 8;
+const ROWS: usize = 2048;
 /// Columns that are multiplied by a register at once: of a model, which has three times as many, and of all others.
 const OF_MODEL: usize = 7;
 const OF_OTHERS: usize = 4;
 /// Rows whose numbers stay in the nearest cache.
 const NEAR: usize = 32;
 
-/// The products that are asked for, and the residual. `order` are the columns among those of the lanes.
-pub(super) fn products(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
+/// The products that are asked for, of each group of rows. `order` are the columns among those of the lanes.
+pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: &Asked<'_>) -> Vec<Mat<f64>> {
+    let plan = Plan::new(lanes, order, asked);
+    let of_group = |group: &Rows| {
+        let rows: Vec<usize> = group.runs.iter().flat_map(Range::clone).collect();
+        let parts: Vec<&[usize]> = rows.chunks(ROWS).collect();
+        let of_part = |part: usize| {
+            let mut sums = plan.nothing_yet();
+            parts[part].chunks(NEAR).for_each(|rows| plan.add(rows.iter().map(|row| lanes.row(*row)), &mut sums));
+            sums
+        };
+        let mut sum = asked.nothing_yet();
+        in_order(processors(), parts.len(), of_part).iter().for_each(|sums| plan.take(sums, &mut sum));
+        asked.mirror(&mut sum);
+        sum
+    };
+    groups.iter().map(of_group).collect()
+}
+
+/// The products that are asked for of all that is inside the moves, and the residual.
+pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
     let plan = Plan::new(none, order, asked);
     let of_part = |part: usize| {
         let (mut lanes, mut sums, mut residual) = (none.clone(), plan.nothing_yet(), Vec::new());
-        for k in part * TOGETHER..insides.moves().min((part + 1) * TOGETHER) {
+        for k in part * MOVES..insides.moves().min((part + 1) * MOVES) {
             insides.look(k, &mut lanes);
             residual.extend(lanes.column(order[asked.last]));
-            plan.add(&lanes, &mut sums);
+            let near = lanes.numbers().chunks(NEAR * lanes.width());
+            near.for_each(|numbers| plan.add(numbers.chunks_exact(lanes.width()), &mut sums));
         }
         (sums, residual)
     };
-    for (sums, of_part) in in_order(processors(), insides.moves().div_ceil(TOGETHER), of_part) {
+    for (sums, of_part) in in_order(processors(), insides.moves().div_ceil(MOVES), of_part) {
         plan.take(&sums, &mut sum);
         residual.extend(of_part);
     }
@@ -99,8 +122,9 @@ impl Plan {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }
 
-    fn add(&self, lanes: &Lanes, sums: &mut [f64]) {
-        Arch::new().dispatch(Add { plan: self, lanes, sums });
+    /// Adds the products of some rows.
+    fn add<'r>(&self, rows: impl Iterator<Item = &'r [f64]> + Clone, sums: &mut [f64]) {
+        Arch::new().dispatch(Add { plan: self, rows, sums });
     }
 
     /// Puts sums where they are asked for.
@@ -129,38 +153,35 @@ impl WithSimd for Register {
     }
 }
 
-struct Add<'a> {
+struct Add<'a, R> {
     plan: &'a Plan,
-    lanes: &'a Lanes,
+    rows: R,
     sums: &'a mut [f64],
 }
 
-impl WithSimd for Add<'_> {
+impl<'r, R: Iterator<Item = &'r [f64]> + Clone> WithSimd for Add<'_, R> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { plan, lanes, sums } = self;
+        let Self { plan, rows, sums } = self;
         let (sums, _) = S::as_mut_simd_f64s(sums);
         let (of_model, of_others) = sums.split_at_mut(plan.of_model.len() * OF_MODEL);
-        for first in (0..lanes.rows()).step_by(NEAR) {
-            let rows = (lanes.numbers(first..(first + NEAR).min(lanes.rows())), lanes.width());
-            for (job, sums) in plan.of_model.iter().zip(of_model.chunks_exact_mut(OF_MODEL)) {
-                add::<S, OF_MODEL>(simd, rows, job, sums);
-            }
-            for (job, sums) in plan.of_others.iter().zip(of_others.chunks_exact_mut(OF_OTHERS)) {
-                add::<S, OF_OTHERS>(simd, rows, job, sums);
-            }
+        for (job, sums) in plan.of_model.iter().zip(of_model.chunks_exact_mut(OF_MODEL)) {
+            add::<S, OF_MODEL>(simd, rows.clone(), job, sums);
+        }
+        for (job, sums) in plan.of_others.iter().zip(of_others.chunks_exact_mut(OF_OTHERS)) {
+            add::<S, OF_OTHERS>(simd, rows.clone(), job, sums);
         }
     }
 }
 
 /// Adds the products of the first N places of a job with its register, row by row.
 #[inline(always)]
-fn add<S: Simd, const N: usize>(simd: S, (numbers, width): (&[f64], usize), job: &Job, sums: &mut [S::f64s]) {
+fn add<'r, S: Simd, const N: usize>(simd: S, rows: impl Iterator<Item = &'r [f64]>, job: &Job, sums: &mut [S::f64s]) {
     let (places, first) = (&job.places, job.first);
     let mut own = [simd.splat_f64s(0.0); N];
-    for row in numbers.chunks_exact(width) {
+    for row in rows {
         let register = S::as_simd_f64s(&row[first..first + S::F64_LANES]).0[0];
         for k in 0..N {
             own[k] = simd.mul_add_e_f64s(simd.splat_f64s(row[places[k]]), register, own[k]);
@@ -190,7 +211,7 @@ mod tests {
         let asked = Asked::new(model, 17, &blocks);
         let plan = Plan::new(&lanes, &order, &asked);
         let (mut sums, mut some) = (plan.nothing_yet(), asked.nothing_yet());
-        plan.add(&lanes, &mut sums);
+        plan.add(lanes.numbers().chunks_exact(lanes.width()), &mut sums);
         plan.take(&sums, &mut some);
         asked.mirror(&mut some);
         let block = |j: usize| blocks.iter().position(|block| block.contains(&j));

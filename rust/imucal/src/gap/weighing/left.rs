@@ -5,6 +5,9 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::super::upper::Upper;
 
+/// Of what was there before a model was subtracted.
+const ROUNDING: f64 = 1e-9;
+
 /// What a model leaves of columns beside it, in typical sizes, and of the residuals, which come last.
 pub(crate) struct Left {
     pub(super) sums: Upper,
@@ -34,21 +37,39 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// What each direction of the parameters moves chi2 by; what is below the rounding of what was subtracted is nothing.
-    pub(crate) fn spectrum(&self) -> Vec<f64> {
-        let k = self.columns();
-        let normal = DMatrix::from_fn(k, k, |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
-        if normal.iter().any(|number| !number.is_finite()) {
-            return Vec::new();
+    /// How many directions of the parameters move chi2 by this much at least; what is below the rounding of what was subtracted is nothing.
+    pub(crate) fn directions(&self, least: f64) -> usize {
+        let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
+        // Mostly it is all, which is said without asking for each.
+        if Arch::new().dispatch(AreAllAbove(self, least)) {
+            return self.columns();
         }
-        let rounding = 1e-9 * self.whole.iter().sum::<f64>();
-        let values = normal.symmetric_eigenvalues();
-        values.into_iter().map(|value| if *value > rounding { *value } else { 0.0 }).collect()
+        let normal = DMatrix::from_fn(self.columns(), self.columns(), |a, b| self.sums.row(a.min(b))[a.abs_diff(b)]);
+        if normal.iter().any(|number| !number.is_finite()) {
+            return 0;
+        }
+        normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// The sum of these.
+    /// What all directions together move chi2 by.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
+    }
+}
+
+/// Whether all eigenvalues of what is left of the columns are above this.
+struct AreAllAbove<'a>(&'a Left, f64);
+
+impl WithSimd for AreAllAbove<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> bool {
+        let (mut sums, k) = (self.0.sums.clone(), self.0.columns());
+        for a in 0..k {
+            *sums.at(a, a) -= self.1;
+        }
+        sums.sweep(simd, 0..k).is_some()
     }
 }
 
@@ -69,5 +90,25 @@ impl WithSimd for BestWidth<'_> {
             }
         }
         best
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn directions_are_counted_by_their_eigenvalues() {
+        // Two columns with eigenvalues 1 and 3, and the residual.
+        let mut sums = Upper::zeros(3);
+        sums.row_mut(0).copy_from_slice(&[2.0, 1.0, 0.3]);
+        sums.row_mut(1).copy_from_slice(&[2.0, -0.2]);
+        let of = |whole: f64| Left { sums: sums.clone(), whole: vec![whole; 2] };
+        assert_eq!([0.9, 1.1, 2.9, 3.1].map(|least| of(2.0).directions(least)), [2, 1, 1, 0]);
+        // So much was subtracted that one is rounding.
+        assert_eq!(of(1e9).directions(0.9), 1);
+        let mut unknown = of(2.0);
+        *unknown.sums.at(0, 1) = f64::NAN;
+        assert_eq!(unknown.directions(0.9), 0);
     }
 }

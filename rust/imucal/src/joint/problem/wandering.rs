@@ -5,6 +5,7 @@ use imucal_core::effects::Sensor;
 
 use super::Joint;
 use crate::error::Error;
+use crate::joint::lanes::Lanes;
 use crate::joint::linear::Linear;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
 
@@ -52,6 +53,16 @@ impl Wandering {
         let head = matrix.as_ref().subrows(0, self.factor.nrows()).to_owned();
         let white = self.solved(&head);
         matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
+    }
+
+    /// The same of rows.
+    pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
+        let (count, width) = (self.factor.nrows(), rows.width());
+        let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
+        let white = self.solved(&head);
+        for row in 0..count {
+            rows.row_mut(row).iter_mut().enumerate().for_each(|(place, to)| *to = white[(row, place)]);
+        }
     }
 
     /// What is left of a column that begins at row `first`, from there on.
