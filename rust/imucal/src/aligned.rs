@@ -2,8 +2,7 @@
 
 use std::ops::{Deref, DerefMut};
 
-use pulp::bytemuck::cast_slice;
-use pulp::bytemuck::cast_slice_mut;
+use pulp::bytemuck::{cast_slice, cast_slice_mut};
 use wide::f64x8;
 
 /// As many numbers as the widest register has, and a cache line.
@@ -44,5 +43,20 @@ impl DerefMut for Aligned {
     #[inline(always)]
     fn deref_mut(&mut self) -> &mut [f64] {
         cast_slice_mut(&mut self.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_begin_at_a_cache_line_and_new_ones_are_zero() {
+        let mut numbers = Aligned::zeros(3 * WIDEST);
+        numbers.iter_mut().for_each(|number| *number = 1.0);
+        numbers.resize(500 * WIDEST);
+        assert_eq!((numbers.as_ptr() as usize) % 64, 0);
+        assert_eq!((numbers.len(), numbers.iter().sum::<f64>()), (500 * WIDEST, 24.0));
+        assert!(Aligned::with_capacity(5).is_empty());
     }
 }

@@ -140,10 +140,14 @@ impl Stencil {
     pub(super) fn slopes(&self, time_s: &[f64], sums: &Sums) -> Vec<Vector3<f64>> {
         let one_by_one = |range: Range<usize>| range.map(|k| self.at(time_s, k).slope(sums));
         let (n, inside) = (time_s.len(), self.inside(time_s.len()));
-        let Some(run) = self.run() else { return one_by_one(0..n).collect() };
+        if self.even.is_none() {
+            return one_by_one(0..n).collect();
+        }
         let mut slopes = Vec::with_capacity(n);
         slopes.extend(one_by_one(0..inside.start));
-        Arch::new().dispatch(Slopes { sums, run, places: inside.clone(), slopes: &mut slopes });
+        // There the boxes about each are alike.
+        let boxes = self.at(time_s, inside.start);
+        Arch::new().dispatch(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));
         slopes
     }
@@ -258,11 +262,11 @@ impl WithSimd for Squares<'_> {
     }
 }
 
-/// The slopes that a run makes of sums at some places.
+/// The slopes that boxes make of sums, moved to so many places in a row.
 struct Slopes<'a> {
     sums: &'a Sums,
-    run: Run,
-    places: Range<usize>,
+    boxes: Boxes,
+    places: usize,
     slopes: &'a mut Vec<Vector3<f64>>,
 }
 
@@ -271,12 +275,10 @@ impl WithSimd for Slopes<'_> {
 
     #[inline(always)] // With the widest registers.
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { sums: Sums(sums), run, places, slopes } = self;
-        for k in places {
-            let own = &sums[k - run.before..];
-            let mut slope = [if own[0].w == own[BOXES * run.stride].w { 0.0 } else { f64::NAN }; 4];
-            add(own, &run, 1.0, &mut slope);
-            slopes.push(Vector3::new(slope[0], slope[1], slope[2]));
+        let Self { sums, mut boxes, places, slopes } = self;
+        for _ in 0..places {
+            slopes.push(boxes.slope(sums));
+            boxes.first += 1;
         }
     }
 }
@@ -302,6 +304,7 @@ pub(super) struct Boxes {
 
 impl Boxes {
     /// NaN if a value is missing.
+    #[inline(always)] // With the widest registers that the caller has.
     pub(super) fn slope(&self, sums: &Sums) -> Vector3<f64> {
         let edge = |j: usize| &sums.0[self.first + j * self.stride];
         if edge(0).w != edge(self.count).w {
