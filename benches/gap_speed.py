@@ -212,7 +212,7 @@ def scoring_lines() -> list[str]:
             passes = float(of_scoring) / float(of_pass)
             verdict = "met" if passes <= PASSES[kind] else "missed"
             rows.append(
-                f"| {kind} | {count} | {float(of_pass):.2f} | {float(of_scoring):.1f} | {passes:.0f} "
+                f"| {kind} | {count} | {float(of_pass):.2f} | {float(of_scoring):.2f} | {passes:.1f} "
                 f"| {PASSES[kind]}: {verdict} |"
             )
     return [
