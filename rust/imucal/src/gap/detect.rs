@@ -32,8 +32,8 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
         } else {
             low = at
         }
-        let next = Some(at - (power - POWER) / slope).filter(|next| low < *next && *next < high);
-        let next = next.unwrap_or(f64::midpoint(low, high));
+        let newton = at - (power - POWER) / slope;
+        let next = if (low..=high).contains(&newton) { newton } else { f64::midpoint(low, high) };
         if (next - at).abs() <= LAST_STEP * at {
             return next;
         }

@@ -4,8 +4,7 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-/// As many numbers as the widest register has.
-const LANES: usize = 8;
+use crate::aligned::WIDEST;
 
 /// The upper half of a symmetric matrix, or the first rows of it, each filled up to whole registers: what is left of the diagonal means
 /// nothing.
@@ -24,7 +23,7 @@ impl Upper {
 
     /// Only so many rows of zeros.
     pub(super) fn first_rows(rows: usize, size: usize) -> Self {
-        let width = size.next_multiple_of(LANES);
+        let width = size.next_multiple_of(WIDEST);
         Self { size, width, numbers: vec![0.0; rows * width] }
     }
 
@@ -59,7 +58,7 @@ impl Upper {
     /// Of some of its rows and columns, in their order; rows that it does not have are zero.
     pub(super) fn part(&self, own: &[Range<usize>]) -> Self {
         let size = own.iter().map(Range::len).sum::<usize>();
-        let width = size.next_multiple_of(LANES);
+        let width = size.next_multiple_of(WIDEST);
         let mut numbers = Vec::with_capacity(size * width);
         for row in own.iter().flat_map(Range::clone) {
             let end = numbers.len() + width;

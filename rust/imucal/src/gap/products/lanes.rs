@@ -6,15 +6,13 @@ use std::ops::Range;
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::Rows;
 use super::asked::Asked;
+use super::{Rows, in_parts};
 use crate::joint::{Insides, Lanes};
 use crate::workers::{in_order, processors};
 
-/// Moves whose rows are made and summed at once, and rows that are: so many whatever the number of threads, for the sum is not to depend
-/// on that.
+/// Moves whose rows are made and summed at once: so many whatever the number of threads, for the sum is not to depend on that.
 const MOVES: usize = 8;
-const ROWS: usize = 2048;
 /// Columns that are multiplied by a register at once: of a model, which has three times as many, and of all others.
 const OF_MODEL: usize = 7;
 const OF_OTHERS: usize = 4;
@@ -26,14 +24,13 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     let plan = Plan::new(lanes, order, asked);
     let of_group = |group: &Rows| {
         let rows: Vec<usize> = group.runs.iter().flat_map(Range::clone).collect();
-        let parts: Vec<&[usize]> = rows.chunks(ROWS).collect();
-        let of_part = |part: usize| {
+        let of_part = |part: Range<usize>| {
             let mut sums = plan.nothing_yet();
-            parts[part].chunks(NEAR).for_each(|rows| plan.add(rows.iter().map(|row| lanes.row(*row)), &mut sums));
+            rows[part].chunks(NEAR).for_each(|rows| plan.add(rows.iter().map(|row| lanes.row(*row)), &mut sums));
             sums
         };
         let mut sum = asked.nothing_yet();
-        in_order(processors(), parts.len(), of_part).iter().for_each(|sums| plan.take(sums, &mut sum));
+        in_parts(processors(), rows.len(), of_part).iter().for_each(|sums| plan.take(sums, &mut sum));
         asked.mirror(&mut sum);
         sum
     };

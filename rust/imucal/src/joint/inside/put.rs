@@ -78,8 +78,8 @@ impl WithSimd for IntoLanes<'_> {
         let edges = S::as_simd_f64s(at_edges).0;
         let mut states = vec![0.0; 3 * planes.width()];
         let (states, _) = S::as_mut_simd_f64s(&mut states);
-        let (width, count, own) = (lanes.width(), lanes.rows(), place..place + planes.width());
-        let [along, one, other] = by_direction(lanes.rows_mut(0..count), blocks, width);
+        let (width, own) = (lanes.width(), place..place + planes.width());
+        let [along, one, other] = by_direction(lanes.rows_mut(0..lanes.rows()), blocks, width);
         for (k, (state, toward)) in planes.registers(simd).chunks_exact(3 * registers).zip(toward).enumerate() {
             let gains = [&inside.along[k], &inside.across[k], &inside.across[k]];
             let (x, y, z) = (&state[..registers], &state[registers..][..registers], &state[2 * registers..]);

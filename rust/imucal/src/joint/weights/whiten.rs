@@ -48,16 +48,10 @@ impl Whitening {
     /// Solves `L x = column` in place.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
         let width = matrix.ncols();
-        let mut rows = vec![0.0; self.rows.len() * width];
-        for j in 0..width {
-            let to = rows[j..].iter_mut().step_by(width);
-            to.zip(matrix.col_as_slice(j)).for_each(|(to, from)| *to = *from);
-        }
+        let places = || (0..self.rows.len()).flat_map(|i| (0..width).map(move |j| (i, j)));
+        let mut rows: Vec<f64> = places().map(|place| matrix[place]).collect();
         self.apply_to_rows(&mut rows);
-        for j in 0..width {
-            let from = rows[j..].iter().step_by(width);
-            matrix.col_as_slice_mut(j).iter_mut().zip(from).for_each(|(to, from)| *to = *from);
-        }
+        places().zip(rows).for_each(|(place, value)| matrix[place] = value);
     }
 
     /// The same of all columns, the rows of which stand one after the other.
@@ -144,5 +138,12 @@ mod tests {
                 assert!((whole[(i, j)] - f64::from(u8::from(i == j))).abs() < 1e-13, "{i} {j} {}", whole[(i, j)]);
             }
         }
+    }
+
+    #[test]
+    fn where_there_is_no_row_nothing_is_whitened() {
+        let mut none = Mat::zeros(0, 3);
+        Whitening::new(&[], &[], 0).apply(&mut none);
+        assert_eq!((none.nrows(), none.ncols()), (0, 3));
     }
 }
