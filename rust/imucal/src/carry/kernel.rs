@@ -52,11 +52,11 @@ impl Turned {
     }
 }
 
-/// The work on a stretch: `CUBIC` is the rate through four samples instead of two, `SUMS` says whether the sums are wanted, `SMALL`
-/// that no step turns far.
-pub(super) struct Work<'a, const CUBIC: bool, const SUMS: bool, const SMALL: bool>(pub(super) Stretch<'a>);
+/// The work on a stretch: `CUBIC` is the rate through four samples instead of two, `SUMS` says whether the sums are wanted, `REACH`
+/// how far a step may turn.
+pub(super) struct Work<'a, const CUBIC: bool, const SUMS: bool, const REACH: usize>(pub(super) Stretch<'a>);
 
-impl<const CUBIC: bool, const SUMS: bool, const SMALL: bool> WithSimd for Work<'_, CUBIC, SUMS, SMALL> {
+impl<const CUBIC: bool, const SUMS: bool, const REACH: usize> WithSimd for Work<'_, CUBIC, SUMS, REACH> {
     /// `None` if a step turns too far for the polynomials.
     type Output = Option<Turned>;
 
@@ -65,15 +65,15 @@ impl<const CUBIC: bool, const SUMS: bool, const SMALL: bool> WithSimd for Work<'
         let margin = usize::from(CUBIC);
         let steps = (self.0.raw.len() - 1 - 2 * margin) / S::F64_LANES;
         match self.0.stamps_s {
-            None => self.0.run::<S, true, CUBIC, SUMS, SMALL>(simd, steps),
-            Some(_) => self.0.run::<S, false, CUBIC, SUMS, SMALL>(simd, steps),
+            None => self.0.run::<S, true, CUBIC, SUMS, REACH>(simd, steps),
+            Some(_) => self.0.run::<S, false, CUBIC, SUMS, REACH>(simd, steps),
         }
     }
 }
 
 impl Stretch<'_> {
     #[inline(always)]
-    fn run<S: Simd, const EVEN: bool, const CUBIC: bool, const SUMS: bool, const SMALL: bool>(
+    fn run<S: Simd, const EVEN: bool, const CUBIC: bool, const SUMS: bool, const REACH: usize>(
         &self,
         simd: S,
         steps: usize,
@@ -110,14 +110,14 @@ impl Stretch<'_> {
             if EVEN {
                 for k in 0..TILE {
                     let a = map.rate(three(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
-                    run.take_step::<EVEN, CUBIC, SUMS, SMALL>(a, zero, &mut terms[k]);
+                    run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, zero, &mut terms[k]);
                 }
             } else {
                 let times: [&[f64; TILE]; MOST_LANES] = time_tiles.map(|tiles| &tiles[t]);
                 for k in 0..TILE {
                     let a = map.rate(three(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
                     let time = Lanes::from_fn(simd, |l| times[l][k]);
-                    run.take_step::<EVEN, CUBIC, SUMS, SMALL>(a, time, &mut terms[k]);
+                    run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, time, &mut terms[k]);
                 }
             }
             run.turn::<SUMS>(&mut terms);
@@ -129,14 +129,14 @@ impl Stretch<'_> {
         for (place, k) in (samples - rest..samples).enumerate() {
             let a = map.rate(three(|c| Lanes::from_fn(simd, |l| raw[l][k][c])));
             let time = if EVEN { zero } else { Lanes::from_fn(simd, |l| stamps[l][k]) };
-            run.take_step::<EVEN, CUBIC, SUMS, SMALL>(a, time, &mut terms[place]);
+            run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, time, &mut terms[place]);
         }
         run.turn::<SUMS>(&mut terms[..rest]);
         if SUMS {
             totals.add::<EVEN>(&terms[..rest]);
             totals.add::<false>(&[run.here::<CUBIC>(if EVEN { half } else { run.before })]);
         }
-        run.is_exact::<SMALL>().then(|| together::<S, SUMS>(simd, &run, &totals, steps))
+        run.is_exact::<REACH>().then(|| together::<S, SUMS>(simd, &run, &totals, steps))
     }
 }
 

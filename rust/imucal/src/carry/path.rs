@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::between::{Between, shares_of_cubic, until_other};
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
+use super::step::REACHES;
 use super::{Carried, Instructions, Sums, turn_on};
 use crate::recording::{Recording, Samples};
 
@@ -57,9 +58,8 @@ thread_local! {
 /// Steps that each lane takes before the lanes are put together. The places they read must not be a power of two apart, or they
 /// would all fall into the same few lines of the cache.
 const STEPS_OF_A_LANE: usize = 1000;
-/// Samples so close are taken with the polynomials for small turns first, 340 deg/s being as far as they go; where they are further
-/// apart, trying them would often be in vain.
-const CLOSE_S: f64 = 5.1e-3;
+/// The polynomials for turns so far are tried first that this rate, 340 deg/s, keeps to; for less it would often be in vain.
+const FAST_RAD_PER_S: f64 = 5.9;
 /// Fewer steps than these are taken one by one.
 const FEW: usize = 16;
 
@@ -147,7 +147,8 @@ impl<'a> Path<'a> {
         let frame = Frame::of(gyroscope, scale);
 
         let mut all = Turned::nothing();
-        let mut is_small = self.pace.mean_interval_s() <= CLOSE_S;
+        let fast_rad = FAST_RAD_PER_S * self.pace.mean_interval_s();
+        let mut reach = REACHES.iter().take_while(|reach| reach.turn_rad < fast_rad).count().min(REACHES.len() - 1);
         while all.steps < steps {
             let at = all.steps;
             let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
@@ -155,7 +156,7 @@ impl<'a> Path<'a> {
             let raw = self.raw.part(range.clone());
             let stretch = Stretch { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
             let in_lanes = count >= FEW && self.between != Between::UnevenCubic;
-            let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(stretch, &mut is_small) } else { None };
+            let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(stretch, &mut reach) } else { None };
             // One step may be all that turned too far.
             let alone = at..at + count.min(STEPS_OF_A_LANE);
             all.then(&turned.unwrap_or_else(|| self.one_by_one::<CUBIC>(gyroscope, &frame, alone)));
@@ -164,16 +165,19 @@ impl<'a> Path<'a> {
         (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
     }
 
-    /// A stretch in lanes, with the polynomials for large turns from the first one on.
-    fn lanes<const CUBIC: bool, const SUMS: bool>(&self, stretch: Stretch<'_>, is_small: &mut bool) -> Option<Turned> {
-        if *is_small {
-            let turned = self.instructions.run(Work::<CUBIC, SUMS, true>(stretch));
-            if turned.is_some() {
+    /// A stretch in lanes, with the polynomials for the least reach that its steps keep to; the next stretch begins with that.
+    fn lanes<const CUBIC: bool, const SUMS: bool>(&self, stretch: Stretch<'_>, reach: &mut usize) -> Option<Turned> {
+        loop {
+            let turned = match *reach {
+                0 => self.instructions.run(Work::<CUBIC, SUMS, 0>(stretch)),
+                1 => self.instructions.run(Work::<CUBIC, SUMS, 1>(stretch)),
+                _ => self.instructions.run(Work::<CUBIC, SUMS, 2>(stretch)),
+            };
+            if turned.is_some() || *reach + 1 >= REACHES.len() {
                 return turned;
             }
-            *is_small = false;
+            *reach += 1;
         }
-        self.instructions.run(Work::<CUBIC, SUMS, false>(stretch))
     }
 
     /// Steps of any angle, and the few that the lanes leave. In the frame of the gyroscope, where no rate is rounded once more.

@@ -17,14 +17,23 @@ pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
     [part(0), part(1), part(2)]
 }
 
-/// Largest angles of a step, rad.
-const SMALL_TURN_RAD: f64 = 0.03;
-const LARGE_TURN_RAD: f64 = 0.2;
-/// Terms of a polynomial that matter for small turns.
-const SMALL_TERMS: usize = 4;
+/// How far the steps of a path turn.
+pub(super) struct Reach {
+    /// At most, rad.
+    pub(super) turn_rad: f64,
+    /// Terms of the polynomials that matter then: of the tangent, and of the square of the cosine.
+    terms: [usize; 2],
+}
 
-/// Coefficients of the polynomials in y, with `t^2 = 9 y`: `3 tan(t/2) / t` and `cos^2(t/2)`. What is left out is below a rounding
-/// error for the largest turn.
+/// From the least to the most. Of the tangent 1e-14 of itself is left out at most, and what is left out of the cosine is made good
+/// once for each tile.
+pub(super) const REACHES: [Reach; 3] = [
+    Reach { turn_rad: 0.001, terms: [2, 3] },
+    Reach { turn_rad: 0.03, terms: [4, 4] },
+    Reach { turn_rad: 0.2, terms: [7, 6] },
+];
+
+/// Coefficients of the polynomials in y, with `t^2 = 9 y`: `3 tan(t/2) / t` and `cos^2(t/2)`.
 const TANGENT: [f64; 7] = by_powers(
     1.5,
     2.25,
@@ -157,16 +166,15 @@ impl<S: Simd> Running<S> {
     }
 
     #[inline(always)]
-    fn polynomial<const SMALL: bool>(&self, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
-        let terms = if SMALL { SMALL_TERMS } else { coefficients.len() };
+    fn polynomial(&self, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
         let splat = |c: f64| Lanes::splat(self.simd, c);
-        let highest = splat(coefficients[terms - 1]);
-        coefficients[..terms - 1].iter().rev().fold(highest, |sum, c| sum.times_plus(y, splat(*c)))
+        let (highest, others) = coefficients.split_last().map_or((0.0, coefficients), |(last, others)| (*last, others));
+        others.iter().rev().fold(splat(highest), |sum, c| sum.times_plus(y, splat(*c)))
     }
 
     /// Takes the next sample, which ends a step or, for a cubic, comes after its end; writes what is known of the step by itself.
     #[inline(always)]
-    pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const SMALL: bool>(
+    pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const REACH: usize>(
         &mut self,
         next: Three<S>,
         next_time: Lanes<S>,
@@ -200,10 +208,10 @@ impl<S: Simd> Running<S> {
         let p = three(|c| s[c] + q[c]);
         let y = p[0].times_plus(p[0], p[1].times_plus(p[1], p[2] * p[2]));
         self.largest = self.largest.max(y);
-        let tangent = self.polynomial::<SMALL>(&TANGENT, y);
+        let tangent = self.polynomial(&TANGENT[..REACHES[REACH].terms[0]], y);
         term.vector = three(|c| p[c] * tangent);
         if SUMS {
-            term.shrunk = self.polynomial::<SMALL>(&COSINE_SQUARED, y);
+            term.shrunk = self.polynomial(&COSINE_SQUARED[..REACHES[REACH].terms[1]], y);
         }
         self.take(next, next_time);
     }
@@ -253,8 +261,8 @@ impl<S: Simd> Running<S> {
 
     /// Whether no step turned too far for the polynomials.
     #[inline(always)]
-    pub(super) fn is_exact<const SMALL: bool>(&self) -> bool {
-        let limit = if SMALL { SMALL_TURN_RAD } else { LARGE_TURN_RAD };
+    pub(super) fn is_exact<const REACH: usize>(&self) -> bool {
+        let limit = REACHES[REACH].turn_rad;
         let largest = self.largest.to_array().into_iter().fold(0.0, f64::max);
         9.0 * largest <= limit * limit
     }
