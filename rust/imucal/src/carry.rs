@@ -13,6 +13,7 @@
 //! where the path ends: with columns R_x, R_y, R_z the integral of `R_y w_z - R_z w_y` is what R_x changes by. In the midst of a turn it
 //! is off by a twelfth of the square of the turn in a step.
 
+mod attitudes;
 mod between;
 mod kernel;
 mod lanes;
@@ -23,11 +24,11 @@ mod step;
 mod tests;
 
 use imucal_core::sensor::Triad;
-use imucal_core::so3;
-use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::recording::{Recording, Samples};
 
+pub(crate) use attitudes::attitudes;
 pub(crate) use between::Between;
 pub use lanes::Instructions;
 #[cfg(test)]
@@ -122,9 +123,8 @@ impl Sums {
     }
 }
 
-/// Turns on by a step of `h` seconds with this mean rate and these rates at its ends.
+/// What a step of `h` seconds turns, rad, with this mean rate and these rates at its ends.
 #[inline(always)]
-pub(crate) fn turn_on(rotation: &mut UnitQuaternion<f64>, mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) {
-    *rotation *= so3::exp(&(mean * h + w0.cross(w1) * (h * h / 12.0)));
-    rotation.renormalize_fast();
+pub(crate) fn turn(mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) -> Vector3<f64> {
+    mean * h + w0.cross(w1) * (h * h / 12.0)
 }

@@ -13,7 +13,7 @@
 
 use super::{AXES, Alias, Columns, ENTRIES, Effect, Need, Parameter, Sensor, State, parameters, set_entries};
 use crate::{EARTH_RATE_RADPS, so3::hat};
-use nalgebra::{Matrix3, RealField, Vector3};
+use nalgebra::{Matrix3, RealField, UnitQuaternion, Vector3};
 
 impl<F: RealField + Copy> Effect<F> {
     pub(super) const DYNAMICS: &'static [Self] = &[
@@ -95,9 +95,9 @@ impl<F: RealField + Copy> Effect<F> {
 }
 
 fn earth_rate<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    let body_from_world = state.surroundings.rotation_world_from_body.map(|r_wb| r_wb.inverse());
+    let world_from_body = state.surroundings.rotation_world_from_body.map(UnitQuaternion::to_rotation_matrix);
     for (i, column) in columns.iter_mut().take(3).enumerate() {
-        *column = body_from_world.map_or_else(Vector3::zeros, |r_bw| r_bw * Vector3::ith(i, F::one()));
+        *column = world_from_body.map_or_else(Vector3::zeros, |matrix| matrix.matrix().row(i).transpose());
     }
 }
 

@@ -1,13 +1,14 @@
 //! A stretch of a gyroscope's samples and its integral.
 
 use imucal_core::sensor::Triad;
+use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::between::{Between, shares_of_cubic, until_other};
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
 use super::step::REACHES;
-use super::{Carried, Instructions, Sums, turn_on};
+use super::{Carried, Instructions, Sums, turn};
 use crate::recording::{Recording, Samples};
 
 /// When the samples of a path were taken.
@@ -208,7 +209,8 @@ impl<'a> Path<'a> {
                 _ => (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0,
             };
             let before = weighted(&rotation, h);
-            turn_on(&mut rotation, &mean, [&w0, &w1], h);
+            rotation *= so3::exp(&turn(&mean, [&w0, &w1], h));
+            rotation.renormalize_fast();
             sums.add_sample(&before, &w0);
             sums.add_sample(&weighted(&rotation, h), &w1);
         }

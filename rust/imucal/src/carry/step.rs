@@ -4,6 +4,7 @@
 //! coning; for even steps the samples are scaled so that `s = a0 + a1`, `q = a0 x a1`. With `y = |p|^2` the quaternion of a step is
 //! `(1, tau(y) p)` but for its length, with a polynomial tau; the length of the product of all is followed by another.
 
+use nalgebra::Vector3;
 use pulp::Simd;
 
 use super::lanes::Lanes;
@@ -165,13 +166,6 @@ impl<S: Simd> Running<S> {
         self.times = [self.times[1], self.times[2], time];
     }
 
-    #[inline(always)]
-    fn polynomial(&self, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
-        let splat = |c: f64| Lanes::splat(self.simd, c);
-        let (highest, others) = coefficients.split_last().map_or((0.0, coefficients), |(last, others)| (*last, others));
-        others.iter().rev().fold(splat(highest), |sum, c| sum.times_plus(y, splat(*c)))
-    }
-
     /// Takes the next sample, which ends a step or, for a cubic, comes after its end; writes what is known of the step by itself.
     #[inline(always)]
     pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const REACH: usize>(
@@ -206,12 +200,12 @@ impl<S: Simd> Running<S> {
             self.before = h;
         }
         let p = three(|c| s[c] + q[c]);
-        let y = p[0].times_plus(p[0], p[1].times_plus(p[1], p[2] * p[2]));
+        let y = square(&p);
         self.largest = self.largest.max(y);
-        let tangent = self.polynomial(&TANGENT[..REACHES[REACH].terms[0]], y);
+        let tangent = polynomial(simd, &TANGENT[..REACHES[REACH].terms[0]], y);
         term.vector = three(|c| p[c] * tangent);
         if SUMS {
-            term.shrunk = self.polynomial(&COSINE_SQUARED[..REACHES[REACH].terms[1]], y);
+            term.shrunk = polynomial(simd, &COSINE_SQUARED[..REACHES[REACH].terms[1]], y);
         }
         self.take(next, next_time);
     }
@@ -268,6 +262,33 @@ impl<S: Simd> Running<S> {
     }
 }
 
+#[inline(always)]
+fn polynomial<S: Simd>(simd: S, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
+    let (highest, others) = coefficients.split_last().map_or((0.0, coefficients), |(last, others)| (*last, others));
+    others.iter().rev().fold(Lanes::splat(simd, highest), |sum, c| sum.times_plus(y, Lanes::splat(simd, *c)))
+}
+
+/// Vector part over scalar part of the quaternion of a turn, rad.
+#[inline(always)]
+pub(super) fn half_turn<S: Simd>(simd: S, turn: Three<S>) -> Three<S> {
+    let third = Lanes::splat(simd, 1.0 / 3.0);
+    let p = three(|c| turn[c] * third);
+    let tangent = polynomial(simd, &TANGENT, square(&p));
+    three(|c| p[c] * tangent)
+}
+
+/// Whether a turn, rad, is as small as [`half_turn`] takes it.
+pub(super) fn is_within_reach(turn: &Vector3<f64>) -> bool {
+    let [.., most] = REACHES;
+    turn.norm_squared() <= most.turn_rad * most.turn_rad
+}
+
+/// The square of the length.
+#[inline(always)]
+fn square<S: Simd>(v: &Three<S>) -> Lanes<S> {
+    v[0].times_plus(v[0], v[1].times_plus(v[1], v[2] * v[2]))
+}
+
 /// `a x b`.
 #[inline(always)]
 fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
@@ -277,7 +298,7 @@ fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
 
 /// `q (1, v)`.
 #[inline(always)]
-fn turned<S: Simd>([w, x, y, z]: &[Lanes<S>; 4], v: Three<S>) -> [Lanes<S>; 4] {
+pub(super) fn turned<S: Simd>([w, x, y, z]: &[Lanes<S>; 4], v: Three<S>) -> [Lanes<S>; 4] {
     [
         z.times_from(v[2], y.times_from(v[1], x.times_from(v[0], *w))),
         z.times_from(v[1], y.times_plus(v[2], w.times_plus(v[0], *x))),

@@ -29,6 +29,7 @@ mod turned;
 mod turns;
 pub(super) mod ways;
 
+use std::iter::once;
 use std::ops::Range;
 
 use imucal_core::effects::{Need, Sensor};
@@ -39,7 +40,7 @@ use super::model::Model;
 use super::terms::{SideBySide, Terms};
 #[cfg(test)]
 use crate::carry::STEPS_TAKEN;
-use crate::carry::{Sums, carry_smoothly, rotate_smoothly, turn_on};
+use crate::carry::{Sums, attitudes, carry_smoothly, rotate_smoothly};
 use crate::derivative::Width;
 use crate::moves::Move;
 use crate::recording::Recording;
@@ -128,13 +129,12 @@ impl Route<'_> {
         let [stretch, stretches] = self.stretches_of_block();
         let of_block = stretch * stretches;
         let mut turns = Turns::new(self, model, asked, &all, [stretch, stretches]);
-        let mut rotation = UnitQuaternion::identity();
-        let mut attitudes = if terms.kinds.encoders { vec![Matrix3::identity()] } else { Vec::new() };
+        let rotations = self.rotations_of_samples(&all);
         let mut blocks = Vec::new();
         let mut start = first;
         while start < last {
             let end = (start + of_block).min(last);
-            let force = self.walk(start..end, &all, &mut rotation, &mut attitudes);
+            let force = self.mean_force(start..end, &all, &rotations);
             // Steps that do not fill a block belong to none.
             if end - start == of_block {
                 blocks.push(self.block(start..end, force));
@@ -143,7 +143,9 @@ impl Route<'_> {
             start = end;
         }
         let (turn, changes) = turns.at_end(terms.total());
-        Pass { rotation: *rotation.to_rotation_matrix().matrix(), turn, blocks, changes, attitudes }
+        let rotation = rotations[rotations.len() - 1];
+        let attitudes = if terms.kinds.encoders { rotations } else { Vec::new() };
+        Pass { rotation, turn, blocks, changes, attitudes }
     }
 
     /// Samples of a stretch inside the move, and stretches of a block: two, or one where it is a single sample.
@@ -158,27 +160,21 @@ impl Route<'_> {
         ((length_s * (last - first) as f64 / duration_s).round() as usize).max(1)
     }
 
-    /// Takes these steps; the mean force behind them, in the frame of the start. Attitudes go on where there is a first one.
-    fn walk(
-        &self,
-        steps: Range<usize>,
-        all: &Corrected,
-        rotation: &mut UnitQuaternion<f64>,
-        attitudes: &mut Vec<Matrix3<f64>>,
-    ) -> Vector3<f64> {
-        let (time, count) = (self.recording.time_s, steps.len() as f64);
-        let mut force = Vector3::zeros();
-        for i in steps {
-            let step = self.step(i);
-            let (k0, k1) = (step.before, step.before + 1);
-            turn_on(rotation, &step.mean(|k| all.rate[k]), [&all.rate[k0], &all.rate[k1]], time[i + 1] - time[i]);
-            let here = *rotation.to_rotation_matrix().matrix();
-            force += here * all.force[k1];
-            if !attitudes.is_empty() {
-                attitudes.push(here);
-            }
-        }
-        force / count
+    /// The rotation at every sample of the move; the first is none.
+    fn rotations_of_samples(&self, all: &Corrected) -> Vec<Matrix3<f64>> {
+        let (Move { first, last, .. }, time_s) = (self.span, self.recording.time_s);
+        let turned = |i: usize| self.step(i).turn(|k| all.rate[k], time_s[i + 1] - time_s[i]);
+        let turns: Vec<Vector3<f64>> = (*first..*last).map(turned).collect();
+        let after = attitudes(UnitQuaternion::identity(), &turns);
+        let rotations = after.iter().map(|rotation| *rotation.to_rotation_matrix().matrix());
+        once(Matrix3::identity()).chain(rotations).collect()
+    }
+
+    /// The mean of the force after each of these steps, in the frame of the start.
+    fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[Matrix3<f64>]) -> Vector3<f64> {
+        let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
+        let turned = |i: usize| rotations[i - first] * all.force[i - reach];
+        (steps.start + 1..=steps.end).map(turned).sum::<Vector3<f64>>() / count
     }
 
     /// The block of these steps, with this mean force.

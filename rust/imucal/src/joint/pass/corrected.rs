@@ -9,7 +9,7 @@ use imucal_core::so3;
 use nalgebra::Vector3;
 
 use super::Route;
-use crate::carry::Between;
+use crate::carry::{self, Between};
 use crate::joint::model::{Model, surroundings};
 use crate::joint::settle::Settling;
 use crate::joint::terms::{Sample, Terms};
@@ -49,6 +49,12 @@ impl Step {
         let (k, [before, start, end, after]) = (self.before, self.shares);
         let inner = value(k) * start + value(k + 1) * end;
         if self.is_straight { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
+    }
+
+    /// What it turns, rad, `rate(k)` being that of sample k, in so long.
+    #[inline(always)]
+    pub(super) fn turn(&self, rate: impl Fn(usize) -> Vector3<f64>, step_s: f64) -> Vector3<f64> {
+        carry::turn(&self.mean(&rate), [&rate(self.before), &rate(self.before + 1)], step_s)
     }
 }
 

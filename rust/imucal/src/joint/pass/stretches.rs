@@ -15,7 +15,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::Route;
 use super::corrected::{Corrected, Step};
 use super::groups::Groups;
-use crate::carry::turn_on;
+use crate::carry::attitudes;
 use crate::joint::model::{Model, mean_surroundings};
 use crate::joint::terms::{Sample, Terms};
 use crate::moves::Move;
@@ -73,10 +73,10 @@ impl Route<'_> {
         states.iter_mut().enumerate().for_each(|(k, state)| self.set_means(groups, k, (model, freed), state));
         let time_s: Vec<f64> = states.iter().map(|state| state.surroundings.time_s.unwrap_or_default()).collect();
         let spread = 1.0 - 1.0 / (size * size) as f64;
-        let are_even: Vec<bool> = (0..states.len()).map(|k| is_even(&time_s, k, 1)).collect();
+        let are_even: Vec<bool> = (0..states.len()).map(|k| is_even(&time_s, k)).collect();
         in_the_middle(&mut states, &are_even, spread / 24.0);
         if wants_slopes && states.iter().all(|state| state.surroundings.angular_acceleration.is_none()) {
-            find_slopes(&mut states, &time_s);
+            find_slopes(&mut states, &time_s, &are_even);
         }
         let rotations = self.rotations(groups.of(span.first - reach.start), &states, &time_s);
         if let Some(start) = self.rotation_world_from_start {
@@ -120,15 +120,13 @@ impl Route<'_> {
     /// `v_start = rotation v_here` in the middle of each, the rates there being samples of their own. Before the stretch of the move's start it
     /// is as there.
     fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
-        let rate = |k: usize| states[k].angular_rate;
+        let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
         let since_start_s = time_s[start] - (self.recording.time_s[self.span.first] - self.recording.time_s[0]);
-        let mut here = so3::exp(&(rate(start) * since_start_s));
-        let mut rotations = vec![here; start + 1];
-        for k in start..states.len() - 1 {
-            let mean = Step::after(time_s, k).mean(rate);
-            turn_on(&mut here, &mean, [&rate(k), &rate(k + 1)], time_s[k + 1] - time_s[k]);
-            rotations.push(here);
-        }
+        let begin = so3::exp(&(rates[start] * since_start_s));
+        let turned = |k: usize| Step::after(time_s, k).turn(|k| rates[k], time_s[k + 1] - time_s[k]);
+        let turns: Vec<Vector3<f64>> = (start..rates.len() - 1).map(turned).collect();
+        let mut rotations = vec![begin; start + 1];
+        rotations.extend(attitudes(begin, &turns));
         rotations
     }
 
@@ -171,36 +169,43 @@ impl Route<'_> {
     }
 }
 
-/// Whether the times around one, so many on either side, are as far from each other.
-fn is_even(time_s: &[f64], k: usize, around: usize) -> bool {
-    k >= around && k + around < time_s.len() && {
-        let step_s = time_s[k + 1] - time_s[k];
-        time_s[k - around..=k + around].windows(2).all(|t| (t[1] - t[0] - step_s).abs() <= EVEN * step_s)
+/// Whether the times before and after one are as far from it.
+fn is_even(time_s: &[f64], k: usize) -> bool {
+    match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
+        Some([t0, t1, t2]) => ((t1 - t0) - (t2 - t1)).abs() <= EVEN * (t2 - t1),
+        None => false,
     }
 }
 
 /// Makes of means what is in their middle, by taking this share of their bend off; where times are not even a mean stays.
 fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
-    let slope = |state: &State<f64>| state.surroundings.angular_acceleration.unwrap_or_default();
-    let means: Vec<[Vector3<f64>; 3]> =
-        states.iter().map(|state| [state.angular_rate, state.specific_force, slope(state)]).collect();
-    for (k, state) in states.iter_mut().enumerate().filter(|(k, _)| are_even[*k]) {
-        let bend = |value: usize| means[k - 1][value] + means[k + 1][value] - means[k][value] * 2.0;
-        state.angular_rate -= bend(0) * share;
-        state.specific_force -= bend(1) * share;
-        if let Some(slope) = &mut state.surroundings.angular_acceleration {
-            *slope -= bend(2) * share;
+    let means = |state: &State<f64>| {
+        let slope = state.surroundings.angular_acceleration.unwrap_or_default();
+        [state.angular_rate, state.specific_force, slope]
+    };
+    let mut before: Option<[Vector3<f64>; 3]> = None;
+    for k in 0..states.len() {
+        let own = means(&states[k]);
+        if let (true, Some(before), Some(after)) = (are_even[k], before, states.get(k + 1).map(means)) {
+            let bend = |value: usize| before[value] + after[value] - own[value] * 2.0;
+            let state = &mut states[k];
+            state.angular_rate -= bend(0) * share;
+            state.specific_force -= bend(1) * share;
+            if let Some(slope) = &mut state.surroundings.angular_acceleration {
+                *slope -= bend(2) * share;
+            }
         }
+        before = Some(own);
     }
 }
 
 /// Finds the slopes of the rate, by a polynomial of fourth degree where times are even and by straight lines elsewhere.
-fn find_slopes(states: &mut [State<f64>], time_s: &[f64]) {
+fn find_slopes(states: &mut [State<f64>], time_s: &[f64], are_even: &[bool]) {
     let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
     for (k, state) in states.iter_mut().enumerate() {
         let (from, to) = (k.saturating_sub(1), (k + 1).min(rates.len() - 1));
         let (change, across_s) = (rates[to] - rates[from], time_s[to] - time_s[from]);
-        state.surroundings.angular_acceleration = Some(if is_even(time_s, k, 2) {
+        state.surroundings.angular_acceleration = Some(if are_even[from..=to].iter().all(|even| *even) {
             (change * 8.0 - (rates[k + 2] - rates[k - 2])) / (6.0 * across_s)
         } else if across_s > 0.0 {
             change / across_s

@@ -66,7 +66,7 @@ impl Route<'_> {
         let mut columns = own.room();
         for (k, weight) in weights.iter().enumerate() {
             self.columns(own, values, &stretches, k, &mut columns);
-            on_rate.push(&columns, weight);
+            on_rate.add(&columns, weight);
         }
         let mut turn = turn(&base, model, total);
         on_rate.put_negative_sum(&mut turn[BASE..]);

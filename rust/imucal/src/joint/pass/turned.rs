@@ -28,8 +28,14 @@ impl Turned {
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         let (to, sum) = (self.last.of_mut(self.count % KEPT), &mut *self.sum);
-        Arch::new().dispatch(Push { columns, matrix, to, sum });
+        Arch::new().dispatch(Push::<true> { columns, matrix, to, sum });
         self.count += 1;
+    }
+
+    /// The same of a state that nobody asks for by itself: it is added to the sum.
+    pub(super) fn add(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
+        let columns = &columns[..self.last.width()];
+        Arch::new().dispatch(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
     }
 
     /// How many states there have been.
@@ -59,14 +65,15 @@ impl Turned {
     }
 }
 
-struct Push<'a> {
+/// `KEEPS` says whether the state is kept by itself.
+struct Push<'a, const KEEPS: bool> {
     columns: &'a [Vector3<f64>],
     matrix: &'a Matrix3<f64>,
     to: &'a mut [f64],
     sum: &'a mut [f64],
 }
 
-impl WithSimd for Push<'_> {
+impl<const KEEPS: bool> WithSimd for Push<'_, KEEPS> {
     type Output = ();
 
     #[inline(always)]
@@ -88,11 +95,13 @@ impl WithSimd for Push<'_> {
             for (axis, row) in rows.iter().enumerate() {
                 let first = axis * width + group * WIDEST;
                 let lanes = first..first + WIDEST;
-                let (to, sum) = (S::as_mut_simd_f64s(&mut to[lanes.clone()]).0, S::as_mut_simd_f64s(&mut sum[lanes]).0);
+                let sum = S::as_mut_simd_f64s(&mut sum[lanes.clone()]).0;
                 for v in 0..WIDEST / S::F64_LANES {
                     let turned = simd.mul_add_e_f64s(row[1], y[v], simd.mul_f64s(row[0], x[v]));
                     let turned = simd.mul_add_e_f64s(row[2], z[v], turned);
-                    to[v] = turned;
+                    if KEEPS {
+                        S::as_mut_simd_f64s(&mut to[lanes.clone()]).0[v] = turned;
+                    }
                     sum[v] = simd.add_f64s(sum[v], turned);
                 }
             }
@@ -109,12 +118,15 @@ mod tests {
         let column = |k: usize, p: usize| Vector3::new((k + p) as f64, (k * p) as f64, 1.0 / (1 + k + p) as f64);
         let matrix = |k: usize| Matrix3::from_fn(|r, c| ((k + 3 * r) as f64 - (2 * c) as f64).sin());
         let parameters: Vec<usize> = (0..21).filter(|p| p % 3 != 1).collect();
-        let mut turned = Turned::new(parameters.clone());
+        let (mut turned, mut added) = (Turned::new(parameters.clone()), Turned::new(parameters.clone()));
         for k in 0..7 {
             let own = parameters.iter().map(|p| column(k, *p)).chain([Vector3::zeros(); WIDEST]);
-            turned.push(&own.collect::<Vec<_>>(), &matrix(k));
+            let own: Vec<_> = own.collect();
+            turned.push(&own, &matrix(k));
+            added.add(&own, &matrix(k));
         }
         assert_eq!(turned.count(), 7);
+        assert_eq!(turned.sum(), added.sum());
         let mut sums = vec![Vector3::zeros(); 21];
         turned.put_negative_sum(&mut sums);
         for (k, &p) in parameters.iter().enumerate() {

@@ -1,0 +1,106 @@
+//! The attitude after each of many turns.
+//!
+//! Each lane takes its own stretch of consecutive turns twice: first to learn where the next lane begins, then from where it begins itself.
+
+use imucal_core::so3;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use pulp::{Arch, Simd, WithSimd};
+
+use super::lanes::{Lanes, MOST_LANES};
+use super::step::{half_turn, is_within_reach, three, turned};
+
+/// Turns that are taken at once: they stay in the nearest cache, and no quaternion becomes too long.
+const AT_ONCE: usize = 512;
+
+/// The attitude after each of these turns, rad, about axes of the body: `v_start = attitude v_here`, beginning with this one.
+pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
+    let mut all = Vec::with_capacity(turns.len());
+    for turns in turns.chunks(AT_ONCE) {
+        let before = all.last().copied().unwrap_or(begin);
+        if turns.iter().all(is_within_reach) {
+            Arch::new().dispatch(InLanes { before, turns, to: &mut all });
+        } else {
+            one_by_one(before, turns, &mut all);
+        }
+    }
+    all
+}
+
+fn one_by_one(before: UnitQuaternion<f64>, turns: &[Vector3<f64>], to: &mut Vec<UnitQuaternion<f64>>) {
+    to.extend(turns.iter().scan(before, |here, turn| {
+        *here *= so3::exp(turn);
+        here.renormalize_fast();
+        Some(*here)
+    }));
+}
+
+struct InLanes<'a> {
+    before: UnitQuaternion<f64>,
+    turns: &'a [Vector3<f64>],
+    to: &'a mut Vec<UnitQuaternion<f64>>,
+}
+
+impl WithSimd for InLanes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { before, turns, to } = self;
+        let steps = turns.len() / S::F64_LANES;
+        let (in_lanes, rest) = turns.split_at(steps * S::F64_LANES);
+        // Lanes that are not there read the first stretch.
+        let own: [&[Vector3<f64>]; MOST_LANES] =
+            std::array::from_fn(|l| &in_lanes[if l < S::F64_LANES { l * steps } else { 0 }..][..steps]);
+        let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
+        let mut halves = Vec::with_capacity(steps);
+        let mut product = [one, zero, zero, zero];
+        for k in 0..steps {
+            let half = half_turn(simd, three(|c| Lanes::from_fn(simd, |l| own[l][k][c])));
+            product = turned(&product, half);
+            halves.push(half);
+        }
+        let [w, x, y, z] = product.map(Lanes::to_array);
+        let mut begins = [before; MOST_LANES];
+        for l in 1..S::F64_LANES {
+            let turned = Quaternion::new(w[l - 1], x[l - 1], y[l - 1], z[l - 1]);
+            begins[l] = begins[l - 1] * UnitQuaternion::new_normalize(turned);
+        }
+        let mut here = [3, 0, 1, 2].map(|part: usize| Lanes::from_fn(simd, |l| begins[l].coords[part]));
+        let first = to.len();
+        to.resize(first + in_lanes.len(), before);
+        let to_lanes = &mut to[first..];
+        for (k, half) in halves.into_iter().enumerate() {
+            here = turned(&here, half);
+            let [w, x, y, z] = here.map(Lanes::to_array);
+            for l in 0..S::F64_LANES {
+                to_lanes[l * steps + k] = UnitQuaternion::new_normalize(Quaternion::new(w[l], x[l], y[l], z[l]));
+            }
+        }
+        one_by_one(to.last().copied().unwrap_or(before), rest, to);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn attitudes_are_the_products_of_all_turns_before() {
+        let begin = so3::exp(&Vector3::new(0.3, -1.0, 2.0));
+        for count in [0, 1, 7, 8, 41, 600, 1500] {
+            // The last few turn too far for the polynomials.
+            for most in [0.01, 0.19, 2.0] {
+                let part = |k: usize, c: usize| ((3 * k + c) as f64 * 1.7).sin() * most / 3.0_f64.sqrt();
+                let turns: Vec<Vector3<f64>> = (0..count).map(|k| Vector3::from_fn(|c, _| part(k, c))).collect();
+                let mut here = begin;
+                let all = attitudes(begin, &turns);
+                assert_eq!(all.len(), count);
+                for (turn, found) in turns.iter().zip(all) {
+                    here *= so3::exp(turn);
+                    here.renormalize();
+                    assert!((found.coords - here.coords).norm() < 1e-13, "{count} {most}");
+                }
+            }
+        }
+    }
+}
