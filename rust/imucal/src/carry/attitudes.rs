@@ -85,6 +85,17 @@ mod tests {
     use super::*;
 
     #[test]
+    fn any_number_of_lanes_takes_the_same_turns() {
+        let turns: Vec<Vector3<f64>> =
+            (0..83).map(|k| Vector3::from_fn(|c, _| 0.1 * ((3 * k + c) as f64).sin())).collect();
+        let (before, mut to) = (UnitQuaternion::identity(), Vec::new());
+        InLanes { before, turns: &turns, to: &mut to }.with_simd(pulp::Scalar);
+        let both = to.iter().zip(attitudes(before, &turns));
+        assert!(both.into_iter().all(|(one, many)| (one.coords - many.coords).norm() < 1e-14));
+        assert_eq!(to.len(), turns.len());
+    }
+
+    #[test]
     fn attitudes_are_the_products_of_all_turns_before() {
         let begin = so3::exp(&Vector3::new(0.3, -1.0, 2.0));
         for count in [0, 1, 7, 8, 41, 600, 1500] {

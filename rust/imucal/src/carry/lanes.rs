@@ -5,8 +5,10 @@ use std::ops::{Add, Mul, Sub};
 use pulp::bytemuck::cast;
 use pulp::{Arch, Simd, WithSimd};
 
+use crate::aligned::WIDEST;
+
 /// The most lanes that any instruction set has.
-pub(super) const MOST_LANES: usize = 8;
+pub(super) const MOST_LANES: usize = WIDEST;
 
 /// The instructions that a kernel is made of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
