@@ -12,11 +12,12 @@ use super::step::{half_turn, is_within_reach, three, turned};
 /// Turns that are taken at once: they stay in the nearest cache, and no quaternion becomes too long.
 const AT_ONCE: usize = 512;
 
-/// The attitude after each of these turns, rad, about axes of the body: `v_start = attitude v_here`, beginning with this one.
+/// The attitude before the first of these turns, rad, about axes of the body, and after each: `v_start = attitude v_here`.
 pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
-    let mut all = Vec::with_capacity(turns.len());
+    let mut all = Vec::with_capacity(turns.len() + 1);
+    all.push(begin);
     for turns in turns.chunks(AT_ONCE) {
-        let before = all.last().copied().unwrap_or(begin);
+        let before = all[all.len() - 1];
         if turns.iter().all(is_within_reach) {
             Arch::new().dispatch(InLanes { before, turns, to: &mut all });
         } else {
@@ -90,9 +91,9 @@ mod tests {
             (0..83).map(|k| Vector3::from_fn(|c, _| 0.1 * ((3 * k + c) as f64).sin())).collect();
         let (before, mut to) = (UnitQuaternion::identity(), Vec::new());
         InLanes { before, turns: &turns, to: &mut to }.with_simd(pulp::Scalar);
-        let both = to.iter().zip(attitudes(before, &turns));
-        assert!(both.into_iter().all(|(one, many)| (one.coords - many.coords).norm() < 1e-14));
-        assert_eq!(to.len(), turns.len());
+        let many = attitudes(before, &turns);
+        assert_eq!((to.len(), many.len()), (turns.len(), turns.len() + 1));
+        assert!(to.iter().zip(&many[1..]).all(|(one, many)| (one.coords - many.coords).norm() < 1e-14));
     }
 
     #[test]
@@ -105,8 +106,8 @@ mod tests {
                 let turns: Vec<Vector3<f64>> = (0..count).map(|k| Vector3::from_fn(|c, _| part(k, c))).collect();
                 let mut here = begin;
                 let all = attitudes(begin, &turns);
-                assert_eq!(all.len(), count);
-                for (turn, found) in turns.iter().zip(all) {
+                assert_eq!((all.len(), all[0]), (count + 1, begin));
+                for (turn, found) in turns.iter().zip(&all[1..]) {
                     here *= so3::exp(turn);
                     here.renormalize();
                     assert!((found.coords - here.coords).norm() < 1e-13, "{count} {most}");

@@ -29,7 +29,6 @@ mod turned;
 mod turns;
 pub(super) mod ways;
 
-use std::iter::once;
 use std::ops::Range;
 
 use imucal_core::effects::{Need, Sensor};
@@ -143,8 +142,9 @@ impl Route<'_> {
             start = end;
         }
         let (turn, changes) = turns.at_end(terms.total());
-        let rotation = rotations[rotations.len() - 1];
-        let attitudes = if terms.kinds.encoders { rotations } else { Vec::new() };
+        let matrix = |rotation: &UnitQuaternion<f64>| *rotation.to_rotation_matrix().matrix();
+        let attitudes = if terms.kinds.encoders { rotations.iter().map(matrix).collect() } else { Vec::new() };
+        let rotation = matrix(&rotations[rotations.len() - 1]);
         Pass { rotation, turn, blocks, changes, attitudes }
     }
 
@@ -161,19 +161,17 @@ impl Route<'_> {
     }
 
     /// The rotation at every sample of the move; the first is none.
-    fn rotations_of_samples(&self, all: &Corrected) -> Vec<Matrix3<f64>> {
+    fn rotations_of_samples(&self, all: &Corrected) -> Vec<UnitQuaternion<f64>> {
         let (Move { first, last, .. }, time_s) = (self.span, self.recording.time_s);
         let turned = |i: usize| self.step(i).turn(|k| all.rate[k], time_s[i + 1] - time_s[i]);
         let turns: Vec<Vector3<f64>> = (*first..*last).map(turned).collect();
-        let after = attitudes(UnitQuaternion::identity(), &turns);
-        let rotations = after.iter().map(|rotation| *rotation.to_rotation_matrix().matrix());
-        once(Matrix3::identity()).chain(rotations).collect()
+        attitudes(UnitQuaternion::identity(), &turns)
     }
 
     /// The mean of the force after each of these steps, in the frame of the start.
-    fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[Matrix3<f64>]) -> Vector3<f64> {
+    fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[UnitQuaternion<f64>]) -> Vector3<f64> {
         let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
-        let turned = |i: usize| rotations[i - first] * all.force[i - reach];
+        let turned = |i: usize| rotations[i - first].to_rotation_matrix() * all.force[i - reach];
         (steps.start + 1..=steps.end).map(turned).sum::<Vector3<f64>>() / count
     }
 

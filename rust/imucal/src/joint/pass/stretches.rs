@@ -125,7 +125,7 @@ impl Route<'_> {
         let begin = so3::exp(&(rates[start] * since_start_s));
         let turned = |k: usize| Step::after(time_s, k).turn(|k| rates[k], time_s[k + 1] - time_s[k]);
         let turns: Vec<Vector3<f64>> = (start..rates.len() - 1).map(turned).collect();
-        let mut rotations = vec![begin; start + 1];
+        let mut rotations = vec![begin; start];
         rotations.extend(attitudes(begin, &turns));
         rotations
     }
