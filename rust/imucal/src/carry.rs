@@ -24,12 +24,13 @@ mod step;
 mod tests;
 
 use imucal_core::sensor::Triad;
-use nalgebra::{Matrix3, Vector3};
+use imucal_core::so3;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::recording::{Recording, Samples};
 
 pub(crate) use attitudes::attitudes;
-pub(crate) use between::Between;
+pub(crate) use between::{Between, are_alike};
 pub use lanes::Instructions;
 #[cfg(test)]
 pub(crate) use path::STEPS_TAKEN;
@@ -127,4 +128,11 @@ impl Sums {
 #[inline(always)]
 pub(crate) fn turn(mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) -> Vector3<f64> {
     mean * h + w0.cross(w1) * (h * h / 12.0)
+}
+
+/// Turns on by so many rad.
+#[inline(always)]
+fn turn_on(rotation: &mut UnitQuaternion<f64>, turn: &Vector3<f64>) {
+    *rotation *= so3::exp(turn);
+    rotation.renormalize_fast();
 }

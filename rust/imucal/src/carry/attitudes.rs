@@ -2,12 +2,12 @@
 //!
 //! Each lane takes its own stretch of consecutive turns twice: first to learn where the next lane begins, then from where it begins itself.
 
-use imucal_core::so3;
-use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{UnitQuaternion, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::lanes::{Lanes, MOST_LANES};
+use super::lanes::{Lanes, MOST_LANES, Quaternions, begin_of};
 use super::step::{half_turn, is_within_reach, three, turned};
+use super::turn_on;
 
 /// Turns that are taken at once: they stay in the nearest cache, and no quaternion becomes too long.
 const AT_ONCE: usize = 512;
@@ -29,8 +29,7 @@ pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> V
 
 fn one_by_one(before: UnitQuaternion<f64>, turns: &[Vector3<f64>], to: &mut Vec<UnitQuaternion<f64>>) {
     to.extend(turns.iter().scan(before, |here, turn| {
-        *here *= so3::exp(turn);
-        here.renormalize_fast();
+        turn_on(here, turn);
         Some(*here)
     }));
 }
@@ -49,9 +48,7 @@ impl WithSimd for InLanes<'_> {
         let Self { before, turns, to } = self;
         let steps = turns.len() / S::F64_LANES;
         let (in_lanes, rest) = turns.split_at(steps * S::F64_LANES);
-        // Lanes that are not there read the first stretch.
-        let own: [&[Vector3<f64>]; MOST_LANES] =
-            std::array::from_fn(|l| &in_lanes[if l < S::F64_LANES { l * steps } else { 0 }..][..steps]);
+        let own: [&[Vector3<f64>]; MOST_LANES] = std::array::from_fn(|l| &in_lanes[begin_of::<S>(l, steps)..][..steps]);
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
         let mut halves = Vec::with_capacity(steps);
         let mut product = [one, zero, zero, zero];
@@ -60,11 +57,10 @@ impl WithSimd for InLanes<'_> {
             product = turned(&product, half);
             halves.push(half);
         }
-        let [w, x, y, z] = product.map(Lanes::to_array);
+        let of_lanes = Quaternions::new(&product);
         let mut begins = [before; MOST_LANES];
         for l in 1..S::F64_LANES {
-            let turned = Quaternion::new(w[l - 1], x[l - 1], y[l - 1], z[l - 1]);
-            begins[l] = begins[l - 1] * UnitQuaternion::new_normalize(turned);
+            begins[l] = begins[l - 1] * of_lanes.unit(l - 1);
         }
         let mut here = [3, 0, 1, 2].map(|part: usize| Lanes::from_fn(simd, |l| begins[l].coords[part]));
         let first = to.len();
@@ -72,9 +68,9 @@ impl WithSimd for InLanes<'_> {
         let to_lanes = &mut to[first..];
         for (k, half) in halves.into_iter().enumerate() {
             here = turned(&here, half);
-            let [w, x, y, z] = here.map(Lanes::to_array);
+            let in_lanes = Quaternions::new(&here);
             for l in 0..S::F64_LANES {
-                to_lanes[l * steps + k] = UnitQuaternion::new_normalize(Quaternion::new(w[l], x[l], y[l], z[l]));
+                to_lanes[l * steps + k] = in_lanes.unit(l);
             }
         }
         one_by_one(to.last().copied().unwrap_or(before), rest, to);
@@ -83,6 +79,8 @@ impl WithSimd for InLanes<'_> {
 
 #[cfg(test)]
 mod tests {
+    use imucal_core::so3;
+
     use super::*;
 
     #[test]

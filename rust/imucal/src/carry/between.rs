@@ -40,7 +40,13 @@ impl Between {
 #[inline(always)]
 fn are_even([t0, t1, t2, t3]: &[f64; 4]) -> bool {
     let (before, h, after) = (t1 - t0, t2 - t1, t3 - t2);
-    ((before - h).abs() <= UNEVEN * h) & ((after - h).abs() <= UNEVEN * h)
+    are_alike(before, h) & are_alike(after, h)
+}
+
+/// Whether a step is as long as another, or nearly.
+#[inline(always)]
+pub(crate) fn are_alike(step: f64, other: f64) -> bool {
+    (step - other).abs() <= UNEVEN * other
 }
 
 /// Steps that are asked about at once.

@@ -1,9 +1,9 @@
 //! A path in lanes: each lane takes its own stretch of consecutive steps, and all of them are put together at the end.
 
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion};
+use nalgebra::{Matrix3, UnitQuaternion};
 use pulp::{Simd, WithSimd};
 
-use super::lanes::{Lanes, MOST_LANES, fetch_soon};
+use super::lanes::{Lanes, MOST_LANES, Quaternions, begin_of, fetch_soon};
 use super::step::{Running, Term, Three, Totals, three};
 
 /// Steps whose samples a lane reads in one go.
@@ -79,8 +79,7 @@ impl Stretch<'_> {
         steps: usize,
     ) -> Option<Turned> {
         let margin = usize::from(CUBIC);
-        // Lanes that are not there read the first stretch.
-        let first = |lane: usize| if lane < S::F64_LANES { lane * steps } else { 0 };
+        let first = |lane: usize| begin_of::<S>(lane, steps);
         let samples = steps + 1 + 2 * margin;
         let raw: [&[[f64; 3]]; MOST_LANES] = std::array::from_fn(|l| &self.raw[first(l)..first(l) + samples]);
         let stamps: [&[f64]; MOST_LANES] =
@@ -168,12 +167,12 @@ impl<S: Simd> LaneMap<S> {
 /// What the lanes come to, one after the other.
 #[inline(always)]
 fn together<S: Simd, const SUMS: bool>(simd: S, run: &Running<S>, totals: &Totals<S>, steps: usize) -> Turned {
-    let [w, x, y, z] = run.quaternion.map(Lanes::to_array);
+    let turned = Quaternions::new(&run.quaternion);
     let mut rotation = UnitQuaternion::identity();
     let mut before = [Matrix3::identity(); MOST_LANES];
     for lane in 0..S::F64_LANES {
         before[lane] = *rotation.to_rotation_matrix().matrix();
-        rotation *= UnitQuaternion::new_normalize(Quaternion::new(w[lane], x[lane], y[lane], z[lane]));
+        rotation *= turned.unit(lane);
     }
     let mut sums = [Matrix3::zeros(); 4];
     if SUMS {

@@ -2,6 +2,7 @@
 
 use std::ops::{Add, Mul, Sub};
 
+use nalgebra::{Quaternion, UnitQuaternion};
 use pulp::bytemuck::cast;
 use pulp::{Arch, Simd, WithSimd};
 
@@ -143,6 +144,29 @@ impl<S: Simd> Mul for Lanes<S> {
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
         Self { value: self.simd.mul_f64s(self.value, other.value), ..self }
+    }
+}
+
+/// Where a lane's own stretch of so many begins; lanes that are not there read the first one.
+#[inline(always)]
+pub(super) fn begin_of<S: Simd>(lane: usize, count: usize) -> usize {
+    if lane < S::F64_LANES { lane * count } else { 0 }
+}
+
+/// A quaternion in each lane.
+pub(super) struct Quaternions([[f64; MOST_LANES]; 4]);
+
+impl Quaternions {
+    #[inline(always)]
+    pub(super) fn new<S: Simd>([w, x, y, z]: &[Lanes<S>; 4]) -> Self {
+        Self([w.to_array(), x.to_array(), y.to_array(), z.to_array()])
+    }
+
+    /// That of a lane, its length made one.
+    #[inline(always)]
+    pub(super) fn unit(&self, lane: usize) -> UnitQuaternion<f64> {
+        let [w, x, y, z] = &self.0;
+        UnitQuaternion::new_normalize(Quaternion::new(w[lane], x[lane], y[lane], z[lane]))
     }
 }
 

@@ -1,14 +1,13 @@
 //! A stretch of a gyroscope's samples and its integral.
 
 use imucal_core::sensor::Triad;
-use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::between::{Between, shares_of_cubic, until_other};
 use super::kernel::{Map, Stretch, Turned, Work};
 use super::lanes::MOST_LANES;
 use super::step::REACHES;
-use super::{Carried, Instructions, Sums, turn};
+use super::{Carried, Instructions, Sums, turn, turn_on};
 use crate::recording::{Recording, Samples};
 
 /// When the samples of a path were taken.
@@ -149,7 +148,7 @@ impl<'a> Path<'a> {
 
         let mut all = Turned::nothing();
         let fast_rad = FAST_RAD_PER_S * self.pace.mean_interval_s();
-        let mut reach = REACHES.iter().take_while(|reach| reach.turn_rad < fast_rad).count().min(REACHES.len() - 1);
+        let mut reach = REACHES.iter().position(|reach| reach.turn_rad >= fast_rad).unwrap_or(REACHES.len() - 1);
         while all.steps < steps {
             let at = all.steps;
             let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
@@ -209,8 +208,7 @@ impl<'a> Path<'a> {
                 _ => (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0,
             };
             let before = weighted(&rotation, h);
-            rotation *= so3::exp(&turn(&mean, [&w0, &w1], h));
-            rotation.renormalize_fast();
+            turn_on(&mut rotation, &turn(&mean, [&w0, &w1], h));
             sums.add_sample(&before, &w0);
             sums.add_sample(&weighted(&rotation, h), &w1);
         }

@@ -328,7 +328,7 @@ fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
     // Fewer steps than lanes, ragged ends, tiles that are not full, and more than a stretch for all lanes.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
-        for (interval_s, speed) in [(1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
+        for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
             for is_cubic in [false, true] {
                 let raw = shaken(steps + 1 + 2 * usize::from(is_cubic), interval_s, speed);
                 let uneven: Vec<f64> =

@@ -15,14 +15,11 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::Route;
 use super::corrected::{Corrected, Step};
 use super::groups::Groups;
-use crate::carry::attitudes;
+use crate::carry::{are_alike, attitudes};
 use crate::joint::model::{Model, mean_surroundings};
 use crate::joint::terms::{Sample, Terms};
 use crate::moves::Move;
 use crate::recording::Samples;
-
-/// Steps between the middles of stretches that differ by a smaller share are even.
-const EVEN: f64 = 0.01;
 
 /// The stretches of a move.
 pub(super) struct Stretches {
@@ -172,7 +169,7 @@ impl Route<'_> {
 /// Whether the times before and after one are as far from it.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
-        Some([t0, t1, t2]) => ((t1 - t0) - (t2 - t1)).abs() <= EVEN * (t2 - t1),
+        Some([t0, t1, t2]) => are_alike(t1 - t0, t2 - t1),
         None => false,
     }
 }
@@ -183,10 +180,11 @@ fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
         let slope = state.surroundings.angular_acceleration.unwrap_or_default();
         [state.angular_rate, state.specific_force, slope]
     };
-    let mut before: Option<[Vector3<f64>; 3]> = None;
-    for k in 0..states.len() {
-        let own = means(&states[k]);
-        if let (true, Some(before), Some(after)) = (are_even[k], before, states.get(k + 1).map(means)) {
+    let Some(mut before) = states.first().map(means) else { return };
+    // The first and the last one have no neighbour on one side.
+    for k in 1..states.len() - 1 {
+        let (own, after) = (means(&states[k]), means(&states[k + 1]));
+        if are_even[k] {
             let bend = |value: usize| before[value] + after[value] - own[value] * 2.0;
             let state = &mut states[k];
             state.angular_rate -= bend(0) * share;
@@ -195,7 +193,7 @@ fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
                 *slope -= bend(2) * share;
             }
         }
-        before = Some(own);
+        before = own;
     }
 }
 
