@@ -11,14 +11,17 @@
 //!
 //! From rest to rest the trapezoid over the samples is as exact as they are close, and `R' = R [w]x` gives a third of the G_j from
 //! where the path ends: with columns R_x, R_y, R_z the integral of `R_y w_z - R_z w_y` is what R_x changes by. In the midst of a turn it
-//! is off by a twelfth of the square of the turn in a step.
+//! is off by a twelfth of the square of the turn in a step. Where steps are short, sixteen are summed as one to the same sums.
 
 mod attitudes;
 mod between;
 mod kernel;
 mod lanes;
 mod path;
+#[cfg(test)]
+mod reference;
 mod step;
+mod sums;
 
 #[cfg(test)]
 mod tests;

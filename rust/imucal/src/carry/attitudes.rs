@@ -5,8 +5,8 @@
 use nalgebra::{UnitQuaternion, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::lanes::{Lanes, MOST_LANES, Quaternions, begin_of};
-use super::step::{half_turn, is_within_reach, three, turned};
+use super::lanes::{Lanes, MOST_LANES, Quaternions, begin_of, three};
+use super::step::{half_turn, is_within_reach, turned};
 use super::turn_on;
 
 /// Turns that are taken at once: they stay in the nearest cache, and no quaternion becomes too long.

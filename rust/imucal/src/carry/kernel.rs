@@ -3,11 +3,12 @@
 use nalgebra::{Matrix3, UnitQuaternion};
 use pulp::{Simd, WithSimd};
 
-use super::lanes::{Lanes, MOST_LANES, Quaternions, begin_of, fetch_soon};
-use super::step::{Running, Term, Three, Totals, three};
+use super::lanes::{Lanes, MOST_LANES, Quaternions, Three, begin_of, fetch_soon, three};
+use super::step::{Running, Term, at_nodes};
+use super::sums::{Node, STEPS_OF_A_NODE, Sample, Totals, end_of_nodes};
 
-/// Steps whose samples a lane reads in one go.
-const TILE: usize = 8;
+/// Steps whose samples a lane reads in one go: half a node.
+const TILE: usize = STEPS_OF_A_NODE / 2;
 /// How many samples ahead memory is asked for.
 const AHEAD: usize = 64;
 
@@ -34,7 +35,7 @@ pub(super) struct Turned {
     pub(super) rotation: UnitQuaternion<f64>,
     /// Sums of R with the weights of the samples, and of R times each part of the rate: there column c with part j for `j >= c`.
     pub(super) sums: [Matrix3<f64>; 4],
-    /// Steps that were taken; of a stretch the others are fewer than the lanes.
+    /// Steps that were taken; of a stretch the others are fewer than the lanes, or than a node in each.
     pub(super) steps: usize,
 }
 
@@ -57,7 +58,7 @@ impl Turned {
 pub(super) struct Work<'a, const CUBIC: bool, const SUMS: bool, const REACH: usize>(pub(super) Stretch<'a>);
 
 impl<const CUBIC: bool, const SUMS: bool, const REACH: usize> WithSimd for Work<'_, CUBIC, SUMS, REACH> {
-    /// `None` if a step turns too far for the polynomials.
+    /// `None` if a step turns too far for the polynomials, or if there are fewer steps than a node in each lane.
     type Output = Option<Turned>;
 
     #[inline(always)]
@@ -65,6 +66,10 @@ impl<const CUBIC: bool, const SUMS: bool, const REACH: usize> WithSimd for Work<
         let margin = usize::from(CUBIC);
         let steps = (self.0.raw.len() - 1 - 2 * margin) / S::F64_LANES;
         match self.0.stamps_s {
+            None if at_nodes::<true, SUMS, REACH>() => {
+                let steps = steps - steps % STEPS_OF_A_NODE;
+                if steps > 0 { self.0.run::<S, true, CUBIC, SUMS, REACH>(simd, steps) } else { None }
+            }
             None => self.0.run::<S, true, CUBIC, SUMS, REACH>(simd, steps),
             Some(_) => self.0.run::<S, false, CUBIC, SUMS, REACH>(simd, steps),
         }
@@ -98,8 +103,13 @@ impl Stretch<'_> {
         let time_tiles: [&[[f64; TILE]]; MOST_LANES] =
             stamps.map(|stamps| if EVEN { &[][..] } else { stamps[known..].as_chunks().0 });
         let mut terms = [Term::nothing(simd); TILE];
+        let mut summed = [Sample::nothing(simd); TILE];
         let mut totals = Totals::nothing(simd);
-        if SUMS && EVEN {
+        let at_nodes = at_nodes::<EVEN, SUMS, REACH>();
+        let mut node = Node::new(simd, run.sample::<CUBIC>());
+        if at_nodes {
+            totals.add::<false>(&[end_of_nodes(simd, -1.0, run.sample::<CUBIC>(), &run.rotation_at_node())]);
+        } else if SUMS && EVEN {
             // An end counts for half; the first one will be counted as a whole.
             totals.add::<false>(&[run.here::<CUBIC>(zero - half)]);
         }
@@ -109,33 +119,49 @@ impl Stretch<'_> {
             if EVEN {
                 for k in 0..TILE {
                     let a = map.rate(three(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
-                    run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, zero, &mut terms[k]);
+                    run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, zero, &mut terms[k], &mut summed[k]);
                 }
             } else {
                 let times: [&[f64; TILE]; MOST_LANES] = time_tiles.map(|tiles| &tiles[t]);
                 for k in 0..TILE {
                     let a = map.rate(three(|c| Lanes::from_fn(simd, |l| tile[l][k][c])));
                     let time = Lanes::from_fn(simd, |l| times[l][k]);
-                    run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, time, &mut terms[k]);
+                    run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, time, &mut terms[k], &mut summed[k]);
                 }
             }
-            run.turn::<SUMS>(&mut terms);
+            if at_nodes {
+                run.turn::<false>(&terms, &mut summed);
+                if t % 2 == 0 {
+                    node.reach_middle(run.sample::<CUBIC>(), run.sum_of_samples(), run.rotation_at_node());
+                } else {
+                    node.reach_end(run.sample::<CUBIC>(), run.sum_of_samples());
+                    totals.add_node(simd, &node);
+                }
+                continue;
+            }
+            run.turn::<SUMS>(&terms, &mut summed);
             if SUMS {
-                totals.add::<EVEN>(&terms);
+                totals.add::<EVEN>(&summed);
             }
         }
         let rest = steps % TILE;
         for (place, k) in (samples - rest..samples).enumerate() {
             let a = map.rate(three(|c| Lanes::from_fn(simd, |l| raw[l][k][c])));
             let time = if EVEN { zero } else { Lanes::from_fn(simd, |l| stamps[l][k]) };
-            run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, time, &mut terms[place]);
+            run.take_step::<EVEN, CUBIC, SUMS, REACH>(a, time, &mut terms[place], &mut summed[place]);
         }
-        run.turn::<SUMS>(&mut terms[..rest]);
-        if SUMS {
-            totals.add::<EVEN>(&terms[..rest]);
+        run.turn::<SUMS>(&terms[..rest], &mut summed[..rest]);
+        if at_nodes {
+            totals.add::<false>(&[end_of_nodes(simd, 1.0, run.sample::<CUBIC>(), &run.rotation_at_node())]);
+        } else if SUMS {
+            totals.add::<EVEN>(&summed[..rest]);
             totals.add::<false>(&[run.here::<CUBIC>(if EVEN { half } else { run.before })]);
         }
-        run.is_exact::<REACH>().then(|| together::<S, SUMS>(simd, &run, &totals, steps))
+        let mut result = together::<S, SUMS>(simd, &run, &totals, steps);
+        if at_nodes {
+            result.sums[0] *= STEPS_OF_A_NODE as f64;
+        }
+        run.is_exact::<REACH>().then_some(result)
     }
 }
 

@@ -1,6 +1,6 @@
 //! Several numbers side by side in one register: `pulp` chooses the instructions at run time, the operators are spelt here.
 
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, Div, Mul, Sub};
 
 use nalgebra::{Quaternion, UnitQuaternion};
 use pulp::bytemuck::cast;
@@ -145,6 +145,23 @@ impl<S: Simd> Mul for Lanes<S> {
     fn mul(self, other: Self) -> Self {
         Self { value: self.simd.mul_f64s(self.value, other.value), ..self }
     }
+}
+
+impl<S: Simd> Div for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        Self { value: self.simd.div_f64s(self.value, other.value), ..self }
+    }
+}
+
+/// Three numbers in each lane.
+pub(super) type Three<S> = [Lanes<S>; 3];
+
+/// Three numbers by their place. An array's `map` is not always inlined, and then its vectors go through memory.
+#[inline(always)]
+pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
+    [part(0), part(1), part(2)]
 }
 
 /// Where a lane's own stretch of so many begins; lanes that are not there read the first one.

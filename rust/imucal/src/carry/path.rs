@@ -55,9 +55,9 @@ thread_local! {
     pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
 }
 
-/// Steps that each lane takes before the lanes are put together. The places they read must not be a power of two apart, or they
-/// would all fall into the same few lines of the cache.
-const STEPS_OF_A_LANE: usize = 1000;
+/// Steps that each lane takes before the lanes are put together: many, as nothing has asked for the memory where a lane begins. The
+/// places they read must not be a power of two apart, or they would all fall into the same few lines of the cache.
+const STEPS_OF_A_LANE: usize = 4000;
 /// The polynomials for turns so far are tried first that this rate, 340 deg/s, keeps to; for less it would often be in vain.
 const FAST_RAD_PER_S: f64 = 5.9;
 /// Fewer steps than these are taken one by one.

@@ -7,16 +7,8 @@
 use nalgebra::Vector3;
 use pulp::Simd;
 
-use super::lanes::Lanes;
-
-/// Three numbers in each lane.
-pub(super) type Three<S> = [Lanes<S>; 3];
-
-/// Three numbers by their place. An array's `map` is not always inlined, and then its vectors go through memory.
-#[inline(always)]
-pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
-    [part(0), part(1), part(2)]
-}
+use super::lanes::{Lanes, Three, three};
+use super::sums::Sample;
 
 /// How far the steps of a path turn.
 pub(super) struct Reach {
@@ -33,6 +25,11 @@ pub(super) const REACHES: [Reach; 3] = [
     Reach { turn_rad: 0.03, terms: [4, 4] },
     Reach { turn_rad: 0.2, terms: [7, 6] },
 ];
+
+/// Whether sums are taken at nodes and not at each sample: for even steps that keep to the first of [`REACHES`], and so are short.
+pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const REACH: usize>() -> bool {
+    EVEN && SUMS && REACH == 0
+}
 
 /// Coefficients of the polynomials in y, with `t^2 = 9 y`: `3 tan(t/2) / t` and `cos^2(t/2)`.
 const TANGENT: [f64; 7] = by_powers(
@@ -52,7 +49,7 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
     coefficients
 }
 
-/// What is made of a step in turn.
+/// What is made of a step in turn, but for its sample.
 ///
 /// Each is made for all steps of a tile before the next one: a step depends on the one before in the product of quaternions alone,
 /// and a processor that has that between the steps looks at no other meanwhile.
@@ -63,68 +60,13 @@ pub(super) struct Term<S: Simd> {
     vector: Three<S>,
     /// What the square of the scalar part is of that of the length.
     shrunk: Lanes<S>,
-    /// The first sample and its weight; it is multiplied by it.
-    rate: Three<S>,
-    weight: Lanes<S>,
-    /// Columns of the rotation before the step.
-    rotation: [Three<S>; 3],
 }
 
 impl<S: Simd> Term<S> {
     #[inline(always)]
     pub(super) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
-        let three = [zero; 3];
-        Self { vector: three, shrunk: zero, rate: three, weight: zero, rotation: [three; 3] }
-    }
-}
-
-/// Sums of all lanes for a column of the rotation, over samples with their weights.
-#[derive(Clone, Copy)]
-struct Column<S: Simd> {
-    by_one: Three<S>,
-    /// By each part of the rate.
-    by_rate: [Three<S>; 3],
-}
-
-/// Sums of all lanes. The column c by part j of the rate is summed for `j >= c` only: the others follow from where the path ends.
-#[repr(align(64))]
-pub(super) struct Totals<S: Simd>([Column<S>; 3]);
-
-impl<S: Simd> Totals<S> {
-    #[inline(always)]
-    pub(super) fn nothing(simd: S) -> Self {
-        let zero = [Lanes::splat(simd, 0.0); 3];
-        Self([Column { by_one: zero, by_rate: [zero; 3] }; 3])
-    }
-
-    /// Adds the steps of a tile to some sums, then to the next: there are more sums than registers.
-    #[inline(always)]
-    pub(super) fn add<const EVEN: bool>(&mut self, terms: &[Term<S>]) {
-        self.add_column::<EVEN, 0>(terms);
-        self.add_column::<EVEN, 1>(terms);
-        self.add_column::<EVEN, 2>(terms);
-    }
-
-    #[inline(always)]
-    fn add_column<const EVEN: bool, const C: usize>(&mut self, terms: &[Term<S>]) {
-        let Column { mut by_one, mut by_rate } = self.0[C];
-        for term in terms {
-            let column = &term.rotation[C];
-            by_one = three(|r| if EVEN { by_one[r] + column[r] } else { column[r].times_plus(term.weight, by_one[r]) });
-            for j in C..3 {
-                by_rate[j] = three(|r| column[r].times_plus(term.rate[j], by_rate[j][r]));
-            }
-        }
-        self.0[C] = Column { by_one, by_rate };
-    }
-
-    /// Columns of the summed rotations, and of those times each part of the rate.
-    #[inline(always)]
-    pub(super) fn columns(&self) -> [[Three<S>; 3]; 4] {
-        let [x, y, z] = &self.0;
-        let by_rate = |j: usize| [x.by_rate[j], y.by_rate[j], z.by_rate[j]];
-        [[x.by_one, y.by_one, z.by_one], by_rate(0), by_rate(1), by_rate(2)]
+        Self { vector: [zero; 3], shrunk: zero }
     }
 }
 
@@ -141,6 +83,8 @@ pub(super) struct Running<S: Simd> {
     pub(super) quaternion: [Lanes<S>; 4],
     /// Two over the square of its length.
     double: Lanes<S>,
+    /// Both samples of each step since their sum was last asked for, added up.
+    pairs: Three<S>,
     /// Largest y.
     largest: Lanes<S>,
 }
@@ -156,6 +100,7 @@ impl<S: Simd> Running<S> {
             before: zero,
             quaternion: [one, zero, zero, zero],
             double: one + one,
+            pairs: [zero; 3],
             largest: zero,
         }
     }
@@ -173,19 +118,24 @@ impl<S: Simd> Running<S> {
         next: Three<S>,
         next_time: Lanes<S>,
         term: &mut Term<S>,
+        sample: &mut Sample<S>,
     ) {
         let simd = self.simd;
         let splat = |value: f64| Lanes::splat(simd, value);
         let (outside, a0, a1, after) =
             if CUBIC { (self.a[0], self.a[1], self.a[2], next) } else { (self.a[1], self.a[2], next, next) };
+        let each = SUMS && !at_nodes::<EVEN, SUMS, REACH>();
         let mut s = three(|c| a0[c] + a1[c]);
+        if SUMS && !each {
+            self.pairs = three(|c| self.pairs[c] + s[c]);
+        }
         if CUBIC {
             let (inner, outer) = (splat(13.0 / 12.0), splat(1.0 / 12.0));
             s = three(|c| (outside[c] + after[c]).times_from(outer, s[c] * inner));
         }
         let mut q = cross(&a0, &a1);
-        if SUMS {
-            term.rate = a0;
+        if each {
+            sample.rate = a0;
         }
         if !EVEN {
             let h = if CUBIC { self.times[2] - self.times[1] } else { next_time - self.times[2] };
@@ -193,9 +143,9 @@ impl<S: Simd> Running<S> {
             let square = sixth * sixth;
             s = three(|c| s[c] * sixth);
             q = three(|c| q[c] * square);
-            if SUMS {
-                term.weight = self.before + h;
-                term.rate = three(|c| a0[c] * term.weight);
+            if each {
+                sample.weight = self.before + h;
+                sample.rate = three(|c| a0[c] * sample.weight);
             }
             self.before = h;
         }
@@ -204,21 +154,23 @@ impl<S: Simd> Running<S> {
         self.largest = self.largest.max(y);
         let tangent = polynomial(simd, &TANGENT[..REACHES[REACH].terms[0]], y);
         term.vector = three(|c| p[c] * tangent);
-        if SUMS {
+        if each {
             term.shrunk = polynomial(simd, &COSINE_SQUARED[..REACHES[REACH].terms[1]], y);
         }
         self.take(next, next_time);
     }
 
-    /// The sample where the next step begins as a term of the sums, with a weight of its own.
+    /// The sample where the next step begins.
     #[inline(always)]
-    pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Term<S> {
-        Term {
-            rate: three(|c| self.a[if CUBIC { 1 } else { 2 }][c] * weight),
-            weight,
-            rotation: self.rotation(),
-            ..Term::nothing(self.simd)
-        }
+    pub(super) fn sample<const CUBIC: bool>(&self) -> Three<S> {
+        self.a[if CUBIC { 1 } else { 2 }]
+    }
+
+    /// What it adds to the sums with a weight of its own.
+    #[inline(always)]
+    pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Sample<S> {
+        let sample = self.sample::<CUBIC>();
+        Sample { rate: three(|c| sample[c] * weight), weight, rotation: self.rotation() }
     }
 
     /// Columns of the rotation matrix.
@@ -233,20 +185,40 @@ impl<S: Simd> Running<S> {
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
+    /// The same where the length has not been followed.
+    #[inline(always)]
+    pub(super) fn rotation_at_node(&mut self) -> [Three<S>; 3] {
+        self.double = Lanes::splat(self.simd, 2.0) / self.square_of_length();
+        self.rotation()
+    }
+
+    /// The sum of the samples since it was last asked for, the ends by half.
+    #[inline(always)]
+    pub(super) fn sum_of_samples(&mut self) -> Three<S> {
+        let (zero, half) = (Lanes::splat(self.simd, 0.0), Lanes::splat(self.simd, 0.5));
+        let sum = three(|c| self.pairs[c] * half);
+        self.pairs = [zero; 3];
+        sum
+    }
+
+    #[inline(always)]
+    fn square_of_length(&self) -> Lanes<S> {
+        let [w, x, y, z] = self.quaternion;
+        w.times_plus(w, x.times_plus(x, y.times_plus(y, z * z)))
+    }
+
     /// Takes the turns of some steps, one after the other.
     #[inline(always)]
-    pub(super) fn turn<const SUMS: bool>(&mut self, terms: &mut [Term<S>]) {
+    pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[Term<S>], samples: &mut [Sample<S>]) {
         if SUMS {
             // A step of Newton's takes away what rounding has added up.
-            let [w, x, y, z] = self.quaternion;
-            let square = w.times_plus(w, x.times_plus(x, y.times_plus(y, z * z)));
             let one = Lanes::splat(self.simd, 1.0);
-            let excess = square.times_from(self.double * Lanes::splat(self.simd, 0.5), one);
+            let excess = self.square_of_length().times_from(self.double * Lanes::splat(self.simd, 0.5), one);
             self.double = self.double.times_plus(excess, self.double);
         }
-        for term in terms {
+        for (term, sample) in terms.iter().zip(samples) {
             if SUMS {
-                term.rotation = self.rotation();
+                sample.rotation = self.rotation();
                 self.double = self.double * term.shrunk;
             }
             self.quaternion = turned(&self.quaternion, term.vector);
