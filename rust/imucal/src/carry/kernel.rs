@@ -157,11 +157,7 @@ impl Stretch<'_> {
             totals.add::<EVEN>(&summed[..rest]);
             totals.add::<false>(&[run.here::<CUBIC>(if EVEN { half } else { run.before })]);
         }
-        let mut result = together::<S, SUMS>(simd, &run, &totals, steps);
-        if at_nodes {
-            result.sums[0] *= STEPS_OF_A_NODE as f64;
-        }
-        run.is_exact::<REACH>().then_some(result)
+        run.is_exact::<REACH>().then(|| together::<S, SUMS>(simd, &run, &totals, steps))
     }
 }
 

@@ -164,6 +164,19 @@ pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
     [part(0), part(1), part(2)]
 }
 
+/// The square of the length.
+#[inline(always)]
+pub(super) fn square<S: Simd>(v: &Three<S>) -> Lanes<S> {
+    v[0].times_plus(v[0], v[1].times_plus(v[1], v[2] * v[2]))
+}
+
+/// `a x b`.
+#[inline(always)]
+pub(super) fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
+    let part = |i: usize, k: usize| a[k].times_from(b[i], a[i] * b[k]);
+    [part(1, 2), part(2, 0), part(0, 1)]
+}
+
 /// Where a lane's own stretch of so many begins; lanes that are not there read the first one.
 #[inline(always)]
 pub(super) fn begin_of<S: Simd>(lane: usize, count: usize) -> usize {

@@ -1,9 +1,10 @@
-//! The rotation and the sums in twice the digits, sample by sample.
+//! The rotation and the sums in twice the digits.
 
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
 use super::path;
+use super::sums::{BY_ENDS, BY_HALVES, SECOND, STEPS_OF_A_NODE};
 
 /// What a path is made of; the time is one interval or stamps.
 pub(super) struct Samples<'a> {
@@ -99,8 +100,9 @@ fn exponential(m: &Square) -> Square {
     sum
 }
 
-/// Rotation, G_x, G_y, G_z and G_b as the equations at the head of the module say, in twice the digits.
-pub(super) fn reference(path: &Samples<'_>) -> [Square; 5] {
+/// Rotation, G_x, G_y, G_z and G_b as the equations at the head of the module say, in twice the digits. The first steps, so many, are
+/// summed at nodes.
+pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
     let Samples { raw, time_s, triad, is_cubic } = path;
     let third = Double::of(1.0 / 3.0) + Double::of(-1.0 / 3.0 * 3.0 + 1.0) * Double::of(1.0 / 3.0);
     let third = third * (Double::of(2.0) - Double::of(3.0) * third);
@@ -138,20 +140,56 @@ pub(super) fn reference(path: &Samples<'_>) -> [Square; 5] {
             (w0[i] * w1[j] - w0[j] * w1[i]) * square
         });
         let phi = hat_of(&std::array::from_fn(|c| s[c] + cross[c]));
-        let mut add_sample = |rotation: &Square, rate: &Vector| {
-            let weighted = scaled(rotation, h * Double::of(0.5));
-            for j in 0..3 {
-                sums[j] = plus(&sums[j], &scaled(&weighted, rate[j]));
-            }
-            sums[3] = plus(&sums[3], &weighted);
-        };
-        add_sample(&rotation, &w0);
+        let (before, step) = (rotation, k - margin);
         rotation = product(&rotation, &exponential(&phi));
-        add_sample(&rotation, &w1);
+        if step >= at_nodes {
+            for (rotation, rate) in [(&before, &w0), (&rotation, &w1)] {
+                add(&mut sums, &scaled(rotation, h * Double::of(0.5)), rate, Double::of(1.0));
+            }
+            continue;
+        }
+        // R' for a rate in the kernel's units, a sixth of the turn in a step.
+        let derivative = |rotation: &Square, rate: &Vector| {
+            scaled(&product(rotation, &hat_of(rate)), h * h * third * Double::of(0.5))
+        };
+        let n = STEPS_OF_A_NODE;
+        for (is_end, sign, rotation, rate) in
+            [(step == 0, -1.0, &before, &w0), (step + 1 == at_nodes, 1.0, &rotation, &w1)]
+        {
+            if is_end {
+                let factor = Double::of(sign * 6.0 * SECOND * (n * n) as f64);
+                add(&mut sums, &scaled(&derivative(rotation, rate), factor), rate, Double::of(1.0));
+            }
+        }
+        if step % n + 1 == n / 2 {
+            let (begin, middle, end) = (k + 1 - n / 2, k + 1, k + 1 + n / 2);
+            let of_half = |from: usize, to: usize| -> Vector {
+                std::array::from_fn(|c| {
+                    (from..to).fold(Double::of(0.0), |sum, k| sum + (rate(k)[c] + rate(k + 1)[c]) * Double::of(0.5))
+                })
+            };
+            let (left, right) = (of_half(begin, middle), of_half(middle, end));
+            let (w_begin, w_end) = (rate(begin), rate(end));
+            let whole: Vector = std::array::from_fn(|c| left[c] + right[c]);
+            let late: Vector = std::array::from_fn(|c| {
+                (right[c] - left[c]) * Double::of(BY_HALVES) + (w_end[c] - w_begin[c]) * Double::of(BY_ENDS)
+            });
+            let by_time = scaled(&rotation, h);
+            add(&mut sums, &by_time, &whole, Double::of(n as f64));
+            add(&mut sums, &derivative(&rotation, &rate(middle)), &late, Double::of(0.0));
+        }
     }
     let [x, y, z, bias] = sums;
     let [x, y, z] = with_the_turn([x, y, z], &rotation, &path::Frame::of(triad, 1.0).axes);
     [rotation, x, y, z, bias]
+}
+
+/// Adds R times each part of the rate, and R with a weight.
+fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double) {
+    for j in 0..3 {
+        sums[j] = plus(&sums[j], &scaled(rotation, rate[j]));
+    }
+    sums[3] = plus(&sums[3], &scaled(rotation, weight));
 }
 
 /// The sums of columns and parts of the rate below the diagonal from those above it, in the frame with these axes.

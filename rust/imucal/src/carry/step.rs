@@ -7,7 +7,7 @@
 use nalgebra::Vector3;
 use pulp::Simd;
 
-use super::lanes::{Lanes, Three, three};
+use super::lanes::{Lanes, Three, cross, square, three};
 use super::sums::Sample;
 
 /// How far the steps of a path turn.
@@ -124,9 +124,10 @@ impl<S: Simd> Running<S> {
         let splat = |value: f64| Lanes::splat(simd, value);
         let (outside, a0, a1, after) =
             if CUBIC { (self.a[0], self.a[1], self.a[2], next) } else { (self.a[1], self.a[2], next, next) };
-        let each = SUMS && !at_nodes::<EVEN, SUMS, REACH>();
+        let at_nodes = at_nodes::<EVEN, SUMS, REACH>();
+        let each = SUMS && !at_nodes;
         let mut s = three(|c| a0[c] + a1[c]);
-        if SUMS && !each {
+        if at_nodes {
             self.pairs = three(|c| self.pairs[c] + s[c]);
         }
         if CUBIC {
@@ -204,7 +205,7 @@ impl<S: Simd> Running<S> {
     #[inline(always)]
     fn square_of_length(&self) -> Lanes<S> {
         let [w, x, y, z] = self.quaternion;
-        w.times_plus(w, x.times_plus(x, y.times_plus(y, z * z)))
+        w.times_plus(w, square(&[x, y, z]))
     }
 
     /// Takes the turns of some steps, one after the other.
@@ -253,19 +254,6 @@ pub(super) fn half_turn<S: Simd>(simd: S, turn: Three<S>) -> Three<S> {
 pub(super) fn is_within_reach(turn: &Vector3<f64>) -> bool {
     let [.., most] = REACHES;
     turn.norm_squared() <= most.turn_rad * most.turn_rad
-}
-
-/// The square of the length.
-#[inline(always)]
-fn square<S: Simd>(v: &Three<S>) -> Lanes<S> {
-    v[0].times_plus(v[0], v[1].times_plus(v[1], v[2] * v[2]))
-}
-
-/// `a x b`.
-#[inline(always)]
-fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
-    let part = |i: usize, k: usize| a[k].times_from(b[i], a[i] * b[k]);
-    [part(1, 2), part(2, 0), part(0, 1)]
 }
 
 /// `q (1, v)`.

@@ -7,13 +7,13 @@
 
 use pulp::Simd;
 
-use super::lanes::{Lanes, Three, three};
+use super::lanes::{Lanes, Three, cross, three};
 
 /// Steps of a node.
 pub(super) const STEPS_OF_A_NODE: usize = 16;
 const N: f64 = STEPS_OF_A_NODE as f64;
 /// Of W: a, and b / a.
-const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
+pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
 /// What the difference of the sums of both halves, and that of the samples at both ends, have in the place of b / a.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
@@ -21,8 +21,8 @@ const OF_ENDS: f64 = 1.0 / 24.0;
 /// How much of D comes from the ends.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
 /// D over either difference, where a rate is a sixth of the turn in one step.
-const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
-const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
+pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
+pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
 /// What a sample adds.
 #[derive(Clone, Copy)]
@@ -116,34 +116,19 @@ impl<S: Simd> Totals<S> {
         self.0[C] = Column { by_one, by_rate };
     }
 
-    /// Adds a node; one counts as one sample.
+    /// Adds a node.
     #[inline(always)]
     pub(super) fn add_node(&mut self, simd: S, node: &Node<S>) {
-        let (by_halves, by_ends) = (Lanes::splat(simd, BY_HALVES), Lanes::splat(simd, BY_ENDS));
+        let splat = |value: f64| Lanes::splat(simd, value);
+        let (by_halves, by_ends) = (splat(BY_HALVES), splat(BY_ENDS));
         let [left, right] = &node.halves;
         let rate = three(|c| left[c] + right[c]);
         let late = three(|c| (node.end[c] - node.begin[c]).times_plus(by_ends, (right[c] - left[c]) * by_halves));
         let turned = derivative(&node.rotation, &node.middle);
-        self.add_column_of_node::<0>(node, &rate, &turned, &late);
-        self.add_column_of_node::<1>(node, &rate, &turned, &late);
-        self.add_column_of_node::<2>(node, &rate, &turned, &late);
-    }
-
-    #[inline(always)]
-    fn add_column_of_node<const C: usize>(
-        &mut self,
-        node: &Node<S>,
-        rate: &Three<S>,
-        turned: &[Three<S>; 3],
-        late: &Three<S>,
-    ) {
-        let Column { mut by_one, mut by_rate } = self.0[C];
-        let (column, turned) = (&node.rotation[C], &turned[C]);
-        by_one = three(|r| by_one[r] + column[r]);
-        for j in C..3 {
-            by_rate[j] = three(|r| turned[r].times_plus(late[j], column[r].times_plus(rate[j], by_rate[j][r])));
-        }
-        self.0[C] = Column { by_one, by_rate };
+        self.add::<false>(&[
+            Sample { rate, weight: splat(N), rotation: node.rotation },
+            Sample { rate: late, weight: splat(0.0), rotation: turned },
+        ]);
     }
 
     /// Columns of the summed rotations, and of those times each part of the rate.
@@ -160,12 +145,14 @@ impl<S: Simd> Totals<S> {
 pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation: &[Three<S>; 3]) -> Sample<S> {
     let factor = Lanes::splat(simd, sign * 6.0 * SECOND * N * N);
     let rotation = derivative(rotation, &three(|c| rate[c] * factor));
-    Sample { rate, weight: Lanes::splat(simd, 1.0 / N), rotation }
+    Sample { rate, weight: Lanes::splat(simd, 1.0), rotation }
 }
 
 /// Columns of R', `R [w]x`.
 #[inline(always)]
 fn derivative<S: Simd>(rotation: &[Three<S>; 3], rate: &Three<S>) -> [Three<S>; 3] {
-    let column = |b: usize, c: usize| three(|r| rotation[c][r].times_from(rate[b], rotation[b][r] * rate[c]));
-    [column(1, 2), column(2, 0), column(0, 1)]
+    let row = |r: usize| cross(&three(|c| rotation[c][r]), rate);
+    let rows = [row(0), row(1), row(2)];
+    let column = |c: usize| three(|r| rows[r][c]);
+    [column(0), column(1), column(2)]
 }
