@@ -79,7 +79,7 @@ def kernel_lines(machine: str) -> list[str]:
         "the rotation of each move, and with the sums that the derivatives by 12 parameters are made of. A",
         "plain sum of the same array is as fast as the memory delivers it. Medians of 15 interleaved rounds;",
         f"the ratios are those of one round. {machine}, one of them used. Steps as short and even as",
-        "these are summed sixteen at once, to the same sums (docs/decisions/0064-sums-as-trapezoids.md).",
+        "these are summed sixteen at once ([how exactly](../decisions/0064-sums-as-trapezoids.md)).",
         "",
         "| vectors | | ns per sample | times a plain sum | aim |",
         "|---|---|---:|---:|---|",
