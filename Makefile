@@ -124,22 +124,22 @@ test-sdist: $(VENV)/.sdist
 
 # The empty environment has no development tools in it: what the package needs, it must bring. Its test is small because
 # the wheel is tested in full.
-$(VENV)/.sdist: $(SOURCES) tests/sdist_smoke.py | $(VENV)/.tools
+$(VENV)/.sdist: $(SOURCES) tests/package/sdist_smoke.py | $(VENV)/.tools
 	$(call say,Build the sdist and install it into an empty environment)
 	@rm -f dist/*.tar.gz
 	$(BIN)/maturin sdist --out dist
 	$(PYTHON) -m venv --clear $(CARGO_TARGET_DIR)/sdist-venv
 	$(CARGO_TARGET_DIR)/sdist-venv/bin/python -m pip install --quiet dist/*.tar.gz
-	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/sdist_smoke.py
+	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/package/sdist_smoke.py
 	@touch $@
 
 # One process per core; the tests of a file share what they have simulated, so a file stays in one process. A stand that is
 # recorded while it turns keeps time, and has the processors for itself.
-STAND_TESTS := $(wildcard tests/test_stand_*.py)
+STAND_TESTS := tests/stand
 
 test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
-	$(PY) -m pytest --numprocesses auto --dist loadfile $(STAND_TESTS:%=--ignore=%)
+	$(PY) -m pytest --numprocesses auto --dist loadfile --ignore=$(STAND_TESTS)
 	$(PY) -m pytest $(STAND_TESTS)
 
 # --- pages -------------------------------------------------------------------------------------------------------

@@ -9,21 +9,11 @@ import numpy as np
 import pytest
 
 import imucal
+from gap_runs import CONTROL_SEED, RATE_HZ, RUN_SEED, pair, simulated
 from imucal.motion import Step
 from imucal.report import write_gap_page
 
-RUN_SEED, CONTROL_SEED, NEXT_SEED = 11, 12, 21
-RATE_HZ = 100.0
-
-
-def simulated(seed, program="random", **arguments):
-    run = imucal.simulate(program, seed=seed, rate_hz=RATE_HZ, **arguments)
-    # Few people have a stand whose angles are recorded.
-    return dataclasses.replace(run, recording=dataclasses.replace(run.recording, stand_rad=None))
-
-
-def pair(**arguments):
-    return simulated(RUN_SEED, **arguments).recording, simulated(CONTROL_SEED, **arguments).recording
+NEXT_SEED = 21
 
 
 def channel(gap, name, axis=None):

@@ -12,7 +12,7 @@ import pytest
 import imucal
 from imucal.cli import main
 
-PAGE = Path(__file__).parent.parent / "docs/production-line.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs/production-line.md"
 ROW = re.compile(r"^\| `imucal ([a-z ]+)` \| `(imucal\.[a-z-]+/1)` \| (.*) \|$", re.MULTILINE)
 LIMITS = {"schema": "imucal.limits/1", "calibration_set": {"rests": {"min": 1}}}
 

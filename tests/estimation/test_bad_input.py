@@ -28,7 +28,7 @@ from imucal.one_unit import with_own_names
 STANDARD_GRAVITY = 9.80665
 UP = np.array([0, 0, 9.8])
 COMMAND = Path(sys.executable).with_name("imucal")
-CHECKS = Path(__file__).parents[1] / "rust" / "imucal" / "src" / "check"
+CHECKS = Path(__file__).resolve().parents[2] / "rust" / "imucal" / "src" / "check"
 
 
 # The good recording and what spoils it

@@ -14,7 +14,7 @@ import imucal
 from imucal import _core
 from imucal.effects import catalogue
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 GCC = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 ACCELEROMETER = imucal.Triad(
     [[0.9804, 0.0012, 0.0055], [0.0012, 0.9727, 0.0043], [0.0055, 0.0043, 0.9921]], [-0.42, 0.24, 0.39]

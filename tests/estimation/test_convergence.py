@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "docs" / "results"
 _spec = importlib.util.spec_from_file_location("convergence", ROOT / "benches" / "convergence.py")
 convergence = importlib.util.module_from_spec(_spec)

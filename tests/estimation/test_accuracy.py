@@ -14,7 +14,7 @@ import accuracy.contaminated
 import accuracy.page
 import imucal
 
-BENCHES = Path(__file__).parent.parent / "benches"
+BENCHES = Path(__file__).resolve().parents[2] / "benches"
 RUNS = 40
 SPOILT_RUNS = 6
 

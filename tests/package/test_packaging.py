@@ -9,7 +9,7 @@ from pathlib import Path
 
 import imucal
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 FILES = {str(path) for path in metadata.files("imucal-rs") or []}
 
 

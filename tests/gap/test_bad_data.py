@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import imucal
-from test_gap_workflow import CONTROL_SEED, RUN_SEED, pair, simulated
+from gap_runs import CONTROL_SEED, RUN_SEED, pair, simulated
 
 CYCLE = "cycle:10:40:320"
 

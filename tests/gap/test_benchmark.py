@@ -13,7 +13,7 @@ import gap.limits
 import gap.said
 import gap.suite
 
-BENCHES = Path(__file__).parent.parent / "benches"
+BENCHES = Path(__file__).resolve().parents[2] / "benches"
 
 
 def test_a_case_is_the_same_in_every_run_and_unlike_its_control():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-EXAMPLES = Path(__file__).parent.parent / "examples"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PROMISED = {
     "calibrate_arrays.py": ["verdict: good", "gyro_sensitivity_zz"],
     "find_the_missing_effect.py": [

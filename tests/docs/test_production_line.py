@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-SCRIPT = Path(__file__).parent.parent / "examples/production_line.sh"
+SCRIPT = Path(__file__).resolve().parents[2] / "examples/production_line.sh"
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there is no sh")

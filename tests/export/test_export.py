@@ -1,6 +1,6 @@
 """Exports against the consumers' own formulas, written here from their code, on raw samples.
 
-Where a consumer comes as a package it is run (imufusion); C and Rust are in test_export_compiled.py.
+Where a consumer comes as a package it is run (imufusion); C and Rust are in test_compiled.py.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from imucal.cli import main
 from imucal.effects import catalogue
 from imucal.export import FORMATS, formats_markdown
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 ACCELEROMETER = imucal.Triad(
     [[0.9804, 0.0012, 0.0055], [0.0012, 0.9727, 0.0043], [0.0055, 0.0043, 0.9921]], [-0.42, 0.24, 0.39]
 )

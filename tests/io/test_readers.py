@@ -13,7 +13,7 @@ from imucal.errors import ImucalError
 from imucal.io import FORMATS
 from imucal.io.streams import Stream, recording_from_streams
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 # The catalogue
