@@ -75,11 +75,12 @@ def kernel_lines(machine: str) -> list[str]:
         if count is not None and base is not None and kernel != "plain sum"
     ]
     return [
-        "Ten million samples of a gyroscope in 45 moves (benches/kernels.rs), one thread: from readings to",
-        "the rotation of each move, and with the sums that the derivatives by 12 parameters are made of. A",
-        "plain sum of the same array is as fast as the memory delivers it. Medians of 15 interleaved rounds;",
-        f"the ratios are those of one round. {machine}, one of them used. Steps as short and even as",
-        "these are summed sixteen at once ([how exactly](../decisions/0064-sums-as-trapezoids.md)).",
+        "Ten million gyroscope samples in 45 moves (benches/kernels.rs), on one thread. A rotation kernel",
+        "integrates the readings of each move. A kernel with 12 sums also computes the sums from which the",
+        "Jacobian with respect to 12 parameters follows. The plain sum of the same array shows the memory",
+        "bandwidth. Times are medians of 15 interleaved rounds; each ratio is taken within one round.",
+        f"{machine}, one of them used. Steps this short and uniform are summed in blocks of sixteen",
+        "([how and how exactly](../decisions/0017-jacobian-sums-by-the-trapezoidal-rule.md)).",
         "",
         "| vectors | | ns per sample | times a plain sum | aim |",
         "|---|---|---:|---:|---|",
