@@ -212,7 +212,7 @@ def test_what_cannot_be_undone_is_not_a_number(headers, library):
     ("name", "called"), [("gyro_scale_cubic_3", set()), ("gyro_bias_warmup_3", {"exp", "expf"})]
 )
 def test_the_header_calls_nothing_but_what_it_says(headers, tmp_path, name, called):
-    says = "Link libm for exp." if called else "Nothing of libm is called."
+    says = "Link libm for exp." if called else "No function of libm is called."
     assert says in headers[name].read_text()
     (tmp_path / "driver.c").write_text(driver({name: headers[name]}))
     gcc(*GCC, "-c", tmp_path / "driver.c", "-o", tmp_path / "driver.o")
@@ -284,7 +284,7 @@ def test_the_temperatures_of_the_recordings_are_in_both_programs(tmp_path):
     assert subprocess.run([tmp_path / "main"]).returncode == 0
     assert "pub const TEMPERATURE_MIN_DEGC: f64 = -5.5;" in module
     assert "pub const TEMPERATURE_MAX_DEGC: f64 = 40.0;" in module
-    note = "The recordings were at -5.5 to 40 degC: outside it the numbers of gyro_bias_temperature are an"
+    note = "The recordings were at -5.5 to 40 degC: outside this range, gyro_bias_temperature are"
     assert note in header and note in module
     assert "TEMPERATURE_M" not in imucal.export(warm, "c-header").text + imucal.export(warm, "rust").text
 
@@ -309,8 +309,8 @@ def test_an_effect_of_ones_own_is_said_to_be_lost():
     )
     for name in ("c-header", "rust"):
         exported = imucal.export(unit, name)
-        assert exported.lost == ("the effect gyro_bias_supply (your own)",)
-        assert "Not carried: the effect gyro_bias_supply" in exported.text
+        assert exported.lost == ("the effect gyro_bias_supply (user-defined)",)
+        assert "Not exported: the effect gyro_bias_supply" in exported.text
 
 
 FUSION = """
@@ -369,9 +369,10 @@ def test_the_rust_module_says_which_surroundings_its_effects_need():
     )
     text = imucal.export(with_effects(*(typical(effects[name], 3) for name in names[1:])), "rust").text
     said = text.replace("\n//   ", " ")
-    assert "temperature_difference_k (temperature of the sensor less REFERENCE_TEMPERATURE_DEGC)" in said
+    assert "temperature_difference_k (sensor temperature minus REFERENCE_TEMPERATURE_DEGC)" in said
     assert all(field in said for field in ("time_s (since", "angular_acceleration (derivative"))
-    assert "what needs them is left in: gyro_bias_temperature, accel_lever_arm, accel_bias_drift\n" in said
+    left_in = "gyro_bias_temperature, accel_lever_arm, accel_bias_drift"
+    assert f"these effects are not compensated: {left_in}\n" in said
     assert "pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;" in text
     text = imucal.export(with_effects(typical(effects[names[0]], 9)), "rust").text
     assert "Surroundings" not in text and "TEMPERATURE" not in text

@@ -397,7 +397,7 @@ def test_every_file_says_how_it_is_applied_and_what_is_lost(name):
     ):
         assert phrase in said, phrase
     for loss in exported.lost:
-        assert f"Not carried: {loss}" in said, loss
+        assert f"Not exported: {loss}" in said, loss
     for effect in ("gyro_g_sensitivity", "gyro_bias_temperature"):
         lost = f"the effect {effect}" in exported.lost
         assert lost == (effect not in {values.name for values in exported.same_as.effects})
@@ -435,12 +435,12 @@ def test_a_part_of_the_triads_is_carried_or_said_to_be_lost(name, feature):
     what, _, sensor = feature.partition(" of ")
     assert any(loss.startswith(feature) for loss in exported.lost) == differs
     # And the table of formats has it.
-    assert bool(re.search(rf"{what}.* of (both|{sensor})", FORMATS[name].loses)) == differs
+    assert bool(re.search(rf"{what}.* of (both|{sensor})", FORMATS[name].omits)) == differs
 
 
 @pytest.mark.parametrize("name", CORRECTING)
 def test_an_effect_is_carried_or_said_to_be_lost(name):
-    carried = FORMATS[name].carries
+    carried = FORMATS[name].includes
     for effect in catalogue():
         if effect.sensor == "encoder" or "attitude" in effect.needs:
             continue
@@ -488,7 +488,8 @@ def test_a_gyroscope_turned_against_the_accelerometer_is_refused_where_it_has_no
     turn = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
     turned = imucal.Calibration(ACCELEROMETER, imucal.Triad(GYROSCOPE.sensitivity @ turn, [0, 0, 0]))
     said = (
-        "gyroscope is turned .*its x lies along y, its y lies along z, its z lies along x.* swap its columns"
+        "gyroscope axes do not match .*its x lies along y, its y lies along z, its z lies along x.* swap the "
+        "sensor's columns"
     )
     with pytest.raises(imucal.InputError, match=said):
         imucal.export(turned, name)
@@ -534,7 +535,7 @@ def test_the_residual_on_the_control_recording_is_that_of_evaluate(files, capsys
         assert found["full"]["gravity_direction_rms_deg"] == full
         err = capsys.readouterr().err
         assert "control set, as exported" in err
-        assert all(f"not carried by {name}: {loss}" in err for loss in document["lost"])
+        assert all(f"not exported to {name}: {loss}" in err for loss in document["lost"])
         if name == "px4":
             assert document["lost"]
             assert found["exported"]["gravity_direction_rms_deg"] > 10 * full
@@ -565,7 +566,7 @@ def test_the_file_is_printed_without_a_name(files, capsys):
     assert main(["export", str(files / "cal.json"), "--to", "ros"]) == 0
     out, err = capsys.readouterr()
     assert list(yaml.safe_load(out)) == ["SM", "bias"]
-    assert "not carried by ros: misalignment of the gyroscope" in err
+    assert "not exported to ros: misalignment of the gyroscope" in err
 
 
 def test_noise_is_that_of_the_corrected_recording(files, tmp_path):
@@ -606,8 +607,8 @@ def test_the_names_of_a_header_are_chosen(files, tmp_path, capsys):
         (["--to", "px5"], "no format 'px5'"),
         (["--to", "gazebo"], "--noise"),
         (["--to", "ros", "--json", "-"], "-o FILE"),
-        (["--to", "ros", "--name", "b"], "the files of ros have no names to choose: leave --name out"),
-        (["--to", "c-header", "--name", "2b"], "'2b' cannot start the names of a C header"),
+        (["--to", "ros", "--name", "b"], "ros files contain no names with a prefix: remove --name"),
+        (["--to", "c-header", "--name", "2b"], "'2b' cannot start a C name"),
     ],
 )
 def test_wrong_commands_are_told_the_way_out(files, capsys, arguments, message):

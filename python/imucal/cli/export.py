@@ -64,14 +64,20 @@ def export(
 
     if show_formats:
         out = Output(json)
-        fields = ("name", "title", "suffix", "formula", "source", "units", "carries", "loses")
+        fields = {name: name for name in ("name", "title", "suffix", "formula", "source", "units")}
+        fields |= {"carries": "includes", "loses": "omits"}
         out.document(
-            {"formats": [{name: getattr(form, name) for name in fields} for form in FORMATS.values()]}
+            {
+                "formats": [
+                    {field: getattr(form, name) for field, name in fields.items()}
+                    for form in FORMATS.values()
+                ]
+            }
         )
         for form in FORMATS.values():
             out.line(f"{form.name}: {form.title} ({form.suffix})")
-            out.line(f"    carries {form.carries}")
-            out.line(f"    does not carry {form.loses}")
+            out.line(f"    includes {form.includes}")
+            out.line(f"    omits {form.omits}")
         return
     if calibration is None or to is None:
         raise InputError("give a calibration file and --to FORMAT: `imucal export --list` shows the formats")
@@ -110,7 +116,7 @@ def export(
     for reason in poor:
         print(f"warning: this calibration is poor: {reason}", file=sys.stderr)
     for loss in exported.lost:
-        print(f"not carried by {form.name}: {loss}", file=sys.stderr)
+        print(f"not exported to {form.name}: {loss}", file=sys.stderr)
     if residual is not None:
         print(residual.summary(), file=sys.stderr)
     elif judges:

@@ -146,7 +146,7 @@ def _show(out: Output, outcome: Outcome) -> None:
     for name, (path, written) in outcome.exports.items():
         out.line(f"{path}: {written.form.title}")
         for loss in written.lost:
-            out.line(f"not carried by {name}: {loss}")
+            out.line(f"not exported to {name}: {loss}")
     for name, message in outcome.not_written.items():
         out.line(f"{name} is not written: {message}")
     for reason in outcome.reasons:

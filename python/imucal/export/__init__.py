@@ -1,11 +1,12 @@
-"""Calibrations for other programs: firmware, autopilots, estimators, simulators.
+"""Export of calibrations to other programs: firmware, autopilots, estimators and simulators.
 
     exported = imucal.export(calibration, "px4")
     exported.save("unit-0042.params")
-    exported.lost                      # what the format cannot carry
-    exported.residual(control)         # and what that costs on a control recording
+    exported.lost                      # parts of the calibration that the format cannot represent
+    exported.residual(control)         # the errors that this causes on a control recording
 
-Every file starts with the formula by which it is applied, units and direction, and what is not in it.
+The header of every file states the correction formula with its direction, the units, and the parts of the
+calibration that the file does not contain.
 """
 
 from __future__ import annotations
@@ -57,26 +58,30 @@ FORMATS: Final[dict[str, Format]] = {
     )
 }
 
-# Figures of an evaluation that show what a format costs.
+# Figures of an evaluation by which the exported model is compared with the whole calibration.
 COST: Final = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
 
 
 @dataclass(frozen=True, eq=False)
 class Residual:
-    """A control recording under the whole calibration and under what the format carries of it."""
+    """A control recording evaluated with the whole calibration and with the exported part of it.
+
+    full        evaluation of the whole calibration
+    exported    evaluation of `Export.same_as`, the model that the other program applies
+    """
 
     full: Evaluation
     exported: Evaluation
 
     def to_dict(self) -> dict[str, Any]:
-        """Gravity's direction per move, deg rms, and the error of its length, m/s^2 rms, of both."""
+        """The rms errors of the gravity direction per move, deg, and of |f|, m/s^2, for both evaluations."""
         return {
             name: {figure: without_nan(judged.figures[figure]) for figure in COST}
             for name, judged in (("full", self.full), ("exported", self.exported))
         }
 
     def summary(self) -> str:
-        """The same in words, two lines."""
+        """The figures of `to_dict` as two lines of text."""
         return "\n".join(
             f"control set, {name}: " + figures_text({figure: judged.figures[figure] for figure in COST})
             for name, judged in (("whole calibration", self.full), ("as exported", self.exported))
@@ -85,12 +90,14 @@ class Residual:
 
 @dataclass(frozen=True, eq=False)
 class Export:
-    """A calibration in a format of another program.
+    """A calibration written in the format of another program.
 
-    form      the format
-    text      the file
-    lost      what of the calibration is not in it, in words
-    same_as   what the other program does with it, as a calibration; None if it corrects nothing
+    form          the format
+    text          contents of the file
+    lost          description of each part of the calibration that the file does not contain
+    same_as       calibration equivalent to the correction that the other program computes from the file; None
+                  if the format describes noise and corrects nothing
+    calibration   the exported calibration
     """
 
     form: Format
@@ -100,15 +107,17 @@ class Export:
     calibration: Calibration
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the file, whole or not at all; InputError if it cannot be written."""
+        """Write the file atomically. Raises InputError if it cannot be written."""
         write_text(path, self.text)
 
     def residual(
         self, control: Recording | Sequence[Recording], *, min_rest_s: float = MIN_REST_S
     ) -> Residual | None:
-        """What the loss costs on recordings of the same unit; None if the format corrects nothing.
+        """Evaluate the whole calibration and its exported part on control recordings of the same unit.
 
-        Raises what `imucal.evaluate` raises.
+        min_rest_s   shortest rest, s, that the rest detection accepts
+
+        Returns None if the format corrects nothing. Raises the errors of `imucal.evaluate`.
         """
         if self.same_as is None:
             return None
@@ -121,26 +130,28 @@ class Export:
 def export(
     calibration: Calibration, format: str, *, noise: NoiseResult | None = None, name: str | None = None
 ) -> Export:
-    """The calibration in `format`, a name of `FORMATS`.
+    """Write the calibration in `format`, which is a name of `FORMATS`.
 
-    noise   figures of a recording at rest that the calibration has corrected, for kalibr-imu and gazebo
-    name    how all names of a c-header start, "imucal" if not given, and those of fusion: two units in one
-            program need two names
+    noise   noise figures of a recording at rest, corrected by this calibration; required by kalibr-imu and
+            gazebo, ignored by the other formats
+    name    prefix of all C names in the formats c-header (default "imucal") and fusion (default: no prefix).
+            Two units in one program need two prefixes.
 
-    Raises InputError for a format that is not known, for raw counts where the other program takes none, for
-    left-handed axes, or a sensor turned against the other, where it has no place for them, for noise figures
-    that are missing, and for a name that C cannot have or the format has no place for.
+    Raises InputError for an unknown format, for a calibration of raw counts if the other program only
+    corrects SI units, for left-handed sensor axes or a large rotation between the sensors if the format
+    cannot represent them, for missing noise figures, and for a `name` that is not a C identifier or that the
+    format does not use.
     """
     form = find_format(format)
     if name is not None:
         if form.named is None:
-            raise InputError(f"the files of {form.name} have no names to choose: leave --name out")
+            raise InputError(f"{form.name} files contain no names with a prefix: remove --name")
         form = form.named(name)
     require_si(calibration, form)
     if form.needs_noise and noise is None:
         raise InputError(
-            f"{form.name} is about noise, which a calibration does not know well: give the figures of a "
-            "recording at rest (--noise REC)"
+            f"{form.name} needs noise figures, which a calibration does not contain: give a recording of the "
+            "unit at rest (--noise REC)"
         )
     written = form.write(calibration, noise)
     return Export(
@@ -153,18 +164,18 @@ def export(
 
 
 def find_format(name: str) -> Format:
-    """The format of this name; InputError, with all names, if there is none."""
+    """The format of this name. Raises InputError, listing all names, if there is none."""
     if name not in FORMATS:
         raise InputError(f"there is no format {name!r}: give one of {', '.join(FORMATS)}")
     return FORMATS[name]
 
 
 def formats_markdown() -> str:
-    """The table of all formats for docs/export.md."""
+    """The table of all formats for docs/export.md, as Markdown."""
     rows = [
-        f"| `{form.name}` | {form.title} (`{form.suffix}`) | {form.carries} | {form.loses} | "
+        f"| `{form.name}` | {form.title} (`{form.suffix}`) | {form.includes} | {form.omits} | "
         f"{'yes' if form.takes_counts else 'no'} | {form.source} |"
         for form in FORMATS.values()
     ]
-    heads = ("`--to`", "what", "carries", "does not carry", "raw counts", "formula stands in")
+    heads = ("`--to`", "file", "includes", "omits", "raw counts", "source of the formula")
     return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])

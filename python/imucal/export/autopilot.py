@@ -1,9 +1,9 @@
-"""What PX4 and ArduPilot have in common: an offset and a scale for each axis, and no misalignment.
+"""The correction model shared by PX4 and ArduPilot: an offset and a scale per axis, no misalignment.
 
     corrected_accel = (raw - thermal - offset) * scale           for each axis
     corrected_gyro  =  raw - thermal - offset
 
-Both keep their parameters in float32.
+Both autopilots store their parameters as float32.
 """
 
 from __future__ import annotations
@@ -20,12 +20,17 @@ from imucal.export.model import lost_effects, misalignment, off_scale, per_axis,
 
 __all__ = ["PerAxis", "Thermal", "per_axis_model"]
 
+# Temperature effect of each sensor that the autopilots can represent.
 THERMAL: Final = {"accel": "accel_bias_temperature", "gyro": "gyro_bias_temperature"}
 
 
 @dataclass(frozen=True, eq=False)
 class Thermal:
-    """A bias that changes with d, temperature less the reference one: linear d + square d^2, raw units."""
+    """Temperature dependence of a bias, raw units: linear d + square d^2, d = T - reference temperature, K.
+
+    linear   (3,), raw units per K
+    square   (3,), raw units per K^2
+    """
 
     linear: FloatArray
     square: FloatArray
@@ -33,10 +38,13 @@ class Thermal:
 
 @dataclass(frozen=True, eq=False)
 class PerAxis:
-    """A calibration as offsets and scales; `thermal` by sensor, where it is known.
+    """A calibration approximated by offsets and scales; all arrays are (3,).
 
-    same_as   the same as a calibration
-    lost      what is not in it
+    accel_offset, gyro_offset   raw units
+    accel_scale                 corrected / raw, dimensionless
+    thermal                     by sensor ("accel", "gyro"); only sensors with a temperature effect
+    same_as                     the approximation as a calibration
+    lost                        description of each part of the calibration that the approximation omits
     """
 
     accel_offset: FloatArray
@@ -48,29 +56,31 @@ class PerAxis:
     lost: tuple[str, ...]
 
     def range_degc(self, default: tuple[float, float]) -> tuple[float, float]:
-        """The temperatures between which the thermal terms act: those seen, or else the autopilot's own."""
+        """Temperatures between which the thermal terms vary, degC: those of the recordings, or `default`."""
         return self.temperature_range_degc or default
 
     @property
     def thermal_notes(self) -> tuple[str, ...]:
-        """What the user of the thermal terms has to know; empty without any."""
+        """A note for the user of the thermal terms; empty if there are none."""
         if not self.thermal:
             return ()
-        seen = "the recordings saw" if self.temperature_range_degc else "the autopilot has as its own"
-        return (f"The thermal terms are held below TMIN and above TMAX, the temperatures that {seen}.",)
+        source = (
+            "the range of the recordings" if self.temperature_range_degc else "the autopilot's default range"
+        )
+        return (f"The thermal terms are constant below TMIN and above TMAX, which are {source}.",)
 
 
 def per_axis_model(calibration: Calibration) -> PerAxis:
-    """The model that leaves the smallest errors of the force over all directions.
+    """The offsets and scales with the smallest mean square error of specific force over all directions.
 
-    It is found in the symmetric frame, whose axes are as near to those of the sensor as can be.
+    They are computed in the symmetric body frame, the orthogonal frame closest to the sensor axes.
     """
     moved, _ = rotated(calibration, "symmetric")
     accel, gyro = moved.accelerometer, moved.gyroscope
     scale = per_axis(accel.sensitivity)
     thermal = {
         sensor: _thermal(values, triad.sensitivity)
-        # In raw units, where the frame has no part.
+        # The thermal terms are in raw units, so the change of body frame does not affect them.
         for sensor, triad in (("accel", calibration.accelerometer), ("gyro", calibration.gyroscope))
         for values in calibration.effects
         if values.name == THERMAL[sensor]
@@ -99,13 +109,13 @@ def per_axis_model(calibration: Calibration) -> PerAxis:
 
 
 def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
-    """T times the effect, which adds to the true value."""
+    """The temperature effect in raw units: the sensitivity times the effect, which adds to the true value."""
     numbers = np.zeros(6)
     numbers[: len(values.values)] = values.values
     return Thermal(sensitivity @ numbers[:3], sensitivity @ numbers[3:])
 
 
 def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
-    # Of the raw units back to the true value, as a diagonal calibration has it.
+    # Inverse of _thermal with the diagonal sensitivity: from raw units back to the true value.
     numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square)))
     return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

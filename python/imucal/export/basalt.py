@@ -2,7 +2,7 @@
 
     corrected = raw + S raw - b
 
-S of the accelerometer is lower triangular; both come column by column after the three biases
+S of the accelerometer is lower triangular. Each array holds the three biases, then S column by column
 (calib_bias.hpp of basalt-headers, CalibAccelBias::getCalibrated and CalibGyroBias::getCalibrated).
 """
 
@@ -24,7 +24,7 @@ __all__ = ["BASALT"]
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The two arrays, in the triangular frame: the inverse of a lower triangular matrix is one again."""
+    """The two arrays, in the triangular frame, where the inverse of the sensitivity is lower triangular."""
     moved, rotation = rotated(calibration, "triangular")
     fields = {}
     for name, triad, entries in (
@@ -40,8 +40,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         same_as=moved,
         frame=FRAMES["triangular"] + turned(rotation),
         notes=(
-            "Put the two arrays into your calibration.json, whose other fields (cameras, rates, noise) "
-            "imucal does not know. T_imu_cam has to be for the body frame above.",
+            "Put the two arrays into your calibration.json. imucal does not know its other fields (cameras, "
+            "rates, noise). T_imu_cam must refer to the body frame above.",
         ),
     )
 
@@ -53,8 +53,8 @@ BASALT = Format(
     formula="corrected = raw + S raw - b, for both sensors",
     source="basalt-headers, calib_bias.hpp",
     units=SI,
-    carries="bias, scale and misalignment of both sensors",
-    loses="all effects, noise figures",
+    includes="bias, scale and misalignment of both sensors",
+    omits="all effects, noise figures",
     layout=in_json,
     write=write,
 )

@@ -1,6 +1,7 @@
-"""The fields of the effects of the catalogue as expressions of C (docs/model.md (15)).
+"""The fields of the catalogue's effects as C expressions (docs/model.md (15)).
 
-w and f are the true rate and force, t the time, d the temperature difference, a the angular acceleration.
+Variables of the C code: w true angular rate, f true specific force, t time, d temperature minus reference
+temperature, a angular acceleration.
 """
 
 from __future__ import annotations
@@ -10,9 +11,9 @@ from typing import Final, TypeAlias
 
 __all__ = ["FIELDS", "WARM_UPS", "Term", "product_of"]
 
-# An axis, and the component of the field there.
+# The index of an axis, and the C expression of the field's component along it.
 Term: TypeAlias = tuple[int, str]
-# For each parameter of an effect, in the order of the catalogue, the components that are not zero.
+# For each parameter of an effect, in the order of the catalogue, its terms that are not zero.
 Field: TypeAlias = Sequence[Sequence[Term]]
 
 W: Final = ("w[0]", "w[1]", "w[2]")
@@ -23,12 +24,12 @@ WARM_UPS: Final = ("gyro_bias_warmup", "accel_bias_warmup")
 
 
 def _axes(causes: Sequence[str]) -> Field:
-    """One parameter for each axis."""
+    """One parameter per axis, with the input quantity of that axis."""
     return [[(i, cause)] for i, cause in enumerate(causes)]
 
 
 def _entries(causes: Sequence[str]) -> Field:
-    """A matrix times the causes, row by row."""
+    """A full matrix times the input quantities, row by row."""
     return [[(i, cause)] for i in range(3) for cause in causes]
 
 
@@ -57,7 +58,7 @@ def _accel_cross() -> Field:
     return [[(i, cause)] for i in range(3) for cause in ([squares[j] for j in range(3) if j != i] + products)]
 
 
-# L of the lever arm: dw/dt x r + w x (w x r) = L r.
+# The matrix L of the lever arm r: dw/dt x r + w x (w x r) = L r.
 LEVER: Final = (
     ("-w[2] * w[2] - w[1] * w[1]", "-a[2] + w[0] * w[1]", "a[1] + w[0] * w[2]"),
     ("a[2] + w[0] * w[1]", "-w[2] * w[2] - w[0] * w[0]", "-a[0] + w[1] * w[2]"),
@@ -93,6 +94,6 @@ FIELDS: Final[dict[str, Field]] = {
 
 
 def product_of(value: str, expression: str) -> str:
-    """A parameter times a component of the field."""
+    """The C product of a parameter value and a field component; sums are put in parentheses."""
     is_one = " " not in expression or expression.startswith("(")
     return f"{value} * {expression if is_one else f'({expression})'}"

@@ -1,4 +1,4 @@
-"""C headers that may stand beside each other in one program, each under a prefix of its own."""
+"""C headers that can be included together in one program, each with its own prefix."""
 
 from __future__ import annotations
 
@@ -15,13 +15,14 @@ PREFIX: Final = "imucal"
 
 
 def guarded(content: Sequence[str], prefix: str, what: str) -> list[str]:
-    """The file, with a macro that says which calibration it is.
+    """The content inside an include guard that also identifies it by a hash.
 
-    Another one under its name is a compile error: an ordinary guard would drop it in silence. `what` tells
-    kinds of files with one prefix apart.
+    Including two different calibrations with the same prefix is a compile error; an ordinary include guard
+    would silently drop the second. `what` is the kind of file, so that a prefix can serve one file of each
+    kind.
     """
     start = f"{prefix}_{what}".upper()
-    # The preprocessor compares whole numbers alone; whether a name is defined it knows for any name.
+    # The hash is part of a macro's name because the preprocessor can compare only integers, not strings.
     identity = f"{start}_{hashlib.sha256(repr(content).encode()).hexdigest()[:16].upper()}"
     return [
         f"#ifndef {start}_H",
@@ -39,8 +40,8 @@ def guarded(content: Sequence[str], prefix: str, what: str) -> list[str]:
 
 
 def require_prefix(prefix: str) -> None:
-    """Refuse what C cannot have at the start of a name, with InputError."""
+    """Raises InputError if `prefix` cannot start a C identifier."""
     if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix):
         raise InputError(
-            f"{prefix!r} cannot start the names of a C header: use letters, digits and _, a letter first"
+            f"{prefix!r} cannot start a C name: use letters, digits and _, starting with a letter"
         )

@@ -1,9 +1,10 @@
-"""The correction as a C header: `imucal_correct_f64` and `imucal_correct_f32`, effects included.
+"""The correction as a C header: `imucal_correct_f64` and `imucal_correct_f32`, including effects.
 
-Another prefix than `imucal` can be chosen, for firmware with several units.
+The prefix `imucal` can be replaced, so that one firmware can contain several units.
 
-The loop is that of imucal-core, `EffectSet::remove` (docs/model.md (16)): true <- seen - effects(true) until
-nothing changes but rounding. In double it gives the numbers of `Calibration.apply`.
+The effects are inverted by the fixed-point iteration of imucal-core, `EffectSet::remove` (docs/model.md
+(16)): true <- T^-1 (raw - bias) - effects(true), until changes are at rounding level. The double version
+gives the numbers of `Calibration.apply`.
 """
 
 from __future__ import annotations
@@ -26,17 +27,18 @@ if TYPE_CHECKING:
 
 __all__ = ["C_HEADER"]
 
-# What an effect may need, as an argument of the function; always in this order.
+# Function argument for each quantity that an effect may need, in the order of the arguments.
 ARGUMENTS: Final = {
     "temperature": "{real} temperature_degc",
     "time": "{real} time_s",
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
+# Maximum number of fixed-point iterations, the limit of `EffectSet::remove`.
 MAX_PASSES: Final = 32
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
-    """The header; effects of one's own are not in it, their fields are Python."""
+    """The header. It omits user-defined effects, whose fields are Python functions."""
     effects = [values for values in calibration.effects if values.name in FIELDS]
     needs = [need for need in ARGUMENTS if any(need in _needs(calibration, values) for values in effects)]
     includes = ["#include <float.h>", "#include <math.h>", ""] if effects else []
@@ -66,8 +68,8 @@ def _macros(calibration: Calibration, prefix: str) -> list[str]:
 
 
 def _string(text: str) -> str:
-    """A string of C; what a compiler could take for something else is in octal."""
-    # Question marks make trigraphs.
+    """A C string literal; characters with a special meaning in C are written in octal."""
+    # Question marks can form trigraphs.
     plain = set(range(0x20, 0x7F)) - set(b'"\\?')
     written = "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode())
     return f'"{written}"'
@@ -82,29 +84,26 @@ def _notes(
 ) -> tuple[str, ...]:
     from imucal import _core
 
-    notes = ["No allocation and no state. The results may be written over the raw samples."]
+    notes = ["No allocation and no state. The output arrays may be the input arrays."]
     if effects:
-        notes.append(f"Effects taken away: {', '.join(values.name for values in effects)}")
-        notes.append(
-            "Gives 0, or -1 and NaN where the effects are too large to be undone. "
-            + (
-                "Link libm for exp."
-                if any(values.name in WARM_UPS for values in effects)
-                else "Nothing of libm is called."
-            )
-        )
+        notes.append(f"Effects compensated: {', '.join(values.name for values in effects)}")
+        notes.append("Returns 0, or -1 with NaN results if the effects are too large to be inverted.")
     else:
-        notes.append("Gives 0. Nothing of libm is called.")
+        notes.append("Returns 0.")
+    needs_exp = any(values.name in WARM_UPS for values in effects)
+    notes.append("Link libm for exp." if needs_exp else "No function of libm is called.")
     explained = {
-        "temperature": f"temperature_degc is that of the sensor; {_core.REFERENCE_TEMPERATURE_DEGC} degC "
-        "leaves the sample as the triads have it.",
-        "time": "time_s counts from the start that the calibration is for: that of its recording.",
+        "temperature": "temperature_degc is the sensor temperature; temperature effects are zero at "
+        f"{_core.REFERENCE_TEMPERATURE_DEGC} degC.",
+        "time": "time_s counts from the start of the recording that the calibration was made from.",
         "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
     }
     notes += [explained[need] for need in needs]
     notes += temperature_note(calibration)
     if calibration.left_in_data:
-        notes.append(f"Left in the data, as no error of the sensor: {', '.join(calibration.left_in_data)}")
+        notes.append(
+            f"Not compensated, as these effects are no sensor errors: {', '.join(calibration.left_in_data)}"
+        )
     return tuple(notes)
 
 
@@ -164,7 +163,7 @@ def _row(target: str, sensor: str, raw: str) -> list[str]:
 
 
 def _broken(start: str, terms: Sequence[str]) -> list[str]:
-    """A sum, one term on each line."""
+    """A C statement that assigns a sum, with one term per line."""
     if len(terms) == 1:
         return [f"{start} {terms[0]};"]
     indent = " " * (len(start) - len(start.lstrip()) + 4)
@@ -174,7 +173,7 @@ def _broken(start: str, terms: Sequence[str]) -> list[str]:
 def _removal(
     effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
 ) -> list[str]:
-    """The passes that take the effects away."""
+    """The fixed-point iteration that compensates the effects."""
     epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")
     lines = [
         "    for (i = 0; i < 3; ++i) {",
@@ -211,7 +210,7 @@ def _removal(
         "        for (i = 0; i < 3; ++i) {",
         f"            const {real} next_w = seen_w[i] - on_w[i], next_f = seen_f[i] - on_f[i];",
         f"            const {real} change_w = next_w - w[i], change_f = next_f - f[i];",
-        "            /* A comparison with NaN is false: it has not settled. */",
+        "            /* Comparisons with NaN are false, so NaN never counts as settled. */",
         "            settled = settled && change_w <= limit_w && -change_w <= limit_w;",
         "            settled = settled && change_f <= limit_f && -change_f <= limit_f;",
         "            w[i] = next_w;",
@@ -230,7 +229,7 @@ def _removal(
 def _constants_of_a_sample(
     effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
 ) -> list[str]:
-    """What the fields depend on besides rate and force, under their short names."""
+    """Local variables for the quantities other than rate and force that the fields depend on."""
     from imucal import _core
 
     used = " ".join(
@@ -262,7 +261,7 @@ def _sums(values: EffectValues, literal: Callable[[float], str]) -> dict[int, li
 
 
 def named(prefix: str) -> Format:
-    """The format with another prefix; InputError if C cannot have it."""
+    """The format with another prefix. Raises InputError if the prefix cannot start a C name."""
     require_prefix(prefix)
     return replace(
         C_HEADER,
@@ -278,8 +277,8 @@ C_HEADER = Format(
     formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct_f64 or imucal_correct_f32",
     source="imucal-core, EffectSet::remove; docs/model.md (16)",
     units=SI,
-    carries="bias, scale and misalignment of both sensors, every effect of the catalogue",
-    loses="effects of your own, noise figures, standard deviations",
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue",
+    omits="user-defined effects, noise figures, standard deviations",
     layout=block_comment,
     write=write,
     takes_counts=True,

@@ -1,4 +1,4 @@
-"""What a format of another program is, and how a file of it says what stands in it."""
+"""Export formats of other programs, and the header that describes the contents of each file."""
 
 from __future__ import annotations
 
@@ -35,18 +35,19 @@ __all__ = [
 WIDTH: Final = 100
 SI: Final = "m/s^2 and rad/s"
 
-# Puts the lines of a header and the body of a file together.
+# Combines the lines of a header and the body into the text of a file.
 Layout: TypeAlias = Callable[[Sequence[str], str], str]
 
 
 @dataclass(frozen=True)
 class Written:
-    """The body of a file, and what has become of the calibration.
+    """The body of a file, and the part of the calibration that it represents.
 
-    lost       what is not in the file, in words, with its size; empty if nothing is lost
-    same_as    what the other program does with the file, as a calibration; None if it corrects nothing
-    frame      the body frame of what it corrects
-    notes      what its user has to know besides
+    lost       description, with its size, of each part of the calibration that the file does not contain
+    same_as    calibration equivalent to the correction that the other program computes from the file; None if
+               the format describes noise and corrects nothing
+    frame      body frame of the corrected samples
+    notes      further information for the user of the file
     """
 
     body: str
@@ -58,20 +59,20 @@ class Written:
 
 @dataclass(frozen=True)
 class Format:
-    """One format.
+    """An export format.
 
-    name         as `imucal export --to` takes it
-    title        what it is for
-    suffix       of a file's name
-    formula      what the other program computes
-    source       where its own code or documentation says so
-    units        of the corrected samples
-    carries, loses   of a calibration, for the table of formats
-    layout       where the header stands
-    write        makes the body
-    takes_counts     a calibration of raw counts can be written
-    needs_noise      figures of a recording at rest are needed
-    named            the format with names that start with a prefix; None if its files have no names to choose
+    name         value of `imucal export --to`
+    title        short description of the file
+    suffix       file name extension
+    formula      correction that the other program computes
+    source       source file or documentation of the other program that states the formula
+    units        units of the corrected samples
+    includes, omits  parts of a calibration that a file contains or not, for the table of formats
+    layout       combines header and body
+    write        makes the body from a calibration and noise figures
+    takes_counts     calibrations of raw counts can be written
+    needs_noise      noise figures of a recording at rest are required
+    named            returns the format with a prefix for its C names; None if its files contain no C names
     """
 
     name: str
@@ -80,8 +81,8 @@ class Format:
     formula: str
     source: str
     units: str
-    carries: str
-    loses: str
+    includes: str
+    omits: str
     layout: Layout
     write: Callable[[Calibration, NoiseResult | None], Written]
     takes_counts: bool = False
@@ -90,7 +91,7 @@ class Format:
 
 
 def header(calibration: Calibration, form: Format, written: Written) -> list[str]:
-    """The lines that every file starts with."""
+    """The header lines of a file: title, provenance, formula, units, body frame, notes, omitted parts."""
     made = calibration.provenance
     unit = f"unit {calibration.serial_number}" if calibration.serial_number else "a unit"
     files = ", ".join(source.path for source in made.files)
@@ -102,16 +103,16 @@ def header(calibration: Calibration, form: Format, written: Written) -> list[str
         + (f" from {files}" if files else ""),
         f"Apply: {form.formula}",
         f"Units: raw samples in {calibration.accel_unit} and {calibration.gyro_unit}, "
-        f"corrected ones in {form.units}",
+        f"corrected samples in {form.units}",
         f"Body frame: {written.frame}",
         *written.notes,
-        *(f"Not carried: {loss}" for loss in written.lost),
-        *([] if written.lost else ["Not carried: nothing, this is the whole correction"]),
+        *(f"Not exported: {loss}" for loss in written.lost),
+        *([] if written.lost else ["Not exported: nothing, this file contains the whole correction"]),
     ]
 
 
 def line_comments(mark: str) -> Layout:
-    """A header of comments of one line each."""
+    """A layout whose header is a block of line comments that start with `mark`."""
 
     def layout(lines: Sequence[str], body: str) -> str:
         return "\n".join([*(f"{mark} {line}" for line in _wrapped(lines)), body])
@@ -120,33 +121,33 @@ def line_comments(mark: str) -> Layout:
 
 
 def block_comment(lines: Sequence[str], body: str) -> str:
-    """A header in one comment of C."""
-    # A file's name must not end the comment.
+    """The header as one C comment, followed by the body."""
+    # A file name in the header must not end the comment.
     kept = [line.replace("*/", "* /") for line in _wrapped(lines)]
     return "\n".join(["/*", *(f" * {line}" for line in kept), " */", body])
 
 
 def xml_comment(lines: Sequence[str], body: str) -> str:
-    """A header in one comment of XML."""
-    # Two hyphens in a row, of a file's name say, must not stand in one.
+    """The header as one XML comment, followed by the body."""
+    # XML comments must not contain two consecutive hyphens, which file names may have.
     kept = [re.sub("-(?=-)", "- ", line) for line in _wrapped(lines)]
     return "\n".join(["<!--", *(f"  {line}" for line in kept), "-->", body])
 
 
 def in_json(lines: Sequence[str], body: str) -> str:
-    """JSON has no comments: the header is a field of its own, the last one."""
+    """The header as the last field, `imucal`, of the JSON object in `body`, as JSON has no comments."""
     return to_json({**json.loads(body), "imucal": list(lines)}) + "\n"
 
 
 def number(value: float, single: bool = False) -> str:
-    """The shortest digits that give the same number back; of float32 if the other program keeps such ones."""
+    """The shortest decimal that parses to the same float64, or with `single` to the same float32."""
     if not single:
         return repr(float(value))
     return str(np.float32(value))
 
 
 def require_si(calibration: Calibration, form: Format) -> None:
-    """Refuse a calibration of raw counts where the other program corrects SI units, with InputError."""
+    """Raises InputError for a calibration of raw counts if the other program only corrects SI units."""
     counts = [
         sensor
         for sensor, unit in (("accelerometer", calibration.accel_unit), ("gyroscope", calibration.gyro_unit))
@@ -155,8 +156,8 @@ def require_si(calibration: Calibration, form: Format) -> None:
     if counts and not form.takes_counts:
         raise InputError(
             f"the {' and the '.join(counts)} of this calibration {'is' if len(counts) == 1 else 'are'} in "
-            f"raw counts, and {form.name} corrects samples that are in SI units already: calibrate a "
-            "recording in SI units (accel_x_mps2, ...), or export to c-header, rust, fusion or matlab"
+            f"raw counts, but {form.name} only corrects samples in SI units: calibrate a recording in SI "
+            "units (accel_x_mps2, ...), or export to c-header, rust, fusion or matlab"
         )
 
 

@@ -1,9 +1,9 @@
-"""x-io Fusion: misalignment, sensitivity and offset of both sensors, as constants of C.
+"""x-io Fusion: misalignment, sensitivity and offset of both sensors as C constants.
 
     calibrated = misalignment * hadamard(uncalibrated - offset, sensitivity)
 
-(FusionCalibrationInertial in FusionCalibration.h, `imufusion.model_inertial` in Python.) The AHRS of Fusion
-takes deg/s and g, so the sensitivities lead there from any raw unit.
+Source: FusionCalibrationInertial in FusionCalibration.h, `imufusion.model_inertial` in Python. Fusion's AHRS
+takes deg/s and g, so the sensitivities also convert the raw unit to these.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PER_SI_UNIT: Final = {"gyroscope": 180 / np.pi, "accelerometer": 1 / STANDARD_GR
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str | None = None) -> Written:
-    """T = diag(gain) N with the directions of the sensor's axes as rows of N; N^-1 is the misalignment."""
+    """T = diag(gain) N, where the rows of N are the unit vectors of the sensor axes; misalignment = N^-1."""
     start = f"{prefix}_" if prefix else ""
     lines = ['#include "Fusion.h"', ""]
     for sensor in ("gyroscope", "accelerometer"):
@@ -58,7 +58,7 @@ def _row(values: FloatArray) -> str:
 
 
 def named(prefix: str) -> Format:
-    """The format with names that start with a prefix; InputError if C cannot have it."""
+    """The format with a prefix for its C names. Raises InputError if the prefix cannot start a C name."""
     require_prefix(prefix)
     return replace(FUSION, write=partial(write, prefix=prefix))
 
@@ -70,8 +70,8 @@ FUSION = Format(
     formula="calibrated = misalignment * ((raw - offset) .* sensitivity)",
     source="xioTechnologies/Fusion, FusionCalibration.h, FusionCalibrationInertial",
     units="g and deg/s, float32",
-    carries="bias, scale and misalignment of both sensors",
-    loses="all effects, noise figures",
+    includes="bias, scale and misalignment of both sensors",
+    omits="all effects, noise figures",
     layout=block_comment,
     write=write,
     takes_counts=True,

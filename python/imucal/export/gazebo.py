@@ -1,10 +1,11 @@
-"""gz-sensors: the noise of a simulated IMU, as an element <imu> of SDF.
+"""gz-sensors: the noise of a simulated IMU as an SDF element <imu>.
 
     output = true + N(mean, stddev) + bias
     bias  <- exp(-dt / tau) bias + N(0, s),  s^2 = dynamic_bias_stddev^2 tau / 2 (1 - exp(-2 dt / tau))
 
-(GaussianNoiseModel::ApplyImpl in GaussianNoiseModel.cc of gz-sensors.) `stddev` is that of one sample, so it
-holds for one rate. The constant bias is in `mean`: gz-sensors gives `bias_mean` a sign by chance.
+Source: GaussianNoiseModel::ApplyImpl in GaussianNoiseModel.cc of gz-sensors. `stddev` is the standard
+deviation of one sample, so it is valid for one sampling rate only. The constant bias is written as `mean`,
+because gz-sensors gives `bias_mean` a random sign.
 """
 
 from __future__ import annotations
@@ -40,8 +41,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
             density = found.noise_density.value
             if density is None:
                 raise InputError(
-                    f"{noise.name}: the white noise of {sensor}_{axis} is not known: record a longer rest, "
-                    "at a finer resolution"
+                    f"{noise.name}: the white noise of {sensor}_{axis} could not be determined: record a "
+                    "longer rest, with a finer resolution"
                 )
             fields = {"mean": bias[i], "stddev": density * noise.rate_hz**0.5}
             if found.random_walk.value is not None:
@@ -68,8 +69,9 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         same_as=None,
         frame="the axes of the sensors",
         notes=(
-            f"stddev is for <update_rate>{number(noise.rate_hz)}</update_rate>; the noise is that of "
-            f"{noise.name}, {noise.duration_s:.0f} s at rest, the correlation time of the walk as well.",
+            f"stddev is for <update_rate>{number(noise.rate_hz)}</update_rate>. The noise was measured in "
+            f"{noise.name}, {noise.duration_s:.0f} s at rest; this duration is also the correlation time of "
+            "the random walk.",
         ),
     )
 
@@ -78,11 +80,11 @@ GAZEBO = Format(
     name="gazebo",
     title="gz-sensors noise of a simulated IMU, SDF",
     suffix=".sdf",
-    formula="simulated = true + N(mean, stddev) + a bias that walks with dynamic_bias_stddev",
+    formula="simulated = true + N(mean, stddev) + a Gauss-Markov bias with dynamic_bias_stddev",
     source="gz-sensors, GaussianNoiseModel.cc",
     units=SI,
-    carries="bias of both sensors, white noise, random walk",
-    loses="scale and misalignment, all effects, bias instability",
+    includes="bias of both sensors, white noise, random walk",
+    omits="scale and misalignment, all effects, bias instability",
     layout=xml_comment,
     write=write,
     needs_noise=True,

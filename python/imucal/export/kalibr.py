@@ -3,9 +3,9 @@
     raw_accel = M_a f_i + b_a
     raw_gyro  = M_g C_gyro_i w_i + A C_gyro_i f_i + b_g
 
-M_a and M_g are lower triangular, f_i and w_i are in the IMU's frame i, whose x axis is that of the
-accelerometer (`triangular` here), A is in the frame of the gyroscope (IccSensors.py of ethz-asl/kalibr,
-IccScaledMisalignedImu.addAccelerometerErrorTerms and addGyroscopeErrorTerms).
+M_a and M_g are lower triangular. f_i and w_i are in the IMU frame i, whose x axis is the accelerometer's x
+axis (the `triangular` frame here). A is in the gyroscope frame. Source: IccSensors.py of ethz-asl/kalibr,
+IccScaledMisalignedImu.addAccelerometerErrorTerms and addGyroscopeErrorTerms.
 """
 
 from __future__ import annotations
@@ -37,7 +37,8 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     from_body = moved.gyroscope.sensitivity
     gyro, to_gyro = _lower_times_rotation(from_body)
     effects = [values for values in calibration.effects if values.name == G_SENSITIVITY]
-    # Theirs adds to the raw rate, in the frame of the gyroscope; ours to the true one, in the body frame.
+    # Kalibr's g-sensitivity adds to the raw rate, in the gyroscope frame; ours to the true rate, in the body
+    # frame.
     sensitivity = np.zeros((3, 3))
     for values in effects:
         sensitivity = rotation @ values.values.reshape(3, 3) @ rotation.T
@@ -58,25 +59,25 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body="\n".join(body),
         lost=(
-            "the constant biases: Kalibr's block has none, an estimator finds its own (start from "
-            f"{moved.accelerometer.bias.tolist()} m/s^2 and {moved.gyroscope.bias.tolist()} rad/s)",
+            "the constant biases: Kalibr's block has no field for them, estimators find their own (start "
+            f"from {moved.accelerometer.bias.tolist()} m/s^2 and {moved.gyroscope.bias.tolist()} rad/s)",
             *lost_effects(calibration, {G_SENSITIVITY}),
         ),
         same_as=moved,
         frame=FRAMES["triangular"] + ", Kalibr's frame i" + turned(rotation),
         notes=(
-            "The formula is that of the sensor: solve it for f_i, then for w_i.",
+            "The formula gives raw samples from true values: solve it for f_i first, then for w_i.",
             "Add rostopic, update_rate and the noise figures: imucal noise REC --kalibr imu.yaml",
         ),
     )
 
 
 def _lower_times_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """The lower triangular matrix and the rotation whose product this is."""
+    """Factors of `matrix`: a lower triangular matrix with positive diagonal, times a rotation."""
     if np.linalg.det(matrix) < 0:
         raise InputError(
-            "the axes of the gyroscope are left-handed against those of the accelerometer: turn the sign of "
-            "one axis in the recording and calibrate again"
+            "the gyroscope axes are left-handed relative to the accelerometer axes: change the sign of one "
+            "gyroscope axis in the recording and calibrate again"
         )
     upper_rotation, upper = np.linalg.qr(matrix.T)
     signs = np.sign(np.diag(upper))
@@ -89,15 +90,17 @@ def _matrix(matrix: FloatArray) -> str:
 
 
 def write_imu(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """imu.yaml of a recording at rest that this calibration has corrected."""
+    """imu.yaml with the noise figures of a recording at rest, corrected by this calibration."""
     if noise is None:
         raise ValueError("noise figures are needed")
     return Written(
         body=kalibr_yaml(noise),
-        lost=("bias, scale, misalignment and effects: imu.yaml holds noise alone, use --to kalibr for them",),
+        lost=(
+            "bias, scale, misalignment and effects: imu.yaml contains noise only, use --to kalibr for them",
+        ),
         same_as=None,
         frame=FRAMES[calibration.frame],
-        notes=(f"The noise is that of {noise.name}, corrected by the calibration.",),
+        notes=(f"The noise was measured in {noise.name}, corrected by the calibration.",),
     )
 
 
@@ -108,8 +111,8 @@ KALIBR = Format(
     formula="raw_accel = M_a f_i + b_a; raw_gyro = M_g C_gyro_i w_i + A C_gyro_i f_i + b_g",
     source="ethz-asl/kalibr, IccSensors.py, IccScaledMisalignedImu",
     units=SI,
-    carries="scale and misalignment of both sensors, gyro_g_sensitivity",
-    loses="constant biases (given in the header), all other effects, noise figures (kalibr-imu)",
+    includes="scale and misalignment of both sensors, gyro_g_sensitivity",
+    omits="constant biases (given in the header), all other effects, noise figures (kalibr-imu)",
     layout=line_comments("#"),
     write=write,
 )
@@ -118,11 +121,11 @@ KALIBR_IMU = Format(
     name="kalibr-imu",
     title="Kalibr imu.yaml",
     suffix=".yaml",
-    formula="none: it corrects nothing, it says how far samples are to be trusted",
+    formula="none: the file contains noise figures for the weights of an estimator, no correction",
     source="ethz-asl/kalibr, ConfigReader.py, ImuParameters",
-    units=SI + "; figures are continuous-time ones",
-    carries="noise density and random walk, the largest of the three axes",
-    loses="everything but noise; bias instability",
+    units=SI + "; continuous-time noise figures",
+    includes="noise density and random walk, the largest of the three axes",
+    omits="everything but noise; bias instability",
     layout=line_comments("#"),
     write=write_imu,
     takes_counts=True,

@@ -1,4 +1,4 @@
-"""MATLAB and Octave: a function that corrects arrays."""
+"""MATLAB and Octave: a function that corrects arrays of samples."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["MATLAB"]
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The function; rows of its arrays are samples, as in `Calibration.apply`."""
+    """The function file. Rows of its arrays are samples, as in `Calibration.apply`."""
     lines = ["function [rate, force] = imucal_correct(raw_rate, raw_force)"]
     for name, triad in (("gyro", calibration.gyroscope), ("accel", calibration.accelerometer)):
         rows = "; ".join(", ".join(number(value) for value in row) for row in triad.sensitivity)
@@ -32,7 +32,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         lost=lost_effects(calibration),
         same_as=linear(calibration),
         frame=FRAMES[calibration.frame],
-        notes=("Save it as imucal_correct.m. Arrays are N-by-3, rows are samples.",),
+        notes=("Save the file as imucal_correct.m. Arrays are N-by-3, rows are samples.",),
     )
 
 
@@ -40,11 +40,11 @@ MATLAB = Format(
     name="matlab",
     title="MATLAB or Octave function",
     suffix=".m",
-    formula="true = T^-1 (raw - bias), for rows: (raw - bias) / T'",
-    source="its own",
+    formula="true = T^-1 (raw - bias); for arrays with one sample per row: (raw - bias) / T'",
+    source="this function",
     units=SI,
-    carries="bias, scale and misalignment of both sensors",
-    loses="all effects, noise figures",
+    includes="bias, scale and misalignment of both sensors",
+    omits="all effects, noise figures",
     layout=line_comments("%"),
     write=write,
     takes_counts=True,

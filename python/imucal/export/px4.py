@@ -2,7 +2,7 @@
 
 corrected_accel = (data - thermal_offset - offset).emult(scale)     sensor_calibration/Accelerometer.hpp
 corrected_gyro  =  data - thermal_offset - offset                   sensor_calibration/Gyroscope.hpp
-thermal_offset  = x0 + x1 dT + x2 dT^2 + x3 dT^3, dT = T - TREF, T held between TMIN and TMAX
+thermal_offset  = x0 + x1 dT + x2 dT^2 + x3 dT^3, dT = T - TREF, T clamped to [TMIN, TMAX]
                                     TemperatureCompensation.cpp, calc_thermal_offsets_3D
 """
 
@@ -21,16 +21,17 @@ if TYPE_CHECKING:
 
 __all__ = ["PX4"]
 
-# MAV_PARAM_TYPE of a file of parameters.
+# Parameter types in QGroundControl's parameter files (MAV_PARAM_TYPE of MAVLink).
 INT32: Final = 6
 REAL32: Final = 9
+# Letter of each sensor in the names of the TC_ parameters.
 LETTERS: Final = {"accel": "A", "gyro": "G"}
-# PX4's own, where the calibration does not know its range.
+# Temperatures of TMIN and TMAX, degC, if the calibration has no temperature range: PX4's defaults.
 RANGE_DEGC: Final = (0.0, 100.0)
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The parameters of the first accelerometer and the first gyroscope."""
+    """The parameters of the first accelerometer and the first gyroscope, one per line."""
     model = per_axis_model(calibration)
     rows: list[tuple[str, float | int]] = []
     for i, axis in enumerate("XYZ"):
@@ -39,13 +40,14 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     rows += [(f"CAL_GYRO0_{axis}OFF", model.gyro_offset[i]) for i, axis in enumerate("XYZ")]
     rows += _thermal_rows(model)
     notes = [
-        "Raw are samples without PX4's own corrections: the topics sensor_accel and sensor_gyro.",
-        "For the first sensors; for others put their number in place of 0. CAL_ACC0_ID and CAL_GYRO0_ID, "
-        "which are not in this file, must be the device IDs of these sensors.",
+        "Raw samples are samples without PX4's corrections: the topics sensor_accel and sensor_gyro.",
+        "The parameters are for the first sensors; for other sensors replace the 0 in the names by their "
+        "number. CAL_ACC0_ID and CAL_GYRO0_ID are not in this file. They must hold the device IDs of these "
+        "sensors.",
     ]
     if model.thermal:
         slots = ", ".join(f"TC_{LETTERS[sensor]}0_ID" for sensor in model.thermal)
-        notes.append(f"{slots} must be set to the same device IDs before the thermal terms act.")
+        notes.append(f"Set {slots} to the same device IDs, otherwise PX4 ignores the thermal terms.")
     body = "\n".join(
         f"1\t1\t{name}\t{value}\t{INT32}"
         if isinstance(value, int)
@@ -82,8 +84,8 @@ PX4 = Format(
     formula="accel = (raw - thermal - OFF) * SCALE, gyro = raw - thermal - OFF, for each axis",
     source="PX4-Autopilot, Accelerometer.hpp, Gyroscope.hpp and TemperatureCompensation.cpp",
     units=SI + ", parameters are float32",
-    carries="bias of both sensors, scale of the accelerometer, *_bias_temperature",
-    loses="misalignment of both, scale of the gyroscope, all other effects",
+    includes="bias of both sensors, scale of the accelerometer, *_bias_temperature",
+    omits="misalignment of both, scale of the gyroscope, all other effects",
     layout=line_comments("#"),
     write=write,
 )

@@ -1,9 +1,10 @@
-"""RealSense: calibration.json of the tool rs-imu-calibration, the same 24 numbers as in the camera's table.
+"""RealSense: calibration.json of rs-imu-calibration, with the 24 numbers of the camera's calibration table.
 
     corrected = sensitivity raw - bias
 
-(correct_motion_helper in motion-transform.cpp of librealsense.) `scale_and_alignment` has the sensitivity
-column by column: the tool solves raw^T X = corrected^T and writes X row by row (rs-imu-calibration.py).
+Source: correct_motion_helper in motion-transform.cpp of librealsense. `scale_and_alignment` holds the
+sensitivity column by column: the tool solves raw^T X = corrected^T and writes X row by row
+(rs-imu-calibration.py).
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ __all__ = ["REALSENSE"]
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """T^-1 and T^-1 b of both sensors."""
+    """T^-1 and T^-1 b of both sensors, as JSON."""
     imu = {}
     for sensor in ("accelerometer", "gyroscope"):
         triad = getattr(calibration, sensor)
@@ -38,7 +39,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
         frame=FRAMES[calibration.frame],
         notes=(
             "Record with motion correction switched off (enable_motion_correction 0), in the frame of the "
-            "depth sensor, as librealsense gives it. The camera keeps float32.",
+            "depth sensor, which is librealsense's default. The camera stores float32.",
         ),
     )
 
@@ -50,8 +51,8 @@ REALSENSE = Format(
     formula="corrected = S raw - bias for both sensors, S being scale_and_alignment column by column",
     source="librealsense, motion-transform.cpp and tools/rs-imu-calibration",
     units=SI,
-    carries="bias, scale and misalignment of both sensors",
-    loses="all effects, noise figures",
+    includes="bias, scale and misalignment of both sensors",
+    omits="all effects, noise figures",
     layout=in_json,
     write=write,
 )

@@ -1,9 +1,10 @@
-"""ROS: the file of the package imu_calib.
+"""ROS: the calibration file of the package imu_calib.
 
     corrected_accel = SM raw - bias
 
-(AccelCalib::applyCalib in accel_calib.cpp of dpkoch/imu_calib; SM row by row.) Its node apply_calib subtracts
-from the rate the mean of the first samples after its start (apply_calib.cpp), and nothing of the file.
+Source: AccelCalib::applyCalib in accel_calib.cpp of dpkoch/imu_calib; SM is stored row by row. The node
+apply_calib takes no gyroscope parameters from the file: it subtracts the mean rate of the first samples after
+its start (apply_calib.cpp).
 """
 
 from __future__ import annotations
@@ -35,14 +36,14 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     return Written(
         body=body + "\n",
         lost=(
-            f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node takes a mean of its own",
+            f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node estimates its own at its start",
             *off_scale("gyroscope", gyro.sensitivity),
             *misalignment("gyroscope", gyro.sensitivity),
             *lost_effects(calibration),
         ),
         same_as=replace(linear(calibration), gyroscope=Triad(np.eye(3), gyro.bias)),
         frame=FRAMES[calibration.frame],
-        notes=("The node has to start at rest.",),
+        notes=("The unit must be at rest when the node starts.",),
     )
 
 
@@ -53,8 +54,8 @@ ROS = Format(
     formula="corrected_accel = SM raw - bias; corrected_gyro = raw - mean of the first samples",
     source="dpkoch/imu_calib, accel_calib.cpp and apply_calib.cpp",
     units=SI,
-    carries="bias, scale and misalignment of the accelerometer",
-    loses="bias, scale and misalignment of the gyroscope, all effects",
+    includes="bias, scale and misalignment of the accelerometer",
+    omits="bias, scale and misalignment of the gyroscope, all effects",
     layout=line_comments("#"),
     write=write,
 )

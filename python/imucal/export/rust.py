@@ -1,4 +1,4 @@
-"""The calibration as a Rust module for imucal-core, `calibration::<f32>()` or `::<f64>()`."""
+"""The calibration as a Rust module for imucal-core: `calibration::<f32>()` or `calibration::<f64>()`."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 __all__ = ["RUST"]
 
-# What an effect may need, as a field of the Surroundings that `correct_at` is given.
+# Field of imucal-core's `Surroundings`, an argument of `correct_at`, for each quantity that an effect may
+# need.
 SURROUNDINGS: Final = {
-    "temperature": "temperature_difference_k (temperature of the sensor less REFERENCE_TEMPERATURE_DEGC)",
-    "time": "time_s (since the start that the calibration is for, that of its recording)",
+    "temperature": "temperature_difference_k (sensor temperature minus REFERENCE_TEMPERATURE_DEGC)",
+    "time": "time_s (since the start of the recording that the calibration was made from)",
     "angular_acceleration": "angular_acceleration (derivative of the corrected rate, rad/s^2)",
 }
 
@@ -27,7 +28,7 @@ FUNCTION = """
 /// The calibration, for `correct` and `correct_at` of imucal-core.
 ///
 /// # Errors
-/// None with these numbers; the constructors ask for it.
+/// None with these numbers; the signatures of the constructors require a `Result`.
 pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str> {
     let vector = |row: &[f64; 3]| Vector3::from(row.map(convert::<f64, F>));
     let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_rows(&[0, 1, 2].map(|i| vector(&rows[i]).transpose()));
@@ -36,7 +37,7 @@ pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str
 
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
-    """The module; effects of one's own are not in it, their fields are Python."""
+    """The module. It omits user-defined effects, whose fields are Python functions."""
     from imucal import _core
 
     own = {effect.name for effect in calibration.user_effects}
@@ -60,7 +61,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     )
     if calibration.temperature_effects:
         lines += [
-            "/// From where temperature counts, degC.",
+            "/// Temperature at which the temperature effects are zero, degC.",
             "#[allow(dead_code)]",
             f"pub const REFERENCE_TEMPERATURE_DEGC: f64 = {number(_core.REFERENCE_TEMPERATURE_DEGC)};",
         ]
@@ -97,7 +98,7 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 
 def _surroundings_note(calibration: Calibration, effects: Sequence[EffectValues]) -> tuple[str, ...]:
-    """What the effects need besides rate and force, and which `correct` leaves in; nothing if none do."""
+    """Notes on the quantities besides rate and force that the effects need; empty if none are needed."""
     needs = {
         values.name: [
             need for need in SURROUNDINGS if need in getattr(calibration.definition(values), "needs", ())
@@ -109,8 +110,8 @@ def _surroundings_note(calibration: Calibration, effects: Sequence[EffectValues]
         return ()
     fields = [text for need, text in SURROUNDINGS.items() if any(need in needed for needed in needs.values())]
     return (
-        f"Use correct_at, with these Surroundings: {', '.join(fields)}",
-        f"Without them, as by correct, what needs them is left in: {', '.join(left_in)}",
+        f"Use correct_at with these fields of Surroundings: {', '.join(fields)}",
+        f"Without them, or with correct, these effects are not compensated: {', '.join(left_in)}",
     )
 
 
@@ -125,8 +126,8 @@ RUST = Format(
     formula="true = T^-1 (raw - bias) - effects(true), by Calibration::correct and correct_at",
     source="imucal-core",
     units=SI,
-    carries="bias, scale and misalignment of both sensors, every effect of the catalogue",
-    loses="effects of your own, noise figures, standard deviations",
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue",
+    omits="user-defined effects, noise figures, standard deviations",
     layout=line_comments("//"),
     write=write,
     takes_counts=True,
