@@ -12,6 +12,7 @@ import io
 import os
 import re
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import griffe
@@ -99,7 +100,7 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     if page.file.src_uri.startswith("source/"):
         return markdown
     if page.file.src_uri == "api.md":
-        markdown = DIRECTIVE.sub(_function_not_module, markdown + _unlisted(markdown))
+        markdown += _unlisted(markdown)
     return like_github(LINK.sub(lead, markdown))
 
 
@@ -124,18 +125,14 @@ def like_github(markdown: str) -> str:
     return "\n".join(lines)
 
 
-def _function_not_module(directive: re.Match[str]) -> str:
-    """`imucal.calibrate` is a function to those who import it, and a module to a reader of files."""
-    name = directive[1]
-    if getattr(getattr(imucal, name), "__module__", None) != f"imucal.{name}":
-        return directive[0]
-    return f"::: imucal.{name}.{name}\n    options: {{heading: imucal.{name}, toc_label: {name}}}"
-
-
 def _unlisted(page: str) -> str:
     """Directives for the public names that the page does not have."""
     listed = {*DIRECTIVE.findall(page), "__version__"}
-    names = [name for name in imucal.__all__ if name not in listed]
+    names = [
+        name
+        for name in imucal.__all__
+        if name not in listed and not isinstance(getattr(imucal, name), ModuleType)
+    ]
     return "\n## More\n\n" + "".join(f"::: imucal.{name}\n\n" for name in names) if names else ""
 
 

@@ -16,8 +16,8 @@ from scipy.stats import chi2
 
 import imucal
 from gap.said import Said
-from imucal.options import Options
-from imucal.recording import STANDARD_GRAVITY_MPS2
+from imucal.estimation.options import Options
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2
 
 FAMILY_ALPHA = 0.01
 # Directions that the base model takes away all but this share of are not seen.

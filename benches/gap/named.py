@@ -11,7 +11,7 @@ from gap.case import Answer, Case, generator
 from gap.noise import paper
 from gap.scene import WARM_UP, Scene
 from gap.sizes import DEG, SIZES, G, drawn, typical
-from imucal.unit import unit_of
+from imucal.rig.unit import unit_of
 
 LEVELS: Final = {"1x": 1.0, "2x": 2.0, "5x": 5.0, "10x": 10.0}
 EARTH_RATE_RADPS: Final = 7.292e-5

@@ -10,7 +10,7 @@ import imucal
 from gap.case import Answer, Case, generator
 from gap.scene import RATE_HZ, Scene
 from gap.sizes import DEG, G
-from imucal.unit import unit_of
+from imucal.rig.unit import unit_of
 
 Random = np.random.Generator
 QUIET: Final = Answer(verdicts=("nothing_missing",))

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 import imucal
-from imucal.unit import unit_of
+from imucal.rig.unit import unit_of
 
 RATE_HZ: Final = 100.0
 

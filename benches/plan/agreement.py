@@ -8,11 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 import imucal
-from imucal.motion import Motion
-from imucal.plan import CoreSensors
-from imucal.recording import STANDARD_GRAVITY_MPS2
-from imucal.stand_limits import NAMED
-from imucal.unit import unit_of
+from imucal.planning.plan import CoreSensors
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.rig.motion import Motion
+from imucal.rig.stand_limits import NAMED
+from imucal.rig.unit import unit_of
 
 RATE_HZ = 100.0
 HAND_TREMOR_DEG = 0.05

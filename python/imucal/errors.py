@@ -23,7 +23,7 @@ class ImucalError(Exception):
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `--json`, schema imucal.error/1, of a command that came to no result."""
-        from imucal.plain import without_nan
+        from imucal.document.plain import without_nan
 
         return {
             "schema": "imucal.error/1",

@@ -14,7 +14,7 @@ import imucal
 from imucal.cli import main
 from imucal.cli.app import app
 from imucal.cli.working import working
-from imucal.disturbances import disturbances
+from imucal.effects.disturbance import disturbances
 
 HEADER = "time_s,accel_x_g,accel_y_g,accel_z_g,gyro_x_dps,gyro_y_dps,gyro_z_dps"
 

@@ -14,7 +14,7 @@ import imucal
 from imucal.cli import main
 from imucal.cli.app import app
 from imucal.io.vocabulary import column_names
-from imucal.limits_template import limits_from
+from imucal.limits.template import limits_from
 from imucal.stand.journal import Journal
 
 # It goes on where a line ends with a backslash.

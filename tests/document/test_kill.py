@@ -25,7 +25,8 @@ import os, signal, sys
 from pathlib import Path
 import numpy as np
 import imucal
-import imucal.cli.output, imucal.document, imucal.io.canonical
+import imucal.cli.output, imucal.io.canonical
+from imucal.document.json_document import write_json
 import pyarrow.csv, pyarrow.parquet
 
 target = Path(sys.argv[1])
@@ -40,7 +41,7 @@ def write(kind, value):
         triad = imucal.Triad(value * np.eye(3), np.zeros(3))
         imucal.Calibration(triad, triad).save(target)
     else:
-        imucal.document.write_json({"values": [value] * 500}, target)
+        write_json({"values": [value] * 500}, target)
 
 def in_child(work):
     child = os.fork()

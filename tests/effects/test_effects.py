@@ -7,7 +7,8 @@ import pytest
 
 import imucal
 from imucal import _core, effects
-from imucal.disturbances import disturbances
+from imucal.calibration.calibration import MAX_EFFECTS
+from imucal.effects.disturbance import disturbances
 
 # Sampling of the true motion, and a unit in counts with axes that are far from perfect.
 RATE_HZ = 1000.0
@@ -458,7 +459,7 @@ def test_a_calibration_takes_effects_that_fit(values, message):
 
 def test_a_calibration_carries_no_more_effects_than_the_library():
     many = [typical(effect) for effect in effects.catalogue() if effect.sensor != "encoder"]
-    most = imucal.calibration.MAX_EFFECTS
+    most = MAX_EFFECTS
     own = imucal.EffectValues("gyro_bias_supply", [0.01, -0.02, 0.03])
     calibration = unit(*many[:most], own, user_effects=(SUPPLY,))
     message = f"a calibration carries at most {most} effects"

@@ -23,7 +23,7 @@ import pytest
 import imucal
 from imucal import FitError, FormatError, InputError, NotEnoughMotionError, Program, Recording, Step
 from imucal.cli import main
-from imucal.one_unit import with_own_names
+from imucal.recording.one_unit import with_own_names
 
 STANDARD_GRAVITY = 9.80665
 UP = np.array([0, 0, 9.8])

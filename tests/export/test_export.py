@@ -18,7 +18,7 @@ import yaml
 import imucal
 from imucal.cli import main
 from imucal.effects import catalogue
-from imucal.export import FORMATS, formats_markdown
+from imucal.exporting import FORMATS, formats_markdown
 
 ROOT = Path(__file__).resolve().parents[2]
 ACCELEROMETER = imucal.Triad(
@@ -628,7 +628,7 @@ def test_the_page_has_the_table_of_the_code():
 def test_any_file_name_leaves_the_xml_well_formed():
     from xml.etree import ElementTree
 
-    from imucal.export.format import xml_comment
+    from imucal.exporting.format import xml_comment
 
     text = xml_comment(["made from run---7--b.csv", "and --"], "<sdf/>")
     assert ElementTree.fromstring(text).tag == "sdf"

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal.unit import unit_of
+from imucal.rig.unit import unit_of
 
 RUN_SEED = 21
 FIRM = imucal.Stand(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal.unit import unit_of
+from imucal.rig.unit import unit_of
 
 PADOVA_MPS2 = 9.81744
 MPU9150 = "accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"

@@ -10,8 +10,8 @@ import pytest
 
 import imucal
 from gap_runs import CONTROL_SEED, RATE_HZ, RUN_SEED, pair, simulated
-from imucal.motion import Step
 from imucal.report import write_gap_page
+from imucal.rig.motion import Step
 
 NEXT_SEED = 21
 

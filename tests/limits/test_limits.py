@@ -11,7 +11,7 @@ import pytest
 
 import imucal
 from imucal.cli import main
-from imucal.limits_template import limits_from
+from imucal.limits.template import limits_from
 
 SCHEMA = json.loads((Path(imucal.__file__).parent / "schema" / "limits-1.json").read_text())
 GOOD = {"chi2_per_dof": 1.2, "gravity_norm_rms_mps2": 0.001, "gravity_direction_rms_deg": 0.05}

@@ -10,7 +10,7 @@ import yaml
 
 import imucal
 from imucal.cli import main
-from imucal.noise_export import kalibr_yaml, unit_of_noise
+from imucal.noise_analysis.files import kalibr_yaml, unit_of_noise
 from imucal.plot import allan
 
 RATE_HZ = 100.0

@@ -23,7 +23,9 @@ def test_package_is_typed_licensed_and_complete():
     installed = {name.removeprefix("imucal/") for name in FILES if name.startswith("imucal/")}
     package = ROOT / "python" / "imucal"
     sources = {
-        str(path.relative_to(package)) for path in package.rglob("*") if path.suffix in {".py", ".json"}
+        str(path.relative_to(package))
+        for path in package.rglob("*")
+        if path.suffix in {".py", ".pyi", ".json"}
     }
     assert sources - installed == set()
 

@@ -13,6 +13,7 @@ import pytest
 import imucal
 from imucal.cli import main
 from imucal.errors import FormatError, InputError, NotEnoughMotionError
+from imucal.rig.unit import unit_of
 
 SCHEMAS = Path(imucal.__file__).parent / "schema"
 TARGETS = {
@@ -124,7 +125,7 @@ def test_an_optimal_program_keeps_the_limits_of_the_stand():
 
 
 def test_moves_stay_within_the_range_of_the_gyroscope():
-    unit = imucal.unit.unit_of("paper")
+    unit = unit_of("paper")
     narrow = dataclasses.replace(unit, gyroscope=unit.gyroscope.with_range(np.deg2rad(125.0)))
     program = quick("optimal", unit=narrow, minutes=1.5, proposals=500).program
     rate = np.rad2deg(imucal.simulate(program, unit=narrow, seed=1).recording.angular_rate)
@@ -301,7 +302,7 @@ def test_the_card_shows_every_pose_and_loads_nothing(tmp_path, monkeypatch):
 
 
 def test_a_group_has_no_parameters_of_an_effect_that_begins_like_it():
-    from imucal.plan_targets import sigma_of
+    from imucal.planning.targets import sigma_of
 
     parameters = [("gyro_bias_x", "rad/s"), ("gyro_bias_drift_x", "rad/s/s"), ("accel_sensitivity_xy", "1")]
     assert sigma_of({"gyro_bias": 1e-5}, parameters) == [1e-5, math.inf, math.inf]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal.document import to_json
+from imucal.document.json_document import to_json
 
 RATE_HZ = 100.0
 UNITS = {"accel_unit": "lsb", "gyro_unit": "lsb"}

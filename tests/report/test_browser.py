@@ -8,7 +8,7 @@ import pytest
 
 import imucal
 from imucal.cli import main
-from imucal.plain import plain
+from imucal.document.plain import plain
 from imucal.plot.style import DARK, PAPER
 from imucal.report import write_gap_page
 

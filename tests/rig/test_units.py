@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal.document import to_json
+from imucal.document.json_document import to_json
 from imucal.effects import catalogue
 
 FOLDER = resources.files("imucal")
@@ -19,7 +19,7 @@ DEG = np.pi / 180
 
 
 def file_of(name):
-    return json.loads((FOLDER / "units" / f"{name}.json").read_text(encoding="utf-8"))
+    return json.loads((FOLDER / "rig" / "shipped" / f"{name}.json").read_text(encoding="utf-8"))
 
 
 def test_all_units_are_there():

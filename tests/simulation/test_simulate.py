@@ -10,10 +10,11 @@ import pytest
 import imucal
 from imucal import _core
 from imucal.cli import main
-from imucal.disturbances import disturbances
+from imucal.document.json_document import write_json
 from imucal.effects import catalogue
-from imucal.setup import DISTURB
-from imucal.temperature import REFERENCE_DEGC
+from imucal.effects.disturbance import disturbances
+from imucal.rig.temperature import REFERENCE_DEGC
+from imucal.simulation.setup import DISTURB
 
 G = 9.80665
 DEG = math.pi / 180
@@ -173,7 +174,7 @@ def test_a_users_effect_is_added_and_its_column_recorded(tmp_path):
     assert (rec.specific_force == run.truth.specific_force).all()
     assert run.truth.calibration.parameters[-1].name == "gyro_bias_supply_z"
 
-    imucal.document.write_json(run.truth.to_dict(), tmp_path / "truth.json")
+    write_json(run.truth.to_dict(), tmp_path / "truth.json")
     again = imucal.repeat(tmp_path / "truth.json", **options)
     assert (again.recording.angular_rate == rec.angular_rate).all()
     with pytest.raises(imucal.InputError, match=r"definition of the effect gyro_bias_supply .* user_effects"):

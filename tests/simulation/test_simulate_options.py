@@ -6,7 +6,7 @@ import pytest
 
 import imucal
 from imucal.cli import main
-from imucal.document import write_json
+from imucal.document.json_document import write_json
 
 
 @pytest.mark.parametrize(

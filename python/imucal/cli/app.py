@@ -16,7 +16,7 @@ from typing import Annotated, Any
 
 import typer
 
-from imucal.cli import (
+from imucal.cli.commands import (
     apply,
     calibrate,
     convert,

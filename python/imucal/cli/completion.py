@@ -18,21 +18,21 @@ __all__ = [
 
 def effects(incomplete: str) -> list[str]:
     """Names of the catalogue."""
-    from imucal.effects import catalogue
+    from imucal.effects.effect import catalogue
 
     return _starting([effect.name for effect in catalogue()], incomplete)
 
 
 def effects_and_disturbances(incomplete: str) -> list[str]:
     """Names of effects, noise and faults."""
-    from imucal.disturbances import disturbances
+    from imucal.effects.disturbance import disturbances
 
     return effects(incomplete) + _starting([row.name for row in disturbances()], incomplete)
 
 
 def effects_to_estimate(incomplete: str) -> list[str]:
     """Effects that a calibration can have, with `:full` where there is a full form."""
-    from imucal.effects import catalogue
+    from imucal.effects.effect import catalogue
 
     names = []
     for effect in catalogue():
@@ -72,14 +72,14 @@ def programs(incomplete: str) -> list[str]:
 
 def stand_limits(incomplete: str) -> list[str]:
     """Stands that have a name."""
-    from imucal.stand_limits import NAMED
+    from imucal.rig.stand_limits import NAMED
 
     return _starting(list(NAMED), incomplete)
 
 
 def units(incomplete: str) -> list[str]:
     """Units that the package brings."""
-    from imucal.unit import unit_names
+    from imucal.rig.unit import unit_names
 
     return _starting(list(unit_names()), incomplete)
 

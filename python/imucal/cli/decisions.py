@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from imucal.cli.output import Output
-    from imucal.noise import NoiseResult
+    from imucal.noise_analysis.noise import NoiseResult
 
 __all__ = ["show_fit", "show_noise_fits", "show_ranking", "show_rests_and_moves"]
 

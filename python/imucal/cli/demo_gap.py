@@ -13,7 +13,7 @@ from imucal.cli.output import JsonPath, Output
 from imucal.cli.working import working
 
 if TYPE_CHECKING:
-    from imucal.effects import EffectValues
+    from imucal.effects.effect import EffectValues
     from imucal.gap.result import Gap
 
 __all__ = ["gap"]
@@ -45,7 +45,7 @@ def gap(
     Example: imucal demo gap --seed 3
     """
     import imucal
-    from imucal.document import write_json
+    from imucal.document.json_document import write_json
 
     prepare_folder(folder, ("run.csv", "control.csv", "truth.json"))
     hidden = _hidden(seed)
@@ -79,8 +79,8 @@ def _hidden(seed: int) -> EffectValues:
     """One effect and its size, of the seed alone."""
     import numpy as np
 
-    from imucal.effects import EffectValues, find
-    from imucal.whole import check_seed
+    from imucal.document.whole import check_seed
+    from imucal.effects.effect import EffectValues, find
 
     check_seed(seed)
     random = np.random.default_rng(seed)
@@ -93,7 +93,7 @@ def _hidden(seed: int) -> EffectValues:
 
 def _revealed(hidden: EffectValues, found: Gap) -> str:
     """What it was, beside what was found."""
-    from imucal.effects import find
+    from imucal.effects.effect import find
     from imucal.gap.text import for_people
 
     names = [effect["name"] for effect in found.effects]

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from imucal.cli.effects import NEEDS, size
-from imucal.disturbances import disturbances
-from imucal.effects import Effect, EffectParameter, catalogue
+from imucal.cli.commands.effects import NEEDS, size
+from imucal.effects.disturbance import disturbances
+from imucal.effects.effect import Effect, EffectParameter, catalogue
 
 __all__ = ["page"]
 

@@ -13,7 +13,7 @@ from imucal.cli.options import options_of
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
-    from imucal.motion import Program
+    from imucal.rig.motion import Program
     from imucal.stand.driver import Driver, Source
 
 __all__ = ["Equipment", "equipment_options"]

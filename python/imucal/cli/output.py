@@ -14,9 +14,9 @@ import typer
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
-    from imucal.calibration import Parameter
+    from imucal.calibration.calibration import Parameter
     from imucal.finding import Finding
-    from imucal.judgement import Judgement
+    from imucal.limits.judgement import Judgement
 
 __all__ = [
     "Control",
@@ -128,7 +128,7 @@ class Output:
 
     def document(self, document: Mapping[str, Any]) -> None:
         """Write the JSON document, if one was asked for."""
-        from imucal.document import to_json, write_json
+        from imucal.document.json_document import to_json, write_json
 
         if self._json_path == "-":
             print(to_json(document))
@@ -172,7 +172,7 @@ class Output:
 
     def figures(self, rows: Mapping[str, Mapping[str, Any] | None]) -> None:
         """The figures of merit, one line for each set."""
-        from imucal.evaluate import figures_text
+        from imucal.estimation.evaluate import figures_text
 
         for name, figures in rows.items():
             if figures is not None:

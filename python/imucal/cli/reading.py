@@ -14,7 +14,7 @@ from imucal.cli.options import options_of
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
-    from imucal.recording import Recording
+    from imucal.recording.recording import Recording
 
 __all__ = ["Files", "Reading", "reading_options"]
 

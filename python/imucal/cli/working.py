@@ -45,9 +45,15 @@ def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
     import threading
 
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, ProgressColumn, TextColumn
-    from rich.progress import TimeElapsedColumn as Elapsed
-    from rich.progress import TimeRemainingColumn as Remaining
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        ProgressColumn,
+        TextColumn,
+        TimeElapsedColumn as Elapsed,
+        TimeRemainingColumn as Remaining,
+    )
 
     columns: list[ProgressColumn] = [
         TextColumn("{task.description}"),

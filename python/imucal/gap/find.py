@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucal.calibration import Calibration
-from imucal.effects import UserEffect, by_name, catalogue, find
+from imucal.calibration.calibration import Calibration
+from imucal.effects.effect import UserEffect, by_name, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
-from imucal.evaluate import MIN_REST_S, require_calibration
+from imucal.estimation.evaluate import MIN_REST_S, require_calibration
 from imucal.gap.outcome import data_fault, outcome
 from imucal.gap.result import Gap
 from imucal.gap.trial import Trial
-from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, as_recordings
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording, as_recordings
 
 if TYPE_CHECKING:
     from imucal import _core

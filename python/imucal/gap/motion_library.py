@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucal.motion import Program, Step
+from imucal.rig.motion import Program, Step
 
 if TYPE_CHECKING:
-    from imucal.recording import Recording
+    from imucal.recording.recording import Recording
 
 __all__ = ["Suggestion", "suggestions"]
 

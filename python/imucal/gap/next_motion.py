@@ -17,18 +17,18 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.effects import Effect, catalogue
+from imucal.document.plain import plain
+from imucal.effects.effect import Effect, catalogue
 from imucal.errors import ImucalError
 from imucal.gap.motion_library import Suggestion, suggestions
 from imucal.gap.residuals import noise_densities
-from imucal.plain import plain
-from imucal.recording import Recording
-from imucal.temperature import Temperature
-from imucal.unit import Sensor, Unit
+from imucal.recording.recording import Recording
+from imucal.rig.temperature import Temperature
+from imucal.rig.unit import Sensor, Unit
 
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray
-    from imucal.calibration_result import CalibrationResult
+    from imucal.estimation.result import CalibrationResult
     from imucal.gap.trial import Trial
 
 __all__ = ["next_motion"]
@@ -60,7 +60,7 @@ def next_motion(
 
     rivals  of each effect that joined the model
     """
-    from imucal.motion import SCHEMA
+    from imucal.rig.motion import SCHEMA
 
     known = {effect.name: effect for effect in catalogue()}
     path = tuple(rivals)
@@ -199,7 +199,7 @@ def _left(trace: FloatArray, columns: FloatArray) -> float:
 
 def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -> Recording:
     """The motion with a unit of these triads and noise, without effects, as the unit would record it."""
-    from imucal.simulate import simulate
+    from imucal.simulation.simulate import simulate
 
     calibration = after.calibration
     accel, gyro = noise_densities(calibration)

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from imucal.calibration import Calibration
-from imucal.calibration_result import CalibrationResult
-from imucal.effects import Effect, UserEffect, find
-from imucal.evaluate import evaluate
+from imucal.calibration.calibration import Calibration
+from imucal.effects.effect import Effect, UserEffect, find
+from imucal.estimation.evaluate import evaluate
+from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.predicted_error import predicted_error
 from imucal.gap.result import Gap

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucal.arrays import as_rows
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray, SampleArray

@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucal.correction import left_in_data
+from imucal.calibration.correction import left_in_data
 from imucal.gap.residuals import noise_densities
 from imucal.gap.uncertainty import AVERAGED_S, Known, as_large_as_seen, means, slopes
 
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray, SampleArray
-    from imucal.calibration import Calibration
-    from imucal.calibration_result import CalibrationResult
-    from imucal.recording import Recording
+    from imucal.calibration.calibration import Calibration
+    from imucal.estimation.result import CalibrationResult
+    from imucal.recording.recording import Recording
 
 __all__ = ["predicted_error"]
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from imucal.gap.paths import LEAST_CHANGE_K, Paths, Placed, means_of
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray
-    from imucal.calibration import Calibration
-    from imucal.calibration_result import CalibrationResult
+    from imucal.calibration.calibration import Calibration
+    from imucal.estimation.result import CalibrationResult
 
 __all__ = ["Channel", "Item", "Residuals", "noise_densities"]
 

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
-from imucal.calibration import Calibration
+from imucal.calibration.calibration import Calibration
+from imucal.document.plain import plain, without_nan
 from imucal.finding import Finding
-from imucal.plain import plain, without_nan
 
 if TYPE_CHECKING:
-    from imucal.calibration_result import CalibrationResult
-    from imucal.effects import UserEffect
+    from imucal.effects.effect import UserEffect
+    from imucal.estimation.result import CalibrationResult
 
 __all__ = ["Gap"]
 

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucal.arrays import FloatArray
-    from imucal.calibration_result import CalibrationResult
-    from imucal.recording import Recording
+    from imucal.estimation.result import CalibrationResult
+    from imucal.recording.recording import Recording
 
 __all__ = ["best_mount", "faults_without_effect", "loose_mounts", "mount_slips", "vertical"]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from imucal.recording import STANDARD_GRAVITY_MPS2 as G
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2 as G
 
 if TYPE_CHECKING:
     from imucal.gap.result import Gap
@@ -263,7 +263,7 @@ def _channel(row: Mapping[str, Any]) -> str:
 
 def explanation(gap: Gap, name: str) -> Iterator[str]:
     """What an effect is, how it would look here, whether it could be seen, and how large it may be unseen."""
-    from imucal.effects import Effect, find
+    from imucal.effects.effect import Effect, find
 
     own = next((effect for effect in gap.user_effects if effect.name == name), None)
     effect = own or find(name)

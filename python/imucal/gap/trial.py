@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucal.calibrate import calibrated, fields_for_library
-from imucal.calibration_result import CalibrationResult
-from imucal.effects import UserEffect, catalogue
+from imucal.effects.effect import UserEffect, catalogue
 from imucal.errors import FitError, InputError, NotEnoughMotionError
-from imucal.one_unit import of_one_unit, require_other_data, with_own_names
-from imucal.options import Options, asked_for
-from imucal.recording import Recording
+from imucal.estimation.calibrate import calibrated, fields_for_library
+from imucal.estimation.options import Options, asked_for
+from imucal.estimation.result import CalibrationResult
+from imucal.recording.one_unit import of_one_unit, require_other_data, with_own_names
+from imucal.recording.recording import Recording
 
 if TYPE_CHECKING:
     from imucal import _core
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
 
 __all__ = ["Trial", "require_figures"]
 

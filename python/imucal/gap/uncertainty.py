@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from imucal.correction import left_in_data
-from imucal.effects import State, UserEffect
+from imucal.calibration.correction import left_in_data
+from imucal.effects.effect import State, UserEffect
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from imucal.arrays import FloatArray
-    from imucal.calibration import Calibration
-    from imucal.effects import Effect, EffectValues
-    from imucal.recording import Recording
+    from imucal.calibration.calibration import Calibration
+    from imucal.effects.effect import Effect, EffectValues
+    from imucal.recording.recording import Recording
 
 __all__ = ["Known", "as_large_as_seen", "means", "slopes"]
 

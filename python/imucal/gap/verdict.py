@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from imucal.calibration_result import CalibrationResult
-from imucal.disturbances import disturbances
-from imucal.evaluate import poor_figures
+from imucal.effects.disturbance import disturbances
+from imucal.estimation.evaluate import poor_figures
+from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.rules import faults_without_effect, mount_slips
 from imucal.gap.trial import Trial

@@ -16,12 +16,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from imucal.correction import left_in_data
+from imucal.calibration.correction import left_in_data
 from imucal.gap.residuals import Channel, Item, Residuals
 
 if TYPE_CHECKING:
-    from imucal.calibration_result import CalibrationResult
-    from imucal.recording import Recording
+    from imucal.estimation.result import CalibrationResult
+    from imucal.recording.recording import Recording
 
 __all__ = ["disagreement"]
 

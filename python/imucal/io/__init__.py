@@ -13,7 +13,7 @@ from imucal.io.recognition import recognise
 from imucal.io.source import require_file
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import NAMES, column_names
-from imucal.recording import AccelUnit, GyroUnit, Recording
+from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = [
     "FORMATS",

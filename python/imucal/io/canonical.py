@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeAlias
 
 from imucal.arrays import FloatArray
-from imucal.atomic import write_atomically
+from imucal.document.atomic import write_atomically
 from imucal.errors import FormatError, InputError
 from imucal.io.columns import mapping_of
 from imucal.io.source import ROWS_AT_ONCE, Stored, Table, first_bytes, open_file, open_large
 from imucal.io.text import read_headed
 from imucal.io.vocabulary import is_canonical, recording_from_table
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = [
     "chosen",

@@ -9,7 +9,7 @@ from imucal.errors import InputError
 from imucal.io.source import open_file
 from imucal.io.text import read_headerless
 from imucal.io.vocabulary import NAMES, SKIP, is_canonical, recording_from_table
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["column_list", "mapping_of", "read_columns"]
 

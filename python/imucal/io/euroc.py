@@ -11,7 +11,7 @@ from imucal.errors import FormatError
 from imucal.io.source import open_file
 from imucal.io.text import read_headed
 from imucal.io.vocabulary import recording_from_table
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["is_euroc", "read_euroc"]
 

@@ -17,7 +17,7 @@ from imucal.io.numpy_files import read_numpy
 from imucal.io.pieces import csv_pieces, parquet_pieces
 from imucal.io.ros import read_mcap, read_rosbag
 from imucal.io.ulog import read_ulog
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["FORMATS", "Format"]
 

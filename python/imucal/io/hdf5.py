@@ -10,7 +10,7 @@ from typing import Any
 from imucal.io.extra import library
 from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays, spread
 from imucal.io.source import open_large, parsing
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["hdf5_arrays", "read_hdf5"]
 

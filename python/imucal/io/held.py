@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["LONGEST_HELD_S", "hold_temperature"]
 

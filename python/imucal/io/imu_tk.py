@@ -11,7 +11,7 @@ from imucal.errors import FormatError, InputError
 from imucal.io.source import Table, open_file
 from imucal.io.text import read_headerless
 from imucal.io.vocabulary import TICKS_PER_S, recording_from_table
-from imucal.recording import AccelUnit, GyroUnit, Recording
+from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["read_imu_tk"]
 

@@ -20,7 +20,7 @@ from imucal.errors import FormatError, InputError
 from imucal.io.columns import column_list, mapping_of
 from imucal.io.source import Table
 from imucal.io.vocabulary import AXES, NAMES, SKIP, TO_SI, is_canonical, recording_from_table
-from imucal.recording import Recording, Source
+from imucal.recording.recording import Recording, Source
 
 __all__ = ["Array", "NamedArrays", "recording_from_arrays", "spread"]
 

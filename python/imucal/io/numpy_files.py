@@ -11,7 +11,7 @@ import numpy as np
 from imucal.errors import FormatError
 from imucal.io.named_arrays import NamedArrays, recording_from_arrays, spread
 from imucal.io.source import open_large, parsing
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["read_numpy"]
 

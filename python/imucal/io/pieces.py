@@ -11,7 +11,7 @@ from imucal.io.canonical import chosen, parquet_table, read_csv
 from imucal.io.source import Table, open_large, parts
 from imucal.io.text import NotInPartsError, headed_parts
 from imucal.io.vocabulary import Clock, recording_from_table
-from imucal.recording import Recording, Source
+from imucal.recording.recording import Recording, Source
 
 __all__ = ["Whole", "csv_pieces", "parquet_pieces"]
 

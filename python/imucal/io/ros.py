@@ -20,7 +20,7 @@ from imucal.io.extra import library
 from imucal.io.mcap import messages_of_mcap, topics_of_mcap
 from imucal.io.source import first_bytes, is_folder, open_large, parsing
 from imucal.io.streams import Stream, recording_from_streams
-from imucal.recording import Recording, Source
+from imucal.recording.recording import Recording, Source
 
 __all__ = ["ROS1_MAGIC", "read_mcap", "read_rosbag"]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from imucal.errors import FormatError, ImucalError, InputError
-from imucal.recording import Source
+from imucal.recording.recording import Source
 
 __all__ = [
     "ROWS_AT_ONCE",

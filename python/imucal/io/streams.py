@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from imucal.arrays import FloatArray
 from imucal.errors import FormatError
 from imucal.finding import Finding
-from imucal.recording import Recording, Source
+from imucal.recording.recording import Recording, Source
 
 __all__ = ["Stream", "median_rate_hz", "recording_from_streams"]
 

@@ -23,7 +23,7 @@ from imucal.io.extra import library
 from imucal.io.remarks import damaged, remark
 from imucal.io.source import open_large, parsing
 from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["ULOG_MAGIC", "read_ulog"]
 

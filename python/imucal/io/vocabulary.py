@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from imucal.errors import FormatError, InputError
 from imucal.io.source import Table, parts
-from imucal.recording import STANDARD_GRAVITY_MPS2, Recording, Source
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording, Source
 
 __all__ = ["NAMES", "SKIP", "Clock", "column_names", "is_canonical", "recording_from_table"]
 

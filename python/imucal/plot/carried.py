@@ -13,7 +13,7 @@ from imucal.plot.thinning import thinned
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
 
 __all__ = ["carried_gravity"]
 

@@ -10,9 +10,9 @@ from imucal.plot.style import BAND, BLUE, GREEN, GREY, VERMILION, plotly, rows_o
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.calibration import Calibration, Parameter
-    from imucal.calibration_result import CalibrationResult
-    from imucal.judgement import Check, Judgement
+    from imucal.calibration.calibration import Calibration, Parameter
+    from imucal.estimation.result import CalibrationResult
+    from imucal.limits.judgement import Check, Judgement
 
 __all__ = ["limits", "parameters", "sigmas"]
 
@@ -105,7 +105,7 @@ def limits(judgement: Judgement) -> Figure:
 
 def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[Parameter]], Any]) -> Figure:
     """One panel below the other, one for each kind of parameter."""
-    from imucal.calibration import Calibration
+    from imucal.calibration.calibration import Calibration
 
     calibration = result if isinstance(result, Calibration) else result.calibration
     kinds: dict[str, list[Parameter]] = {}

@@ -11,7 +11,7 @@ from imucal.plot.style import BLUE, GREEN, VERMILION, plotly, shown_unit, styled
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.noise import NoiseResult
+    from imucal.noise_analysis.noise import NoiseResult
 
 __all__ = ["allan"]
 

@@ -15,8 +15,8 @@ from imucal.plot.thinning import numbers, thinned
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.calibration_result import CalibrationResult
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.result import CalibrationResult
 
 __all__ = ["move_residuals", "rest_residuals"]
 

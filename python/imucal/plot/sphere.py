@@ -13,8 +13,8 @@ from imucal.plot.thinning import evenly
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.calibration_result import CalibrationResult
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.result import CalibrationResult
 
 __all__ = ["coverage", "up_at_rests"]
 
@@ -58,7 +58,7 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
 
 def up_at_rests(result: CalibrationResult | Evaluation) -> FloatArray:
     """(K, 3) unit vectors: which way was up at each rest, in the body frame."""
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
 
     if isinstance(result, Evaluation):
         force = [np.asarray(carried["measured"], dtype=float).reshape(-1, 3) for carried in result.carried]
@@ -73,7 +73,7 @@ def up_at_rests(result: CalibrationResult | Evaluation) -> FloatArray:
 
 def _series(result: CalibrationResult | Evaluation) -> list[tuple[str, FloatArray, list[str], str, str, int]]:
     """Name, directions, hover texts, colour, symbol and size of what is drawn."""
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
 
     if isinstance(result, Evaluation):
         up = up_at_rests(result)

@@ -11,10 +11,10 @@ from imucal.report.page import Shown, Tab
 from imucal.report.tables import checks_table, heading, item_list, paragraph, table
 
 if TYPE_CHECKING:
-    from imucal.calibration_result import CalibrationResult
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.result import CalibrationResult
     from imucal.finding import Finding
-    from imucal.judgement import Judgement
+    from imucal.limits.judgement import Judgement
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 # Each control recording has three figures; the others are drawn by `imucal.plot.carried_gravity`.

@@ -13,9 +13,9 @@ from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import figures_table, heading, item_list, paragraph, parameter_table, table
 
 if TYPE_CHECKING:
-    from imucal.calibration import Calibration
-    from imucal.calibration_result import CalibrationResult
-    from imucal.evaluate import Evaluation
+    from imucal.calibration.calibration import Calibration
+    from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.result import CalibrationResult
 
 __all__ = ["write_calibration_page", "write_evaluation_page"]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from imucal import plot
-from imucal.document import to_json
+from imucal.document.json_document import to_json
 from imucal.plot.evidence import FIGURES, channel_name, figure_sets
 from imucal.plot.style import shown_unit
 from imucal.report import sentences

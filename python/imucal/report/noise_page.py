@@ -13,7 +13,7 @@ from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import heading, item_list, paragraph, rounded_to, table
 
 if TYPE_CHECKING:
-    from imucal.noise import NoiseFigure, NoiseResult
+    from imucal.noise_analysis.noise import NoiseFigure, NoiseResult
 
 __all__ = ["noise_table", "write_noise_page"]
 

@@ -12,11 +12,11 @@ from imucal.report.page import MARKS, Verdict
 from imucal.report.tables import checks_table, figures_table, item_list, paragraph, parameter_table
 
 if TYPE_CHECKING:
-    from imucal.calibration import Calibration
-    from imucal.calibration_result import CalibrationResult
-    from imucal.evaluate import Evaluation
+    from imucal.calibration.calibration import Calibration
+    from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.result import CalibrationResult
     from imucal.gap import Gap
-    from imucal.noise import NoiseResult
+    from imucal.noise_analysis.noise import NoiseResult
 
 
 def of_calibration(calibration: Calibration) -> str:

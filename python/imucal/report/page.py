@@ -14,7 +14,7 @@ from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imucal.atomic import write_text
+from imucal.document.atomic import write_text
 
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure

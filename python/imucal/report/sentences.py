@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 from imucal.report.page import Verdict
 
 if TYPE_CHECKING:
-    from imucal.calibration_result import CalibrationResult
-    from imucal.evaluate import Evaluation
+    from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.result import CalibrationResult
     from imucal.gap import Gap
-    from imucal.noise import NoiseResult
+    from imucal.noise_analysis.noise import NoiseResult
 
 METRICS = {
     "chi2_per_dof": "χ² per degree of freedom",

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from imucal.plot.style import shown_unit
 
 if TYPE_CHECKING:
-    from imucal.calibration import Parameter
-    from imucal.judgement import Judgement
+    from imucal.calibration.calibration import Parameter
+    from imucal.limits.judgement import Judgement
 
 FIGURES = {
     "gravity_direction_rms_deg": "direction of gravity carried over one move, rms error, deg",

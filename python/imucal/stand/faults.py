@@ -17,11 +17,11 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.errors import InputError
-from imucal.motion import Program, Step
-from imucal.recording import Recording
-from imucal.simulate import simulate
-from imucal.stand.model import Stand, stand_from_name
-from imucal.unit import Unit, unit_of
+from imucal.recording.recording import Recording
+from imucal.rig.motion import Program, Step
+from imucal.rig.stand import Stand, stand_from_name
+from imucal.rig.unit import Unit, unit_of
+from imucal.simulation.simulate import simulate
 
 __all__ = ["FAULTS", "SimulatedUnit"]
 

@@ -19,7 +19,7 @@ from typing import Final
 import numpy as np
 
 from imucal.errors import InputError
-from imucal.motion import Program, Step
+from imucal.rig.motion import Program, Step
 
 __all__ = ["Axes", "Block", "MotorLimits", "blocks_of", "gcode"]
 

@@ -19,7 +19,7 @@ from typing import Final
 
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError
-from imucal.motion import Program, Step
+from imucal.rig.motion import Program, Step
 from imucal.stand.driver import Event, Position, Status
 from imucal.stand.gcode import Axes, Block, MotorLimits, blocks_of
 from imucal.stand.grbl_port import ALARMS, ERRORS, RESET, RX_BUFFER, GrblPort, Report

@@ -12,15 +12,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-from imucal.calibration import require_serial_number
-from imucal.document import now, write_json
+from imucal.calibration.calibration import require_serial_number
+from imucal.document.json_document import now, write_json
 from imucal.errors import ImucalError, InputError
-from imucal.export import FORMATS, Export, export, find_format
+from imucal.exporting import FORMATS, Export, export, find_format
 from imucal.io import read
 from imucal.io.source import open_large
-from imucal.limits import Limits
-from imucal.motion import Program
-from imucal.recording import STANDARD_GRAVITY_MPS2
+from imucal.limits.limits import Limits
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.rig.motion import Program
 from imucal.stand.driver import Driver, Source
 from imucal.stand.programs import in_another_order, ranges_deg, require_determined
 from imucal.stand.recorder import Done, Moment, record

@@ -14,8 +14,8 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.errors import InputError
-from imucal.motion import Program
-from imucal.simulate import simulate
+from imucal.rig.motion import Program
+from imucal.simulation.simulate import simulate
 from imucal.stand.driver import Event, Position, Status
 from imucal.stand.stream import TICKS_PER_S
 

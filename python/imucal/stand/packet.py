@@ -21,7 +21,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-from imucal.document import Node, read_json
+from imucal.document.json_document import Node, read_json
 from imucal.errors import FormatError
 
 __all__ = ["CHECKSUMS", "Field", "PacketDecoder", "PacketFormat"]

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
+from imucal.document.whole import check_seed
 from imucal.errors import InputError
-from imucal.motion import Program, Step
-from imucal.plan import plan
-from imucal.whole import check_seed
+from imucal.planning.plan import plan
+from imucal.rig.motion import Program, Step
 
 __all__ = ["PROGRAMS", "in_another_order", "program_named", "ranges_deg", "require_determined"]
 

@@ -12,9 +12,9 @@ import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
-from imucal.inspection import Inspection, inspect
-from imucal.limits import ParameterLimit
-from imucal.recording import Recording
+from imucal.estimation.inspection import Inspection, inspect
+from imucal.limits.limits import ParameterLimit
+from imucal.recording.recording import Recording
 from imucal.stand.rows import recording_of
 
 __all__ = ["Progress", "Prospect", "parse_target"]
@@ -62,7 +62,7 @@ def parse_target(text: str) -> ParameterLimit:
 
     Raises InputError, with an example, for anything else.
     """
-    from imucal.calibration import ACCEL_ENTRIES, GYRO_ENTRIES
+    from imucal.calibration.calibration import ACCEL_ENTRIES, GYRO_ENTRIES
 
     name, _, value = text.partition("=")
     try:

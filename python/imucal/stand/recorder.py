@@ -15,10 +15,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
+from imucal.document.plain import plain
 from imucal.errors import ImucalError
 from imucal.io.canonical import require_ending
-from imucal.limits import ParameterLimit
-from imucal.plain import plain
+from imucal.limits.limits import ParameterLimit
 from imucal.stand.driver import Driver, Event, Source, Status
 from imucal.stand.journal import Journal, read_journal
 from imucal.stand.progress import Progress, Prospect

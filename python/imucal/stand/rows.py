@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from imucal.arrays import FloatArray
 from imucal.io.source import Table
 from imucal.io.vocabulary import recording_from_table
-from imucal.recording import Recording
+from imucal.recording.recording import Recording
 
 __all__ = ["recording_of"]
 

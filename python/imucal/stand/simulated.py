@@ -11,7 +11,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.io.vocabulary import column_names
-from imucal.motion import Program
+from imucal.rig.motion import Program
 from imucal.stand.driver import Event, Position, Status
 from imucal.stand.faults import SimulatedUnit
 

@@ -22,15 +22,15 @@ from typing import Final
 
 import numpy as np
 
-from imucal.calibrate import calibrate
-from imucal.calibration_result import CalibrationResult
 from imucal.errors import FitError, InputError, NotEnoughMotionError
+from imucal.estimation.calibrate import calibrate
+from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.rules import best_mount, loose_mounts, mount_slips, vertical
-from imucal.limits import Limits
-from imucal.motion import Program
-from imucal.recording import Recording
-from imucal.simulate import simulate
+from imucal.limits.limits import Limits
+from imucal.recording.recording import Recording
+from imucal.rig.motion import Program
+from imucal.simulation.simulate import simulate
 
 __all__ = ["Assessment", "Reason", "assess"]
 

@@ -30,7 +30,7 @@ fn assert_same(file: &str, name: &str, sensor: &Sensor, (bias, noise, lsb): (f64
 
 #[test]
 fn the_papers_unit_is_that_of_the_data_file() {
-    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/imucal/units/paper.json");
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../python/imucal/rig/shipped/paper.json");
     let file = std::fs::read_to_string(path).unwrap();
     let unit = Unit::paper();
     let g = STANDARD_GRAVITY_MPS2;

@@ -1,0 +1,51 @@
+"""The public names of imucal, each with the file that defines it; `__init__.py` loads one when it is used."""
+
+from . import effects as effects, io as io, plot as plot, report as report, stand as stand
+from ._core import __version__ as __version__
+from .calibration.calibration import (
+    Calibration as Calibration,
+    Parameter as Parameter,
+    Provenance as Provenance,
+    Triad as Triad,
+)
+from .calibration.difference import Change as Change, Difference as Difference, diff as diff
+from .effects.effect import (
+    Effect as Effect,
+    EffectParameter as EffectParameter,
+    EffectValues as EffectValues,
+    State as State,
+    UserEffect as UserEffect,
+)
+from .errors import (
+    FitError as FitError,
+    FormatError as FormatError,
+    ImucalError as ImucalError,
+    InputError as InputError,
+    NotEnoughMotionError as NotEnoughMotionError,
+)
+from .estimation.calibrate import calibrate as calibrate
+from .estimation.evaluate import Evaluation as Evaluation, evaluate as evaluate
+from .estimation.inspection import Inspection as Inspection, inspect as inspect
+from .estimation.result import CalibrationResult as CalibrationResult
+from .exporting import Export as Export, Residual as Residual, export as export
+from .finding import Finding as Finding, Place as Place
+from .gap import Gap as Gap, find_gap as find_gap
+from .io import read as read, write as write
+from .limits.judgement import Check as Check, Judgement as Judgement
+from .limits.limits import FigureLimit as FigureLimit, Limits as Limits, ParameterLimit as ParameterLimit
+from .noise_analysis.allan import allan_deviation as allan_deviation
+from .noise_analysis.noise import (
+    AxisNoise as AxisNoise,
+    NoiseFigure as NoiseFigure,
+    NoiseResult as NoiseResult,
+    noise as noise,
+)
+from .planning.plan import Plan as Plan, PlannedParameter as PlannedParameter, plan as plan
+from .recording.recording import Recording as Recording, Source as Source
+from .rig.motion import Program as Program, Static as Static, Step as Step, Tumble as Tumble
+from .rig.stand import Stand as Stand
+from .rig.stand_limits import AxisLimits as AxisLimits, StandLimits as StandLimits
+from .rig.temperature import Temperature as Temperature
+from .rig.unit import Sensor as Sensor, Unit as Unit, unit_names as unit_names
+from .simulation.simulate import Simulation as Simulation, repeat as repeat, simulate as simulate
+from .simulation.truth import Truth as Truth

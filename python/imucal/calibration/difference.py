@@ -1,0 +1,265 @@
+"""Which parameters differ between two calibrations, by more than they are known.
+
+    difference = b - a,    covariance = covariance of a + covariance of b
+
+A unit that has not moved gives a difference of this covariance, as two recordings have errors of their own.
+Two tests ask whether it is more, each with half of the false alarms of `sigmas`: every parameter alone, at
+the limit that all of them together keep (Bonferroni), and all at once by chi2, which sees what is spread over
+many.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration, Provenance
+from imucal.document.plain import plain
+from imucal.errors import InputError
+
+__all__ = ["Change", "Difference", "diff"]
+
+SCHEMA: Final = "imucal.difference/1"
+SIGMAS: Final = 3.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """One parameter in both calibrations.
+
+    before, after   its values; 0 where a calibration does not carry its effect
+    std             of the difference, of both covariances
+    moved           whether it is beyond the limit
+    """
+
+    name: str
+    unit: str
+    before: float
+    after: float
+    std: float
+    moved: bool
+
+    @property
+    def difference(self) -> float:
+        """After less before."""
+        return self.after - self.before
+
+    @property
+    def sigmas(self) -> float:
+        """The difference in its own standard deviations; infinite if an exact number has changed."""
+        if self.difference == 0.0:
+            return 0.0
+        return self.difference / self.std if self.std > 0 else math.copysign(math.inf, self.difference)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Two calibrations compared.
+
+    changes           every parameter, in the order of the file
+    limit_sigmas      beyond which a parameter has moved
+    false_alarm       how often a pair of an unmoved unit is called moved
+    chi2, dof, p_value   all parameters at once
+    notes             what is worth knowing about the pair
+    serial_numbers, provenances   of the first calibration, and of the second
+    """
+
+    changes: tuple[Change, ...]
+    limit_sigmas: float
+    false_alarm: float
+    chi2: float
+    dof: int
+    p_value: float
+    notes: tuple[str, ...]
+    serial_numbers: tuple[str | None, str | None] = (None, None)
+    provenances: tuple[Provenance, Provenance] = (Provenance(), Provenance())
+
+    @property
+    def moved(self) -> tuple[Change, ...]:
+        """The parameters beyond the limit, the largest first."""
+        return tuple(sorted((c for c in self.changes if c.moved), key=lambda c: -abs(c.sigmas)))
+
+    @property
+    def verdict(self) -> str:
+        """`same` within uncertainty, or `moved`."""
+        return "moved" if self.reasons else "same"
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why it is called moved, the largest first; empty if it is not."""
+        single = tuple(
+            f"{c.name} has moved by {c.difference:.4g} {c.unit}, {abs(c.sigmas):.1f} sigma (the limit is "
+            f"{self.limit_sigmas:.2f})".replace(" 1,", ",")
+            for c in self.moved
+        )
+        if self.p_value < self.false_alarm / 2:
+            joint = f"all parameters at once: chi2 is {self.chi2:.4g} with {self.dof} degrees of freedom, p "
+            return (*single, joint + f"{self.p_value:.2g}")
+        return single
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal diff --json`."""
+        from imucal import _core
+
+        first, second = (
+            {"serial_number": serial_number, "provenance": plain(provenance)}
+            for serial_number, provenance in zip(self.serial_numbers, self.provenances, strict=True)
+        )
+        same = first["serial_number"] == second["serial_number"]
+        return {
+            "schema": SCHEMA,
+            "serial_number": first["serial_number"] if same else None,
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "limit_sigmas": self.limit_sigmas,
+            "false_alarm": self.false_alarm,
+            "joint": {"chi2": self.chi2, "degrees_of_freedom": self.dof, "p_value": self.p_value},
+            "parameters": [
+                {
+                    **plain(c),
+                    "difference": c.difference,
+                    "sigmas": c.sigmas if math.isfinite(c.sigmas) else None,
+                }
+                for c in self.changes
+            ],
+            "notes": list(self.notes),
+            "imucal_version": str(_core.__version__),
+            "before": first,
+            "after": second,
+        }
+
+
+def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> Difference:
+    """What has moved from `before` to `after`.
+
+    sigmas   false alarms are as rare as a normal number beyond so many standard deviations: of a pair of
+             calibrations of an unmoved unit, 0.27 % are called moved at 3
+
+    An effect that one of them does not carry is zero there, exactly; its shape, a time constant, is not
+    compared.
+    Raises InputError for other raw units, another body frame, and a calibration without a covariance.
+    """
+    from imucal import _core
+
+    if not (math.isfinite(sigmas) and sigmas > 0):
+        raise InputError(f"sigmas is {sigmas}: a positive number is needed")
+    _require_comparable(before, after)
+    names, units = _names(before, after)
+    values = np.array([_values(calibration, names) for calibration in (before, after)])
+    covariance = _covariance(before, names) + _covariance(after, names)
+    change = values[1] - values[0]
+    std = np.sqrt(np.diag(covariance))
+    false_alarm = 2 * NormalDist().cdf(-sigmas)
+    limit = -NormalDist().inv_cdf(false_alarm / 4 / len(names))
+    changes = tuple(
+        Change(name, unit, float(a), float(b), float(s), bool(abs(b - a) > limit * s))
+        for name, unit, a, b, s in zip(names, units, values[0], values[1], std, strict=True)
+    )
+    chi2, dof = _joint(change, covariance)
+    return Difference(
+        changes,
+        limit,
+        false_alarm,
+        chi2,
+        dof,
+        _core.chi2_p_value(chi2, dof),
+        tuple(_notes(before, after)),
+        (before.serial_number, after.serial_number),
+        (before.provenance, after.provenance),
+    )
+
+
+def _require_comparable(before: Calibration, after: Calibration) -> None:
+    pairs = (
+        (
+            "the accelerometer is in",
+            before.accel_unit,
+            after.accel_unit,
+            "calibrate both in the same raw units",
+        ),
+        ("the gyroscope is in", before.gyro_unit, after.gyro_unit, "calibrate both in the same raw units"),
+        ("the body frame is", before.frame, after.frame, "calibrate both with the same --frame"),
+    )
+    for what, a, b, way_out in pairs:
+        if a != b:
+            raise InputError(f"{what} {a} in the first and {b} in the second calibration: {way_out}")
+    for name, calibration in (("first", before), ("second", after)):
+        missing = [p.name for p in calibration.parameters if p.std is None]
+        if missing:
+            raise InputError(
+                f"the {name} calibration has no standard deviation of {missing[0]}"
+                + (f" and {len(missing) - 1} more" if len(missing) > 1 else "")
+                + ": give a file of imucal calibrate, which has the covariance"
+            )
+
+
+def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str]]:
+    """All parameters with their units, but the shapes of effects that only one of them carries."""
+    both = {values.name for values in before.effects} & {values.name for values in after.effects}
+    units: dict[str, str] = {}
+    for calibration in (before, after):
+        shapes = {
+            f"{values.name}_{shape.name}"
+            for values in calibration.effects
+            if values.name not in both and (shape := calibration.definition(values).shape) is not None
+        }
+        for parameter in calibration.parameters:
+            if parameter.name not in shapes:
+                units.setdefault(parameter.name, parameter.unit)
+    return list(units), list(units.values())
+
+
+def _values(calibration: Calibration, names: list[str]) -> list[float]:
+    known = {parameter.name: parameter.value for parameter in calibration.parameters}
+    return [known.get(name, 0.0) for name in names]
+
+
+def _covariance(calibration: Calibration, names: list[str]) -> FloatArray:
+    """The covariance of these parameters; of what a calibration does not carry it is zero."""
+    full = np.zeros((len(names), len(names)))
+    if calibration.covariance is None:
+        return full
+    index = {name: i for i, name in enumerate(calibration.covariance_names)}
+    known = [i for i, name in enumerate(names) if name in index]
+    places = [index[names[i]] for i in known]
+    full[np.ix_(known, known)] = calibration.covariance[np.ix_(places, places)]
+    return full
+
+
+def _joint(change: FloatArray, covariance: FloatArray) -> tuple[float, int]:
+    """chi2 of all parameters, and its degrees of freedom: directions that have an uncertainty."""
+    std = np.sqrt(np.diag(covariance))
+    known = std > 0
+    if not known.any():
+        return 0.0, 0
+    scaled = change[known] / std[known]
+    values, vectors = np.linalg.eigh(covariance[np.ix_(known, known)] / np.outer(std[known], std[known]))
+    kept = values > len(values) * np.finfo(np.float64).eps * values[-1]
+    return float(np.sum((vectors.T @ scaled)[kept] ** 2 / values[kept])), int(kept.sum())
+
+
+def _notes(before: Calibration, after: Calibration) -> list[str]:
+    notes = []
+    if before.serial_number != after.serial_number:
+        notes.append(f"the serial numbers differ: {before.serial_number} and {after.serial_number}")
+    if before.gravity_mps2 != after.gravity_mps2:
+        notes.append(
+            f"gravity was {before.gravity_mps2} and {after.gravity_mps2} m/s^2: right for two places, and an "
+            "error of the scale of the accelerometer if it was one"
+        )
+    shared = {s.sha256 for s in before.provenance.files} & {s.sha256 for s in after.provenance.files}
+    if shared:
+        paths = [s.path for s in before.provenance.files if s.sha256 in shared]
+        notes.append(
+            f"both were made of {', '.join(paths)}: their errors are the same in part, and the standard "
+            "deviations given here are too large"
+        )
+    for name, one, other in (("first", before, after), ("second", after, before)):
+        only = {values.name for values in one.effects} - {values.name for values in other.effects}
+        notes += [f"only the {name} carries {effect}: it is zero in the other" for effect in sorted(only)]
+    return notes

@@ -1,0 +1,184 @@
+"""`imucal apply`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.reading import Reading, reading_options
+from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    import numpy as np
+    import numpy.typing as npt
+
+    from imucal.arrays import FloatArray
+    from imucal.calibration.calibration import Calibration
+    from imucal.recording.recording import Recording
+
+__all__ = ["apply"]
+
+# Share of the calibrated range that a temperature may be outside of it: there a line is still a line.
+BEYOND: Final = 0.05
+# No IMU works at it: the column is in kelvin.
+TOO_HOT_DEGC: Final = 200.0
+
+
+@reading_options
+def apply(
+    calibration: Annotated[Path, typer.Argument(metavar="CAL.JSON", help="Calibration file.")],
+    recording: Annotated[
+        list[Path], typer.Argument(metavar="REC", help="The file, or the two files, of one recording.")
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    reading: Reading,
+    json: JsonPath = None,
+) -> None:
+    """Correct a recording: SI units, body frame, the same column names; effects are taken away.
+
+    CSV and Parquet are corrected piece by piece, so that memory does not grow with the file; but for a lever
+    arm or a delay, which need the change of the rate.
+
+    Example: imucal apply unit-0042.json run.csv -o corrected.csv
+    """
+    import imucal
+    from imucal.io import write_pieces
+
+    require_apart([calibration, *recording], {"--output": output, "--json": json})
+    unit = imucal.Calibration.load(calibration)
+
+    def written(pieces: Iterator[Recording]) -> _Corrected:
+        corrected = _Corrected(unit, pieces)
+        write_pieces(corrected.whole, output)
+        return corrected
+
+    with working("correcting"):
+        if unit.takes_pieces:
+            corrected = reading.by_pieces(recording, written)
+        else:
+            corrected = written(iter([reading.one(recording)]))
+    removed = [effect.name for effect in unit.effects if effect.name not in unit.left_in_data]
+    warnings = [*corrected.warnings(), *_beyond(unit, corrected.temperature_range_degc)]
+    out = Output(json)
+    out.document(
+        {
+            "output": str(output),
+            "calibration": str(calibration),
+            "samples": corrected.whole.samples,
+            "effects": removed,
+            "left_in_data": unit.left_in_data,
+            "samples_lost": corrected.lost.count + corrected.no_temperature.count,
+            "samples_without_temperature": corrected.no_temperature.count,
+            "samples_missing": corrected.missing.count,
+            "temperature_range_degc": corrected.temperature_range_degc,
+            "warnings": warnings,
+        }
+    )
+    out.line(f"{output}: {corrected.whole!r}")
+    if removed:
+        out.line(f"effects taken away: {', '.join(removed)}")
+    if unit.left_in_data:
+        out.line(f"left in the data, as no error of the sensor: {', '.join(unit.left_in_data)}")
+    for warning in warnings:
+        out.line(f"warning: {warning}")
+
+
+def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
+    """What is to be said of temperatures that the calibration has not seen."""
+    known, effects = unit.temperature_range_degc, unit.temperature_effects
+    if seen is None or known is None or not effects:
+        return []
+    margin = BEYOND * (known[1] - known[0])
+    if known[0] - margin <= seen[0] and seen[1] <= known[1] + margin:
+        return []
+    return [
+        f"the temperature is {seen[0]:.5g} to {seen[1]:.5g} degC, the calibration has seen {known[0]:.5g} to "
+        f"{known[1]:.5g} degC: outside it the numbers of {' and '.join(effects)} are an assumption"
+        + (": is the column in kelvin? temp_degc is in degC" if seen[1] > TOO_HOT_DEGC else "")
+    ]
+
+
+class _Empty:
+    """Samples that are empty for one reason: how many, and which is the first."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.first = 0
+
+    def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
+        """The samples of a piece that `before` samples have come before."""
+        if not self.count and empty.any():
+            self.first = before + int(empty.argmax())
+        self.count += int(empty.sum())
+
+    def said(self, reason: str) -> list[str]:
+        """A warning, if there are any."""
+        if not self.count:
+            return []
+        samples = "1 sample is" if self.count == 1 else f"{self.count} samples are"
+        return [f"{samples} empty, the first is sample {self.first}: {reason}"]
+
+
+class _Corrected:
+    """Pieces of a recording, corrected as they pass, and the samples that are empty after it.
+
+    missing         without rate or force in the recording already
+    no_temperature  lost for want of the temperature
+    lost            lost otherwise
+    """
+
+    def __init__(self, unit: Calibration, pieces: Iterator[Recording]) -> None:
+        from imucal.io.pieces import Whole
+
+        self.whole = Whole(self._each(unit, pieces))
+        self.missing, self.no_temperature, self.lost = _Empty(), _Empty(), _Empty()
+        self.temperature_range_degc: tuple[float, float] | None = None
+        self._unit = unit
+
+    def warnings(self) -> list[str]:
+        """What is to be said of empty samples."""
+        too_large = "the effects are too large there to be undone"
+        if self.missing.count and not self._unit.takes_pieces:
+            too_large += ", or the change of the rate is not known beside samples without one"
+        return [
+            *self.missing.said("the rate or the force is not a number there"),
+            *self.no_temperature.said("the temperature is not a number there"),
+            *self.lost.said(too_large),
+        ]
+
+    def _each(self, unit: Calibration, pieces: Iterator[Recording]) -> Iterator[Recording]:
+        import numpy as np
+
+        from imucal.calibration.correction import empty_samples
+
+        start_s: float | None = None
+        before = 0
+        for raw in pieces:
+            if start_s is None and len(raw):
+                start_s = float(raw.time_s[0])
+            # Without a start for effects that take the whole: then there is one piece.
+            corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
+            missing, lost = empty_samples(raw, corrected)
+            no_temperature = np.zeros_like(lost)
+            if raw.temperature_degc is not None:
+                known = np.isfinite(raw.temperature_degc)
+                if unit.temperature_effects:
+                    no_temperature = lost & ~known
+                self._see_temperature(raw.temperature_degc[known])
+            self.missing.add(missing, before)
+            self.no_temperature.add(no_temperature, before)
+            self.lost.add(lost & ~no_temperature, before)
+            before += len(raw)
+            yield corrected
+
+    def _see_temperature(self, temperature_degc: FloatArray) -> None:
+        if len(temperature_degc):
+            low, high = self.temperature_range_degc or (float("inf"), float("-inf"))
+            self.temperature_range_degc = (
+                min(low, float(temperature_degc.min())),
+                max(high, float(temperature_degc.max())),
+            )

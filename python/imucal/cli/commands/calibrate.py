@@ -1,0 +1,146 @@
+"""`imucal calibrate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucal.cli import completion
+from imucal.cli.decisions import show_fit, show_rests_and_moves
+from imucal.cli.output import (
+    Control,
+    ExcludeSaturated,
+    Gravity,
+    JsonPath,
+    LimitsPath,
+    MinRest,
+    Output,
+    ReportPath,
+    Verbose,
+    prepare_report,
+    require_apart,
+)
+from imucal.cli.reading import Files, Reading, reading_options
+from imucal.cli.working import working
+
+__all__ = ["calibrate"]
+
+
+@reading_options
+def calibrate(
+    recordings: Files,
+    reading: Reading,
+    control: Control = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="PATH", help="Calibration file to write.")
+    ] = None,
+    gravity: Gravity = 9.80665,
+    frame: Annotated[str, typer.Option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
+    min_rest_s: MinRest = 1.0,
+    exclude_saturated: ExcludeSaturated = False,
+    accel_nominal: Annotated[
+        float | None,
+        typer.Option(
+            "--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; from the data if not given."
+        ),
+    ] = None,
+    gyro_nominal: Annotated[
+        float | None,
+        typer.Option(
+            "--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; from the data if not given."
+        ),
+    ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effect",
+            metavar="NAME",
+            help="Estimate this effect too (`imucal effects` lists them; NAME:full for the full form); may "
+            "be given again.",
+            autocompletion=completion.effects_to_estimate,
+        ),
+    ] = None,
+    unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit",
+            metavar="FILE|NAME",
+            help="Profile of the unit, whose bias instability and random walk widen the standard deviations.",
+            autocompletion=completion.units,
+        ),
+    ] = None,
+    folds: Annotated[
+        int | None,
+        typer.Option("--folds", help="Also judge on held-out rests and moves, in this many folds."),
+    ] = None,
+    serial_number: Annotated[
+        str | None, typer.Option("--serial-number", help="Serial number of the unit, kept in the file.")
+    ] = None,
+    limits: LimitsPath = None,
+    verbose: Verbose = False,
+    report: ReportPath = None,
+    json: JsonPath = None,
+) -> None:
+    """Calibrate one unit from its recordings.
+
+    Example: imucal calibrate run.csv --control control.csv -o unit-0042.json --limits limits.json
+    """
+    import imucal
+    from imucal.estimation.evaluate import used_of
+
+    require_apart(
+        [*recordings, *(control or ()), unit, limits],
+        {"--output": output, "--report": report, "--json": json},
+    )
+    prepare_report(report)
+    with working("reading"):
+        wanted = imucal.Limits.load(limits) if limits else None
+        unit_data = reading.each(recordings)
+        judges = reading.each(control or [])
+    with working("calibrating"):
+        result = imucal.calibrate(
+            unit_data,
+            control=judges,
+            gravity_mps2=gravity,
+            frame=frame,
+            min_rest_s=min_rest_s,
+            exclude_saturated=exclude_saturated,
+            accel_nominal=accel_nominal,
+            gyro_nominal=gyro_nominal,
+            effects=effect or [],
+            unit=unit,
+            folds=folds,
+            serial_number=serial_number,
+        )
+    if wanted is not None:
+        result = result.judged_by(wanted)
+    if output is not None:
+        result.calibration.save(output)
+    if report is not None:
+        from imucal.report import write_calibration_page
+
+        write_calibration_page(report, result)
+    out = Output(json)
+    out.document(result.to_dict())
+    if verbose:
+        show_fit(out, result.fit)
+        show_rests_and_moves(out, result.rests, result.moves)
+    out.parameters(result.parameters)
+    out.line(
+        f"{used_of(result.rests)} rests and {used_of(result.moves)} moves used"
+        + (f"; calibration written to {output}" if output else "")
+    )
+    out.figures(
+        {
+            "calibration set": result.calibration_set,
+            "held-out rests and moves": result.held_out,
+            "control set": result.control_set,
+        }
+    )
+    for note in result.notes:
+        out.line(note)
+    out.findings([*result.findings, *(result.control.findings if result.control else ())])
+    out.judgement(result.judgement, verbose)
+    out.verdict(result.verdict, result.reasons)

@@ -1,0 +1,87 @@
+"""`imucal convert`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.reading import Reading, reading_options
+from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    from imucal.recording.recording import Recording
+
+__all__ = ["convert"]
+
+
+def _print_formats(wanted: bool) -> None:
+    if wanted:
+        from imucal.cli.formats_page import page
+
+        print(page(), end="")
+        raise typer.Exit
+
+
+@reading_options
+def convert(
+    files: Annotated[
+        list[Path],
+        typer.Argument(metavar="FILE...", help="The file, the two files, or the folder of one recording."),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    reading: Reading,
+    formats: Annotated[
+        bool,
+        typer.Option(
+            "--list", callback=_print_formats, is_eager=True, help="Show the formats that are read, and exit."
+        ),
+    ] = False,
+    hold: Annotated[
+        bool,
+        typer.Option(
+            "--hold-temperature",
+            help="A temperature that is read more slowly holds until the next reading, 10 s at most.",
+        ),
+    ] = False,
+    json: JsonPath = None,
+) -> None:
+    """Convert other people's files into a recording.
+
+    What had to be done to the data is said: it is not kept in the file that is written.
+
+    Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
+    """
+    from imucal.io import write_pieces
+    from imucal.io.held import hold_temperature
+    from imucal.io.pieces import Whole
+
+    require_apart(files, {"--output": output, "--json": json})
+
+    def written(pieces: Iterator[Recording]) -> Whole:
+        whole = Whole(hold_temperature(pieces) if hold else pieces)
+        write_pieces(whole, output)
+        return whole
+
+    with working("converting"):
+        whole = reading.by_pieces(files, written)
+    recording = whole.first
+    out = Output(json)
+    out.document(
+        {
+            "output": str(output),
+            "samples": whole.samples,
+            "duration_s": whole.duration_s,
+            "rate_hz": recording.rate_hz if len(recording) > 1 else None,
+            "accel_unit": recording.accel_unit,
+            "gyro_unit": recording.gyro_unit,
+            "sources": [asdict(source) for source in recording.sources],
+            "findings": [finding.to_dict() for finding in recording.findings],
+        }
+    )
+    out.line(f"{output}: {whole!r}")
+    out.findings(recording.findings)

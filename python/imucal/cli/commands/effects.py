@@ -1,0 +1,123 @@
+"""`imucal effects`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from imucal.cli import completion
+from imucal.cli.output import JsonPath, Output, require_apart
+
+if TYPE_CHECKING:
+    from imucal.effects.disturbance import Disturbance, DisturbanceParameter
+    from imucal.effects.effect import Effect, EffectParameter
+
+__all__ = ["NEEDS", "effects", "size"]
+
+NEEDS = {
+    "time": "counted from the first sample",
+    "temperature": "the column temp_degc, counted from 25 degC",
+    "angular_acceleration": "the derivative of the rate, as smooth as its motion allows (model.md (16))",
+    "attitude": "no correction knows it, so the effect stays in the data: it is no error of the sensor",
+    "stand": "the motors that turn the unit; a correction of the sensors passes the effect over",
+}
+
+
+def effects(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[NAME]",
+            help="Show all about this one.",
+            autocompletion=completion.effects_and_disturbances,
+        ),
+    ] = None,
+    markdown: Annotated[
+        Path | None, typer.Option("--markdown", metavar="PATH", help="Write the whole list as a page.")
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """List what a sensor may do beyond bias, scale and misalignment: the effects, noise and faults.
+
+    Example: imucal effects gyro_g_sensitivity
+    """
+    from imucal.cli.effects_page import page
+    from imucal.document.atomic import write_text
+    from imucal.effects.disturbance import disturbances
+    from imucal.effects.effect import catalogue, find
+
+    require_apart([], {"--markdown": markdown, "--json": json})
+    out = Output(json)
+    if markdown is not None:
+        write_text(markdown, page())
+    others = {row.name: row for row in disturbances()}
+    if name is None:
+        out.document({"effects": catalogue(), "noise_and_faults": disturbances()})
+        _list(out, catalogue(), disturbances())
+    elif name in others:
+        out.document(_plain(others[name]))
+        _show_disturbance(out, others[name])
+    else:
+        out.document(_plain(find(name)))
+        _show(out, find(name))
+
+
+def size(parameter: EffectParameter | DisturbanceParameter) -> str:
+    """The typical size with its unit."""
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    return f"{parameter.typical:.3g}{unit}"
+
+
+def _plain(row: Effect | Disturbance) -> dict[str, Any]:
+    from imucal.document.plain import plain
+
+    document: dict[str, Any] = plain(row)
+    return document
+
+
+def _list(out: Output, rows: tuple[Effect, ...], others: tuple[Disturbance, ...]) -> None:
+    out.line("effects: parameters of the plain form, formula; typical size of the first; what shows it")
+    for row in rows:
+        full = f" ({len(row.parameters)} in full)" if row.plain < len(row.parameters) else ""
+        first = row.parameters[0]
+        out.line(f"{row.name:<27} {row.sensor:<14} {row.plain}{full}, {row.formula}")
+        out.line(f"    {size(first)}; {row.observable}")
+    out.line("noise and faults: parameters; typical size; what shows it")
+    for other in others:
+        names = ", ".join(parameter.name for parameter in other.parameters)
+        out.line(f"{other.name:<27} {other.sensor:<14} {other.kind}: {names}")
+        out.line(f"    {size(other.parameters[0])}; {other.looks_for}")
+    out.line("`imucal effects NAME` shows all about one; docs/model.md (15) has the law")
+
+
+def _show(out: Output, row: Effect) -> None:
+    out.line(f"{row.name}: {row.formula}, on the {row.sensor}")
+    numbers = [(parameter.name, size(parameter)) for parameter in row.parameters]
+    if row.shape is not None:
+        numbers.append((f"{row.shape.name} (shape)", size(row.shape)))
+    out.table(["parameter", "typical"], numbers)
+    if row.plain < len(row.parameters):
+        out.line(f"the plain form has the first {row.plain}")
+    for need in row.needs:
+        out.line(f"depends on {need.replace('_', ' ')}: {NEEDS[need]}")
+    out.line(f"shown by {row.observable}")
+    for alias in row.aliases:
+        out.line(f"easily mistaken for {alias.name}; told apart by {alias.told_apart_by}")
+    temperature = " --temperature cycle:10:40:320" if "temperature" in row.needs else ""
+    out.line(f"to simulate it: imucal simulate random --effect {row.name}=typical{temperature} -o run.csv")
+    if row.sensor == "encoder":
+        out.line("it is of the stand and not of the unit: it is not estimated, and not taken away")
+        return
+    out.line(f"to estimate it: imucal calibrate run.csv --effect {row.name}")
+    if row.plain < len(row.parameters):
+        out.line(f"with all parameters: imucal calibrate run.csv --effect {row.name}:full")
+
+
+def _show_disturbance(out: Output, row: Disturbance) -> None:
+    what = "noise" if row.kind == "noise" else "a fault"
+    out.line(f"{row.name}: {what}, {row.sensor}")
+    out.table(["parameter", "typical"], [(parameter.name, size(parameter)) for parameter in row.parameters])
+    out.line(f"shown by {row.looks_for}")
+    out.line("it has no field: it is not estimated, and not taken away")

@@ -1,0 +1,74 @@
+"""`imucal evaluate`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from imucal.cli.decisions import show_rests_and_moves
+from imucal.cli.output import (
+    JsonPath,
+    LimitsPath,
+    MinRest,
+    Output,
+    ReportPath,
+    Verbose,
+    prepare_report,
+    require_apart,
+)
+from imucal.cli.reading import Files, Reading, reading_options
+from imucal.cli.working import working
+
+__all__ = ["evaluate"]
+
+
+@reading_options
+def evaluate(
+    calibration: Annotated[Path, typer.Argument(metavar="CAL.JSON", help="Calibration file.")],
+    recordings: Files,
+    reading: Reading,
+    min_rest_s: MinRest = 1.0,
+    limits: LimitsPath = None,
+    verbose: Verbose = False,
+    report: ReportPath = None,
+    json: JsonPath = None,
+) -> None:
+    """Judge a calibration on recordings of the same unit that the fit never saw.
+
+    Example: imucal evaluate unit-0042.json control.csv
+    """
+    import imucal
+
+    require_apart([calibration, *recordings, limits], {"--report": report, "--json": json})
+    prepare_report(report)
+    with working("reading"):
+        loaded = imucal.Calibration.load(calibration)
+        wanted = imucal.Limits.load(limits, user_effects=loaded.user_effects) if limits else None
+        judges = reading.each(recordings)
+    with working("judging"):
+        judged = imucal.evaluate(loaded, judges, min_rest_s=min_rest_s)
+    if wanted is not None:
+        judged = judged.judged_by(wanted, loaded)
+    if report is not None:
+        from imucal.report import write_evaluation_page
+
+        write_evaluation_page(report, judged, title=f"{calibration.name} judged")
+    out = Output(json)
+    out.document(judged.to_dict())
+    if verbose:
+        show_rests_and_moves(out, judged.rests, judged.moves)
+    out.line(f"{_judged(judged.rests, 'rests')}, {_judged(judged.moves, 'moves')}")
+    out.figures({"uncalibrated": judged.before, "calibrated": judged.figures})
+    out.findings(judged.findings)
+    out.judgement(judged.judgement, verbose)
+    out.verdict(judged.verdict, judged.reasons)
+
+
+def _judged(items: Sequence[Mapping[str, Any]], what: str) -> str:
+    from imucal.estimation.evaluate import used_of
+
+    all_used = all(item["excluded"] is None for item in items)
+    return f"{len(items)} {what}" if all_used else f"{used_of(items)} {what} judged"

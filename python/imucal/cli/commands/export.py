@@ -1,0 +1,133 @@
+"""`imucal export`."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imucal.cli.output import Control, JsonPath, MinRest, Output, require_apart
+from imucal.cli.reading import Reading, reading_options
+from imucal.cli.working import working
+from imucal.errors import InputError
+
+if TYPE_CHECKING:
+    from imucal.calibration.calibration import Calibration
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["export"]
+
+
+@reading_options
+def export(
+    reading: Reading,
+    calibration: Annotated[
+        Path | None, typer.Argument(metavar="CAL.JSON", help="Calibration file.", show_default=False)
+    ] = None,
+    to: Annotated[
+        str | None, typer.Option("--to", metavar="FORMAT", help="Format; --list shows them all.")
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write; else it is printed.")
+    ] = None,
+    control: Control = None,
+    noise: Annotated[
+        Path | None,
+        typer.Option("--noise", metavar="REC", help="A raw recording at rest, for formats about noise."),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            "--name",
+            metavar="PREFIX",
+            help="c-header, fusion: how the names start; two units in one program need two.",
+        ),
+    ] = None,
+    min_rest_s: MinRest = 1.0,
+    show_formats: Annotated[
+        bool, typer.Option("--list", help="List the formats, what they carry and what they lose.")
+    ] = False,
+    json: JsonPath = None,
+) -> None:
+    """Write a calibration for another program: firmware, autopilots, estimators, simulators.
+
+    What the format cannot carry is said, and with --control what that costs on a recording. It is said, too,
+    if the figures in the file are poor.
+
+    Example: imucal export unit-0042.json --to c-header -o calibration.h
+    """
+    import imucal
+    from imucal.estimation.evaluate import saved_reasons
+    from imucal.exporting import FORMATS, find_format
+
+    if show_formats:
+        out = Output(json)
+        fields = {name: name for name in ("name", "title", "suffix", "formula", "source", "units")}
+        fields |= {"carries": "includes", "loses": "omits"}
+        out.document(
+            {
+                "formats": [
+                    {field: getattr(form, name) for field, name in fields.items()}
+                    for form in FORMATS.values()
+                ]
+            }
+        )
+        for form in FORMATS.values():
+            out.line(f"{form.name}: {form.title} ({form.suffix})")
+            out.line(f"    includes {form.includes}")
+            out.line(f"    omits {form.omits}")
+        return
+    if calibration is None or to is None:
+        raise InputError("give a calibration file and --to FORMAT: `imucal export --list` shows the formats")
+    if output is None and json == "-":
+        raise InputError(
+            "--json - and the export would both go to standard output: give one a file (-o FILE)"
+        )
+    require_apart([calibration, *(control or ()), noise], {"--output": output, "--json": json})
+    form = find_format(to)
+    with working("reading"):
+        unit = imucal.Calibration.load(calibration)
+        poor = saved_reasons(unit)
+        judges = reading.each(control or [])
+        figures = None if noise is None else _noise(unit, reading, noise, min_rest_s)
+    with working("exporting"):
+        exported = imucal.export(unit, to, noise=figures, name=name)
+        residual = exported.residual(judges, min_rest_s=min_rest_s) if judges else None
+    if output is None:
+        print(exported.text, end="")
+    else:
+        exported.save(output)
+    out = Output(json)
+    out.document(
+        {
+            "format": form.name,
+            "output": None if output is None else str(output),
+            "formula": exported.form.formula,
+            "units": form.units,
+            "lost": exported.lost,
+            "poor": poor,
+            "control_set": None if residual is None else residual.to_dict(),
+        }
+    )
+    if output is not None:
+        out.line(f"{output}: {form.title}")
+    for reason in poor:
+        print(f"warning: this calibration is poor: {reason}", file=sys.stderr)
+    for loss in exported.lost:
+        print(f"not exported to {form.name}: {loss}", file=sys.stderr)
+    if residual is not None:
+        print(residual.summary(), file=sys.stderr)
+    elif judges:
+        print(
+            f"{form.name} corrects nothing: there is nothing to judge on the control recording",
+            file=sys.stderr,
+        )
+
+
+def _noise(unit: Calibration, reading: Reading, path: Path, min_rest_s: float) -> NoiseResult:
+    """The noise of a raw recording at rest, once it is corrected."""
+    import imucal
+
+    return imucal.noise(unit.apply_recording(reading.one([path])), min_rest_s=min_rest_s)

@@ -1,0 +1,146 @@
+"""`imucal gap`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imucal.cli import completion
+from imucal.cli.decisions import show_ranking
+from imucal.cli.output import (
+    NO_RESULT,
+    POOR_VERDICT,
+    Control,
+    ExcludeSaturated,
+    JsonPath,
+    MinRest,
+    Output,
+    ReportPath,
+    Verbose,
+    prepare_report,
+    require_apart,
+)
+from imucal.cli.reading import Files, Reading, reading_options
+from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    from imucal.gap.result import Gap
+
+__all__ = ["gap"]
+
+
+@reading_options
+def gap(
+    recordings: Files,
+    reading: Reading,
+    control: Control = None,
+    calibration: Annotated[
+        Path | None,
+        typer.Option("--calibration", metavar="CAL.JSON", help="The calibration to judge; else one is made."),
+    ] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", metavar="PATH", help="Improved calibration to write.")
+    ] = None,
+    gravity: Annotated[
+        float | None, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")
+    ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effect",
+            metavar="NAME",
+            help="Look for this effect only; may be given again.",
+            autocompletion=completion.effects,
+        ),
+    ] = None,
+    min_rest_s: MinRest = 1.0,
+    exclude_saturated: ExcludeSaturated = False,
+    explain: Annotated[
+        str | None,
+        typer.Option(
+            "--explain",
+            metavar="NAME",
+            help="Say what these recordings could show of this effect.",
+            autocompletion=completion.effects,
+        ),
+    ] = None,
+    next_program: Annotated[
+        Path | None,
+        typer.Option(
+            "--next",
+            metavar="PATH",
+            help="Program file to write of the motion that would decide, where the finding is ambiguous.",
+        ),
+    ] = None,
+    verbose: Verbose = False,
+    report: ReportPath = None,
+    json: JsonPath = None,
+) -> None:
+    """Find where measurement and model disagree, name the missing effect, and add it.
+
+    Example: imucal gap run.csv --control control.csv -o improved.json
+
+    Example: imucal gap run.csv --explain gyro_g_sensitivity
+    """
+    import imucal
+    from imucal.effects.effect import find
+
+    require_apart(
+        [*recordings, *(control or ()), calibration],
+        {"--output": output, "--next": next_program, "--report": report, "--json": json},
+    )
+    prepare_report(report)
+    if explain is not None:
+        find(explain)
+    with working("reading"):
+        unit_data = reading.each(recordings)
+        judges = reading.each(control or []) or None
+        judged = None if calibration is None else imucal.Calibration.load(calibration)
+    with working("looking for effects") as stage:
+        found = imucal.find_gap(
+            unit_data,
+            control=judges,
+            calibration=judged,
+            candidates=effect or None,
+            gravity_mps2=gravity,
+            min_rest_s=min_rest_s,
+            exclude_saturated=exclude_saturated,
+            stage=stage,
+        )
+    if output is not None and found.calibration is not None:
+        found.calibration.save(output)
+    if report is not None:
+        from imucal.report import write_gap_page
+
+        write_gap_page(report, found)
+    out = Output(json)
+    out.document(found.to_dict())
+    if verbose:
+        show_ranking(out, found.ranking)
+    for line in found.summary().splitlines():
+        out.line(line)
+    if explain is not None:
+        for line in found.explain(explain):
+            out.line(line)
+    if output is not None and found.calibration is not None:
+        out.line(f"calibration written to {output}")
+    if next_program is not None:
+        out.line(_write_next(found, next_program))
+    if found.verdict == "data_fault":
+        raise typer.Exit(NO_RESULT)
+    if found.verdict in ("unknown", "stochastic"):
+        raise typer.Exit(POOR_VERDICT)
+
+
+def _write_next(found: Gap, path: Path) -> str:
+    """Write the program of the motion that would decide; says what was done."""
+    from imucal.document.json_document import write_json
+
+    if found.next_motion is None:
+        return f"{path} is not written: the finding is {found.verdict}, and no motion has to decide"
+    write_json(found.next_motion["program"], path)
+    options = " ".join(["", *found.next_motion["simulate"]])
+    command = f"imucal simulate {path}{options} -o next.csv"
+    return f"program of the next motion written to {path}; it runs on a stand, and as {command}"

@@ -1,0 +1,228 @@
+"""`imucal limits`: a first limits file, and many units against one."""
+
+from __future__ import annotations
+
+import csv as csv_module
+import io
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+from imucal.cli.group import group
+from imucal.cli.output import NO_RESULT, JsonPath, Output, require_apart
+from imucal.cli.working import working
+from imucal.errors import ImucalError
+
+if TYPE_CHECKING:
+    from imucal.calibration.calibration import Calibration
+    from imucal.limits.judgement import Judgement
+
+__all__ = ["app"]
+
+SCHEMA: Final = "imucal.limits-check/1"
+
+app = group(
+    help="What a unit must keep: a first limits file from good units, and a day's units against one.",
+    no_args_is_help=True,
+    epilog="Example: imucal limits check limits.json unit-*.json --csv day.csv",
+)
+
+Calibrations = Annotated[
+    list[Path], typer.Argument(metavar="CAL.JSON...", help="Calibration files, one for each unit.")
+]
+
+
+@app.command()
+def template(
+    calibrations: Calibrations,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="PATH", help="Limits file to write.")],
+    deviations: Annotated[
+        float,
+        typer.Option(
+            "--deviations", help="Ranges are the mean +- this many standard deviations over the units."
+        ),
+    ] = 4.0,
+    json: JsonPath = None,
+) -> None:
+    """Write limits that units like these keep, to be edited.
+
+    Example: imucal limits template good-*.json -o limits.json
+    """
+    import imucal
+    from imucal.limits.template import limits_from
+
+    require_apart(calibrations, {"--output": output, "--json": json})
+    limits = limits_from([imucal.Calibration.load(path) for path in calibrations], deviations)
+    limits.save(output)
+    out = Output(json)
+    out.document(limits.to_dict())
+    # s of n normal values has itself a standard deviation of s / sqrt(2 (n - 1)).
+    doubt = 100 / (2 * (len(calibrations) - 1)) ** 0.5
+    out.line(f"{output}: {limits.description}; their spread is itself known to {doubt:.0f} %")
+
+
+@app.command()
+def check(
+    limits: Annotated[Path, typer.Argument(metavar="LIMITS.JSON", help="Limits file.")],
+    calibrations: Calibrations,
+    csv: Annotated[
+        Path | None, typer.Option("--csv", metavar="PATH", help="Also write the table as CSV.")
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Judge calibration files against limits, one line for each unit.
+
+    A file that cannot be read has the verdict no_result; the others are judged, and the exit code is 1.
+
+    Example: imucal limits check limits.json unit-*.json --csv day.csv
+    """
+    import imucal
+    from imucal.document.atomic import write_text
+    from imucal.document.json_document import now
+    from imucal.document.plain import plain
+
+    require_apart([limits, *calibrations], {"--csv": csv, "--json": json})
+    loaded: list[Calibration | ImucalError] = []
+    with working("reading", len(calibrations)) as stage:
+        for path in calibrations:
+            try:
+                loaded.append(imucal.Calibration.load(path))
+            except ImucalError as error:
+                loaded.append(error)
+            stage.step()
+        own = {
+            effect.name: effect
+            for unit in loaded
+            if not isinstance(unit, ImucalError)
+            for effect in unit.user_effects
+        }
+        wanted = imucal.Limits.load(limits, user_effects=tuple(own.values()))
+    judged = [None if isinstance(unit, ImucalError) else wanted.judge(unit) for unit in loaded]
+    rows = [_row(*unit) for unit in zip(calibrations, loaded, judged, strict=True)]
+    poor = sum(row["verdict"] == "poor" for row in rows)
+    unread = [row for row in rows if row["verdict"] == "no_result"]
+    verdict = "no_result" if unread else "poor" if poor else "good"
+    warnings = _warnings(rows)
+    if csv is not None:
+        write_text(csv, _csv_text(rows))
+    out = Output(json)
+    out.document(
+        {
+            "schema": SCHEMA,
+            "verdict": verdict,
+            "units": [
+                {
+                    **row,
+                    "judgement": None if judgement is None else judgement.to_dict(),
+                    "provenance": None if isinstance(unit, ImucalError) else plain(unit.provenance),
+                }
+                for row, unit, judgement in zip(rows, loaded, judged, strict=True)
+            ],
+            "warnings": warnings,
+            "imucal_version": imucal.__version__,
+            "date": now(),
+        }
+    )
+    out.table(
+        ("serial number", "verdict", "failed", "worst check", "value", "limit", "unit"),
+        [_shown(row, judgement) for row, judgement in zip(rows, judged, strict=True)],
+    )
+    for row in unread:
+        out.line(f"no result: {row['reasons'][0]}")
+    for warning in warnings:
+        out.line(f"warning: {warning}")
+    out.verdict(
+        verdict,
+        [
+            *([f"{len(unread)} of {len(rows)} files cannot be judged"] if unread else []),
+            *([f"{poor} of {len(rows)} units do not pass"] if poor else []),
+        ],
+    )
+    if unread:
+        raise typer.Exit(NO_RESULT)
+
+
+def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:
+    """One unit in the table of the day; without a judgement `unit` is what is wrong with the file."""
+    from imucal.estimation.evaluate import saved_reasons
+
+    row: dict[str, Any] = {
+        "serial_number": None,
+        "file": str(path),
+        "date": "",
+        "verdict": "no_result",
+        "checks": 0,
+        "failed": 0,
+        "warnings": 0,
+        "worst_check": "",
+        "value": None,
+        "min": None,
+        "max": None,
+        "unit": "",
+        "reasons": [str(unit)],
+    }
+    if isinstance(unit, ImucalError) or judgement is None:
+        return row
+    reasons = [*saved_reasons(unit), *judgement.reasons]
+    worst = judgement.by_use[0]
+    return row | {
+        "serial_number": unit.serial_number,
+        "date": unit.provenance.date,
+        "verdict": "poor" if reasons else "good",
+        "checks": len(judgement.checks),
+        "failed": len(judgement.failed),
+        "warnings": len(judgement.warnings),
+        "worst_check": worst.what,
+        "value": worst.value,
+        "min": worst.low,
+        "max": worst.high,
+        "unit": worst.unit,
+        "reasons": reasons,
+    }
+
+
+def _warnings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Files that are given twice, and serial numbers that stand in several."""
+    files = set()
+    units: dict[str, list[str]] = {}
+    warnings = []
+    for row in rows:
+        file = Path(row["file"]).absolute()
+        if file in files:
+            warnings.append(f"{row['file']} is given twice: it counts as two units")
+            continue
+        files.add(file)
+        if row["serial_number"]:
+            units.setdefault(row["serial_number"], []).append(row["file"])
+    for serial_number, names in units.items():
+        if len(names) > 1:
+            warnings.append(
+                f"the serial number {serial_number} stands in {' and '.join(names)}: they count as "
+                f"{len(names)} units"
+            )
+    return warnings
+
+
+def _shown(row: Mapping[str, Any], judgement: Judgement | None) -> list[str]:
+    if judgement is None:
+        return [row["file"], row["verdict"], *["-"] * 5]
+    worst = judgement.by_use[0]
+    return [
+        row["serial_number"] or row["file"],
+        row["verdict"],
+        str(row["failed"]),
+        worst.what,
+        worst.value_text,
+        worst.limit_text,
+        worst.unit,
+    ]
+
+
+def _csv_text(rows: Sequence[Mapping[str, Any]]) -> str:
+    text = io.StringIO()
+    writer = csv_module.DictWriter(text, rows[0], lineterminator="\n")
+    writer.writeheader()
+    writer.writerows({**row, "reasons": "; ".join(row["reasons"])} for row in rows)
+    return text.getvalue()

@@ -1,0 +1,260 @@
+"""`imucal simulate`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from imucal.cli import completion
+from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.working import working
+from imucal.errors import InputError
+
+__all__ = ["simulate"]
+
+# The panels of the help.
+MOTION = "Motion"
+UNIT = "Unit"
+PLACE = "Place and clock"
+
+# What a repeated run may be given: where things go.
+OUTPUTS = {"program", "output", "truth", "truth_samples", "save_unit", "json"}
+
+
+def simulate(
+    context: typer.Context,
+    program: Annotated[
+        str,
+        typer.Argument(
+            metavar="PROGRAM",
+            help="random or grid (the paper's programs on a stand), tumble (by hand), static, a program "
+            "file, or a truth file, whose run is repeated.",
+            autocompletion=completion.programs,
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    truth: Annotated[
+        Path | None, typer.Option("--truth", metavar="PATH", help="Where to write the truth, JSON.")
+    ] = None,
+    truth_samples: Annotated[
+        Path | None,
+        typer.Option(
+            "--truth-samples",
+            metavar="PATH",
+            help="Where to write the true force, rate, angular acceleration and attitude of every sample, "
+            ".csv or .parquet.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Of the noise, of the random program and of the tumble.")
+    ] = 1,
+    unit: Annotated[
+        str,
+        typer.Option(
+            "--unit",
+            metavar="NAME|FILE",
+            help="paper, ideal, bmi088, adis16460, icm42688p, mpu6050, lsm6dso; random:NAME:SEED for one "
+            "drawn from the spread of its datasheet; or a unit file.",
+            autocompletion=completion.units,
+            rich_help_panel=UNIT,
+        ),
+    ] = "paper",
+    save_unit: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-unit", metavar="PATH", help="Where to write the unit, as a file.", rich_help_panel=UNIT
+        ),
+    ] = None,
+    effect: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--effect",
+            metavar="NAME=VALUES",
+            help="An effect, noise or a fault, SI units: NAME=V for all its parameters, NAME=V,V,V one by "
+            "one, @SHAPE after it where it has one, or NAME=typical. Any number of times; `imucal effects` "
+            "lists them.",
+            autocompletion=completion.effects_to_simulate,
+            rich_help_panel=UNIT,
+        ),
+    ] = None,
+    temperature: Annotated[
+        str | None,
+        typer.Option(
+            "--temperature",
+            metavar="SPEC",
+            help="DEGC, warmup:START:END:TIME_CONSTANT_S, cycle:LOW:HIGH:DURATION_S, or a CSV file with the "
+            "columns time_s,temp_degc.",
+            rich_help_panel=UNIT,
+        ),
+    ] = None,
+    filter_hz: Annotated[
+        str | None,
+        typer.Option(
+            "--filter",
+            metavar="HZ",
+            help="Bandwidth of the low-pass filter before sampling, or datasheet.",
+            rich_help_panel=UNIT,
+        ),
+    ] = None,
+    averaging: Annotated[
+        bool,
+        typer.Option(
+            "--averaging", help="Samples are means over the sampling interval.", rich_help_panel=UNIT
+        ),
+    ] = False,
+    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Sample rate.", rich_help_panel=PLACE)] = 200.0,
+    clock_error: Annotated[
+        float,
+        typer.Option("--clock-error", help="By how much the clock is fast, relative.", rich_help_panel=PLACE),
+    ] = 0.0,
+    gravity: Annotated[
+        float | None,
+        typer.Option(
+            "--gravity",
+            metavar="MPS2",
+            help="Local gravity, m/s^2; if not said, that of --latitude, or 9.80665.",
+            rich_help_panel=PLACE,
+        ),
+    ] = None,
+    latitude: Annotated[
+        float | None,
+        typer.Option(
+            "--latitude",
+            metavar="DEG",
+            help="For gravity and the Earth's rate; without it the Earth does not turn.",
+            rich_help_panel=PLACE,
+        ),
+    ] = None,
+    height: Annotated[
+        float | None,
+        typer.Option(
+            "--height", metavar="M", help="Above the ellipsoid, with --latitude.", rich_help_panel=PLACE
+        ),
+    ] = None,
+    stand: Annotated[
+        str | None,
+        typer.Option(
+            "--stand",
+            metavar="FILE|cheap",
+            help="Errors of the stand: a stand file, cheap, or cheap:SEED for another one.",
+            rich_help_panel=MOTION,
+        ),
+    ] = None,
+    moves: Annotated[
+        int | None, typer.Option("--moves", help="Of the random program.", rich_help_panel=MOTION)
+    ] = None,
+    max_rate_dps: Annotated[
+        float | None,
+        typer.Option(
+            "--max-rate-dps",
+            help="Of each motor in the random program, mean over a turn.",
+            rich_help_panel=MOTION,
+        ),
+    ] = None,
+    step_deg: Annotated[
+        float | None, typer.Option("--step-deg", help="Of the grid.", rich_help_panel=MOTION)
+    ] = None,
+    poses: Annotated[
+        int | None, typer.Option("--poses", help="Of the tumble.", rich_help_panel=MOTION)
+    ] = None,
+    hold_s: Annotated[
+        float | None, typer.Option("--hold-s", help="Length of a rest.", rich_help_panel=MOTION)
+    ] = None,
+    move_s: Annotated[
+        float | None, typer.Option("--move-s", help="Length of a move.", rich_help_panel=MOTION)
+    ] = None,
+    tremor_deg: Annotated[
+        float | None,
+        typer.Option(
+            "--tremor-deg", help="Of the hand that tumbles, standard deviation.", rich_help_panel=MOTION
+        ),
+    ] = None,
+    translation_mm: Annotated[
+        float | None,
+        typer.Option(
+            "--translation-mm",
+            help="The poses of the tumble are in a cube of this edge.",
+            rich_help_panel=MOTION,
+        ),
+    ] = None,
+    duration_s: Annotated[
+        float | None, typer.Option("--duration-s", help="Of static.", rich_help_panel=MOTION)
+    ] = None,
+    json: JsonPath = None,
+) -> None:
+    """Simulate a unit: on a stand, turned by hand, or still.
+
+    Example: imucal simulate random --seed 7 -o run.csv --truth truth.json
+
+    Example: imucal simulate tumble --unit random:bmi088:3 --effect gyro_g_sensitivity=1e-4 -o run.csv
+    """
+    import imucal
+    from imucal.document.json_document import write_json
+    from imucal.effects.values import parse_effects
+    from imucal.rig.motion import motion_of
+    from imucal.simulation.truth import is_truth
+
+    require_apart(
+        [program, unit, stand, temperature],
+        {
+            "--output": output,
+            "--truth": truth,
+            "--truth-samples": truth_samples,
+            "--save-unit": save_unit,
+            "--json": json,
+        },
+    )
+    motion_options = {
+        "moves": moves,
+        "max_rate_dps": max_rate_dps,
+        "step_deg": step_deg,
+        "poses": poses,
+        "hold_s": hold_s,
+        "move_s": move_s,
+        "tremor_deg": tremor_deg,
+        "translation_mm": translation_mm,
+        "duration_s": duration_s,
+    }
+    with working("simulating"):
+        if is_truth(program):
+            _require_no_setup(context)
+            run = imucal.repeat(program)
+        else:
+            run = imucal.simulate(
+                motion_of(program, seed, {k: v for k, v in motion_options.items() if v is not None}),
+                seed=seed,
+                unit=unit,
+                effects=parse_effects(effect or ()),
+                stand=stand,
+                rate_hz=rate_hz,
+                gravity_mps2=gravity,
+                latitude_deg=latitude,
+                height_m=height,
+                temperature=temperature,
+                clock_rate_error=clock_error,
+                filter_hz=filter_hz,
+                averaging=averaging,
+            )
+    with working("writing"):
+        imucal.write(run.recording, output)
+        if truth_samples is not None:
+            run.truth.write_samples(truth_samples)
+    if truth is not None:
+        write_json(run.truth.to_dict(), truth)
+    if save_unit is not None:
+        run.truth.setup.unit.write(save_unit)
+    out = Output(json)
+    used = run.truth.setup.seed
+    out.document({"output": str(output), "samples": len(run.recording), "seed": used, **run.truth.to_dict()})
+    out.line(f"{output}: {run.recording!r}, {len(run.truth.rests)} rests")
+
+
+def _require_no_setup(context: typer.Context) -> None:
+    """Refuse options that a truth file answers itself."""
+    for parameter in context.command.params:
+        name = parameter.name or ""
+        source = context.get_parameter_source(name)
+        if name not in OUTPUTS and source is not None and source.name == "COMMANDLINE":
+            raise InputError(f"{parameter.opts[0]} is given, but a truth file has its own: leave it out")

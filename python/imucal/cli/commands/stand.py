@@ -1,0 +1,232 @@
+"""`imucal stand`: moving a stand and recording the unit on it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from imucal.cli import completion
+from imucal.cli.commands import stand_calibrate
+from imucal.cli.equipment import Equipment, equipment_options
+from imucal.cli.group import group
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, JsonPath, Output, require_apart
+from imucal.cli.working import working
+from imucal.errors import InputError
+
+if TYPE_CHECKING:
+    from imucal.stand.recorder import Done
+
+__all__ = ["app"]
+
+app = group(
+    help="Move a stand, record the unit on it, and calibrate.",
+    no_args_is_help=True,
+    epilog="Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv",
+)
+
+ProgramName = Annotated[
+    str,
+    typer.Argument(
+        metavar="PROGRAM",
+        help="random, grid or optimal, or a program file.",
+        autocompletion=completion.plans,
+    ),
+]
+Seed = Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")]
+
+
+@app.command()
+@equipment_options
+def run(
+    program: ProgramName,
+    equipment: Equipment,
+    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    target_sigma: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--target-sigma",
+            metavar="NAME=SIGMA",
+            help="End early when these parameters are expected to be known so well, SI units: "
+            "gyro_sensitivity_*=2e-4. Any number of times; all must be reached.",
+        ),
+    ] = None,
+    seed: Seed = 1,
+    force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT if it is there.")] = False,
+    json: JsonPath = None,
+) -> None:
+    """Take a stand through a program and record the unit on it.
+
+    All that arrives is kept at once in OUTPUT.journal; after a crash or a power cut `imucal stand recover`
+    makes the recording of it. Ends with 1 if the run broke off; what was recorded by then is written.
+
+    Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv
+
+    Example: imucal stand run grid --driver grbl --port /dev/ttyS0 --source /dev/ttyS1 --packet p -o run.csv
+    """
+    from imucal.stand.live import live_view, recoverable
+    from imucal.stand.programs import program_named
+    from imucal.stand.progress import parse_target
+    from imucal.stand.recorder import journal_of, record
+
+    require_apart(
+        [program, *equipment.files],
+        {"--output": output, "the journal": journal_of(output), "--json": json},
+    )
+    # Other outputs can be made again; what a unit sent cannot.
+    if output.exists() and not force:
+        raise InputError(f"{output} is there already: give another file, or --force to replace it")
+    targets = [parse_target(text) for text in target_sigma or ()]
+    wanted = program_named(program, seed)
+    with working("preparing the run"):
+        driver, source = equipment.open(wanted, seed)
+    about = {"program": program, "seed": seed, "driver": equipment.driver}
+    with recoverable(output), live_view(Path(program).name, says=equipment.driver == "manual") as watch:
+        done = record(
+            driver,
+            source,
+            output,
+            steps=len(wanted.steps),
+            about=about,
+            targets=targets,
+            watch=watch,
+        )
+    out = Output(json)
+    out.document(done.to_dict())
+    show_run(out, done)
+    if not done.good:
+        raise typer.Exit(NO_RESULT)
+    if any(event["code"] == "target_missed" for event in done.events):
+        raise typer.Exit(POOR_VERDICT)
+
+
+def show_run(out: Output, done: Done) -> None:
+    """How a run ended, in words."""
+    for event in done.events:
+        out.line(f"{event['code']}: {event['message']}" if event["message"] else event["code"])
+    prospect = done.prospect
+    counted = ", ".join(f"{what} {count}" for what, count in done.counts.items() if what != "samples")
+    out.line(
+        f"{done.output or 'nothing is written'}: {done.samples} samples, {prospect.rests} rests, "
+        f"{prospect.coverage:.0%} of all directions within 30 deg of one"
+        + (f"; {counted}" if counted else "")
+    )
+    out.line(f"run: {done.state} at step {done.step + 1} of {done.steps}")
+
+
+@app.command()
+def gcode(
+    program: ProgramName,
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="G-code file to write.")],
+    axes: Annotated[
+        str, typer.Option("--axes", help="Letters of the three motors, outer motor first.")
+    ] = "XYZ",
+    max_rate_dps: Annotated[
+        str,
+        typer.Option(
+            "--max-rate-dps", metavar="A[,B,C]", help="Of each motor: $110 to $112 of the controller over 60."
+        ),
+    ] = "360",
+    acceleration_dps2: Annotated[
+        str,
+        typer.Option(
+            "--acceleration-dps2", metavar="A[,B,C]", help="Of each motor: $120 to $122 of the controller."
+        ),
+    ] = "1000",
+    seed: Seed = 1,
+    json: JsonPath = None,
+) -> None:
+    """Write a program as G-code for GRBL 1.1, a degree for a millimetre, and say how long it takes.
+
+    Example: imucal stand gcode random -o run.nc --axes ABC
+    """
+    import numpy as np
+
+    from imucal.document.atomic import write_text
+    from imucal.stand.gcode import Axes, MotorLimits, blocks_of, duration_s, gcode as gcode_of, late
+    from imucal.stand.programs import program_named
+
+    require_apart([program], {"--output": output, "--json": json})
+    letters = Axes(axes.upper())
+    blocks = blocks_of(
+        program_named(program, seed), MotorLimits(_three(max_rate_dps), _three(acceleration_dps2))
+    )
+    write_text(output, gcode_of(blocks, letters, Path(program).name))
+    angles = np.array([block.angles_deg for block in blocks])
+    ranges = [[min(low, 0.0), max(high, 0.0)] for low, high in zip(angles.min(0), angles.max(0), strict=True)]
+    too_late = late(blocks)
+    out = Output(json)
+    out.document(
+        {
+            "output": str(output),
+            "steps": len(blocks),
+            "duration_s": duration_s(blocks),
+            "range_deg": ranges,
+            "late_steps": too_late,
+        }
+    )
+    if too_late:
+        longest_s = max(block.late_s for block in blocks)
+        print(
+            f"imucal: {len(too_late)} of {len(blocks)} moves take longer than the program says, up to "
+            f"{longest_s:.2f} s: the motors are not fast enough; the poses are the same",
+            file=sys.stderr,
+        )
+    turned = ", ".join(
+        f"{letter} {low:.0f} to {high:.0f} deg"
+        for letter, (low, high) in zip(letters.letters, ranges, strict=True)
+    )
+    out.line(f"{output}: {len(blocks)} steps, {duration_s(blocks):.1f} s; {turned}: mind the cables")
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    """One number for all motors, or three."""
+    try:
+        values = [float(part) for part in text.split(",")]
+    except ValueError:
+        values = []
+    if len(values) not in (1, 3):
+        raise InputError(
+            f"{text!r} is neither a number nor three, such as 360 or 90,180,360: give one of them"
+        )
+    x, y, z = values * 3 if len(values) == 1 else values
+    return (x, y, z)
+
+
+app.command()(stand_calibrate.calibrate)
+
+
+@app.command()
+def recover(
+    journal: Annotated[Path, typer.Argument(metavar="JOURNAL", help="Journal of a run that was broken off.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    json: JsonPath = None,
+) -> None:
+    """Make a recording of the journal of a run that crashed; the journal is kept.
+
+    Example: imucal stand recover broken-off.csv.journal -o recovered.csv
+    """
+    from imucal.stand.recovery import recover as recover_journal
+
+    require_apart([journal], {"--output": output, "--json": json})
+    logged = recover_journal(journal, output)
+    out = Output(json)
+    out.document(
+        {
+            "output": str(output),
+            "samples": len(logged.samples),
+            "positions": len(logged.positions),
+            "blocks_lost": logged.blocks_lost,
+            "tail_bytes": logged.tail_bytes,
+            "events": list(logged.events),
+            "header": dict(logged.header),
+        }
+    )
+    for event in logged.events:
+        out.line(f"{event['code']}: {event['message']}" if event["message"] else event["code"])
+    out.line(
+        f"{output}: {len(logged.samples)} samples; {logged.blocks_lost} blocks are damaged, "
+        f"{logged.tail_bytes} bytes at the end were being written"
+    )

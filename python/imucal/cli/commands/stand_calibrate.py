@@ -1,0 +1,160 @@
+"""`imucal stand calibrate`: one unit on the line, one command, one exit code."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from imucal.cli import completion
+from imucal.cli.equipment import Equipment, equipment_options
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output, require_apart
+
+if TYPE_CHECKING:
+    from imucal.rig.motion import Program
+    from imucal.stand.line import Outcome
+    from imucal.stand.recorder import Moment
+
+__all__ = ["calibrate"]
+
+EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
+# Seeds of control programs that nobody chose.
+SEEDS = 2**31
+CONTROL_MOVES = 20
+
+
+@equipment_options
+def calibrate(
+    equipment: Equipment,
+    folder: Annotated[
+        Path,
+        typer.Option("--output", "-o", metavar="FOLDER", help="Where each unit gets a folder."),
+    ],
+    program: Annotated[
+        str,
+        typer.Option(
+            "--program",
+            metavar="PROGRAM",
+            help="random or optimal, or a program file.",
+            autocompletion=completion.line_programs,
+        ),
+    ] = "random",
+    seed: Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")] = 1,
+    control_program: Annotated[
+        Path | None,
+        typer.Option(
+            "--control-program",
+            metavar="FILE",
+            help="Program file of the control run. If not given it is drawn: random turns, and for a program "
+            "file its own poses in another order along its own path.",
+        ),
+    ] = None,
+    control_seed: Annotated[
+        int | None,
+        typer.Option("--control-seed", help="Of the control program; drawn if not given, and in the result."),
+    ] = None,
+    serial_number: Annotated[
+        str | None, typer.Option("--serial-number", help="Of the unit; it names the folder.")
+    ] = None,
+    operator: Annotated[str, typer.Option("--operator", help="Who does it; kept in the calibration.")] = "",
+    limits: LimitsPath = None,
+    export: Annotated[
+        list[str] | None,
+        typer.Option("--export", metavar="FORMAT", help="Export for a unit that passes; may be given again."),
+    ] = None,
+    gravity: Gravity = 9.80665,
+    json: JsonPath = None,
+) -> None:
+    """Run, calibrate, run a control program, judge, and export: one unit.
+
+    Ends with 0 if the unit passes, with 2 if it fails, for the reasons that are named, and with 1 if there is
+    no result, or if a file of a unit that passes cannot be written.
+
+    Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
+    """
+    from imucal.limits.limits import Limits
+    from imucal.rig.motion import Program
+    from imucal.stand.line import Order, calibrate_unit
+    from imucal.stand.live import live_view, recoverable
+    from imucal.stand.programs import PROGRAMS, program_named
+
+    # The folder is not read, but a file must not be where it will be.
+    require_apart([program, control_program, limits, folder, *equipment.files], {"--json": json})
+    drawn_seed = secrets.randbelow(SEEDS) if control_seed is None else control_seed
+    control: dict[str, Any] = {}
+    if control_program is not None:
+        control = {"control": Program.read(control_program), "control_name": str(control_program)}
+    elif program in PROGRAMS:
+        control = {
+            "control": Program.random(seed=drawn_seed, moves=CONTROL_MOVES),
+            "control_name": "random",
+        }
+    order = Order(
+        program_named(program, seed),
+        program,
+        seed,
+        drawn_seed,
+        serial_number,
+        operator,
+        Limits.load(limits) if limits else None,
+        tuple(export or ()),
+        gravity,
+        driver=equipment.driver,
+        **control,
+    )
+    out = Output(json)
+    if equipment.driver == "simulated":
+        out.line("simulated: no stand moves and no unit is heard; for real ones give --driver grbl or manual")
+    for name, steps in order.programs.items():
+        out.line(f"{name}: {_turned(steps)}: mind the cables")
+
+    @contextmanager
+    def view(recording: Path) -> Iterator[Callable[[Moment], None] | None]:
+        says = equipment.driver == "manual"
+        with recoverable(recording), live_view(recording.stem, says=says) as watch:
+            yield watch
+
+    outcome = calibrate_unit(order, equipment.open, folder, view=view)
+    # The verdict first: the document may meet a full disk.
+    _show(out, outcome)
+    out.document(outcome.to_dict())
+    code = EXIT[outcome.verdict]
+    if code or outcome.not_written:
+        raise typer.Exit(code or NO_RESULT)
+
+
+def _turned(program: Program) -> str:
+    """How far a program turns each motor."""
+    from imucal.stand.programs import ranges_deg
+
+    return ", ".join(
+        f"motor {motor} {low:.1f} to {high:.1f} deg"
+        for motor, (low, high) in enumerate(ranges_deg(program), start=1)
+    )
+
+
+def _show(out: Output, outcome: Outcome) -> None:
+    """What a person at the line wants to know."""
+    result = outcome.assessment.result if outcome.assessment else None
+    if result is not None:
+        out.figures({"calibration set": result.calibration_set, "control set": result.control_set})
+        out.judgement(result.judgement, verbose=False)
+    for name, (path, written) in outcome.exports.items():
+        out.line(f"{path}: {written.form.title}")
+        for loss in written.lost:
+            out.line(f"not exported to {name}: {loss}")
+    for name, message in outcome.not_written.items():
+        out.line(f"{name} is not written: {message}")
+    for reason in outcome.reasons:
+        out.line(f"{reason.code}: {reason.message}")
+    order, names = outcome.order, dict.fromkeys(reason.code for reason in outcome.reasons)
+    out.line(
+        f"{outcome.folder}: program {order.program_name}, seed {order.seed}; control program, seed "
+        f"{order.control_seed}"
+    )
+    why = f" ({', '.join(names)})" if names else ""
+    out.line(f"unit {order.serial_number or '-'}: {outcome.verdict}{why}")

@@ -1,0 +1,1 @@
+"""JSON documents, whole files, and plain values."""

@@ -1,0 +1,143 @@
+"""Effects with numbers: as people give them, and in files.
+
+{"gyro_g_sensitivity": 1e-4}                                   all parameters alike
+{"gyro_bias_drift": [1e-6, 0, 0]}                              one by one, in the order of the catalogue
+{"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
+{"gyro_bias_warmup": "typical"}                                what ordinary MEMS sensors have
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imucal.document.json_document import Node
+from imucal.effects.disturbance import Disturbance, disturbances
+from imucal.effects.effect import (
+    Effect,
+    EffectValues,
+    UserEffect,
+    by_name,
+    catalogue,
+    check_values,
+    find,
+    not_known,
+)
+from imucal.errors import FormatError, InputError
+
+__all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]
+
+EffectInput: TypeAlias = ArrayLike | Mapping[str, Any] | EffectValues
+Definition: TypeAlias = Effect | UserEffect | Disturbance
+
+
+def give_effects(
+    effects: Mapping[str, EffectInput] | Iterable[EffectValues], user_effects: Sequence[UserEffect] = ()
+) -> tuple[EffectValues, ...]:
+    """Effects, noise and faults as people name them, with numbers that fit their definitions.
+
+    Raises InputError for a name that is not known and for numbers that do not fit it.
+    """
+    known = _definitions(user_effects)
+    if isinstance(effects, Mapping):
+        return tuple(_give(name, value, known) for name, value in effects.items())
+    return tuple(_give(effect.name, effect, known) for effect in effects)
+
+
+def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
+    """Names and numbers in NAME=V[,V...][@SHAPE] or NAME=typical, as commands have them."""
+    effects: dict[str, EffectInput] = {}
+    for text in texts:
+        name, given = _parse(text)
+        if name in effects:
+            raise InputError(f"--effect {name} is given twice: give it once, with all its numbers")
+        effects[name] = given
+    return effects
+
+
+def _parse(text: str) -> tuple[str, EffectInput]:
+    name, equals, numbers = text.partition("=")
+    way_out = "give NAME=VALUE, NAME=V,V,V, NAME=V,V,V@SHAPE or NAME=typical"
+    if not equals or not name.strip() or not numbers.strip():
+        raise InputError(f"--effect {text!r} has no name and numbers: {way_out}")
+    if numbers.strip() == "typical":
+        return name.strip(), "typical"
+    values, at, shape = numbers.partition("@")
+    try:
+        given: dict[str, Any] = {"values": [float(value) for value in values.split(",")]}
+        if at:
+            given["shape"] = float(shape)
+    except ValueError as error:
+        raise InputError(f"--effect {text!r}: {error}: {way_out}") from None
+    if len(given["values"]) == 1:
+        given["values"] = given["values"][0]
+    return name.strip(), given
+
+
+def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
+    """Effects with numbers, as files have them."""
+    return [{"name": effect.name, "values": effect.values, "shape": effect.shape} for effect in effects]
+
+
+def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
+    """The effects in a list of a file, of the catalogue or the user's own; FormatError names a wrong one."""
+    own = by_name(user_effects)
+    effects = []
+    for item in node.items():
+        values, shape = item.get("values"), item.mapping().get("shape")
+        numbers = values.array(len(values.items()))
+        name = item.get("name").text()
+        try:
+            effect = EffectValues(name, numbers, None if shape is None else item.get("shape").number())
+            check_values(own.get(name) or find(name), effect)
+        except InputError as error:
+            raise FormatError(f"{item.file}: {item.path}: {error}") from None
+        effects.append(effect)
+    return tuple(effects)
+
+
+def _definitions(user_effects: Sequence[UserEffect]) -> dict[str, Definition]:
+    """All that a name may mean; a user's effect has a name of its own."""
+    known: dict[str, Definition] = {row.name: row for row in catalogue()}
+    known.update((row.name, row) for row in disturbances())
+    return known | by_name(user_effects)
+
+
+def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> EffectValues:
+    if name not in known:
+        raise not_known(name, known)
+    definition = known[name]
+    # A fault has one form and no shape.
+    plain = len(definition.parameters) if isinstance(definition, Disturbance) else definition.plain
+    needed = None if isinstance(definition, Disturbance) else definition.shape
+    shape: Any = None
+    values: Any = given
+    if isinstance(given, EffectValues):
+        values, shape = given.values, given.shape
+    elif isinstance(given, Mapping):
+        unknown = sorted(given.keys() - {"values", "shape"})
+        if unknown or "values" not in given:
+            raise InputError(f"{name} is given as {dict(given)}: give values, and shape where it has one")
+        values, shape = given["values"], given.get("shape")
+    if isinstance(values, str):
+        if values != "typical":
+            raise InputError(f"{name} is given as {values!r}: give numbers, or typical")
+        values = [parameter.typical for parameter in definition.parameters[:plain]]
+    if np.ndim(values) == 0:
+        values = np.full(plain, values)
+    if shape is None and needed is not None:
+        shape = needed.typical
+    found = EffectValues(name, values, None if shape is None else float(shape))
+    if isinstance(definition, Disturbance):
+        if len(found.values) != plain or shape is not None:
+            raise InputError(
+                f"{name} has {plain} numbers and no shape: {len(found.values)} numbers"
+                + (f" and the shape {shape}" if shape is not None else "")
+                + f" were given: give {', '.join(p.name for p in definition.parameters)}"
+            )
+    else:
+        check_values(definition, found)
+    return found

@@ -1,0 +1,299 @@
+"""Judging a calibration on recordings that it was not made of."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from imucal.calibration.calibration import Calibration, Provenance, Triad
+from imucal.calibration.correction import empty_samples
+from imucal.document.json_document import now
+from imucal.document.plain import plain, without_nan
+from imucal.errors import InputError
+from imucal.finding import Finding
+from imucal.limits.judgement import Judgement
+from imucal.recording.one_unit import require_different
+from imucal.recording.recording import Recording, as_recordings
+
+if TYPE_CHECKING:
+    from imucal.limits.limits import Limits
+
+__all__ = ["Evaluation", "evaluate"]
+
+SCHEMA: Final = "imucal.evaluation/1"
+MIN_REST_S: Final = 1.0
+
+# Residuals ten times what noise explains: then something else than noise rules the result.
+POOR_CHI2_PER_DOF: Final = 100.0
+
+CARRIED: Final = ("time_s", "measured", "uncalibrated", "calibrated")
+
+FIGURE_TEXT: Final = {
+    "gravity_norm_rms_mps2": ("|f| - g", "m/s^2 rms"),
+    "gravity_direction_rms_deg": ("gravity direction per move", "deg rms"),
+    "chi2_per_dof": ("chi2 per degree of freedom", ""),
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation:
+    """A calibration judged on recordings.
+
+    figures    chi2_per_dof, gravity_norm_rms_mps2, gravity_direction_rms_deg
+    before     the same of the unit as it comes, with its nominal sensitivity
+    rests, moves   one mapping for each; `excluded` says why one takes no part
+    carried    for each recording: time_s (K,) of the rests, and gravity there in m/s^2, (K, 3) each:
+               measured, uncalibrated and calibrated (carried from the first rest by the gyroscope)
+    findings   warnings about the recordings
+    reasons    why the verdict is poor; empty for a good one
+    judgement  the checks of the calibration and these figures against limits, if it was judged by any
+    serial_number, provenance   of the calibration
+    recordings   for each, its name and `files`: path and sha256 of what it was read from
+    date       when it was judged, ISO 8601, UTC
+    """
+
+    figures: Mapping[str, Any]
+    before: Mapping[str, Any]
+    rests: tuple[Mapping[str, Any], ...]
+    moves: tuple[Mapping[str, Any], ...]
+    carried: tuple[Mapping[str, Any], ...]
+    findings: tuple[Finding, ...]
+    reasons: tuple[str, ...]
+    judgement: Judgement | None = None
+    serial_number: str | None = None
+    provenance: Provenance = field(default_factory=Provenance)
+    recordings: tuple[Mapping[str, Any], ...] = ()
+    date: str = ""
+
+    @property
+    def verdict(self) -> str:
+        """`good` or `poor`."""
+        return "poor" if self.reasons else "good"
+
+    def judged_by(self, limits: Limits, calibration: Calibration) -> Evaluation:
+        """The same with the checks of `calibration` against limits, these figures being its control set.
+
+        A limit that is not kept makes the verdict poor.
+        """
+        judgement = limits.judge(calibration, control_set=self.figures)
+        return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
+
+    def __repr__(self) -> str:
+        used = f"{used_of(self.rests)} rests and {used_of(self.moves)} moves judged"
+        return f"Evaluation({self.verdict}: {used}; {figures_text(self.figures) or 'no figures'})"
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_evaluation
+
+        return of_evaluation(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal evaluate --json`."""
+        from imucal import _core
+
+        return {
+            "schema": SCHEMA,
+            "serial_number": self.serial_number,
+            "verdict": self.verdict,
+            "reasons": list(self.reasons),
+            "control_set": {"before": without_nan(self.before), "after": without_nan(self.figures)},
+            "rests": without_nan(self.rests),
+            "moves": without_nan(self.moves),
+            "carried": without_nan(self.carried),
+            "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "judgement": None if self.judgement is None else self.judgement.to_dict(),
+            "recordings": plain(self.recordings),
+            "imucal_version": str(_core.__version__),
+            "date": self.date,
+            "provenance": plain(self.provenance),
+        }
+
+
+def evaluate(
+    calibration: Calibration,
+    recordings: Recording | Sequence[Recording],
+    *,
+    min_rest_s: float = MIN_REST_S,
+) -> Evaluation:
+    """Judge `calibration` on recordings of the same unit that it was not made of.
+
+    Raises InputError for recordings with faults or of other raw units, and for what is no Calibration or no
+    Recording; NotEnoughMotionError without any rest.
+    """
+    from imucal import _core
+
+    require_calibration(calibration)
+    judges = as_recordings(recordings)
+    if not judges:
+        raise InputError("there is no recording to judge on: give at least one")
+    require_different(judges)
+    for recording in judges:
+        calibration.require_raw_units(recording)
+    uncalibrated = as_it_comes(calibration)
+    gravity = calibration.gravity_mps2
+    corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
+    before = _core.evaluate(uncalibrated, uncalibrated.gyroscope, judges, None, gravity, min_rest_s)
+    outcome = _core.evaluate(
+        calibration.without_user_effects(), uncalibrated.gyroscope, judges, corrected, gravity, min_rest_s
+    )
+    figures = outcome.figures
+    return Evaluation(
+        figures=figures,
+        before=before.figures,
+        rests=tuple(outcome.rests),
+        moves=tuple(outcome.moves),
+        carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
+        findings=(
+            *(f for r in judges for f in r.findings),
+            *outcome.findings,
+            *_seen_by_the_fit(calibration, judges),
+        ),
+        reasons=tuple(poor_figures("control set", figures, _not_corrected(calibration, judges, corrected))),
+        serial_number=calibration.serial_number,
+        provenance=calibration.provenance,
+        recordings=tuple({"name": judge.name, "files": judge.sources} for judge in judges),
+        date=now(),
+    )
+
+
+def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Files that the calibration was made of, whatever they are called now."""
+    made_of = {source.sha256 for source in calibration.provenance.files}
+    for recording in recordings:
+        seen = sum(source.sha256 in made_of for source in recording.sources)
+        if seen:
+            yield Finding(
+                "seen_by_the_fit",
+                "warning",
+                recording.name,
+                (),
+                None,
+                seen,
+                float(seen),
+                "files",
+                "this calibration was made of the same file: unless of another part of it, it says nothing "
+                "about new data",
+                "judge on another recording of the unit",
+            )
+
+
+def _not_corrected(
+    calibration: Calibration, recordings: Sequence[Recording], corrected: Sequence[Recording] | None
+) -> str:
+    """Which samples have no correction, and why; empty if all that were measured have one."""
+    said = []
+    for recording, result in zip(recordings, corrected or (), strict=False):
+        lost = np.flatnonzero(empty_samples(recording, result)[1])
+        if not len(lost):
+            continue
+        first, temperature = lost[0], recording.temperature_degc
+        why = "the effects are too large there to be undone: estimate them again, or leave them out"
+        if temperature is not None and not np.isfinite(temperature[first]):
+            why = "temp_degc is not a number there: repair it, or leave the effects of temperature out"
+        said.append(
+            f"no correction for {len(lost)} of {len(recording)} samples of {recording.name}, the first one "
+            f"{first} at {recording.time_s[first]:.2f} s: {why}"
+        )
+    return "; ".join(said)
+
+
+def require_calibration(given: Calibration) -> None:
+    """Refuse what is no Calibration, with InputError and the way out."""
+    if isinstance(given, Calibration):
+        return
+    if isinstance(given, (str, os.PathLike)):
+        path = os.fspath(given)
+        raise InputError(
+            f"{path!r} is the path of a file: give a Calibration, imucal.Calibration.load({path!r})"
+        )
+    hint = "imucal.calibrate makes one, imucal.Calibration.load reads one"
+    if isinstance(given, Recording):
+        hint = "give the calibration first and the recordings after it"
+    elif isinstance(getattr(given, "calibration", None), Calibration):
+        hint = "give its `calibration`"
+    raise InputError(f"a {type(given).__name__} is given where a Calibration is needed: {hint}")
+
+
+def as_it_comes(calibration: Calibration) -> Calibration:
+    """The unit without a calibration, for comparison.
+
+    In SI units its numbers are taken as they are. Counts need one sensitivity and one zero point at
+    least: the mean ones of the three axes.
+    """
+
+    def nominal(triad: Triad, counts: bool) -> Triad:
+        if not counts:
+            return Triad(np.eye(3), np.zeros(3))
+        scale = np.cbrt(np.abs(np.linalg.det(triad.sensitivity)))
+        return Triad(scale * np.eye(3), np.full(3, triad.bias.mean()))
+
+    return replace(
+        calibration,
+        accelerometer=nominal(calibration.accelerometer, calibration.accel_unit == "lsb"),
+        gyroscope=nominal(calibration.gyroscope, calibration.gyro_unit == "lsb"),
+        effects=(),
+        user_effects=(),
+    )
+
+
+def poor_figures(name: str, figures: Mapping[str, Any], not_corrected: str = "") -> list[str]:
+    """Why these figures make a verdict poor; empty if they do not.
+
+    not_corrected  which samples have no correction, and why, if that is known
+    """
+    if not figures["moves"]:
+        return [
+            f"{name}: {figures['rests']} usable rests and no usable move: the gyroscope is not judged, "
+            "record rests in different poses with moves between them"
+        ]
+    chi2 = figures["chi2_per_dof"]
+    if chi2 is None:
+        why = not_corrected or "some of its samples have no correction"
+        return [f"{name}: chi2 per degree of freedom has no value, nothing is judged: {why}"]
+    if chi2 <= POOR_CHI2_PER_DOF:
+        return []
+    other = (
+        ", or the calibration is another unit's, or the recording is in wrong units"
+        if name == "control set"
+        else ""
+    )
+    return [
+        f"{name}: residuals are {chi2**0.5:.3g} times what noise explains (more than "
+        f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion{other}"
+    ]
+
+
+def saved_reasons(calibration: Calibration) -> list[str]:
+    """Why the figures that a calibration file keeps make it poor; empty if they do not."""
+    needed = ("rests", "moves", "chi2_per_dof")
+    # Files hold figures as they were written, by whatever program.
+    return [
+        reason
+        for name, figures in (
+            ("calibration set", calibration.calibration_set),
+            ("control set", calibration.control_set),
+        )
+        if figures is not None
+        and all(name in figures and isinstance(figures[name], (int, float, type(None))) for name in needed)
+        for reason in poor_figures(name, figures)
+    ]
+
+
+def used_of(items: Sequence[Mapping[str, Any]]) -> str:
+    """How many rests or moves are used, of how many."""
+    return f"{sum(item['excluded'] is None for item in items)} of {len(items)}"
+
+
+def figures_text(figures: Mapping[str, Any]) -> str:
+    """Figures in words, with their units."""
+    parts = [
+        f"{words} {figures[name]:.4g} {unit}".rstrip()
+        for name, (words, unit) in FIGURE_TEXT.items()
+        if figures.get(name) is not None
+    ]
+    return ", ".join(parts)

@@ -1,0 +1,137 @@
+"""What a recording is, what is wrong with it, and what it can determine."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from imucal.calibration.calibration import Calibration, Triad
+from imucal.document.plain import without_nan
+from imucal.errors import ImucalError
+from imucal.estimation.calibrate import calibrate
+from imucal.estimation.evaluate import MIN_REST_S
+from imucal.estimation.options import Options
+from imucal.finding import Finding
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording, as_recording
+
+__all__ = ["Inspection", "inspect"]
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """One recording, inspected.
+
+    findings      everything the checks found; those of severity "error" stop a calibration
+    rests         one mapping for each rest, in order of time
+    threshold     how the rests were found: the threshold chosen and why; None without samples
+    explanation   why that threshold, or why there is no rest
+    missing       what this recording alone does not determine, and what to add; None if nothing is missing
+    predicted_sigma   name, standard deviation and unit of each of the 21 parameters, before any fit, if the
+                      model describes the unit: noise is that of the rests, the sensors are nominal. The
+                      standard deviation of a parameter that is not determined is None
+    """
+
+    name: str
+    samples: int
+    duration_s: float
+    rate_hz: float
+    accel_unit: str
+    gyro_unit: str
+    findings: tuple[Finding, ...]
+    rests: tuple[Mapping[str, Any], ...]
+    threshold: Mapping[str, Any] | None
+    explanation: str
+    missing: str | None
+    predicted_sigma: tuple[Mapping[str, Any], ...]
+
+    @property
+    def usable(self) -> bool:
+        """Whether a calibration would take this recording."""
+        return all(finding.severity != "error" for finding in self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """One item of the document of `imucal inspect --json`."""
+        document: dict[str, Any] = without_nan(self)
+        return {**document, "usable": self.usable}
+
+
+def inspect(
+    recording: Recording,
+    *,
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+    min_rest_s: float = MIN_REST_S,
+) -> Inspection:
+    """Check a recording, find its rests, and say what they determine; faults are findings, not errors."""
+    from imucal import _core
+
+    as_recording(recording)
+    seen = _core.inspect(recording, gravity_mps2, min_rest_s)
+    missing = _missing(recording, gravity_mps2, min_rest_s)
+    return Inspection(
+        name=recording.name,
+        samples=len(recording),
+        duration_s=recording.duration_s,
+        rate_hz=recording.rate_hz,
+        accel_unit=recording.accel_unit,
+        gyro_unit=recording.gyro_unit,
+        findings=(*recording.findings, *seen.findings),
+        rests=tuple({"start_s": start, "end_s": end} for start, end in seen.rests),
+        threshold=seen.threshold,
+        explanation=seen.explanation,
+        missing=missing,
+        predicted_sigma=_predicted(recording, gravity_mps2, min_rest_s, _not_determined(missing or "")),
+    )
+
+
+def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> str | None:
+    """Whether a calibration succeeds is the one sure test of what a recording determines."""
+    try:
+        # Faults are findings already; here only what the rest of the data determines is asked for.
+        calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
+    except ImucalError as error:
+        return str(error)
+    return None
+
+
+def _not_determined(missing: str) -> set[str]:
+    """Names of the parameters in the words of a refusal: the accelerometer's bias x, misalignment xy."""
+    names = set()
+    for sensor, listed in re.findall(r"not determine the (accel|gyro)\w*'s ([^:]*)", missing):
+        for kind, axes in re.findall(r"(bias|scale|misalignment) ([xyz]+)\b", listed):
+            name = f"bias_{axes}" if kind == "bias" else f"sensitivity_{axes if len(axes) == 2 else 2 * axes}"
+            names.add(f"{sensor}_{name}")
+    return names
+
+
+def _predicted(
+    recording: Recording, gravity_mps2: float, min_rest_s: float, not_determined: set[str]
+) -> tuple[Mapping[str, str | float | None], ...]:
+    """The standard deviations that a calibration will have; none at all for a recording with faults.
+
+    What a calibration refuses to estimate has none, though theory determine it: a start may be missing.
+    """
+    from imucal import _core
+
+    options = Options(gravity_mps2, "symmetric", min_rest_s, True, None, None)
+    try:
+        prospect = _core.prospect([recording], options)
+    except ImucalError:
+        return ()
+    nominal = Calibration(
+        Triad(np.eye(3), np.zeros(3)),
+        Triad(np.eye(3), np.zeros(3)),
+        accel_unit=recording.accel_unit,
+        gyro_unit=recording.gyro_unit,
+    )
+    return tuple(
+        {
+            "name": parameter.name,
+            "std": None if parameter.name in not_determined else std,
+            "unit": parameter.unit,
+        }
+        for parameter, std in zip(nominal.parameters, prospect.predicted_sigma, strict=True)
+    )

@@ -1,0 +1,87 @@
+"""What the compiled library is told to estimate, and how."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Frame
+from imucal.effects.effect import UserEffect, find
+from imucal.errors import InputError
+from imucal.rig.unit import Unit, unit_of
+
+__all__ = ["Options", "UserField", "Wander", "asked_for", "wander_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class UserField:
+    """A user's effect as the library takes it: its field, (N, 3, p), at each sample of each recording."""
+
+    name: str
+    sensor: str
+    typical: tuple[float, ...]
+    columns: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True)
+class Options:
+    """What the library is told; it reads the fields by name."""
+
+    gravity_mps2: float
+    frame: Frame
+    min_rest_s: float
+    exclude_saturated: bool
+    accel_nominal: float | None
+    gyro_nominal: float | None
+    effects: tuple[tuple[str, bool], ...] = ()
+    user_fields: tuple[UserField, ...] = ()
+    joint: bool = True
+    wander: tuple[Wander, Wander] | None = None
+    folds: int | None = None
+    partly: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Wander:
+    """How the biases of a sensor wander as the library takes it, x, y and z, SI units."""
+
+    bias_instability: tuple[float, ...]
+    random_walk: tuple[float, ...]
+
+
+def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wander] | None:
+    """How the biases of the accelerometer and of the gyroscope wander, None if that is not known."""
+    if unit is None:
+        return None
+    profile = unit_of(unit)
+    of = [
+        Wander((sensor.bias_instability,) * 3, tuple(map(float, sensor.random_walk)))
+        for sensor in (profile.accelerometer, profile.gyroscope)
+    ]
+    still = not any(value for wander in of for value in (*wander.bias_instability, *wander.random_walk))
+    return None if still else (of[0], of[1])
+
+
+def asked_for(
+    effects: Sequence[str | UserEffect],
+) -> tuple[tuple[tuple[str, bool], ...], tuple[str, ...], tuple[UserEffect, ...]]:
+    """Names of the catalogue and whether the full form is meant, those in part, and effects of one's own."""
+    if isinstance(effects, str):
+        raise InputError(f"effects is the string {effects!r}: give a list of names")
+    wanted, partly = [], []
+    for effect in effects:
+        if isinstance(effect, UserEffect):
+            continue
+        if not isinstance(effect, str):
+            raise InputError(f"{effect!r} is no effect: give names of the catalogue, or imucal.UserEffect")
+        name, colon, form = effect.partition(":")
+        row = find(name)
+        forms = ["full", "seen"] if row.plain < len(row.parameters) else ["seen"]
+        if colon and form not in forms:
+            others = " or ".join(f"{name}:{form}" for form in forms)
+            raise InputError(f"{effect!r} is no form of {name}: give {name}, {others}")
+        wanted.append((name, form == "full"))
+        partly += [name] if form == "seen" else []
+    return tuple(wanted), tuple(partly), tuple(effect for effect in effects if isinstance(effect, UserEffect))

@@ -1,0 +1,181 @@
+"""Export of calibrations to other programs: firmware, autopilots, estimators and simulators.
+
+    exported = imucal.export(calibration, "px4")
+    exported.save("unit-0042.params")
+    exported.lost                      # parts of the calibration that the format cannot represent
+    exported.residual(control)         # the errors that this causes on a control recording
+
+The header of every file states the correction formula with its direction, the units, and the parts of the
+calibration that the file does not contain.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from imucal.calibration.calibration import Calibration
+from imucal.document.atomic import write_text
+from imucal.document.plain import without_nan
+from imucal.errors import InputError
+from imucal.estimation.evaluate import MIN_REST_S, Evaluation, evaluate, figures_text
+from imucal.exporting.ardupilot import ARDUPILOT
+from imucal.exporting.basalt import BASALT
+from imucal.exporting.c_header import C_HEADER
+from imucal.exporting.format import Format, header, require_si
+from imucal.exporting.fusion import FUSION
+from imucal.exporting.gazebo import GAZEBO
+from imucal.exporting.kalibr import KALIBR, KALIBR_IMU
+from imucal.exporting.matlab import MATLAB
+from imucal.exporting.px4 import PX4
+from imucal.exporting.realsense import REALSENSE
+from imucal.exporting.ros import ROS
+from imucal.exporting.rust import RUST
+from imucal.recording.recording import Recording
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["FORMATS", "Export", "Format", "Residual", "export", "find_format", "formats_markdown"]
+
+FORMATS: Final[dict[str, Format]] = {
+    form.name: form
+    for form in (
+        C_HEADER,
+        RUST,
+        MATLAB,
+        KALIBR,
+        KALIBR_IMU,
+        BASALT,
+        ROS,
+        PX4,
+        ARDUPILOT,
+        FUSION,
+        REALSENSE,
+        GAZEBO,
+    )
+}
+
+# Figures of an evaluation by which the exported model is compared with the whole calibration.
+COST: Final = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
+
+
+@dataclass(frozen=True, eq=False)
+class Residual:
+    """A control recording evaluated with the whole calibration and with the exported part of it.
+
+    full        evaluation of the whole calibration
+    exported    evaluation of `Export.same_as`, the model that the other program applies
+    """
+
+    full: Evaluation
+    exported: Evaluation
+
+    def to_dict(self) -> dict[str, Any]:
+        """The rms errors of the gravity direction per move, deg, and of |f|, m/s^2, for both evaluations."""
+        return {
+            name: {figure: without_nan(judged.figures[figure]) for figure in COST}
+            for name, judged in (("full", self.full), ("exported", self.exported))
+        }
+
+    def summary(self) -> str:
+        """The figures of `to_dict` as two lines of text."""
+        return "\n".join(
+            f"control set, {name}: " + figures_text({figure: judged.figures[figure] for figure in COST})
+            for name, judged in (("whole calibration", self.full), ("as exported", self.exported))
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Export:
+    """A calibration written in the format of another program.
+
+    form          the format
+    text          contents of the file
+    lost          description of each part of the calibration that the file does not contain
+    same_as       calibration equivalent to the correction that the other program computes from the file; None
+                  if the format describes noise and corrects nothing
+    calibration   the exported calibration
+    """
+
+    form: Format
+    text: str
+    lost: tuple[str, ...]
+    same_as: Calibration | None
+    calibration: Calibration
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the file atomically. Raises InputError if it cannot be written."""
+        write_text(path, self.text)
+
+    def residual(
+        self, control: Recording | Sequence[Recording], *, min_rest_s: float = MIN_REST_S
+    ) -> Residual | None:
+        """Evaluate the whole calibration and its exported part on control recordings of the same unit.
+
+        min_rest_s   shortest rest, s, that the rest detection accepts
+
+        Returns None if the format corrects nothing. Raises the errors of `imucal.evaluate`.
+        """
+        if self.same_as is None:
+            return None
+        return Residual(
+            evaluate(self.calibration, control, min_rest_s=min_rest_s),
+            evaluate(self.same_as, control, min_rest_s=min_rest_s),
+        )
+
+
+def export(
+    calibration: Calibration, format: str, *, noise: NoiseResult | None = None, name: str | None = None
+) -> Export:
+    """Write the calibration in `format`, which is a name of `FORMATS`.
+
+    noise   noise figures of a recording at rest, corrected by this calibration; required by kalibr-imu and
+            gazebo, ignored by the other formats
+    name    prefix of all C names in the formats c-header (default "imucal") and fusion (default: no prefix).
+            Two units in one program need two prefixes.
+
+    Raises InputError for an unknown format, for a calibration of raw counts if the other program only
+    corrects SI units, for left-handed sensor axes or a large rotation between the sensors if the format
+    cannot represent them, for missing noise figures, and for a `name` that is not a C identifier or that the
+    format does not use.
+    """
+    form = find_format(format)
+    if name is not None:
+        if form.named is None:
+            raise InputError(f"{form.name} files contain no names with a prefix: remove --name")
+        form = form.named(name)
+    require_si(calibration, form)
+    if form.needs_noise and noise is None:
+        raise InputError(
+            f"{form.name} needs noise figures, which a calibration does not contain: give a recording of the "
+            "unit at rest (--noise REC)"
+        )
+    written = form.write(calibration, noise)
+    return Export(
+        form,
+        form.layout(header(calibration, form, written), written.body),
+        written.lost,
+        written.same_as,
+        calibration,
+    )
+
+
+def find_format(name: str) -> Format:
+    """The format of this name. Raises InputError, listing all names, if there is none."""
+    if name not in FORMATS:
+        raise InputError(f"there is no format {name!r}: give one of {', '.join(FORMATS)}")
+    return FORMATS[name]
+
+
+def formats_markdown() -> str:
+    """The table of all formats for docs/export.md, as Markdown."""
+    rows = [
+        f"| `{form.name}` | {form.title} (`{form.suffix}`) | {form.includes} | {form.omits} | "
+        f"{'yes' if form.takes_counts else 'no'} | {form.source} |"
+        for form in FORMATS.values()
+    ]
+    heads = ("`--to`", "file", "includes", "omits", "raw counts", "source of the formula")
+    return "\n".join([f"| {' | '.join(heads)} |", "|---" * len(heads) + "|", *rows])

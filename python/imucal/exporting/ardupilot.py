@@ -1,0 +1,104 @@
+"""ArduPilot: the parameters INS_ACCOFFS, INS_ACCSCAL, INS_GYROFFS and INS_TCAL1.
+
+    accel = (raw - p(T) + p(CALTEMP) - ACCOFFS) * ACCSCAL     for each axis
+    gyro  =  raw - p(T) + p(CALTEMP) - GYROFFS
+    p(T)  = (c1 + (c2 + c3 x) x) x 1e-6,  x = T - 35,  T and CALTEMP clamped to [TMIN, TMAX]
+
+Sources in ArduPilot: AP_InertialSensor_Backend.cpp (_rotate_and_correct_accel, _rotate_and_correct_gyro) and
+AP_InertialSensor_tempcal.cpp (correct_sensor, polynomial_eval).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Final
+
+from imucal.calibration.calibration import Calibration
+from imucal.exporting.autopilot import PerAxis, per_axis_model
+from imucal.exporting.format import SI, Format, Written, line_comments, number
+from imucal.exporting.model import FRAMES
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["ARDUPILOT"]
+
+# Abbreviation of each sensor in the names of the INS_TCAL1 parameters.
+NAMES: Final = {"accel": "ACC", "gyro": "GYR"}
+# Temperature at which ArduPilot's polynomial is zero, degC (AP_InertialSensor_tempcal.h, TEMP_REFERENCE).
+POLYNOMIAL_REFERENCE_DEGC: Final = 35.0
+# INS_TCAL1 coefficients are stored as 1e6 times the SI value.
+PER_UNIT: Final = 1e6
+# Temperatures of TMIN and TMAX, degC, if the calibration has no temperature range: ArduPilot's defaults.
+RANGE_DEGC: Final = (0.0, 70.0)
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The parameters of the first accelerometer and the first gyroscope, one per line."""
+    model = per_axis_model(calibration)
+    rows: list[tuple[str, float]] = []
+    for name, values in (
+        ("INS_ACCOFFS", model.accel_offset),
+        ("INS_ACCSCAL", model.accel_scale),
+        ("INS_GYROFFS", model.gyro_offset),
+    ):
+        rows += [(f"{name}_{axis}", values[i]) for i, axis in enumerate("XYZ")]
+    rows += _thermal_rows(model)
+    notes = (
+        "Raw samples are samples without ArduPilot's corrections: record with INS_ACCOFFS and INS_GYROFFS 0, "
+        "INS_ACCSCAL 1 and INS_TCAL1_ENABLE 0.",
+        "The parameters are for the first sensors. INS_ACC_ID and INS_GYR_ID are not in this file. They must "
+        "hold the device IDs of these sensors, otherwise ArduPilot reports them as not calibrated. Running "
+        "ArduPilot's calibration once sets them.",
+        "Set INS_GYR_CAL to 0, otherwise ArduPilot estimates new gyroscope offsets at each start.",
+    )
+    return Written(
+        body="\n".join(f"{name},{number(value, single=True)}" for name, value in rows) + "\n",
+        lost=model.lost,
+        same_as=model.same_as,
+        frame=FRAMES["symmetric"] + ", along the sensor's axes",
+        notes=(
+            *notes,
+            *model.thermal_notes,
+            *(["ArduPilot clamps CALTEMP to [TMIN, TMAX], so both include it."] if model.thermal else []),
+        ),
+    )
+
+
+def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
+    """INS_TCAL1 parameters of both sensors, as one switch enables both; zeros for a sensor without terms."""
+    from imucal import _core
+
+    if not model.thermal:
+        return
+    reference = _core.REFERENCE_TEMPERATURE_DEGC
+    low, high = model.range_degc(RANGE_DEGC)
+    yield "INS_TCAL1_ENABLE", 1.0
+    # ArduPilot clamps CALTEMP to [TMIN, TMAX] too, so the range must include the reference temperature.
+    yield "INS_TCAL1_TMIN", min(low, reference)
+    yield "INS_TCAL1_TMAX", max(high, reference)
+    for sensor, name in NAMES.items():
+        yield f"INS_{name}1_CALTEMP", reference
+        thermal = model.thermal.get(sensor)
+        for i, axis in enumerate("XYZ"):
+            linear = square = 0.0
+            if thermal is not None:
+                square = thermal.square[i]
+                # The polynomial k d + q d^2, shifted to 35 degC. Its constant cancels in p(CALTEMP) - p(T).
+                linear = thermal.linear[i] + 2 * square * (POLYNOMIAL_REFERENCE_DEGC - reference)
+            for power, value in ((1, linear), (2, square), (3, 0.0)):
+                yield f"INS_TCAL1_{name}{power}_{axis}", PER_UNIT * value
+
+
+ARDUPILOT = Format(
+    name="ardupilot",
+    title="ArduPilot parameters",
+    suffix=".param",
+    formula="accel = (raw - p(T) + p(CALTEMP) - ACCOFFS) * ACCSCAL, gyro = raw - p(T) + p(CALTEMP) - GYROFFS",
+    source="ArduPilot, AP_InertialSensor_Backend.cpp and AP_InertialSensor_tempcal.cpp",
+    units=SI + ", parameters are float32",
+    includes="bias of both sensors, scale of the accelerometer, *_bias_temperature",
+    omits="misalignment of both, scale of the gyroscope, all other effects",
+    layout=line_comments("#"),
+    write=write,
+)

@@ -1,0 +1,121 @@
+"""The correction model shared by PX4 and ArduPilot: an offset and a scale per axis, no misalignment.
+
+    corrected_accel = (raw - thermal - offset) * scale           for each axis
+    corrected_gyro  =  raw - thermal - offset
+
+Both autopilots store their parameters as float32.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration, Triad
+from imucal.effects.effect import EffectValues
+from imucal.exporting.model import lost_effects, misalignment, off_scale, per_axis, rotated
+
+__all__ = ["PerAxis", "Thermal", "per_axis_model"]
+
+# Temperature effect of each sensor that the autopilots can represent.
+THERMAL: Final = {"accel": "accel_bias_temperature", "gyro": "gyro_bias_temperature"}
+
+
+@dataclass(frozen=True, eq=False)
+class Thermal:
+    """Temperature dependence of a bias, raw units: linear d + square d^2, d = T - reference temperature, K.
+
+    linear   (3,), raw units per K
+    square   (3,), raw units per K^2
+    """
+
+    linear: FloatArray
+    square: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PerAxis:
+    """A calibration approximated by offsets and scales; all arrays are (3,).
+
+    accel_offset, gyro_offset   raw units
+    accel_scale                 corrected / raw, dimensionless
+    thermal                     by sensor ("accel", "gyro"); only sensors with a temperature effect
+    same_as                     the approximation as a calibration
+    lost                        description of each part of the calibration that the approximation omits
+    """
+
+    accel_offset: FloatArray
+    accel_scale: FloatArray
+    gyro_offset: FloatArray
+    thermal: dict[str, Thermal]
+    temperature_range_degc: tuple[float, float] | None
+    same_as: Calibration
+    lost: tuple[str, ...]
+
+    def range_degc(self, default: tuple[float, float]) -> tuple[float, float]:
+        """Temperatures between which the thermal terms vary, degC: those of the recordings, or `default`."""
+        return self.temperature_range_degc or default
+
+    @property
+    def thermal_notes(self) -> tuple[str, ...]:
+        """A note for the user of the thermal terms; empty if there are none."""
+        if not self.thermal:
+            return ()
+        source = (
+            "the range of the recordings" if self.temperature_range_degc else "the autopilot's default range"
+        )
+        return (f"The thermal terms are constant below TMIN and above TMAX, which are {source}.",)
+
+
+def per_axis_model(calibration: Calibration) -> PerAxis:
+    """The offsets and scales with the smallest mean square error of specific force over all directions.
+
+    They are computed in the symmetric body frame, the orthogonal frame closest to the sensor axes.
+    """
+    moved, _ = rotated(calibration, "symmetric")
+    accel, gyro = moved.accelerometer, moved.gyroscope
+    scale = per_axis(accel.sensitivity)
+    thermal = {
+        sensor: _thermal(values, triad.sensitivity)
+        # The thermal terms are in raw units, so the change of body frame does not affect them.
+        for sensor, triad in (("accel", calibration.accelerometer), ("gyro", calibration.gyroscope))
+        for values in calibration.effects
+        if values.name == THERMAL[sensor]
+    }
+    diagonal = {"accel": np.diag(scale), "gyro": np.eye(3)}
+    effects = [_effect(sensor, found, diagonal[sensor]) for sensor, found in thermal.items()]
+    return PerAxis(
+        accel_offset=accel.bias,
+        accel_scale=1 / scale,
+        gyro_offset=gyro.bias,
+        thermal=thermal,
+        temperature_range_degc=calibration.temperature_range_degc,
+        same_as=replace(
+            moved,
+            accelerometer=Triad(diagonal["accel"], accel.bias),
+            gyroscope=Triad(diagonal["gyro"], gyro.bias),
+            effects=tuple(effects),
+        ),
+        lost=(
+            *misalignment("accelerometer", accel.sensitivity),
+            *off_scale("gyroscope", gyro.sensitivity),
+            *misalignment("gyroscope", gyro.sensitivity),
+            *lost_effects(calibration, THERMAL.values()),
+        ),
+    )
+
+
+def _thermal(values: EffectValues, sensitivity: FloatArray) -> Thermal:
+    """The temperature effect in raw units: the sensitivity times the effect, which adds to the true value."""
+    numbers = np.zeros(6)
+    numbers[: len(values.values)] = values.values
+    return Thermal(sensitivity @ numbers[:3], sensitivity @ numbers[3:])
+
+
+def _effect(sensor: str, thermal: Thermal, diagonal: FloatArray) -> EffectValues:
+    # Inverse of _thermal with the diagonal sensitivity: from raw units back to the true value.
+    numbers = np.linalg.solve(diagonal, np.column_stack((thermal.linear, thermal.square)))
+    return EffectValues(THERMAL[sensor], np.asarray(numbers.T.ravel(), dtype=np.float64))

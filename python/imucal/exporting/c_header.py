@@ -1,0 +1,286 @@
+"""The correction as a C header: `imucal_correct_f64` and `imucal_correct_f32`, including effects.
+
+The prefix `imucal` can be replaced, so that one firmware can contain several units.
+
+The effects are inverted by the fixed-point iteration of imucal-core, `EffectSet::remove` (docs/model.md
+(16)): true <- T^-1 (raw - bias) - effects(true), until changes are at rounding level. The double version
+gives the numbers of `Calibration.apply`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+from imucal.calibration.calibration import Calibration
+from imucal.effects.effect import EffectValues
+from imucal.exporting.c_fields import FIELDS, WARM_UPS, product_of
+from imucal.exporting.c_file import PREFIX, guarded, require_prefix
+from imucal.exporting.format import SI, Format, Written, block_comment, number
+from imucal.exporting.model import FRAMES, inverse, linear, lost_effects, temperature_note
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["C_HEADER"]
+
+# Function argument for each quantity that an effect may need, in the order of the arguments.
+ARGUMENTS: Final = {
+    "temperature": "{real} temperature_degc",
+    "time": "{real} time_s",
+    "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
+}
+# Maximum number of fixed-point iterations, the limit of `EffectSet::remove`.
+MAX_PASSES: Final = 32
+
+
+def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
+    """The header. It omits user-defined effects, whose fields are Python functions."""
+    effects = [values for values in calibration.effects if values.name in FIELDS]
+    needs = [need for need in ARGUMENTS if any(need in _needs(calibration, values) for values in effects)]
+    includes = ["#include <float.h>", "#include <math.h>", ""] if effects else []
+    content = [
+        *_macros(calibration, prefix),
+        *includes,
+        *_function(calibration, effects, needs, prefix, single=False),
+        "",
+        *_function(calibration, effects, needs, prefix, single=True),
+    ]
+    return Written(
+        body="\n".join(guarded(content, prefix, "calibration")),
+        lost=lost_effects(calibration, FIELDS),
+        same_as=linear(calibration, effects),
+        frame=FRAMES[calibration.frame],
+        notes=_notes(calibration, effects, needs),
+    )
+
+
+def _macros(calibration: Calibration, prefix: str) -> list[str]:
+    values = []
+    if calibration.serial_number:
+        values.append(f"SERIAL_NUMBER {_string(calibration.serial_number)}")
+    for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
+        values.append(f"TEMPERATURE_{end}_DEGC ({number(degc)})")
+    return [*(f"#define {prefix.upper()}_{value}" for value in values), *([""] if values else [])]
+
+
+def _string(text: str) -> str:
+    """A C string literal; characters with a special meaning in C are written in octal."""
+    # Question marks can form trigraphs.
+    plain = set(range(0x20, 0x7F)) - set(b'"\\?')
+    written = "".join(chr(byte) if byte in plain else f"\\{byte:03o}" for byte in text.encode())
+    return f'"{written}"'
+
+
+def _needs(calibration: Calibration, values: EffectValues) -> Sequence[str]:
+    return getattr(calibration.definition(values), "needs", ())
+
+
+def _notes(
+    calibration: Calibration, effects: Sequence[EffectValues], needs: Sequence[str]
+) -> tuple[str, ...]:
+    from imucal import _core
+
+    notes = ["No allocation and no state. The output arrays may be the input arrays."]
+    if effects:
+        notes.append(f"Effects compensated: {', '.join(values.name for values in effects)}")
+        notes.append("Returns 0, or -1 with NaN results if the effects are too large to be inverted.")
+    else:
+        notes.append("Returns 0.")
+    needs_exp = any(values.name in WARM_UPS for values in effects)
+    notes.append("Link libm for exp." if needs_exp else "No function of libm is called.")
+    explained = {
+        "temperature": "temperature_degc is the sensor temperature; temperature effects are zero at "
+        f"{_core.REFERENCE_TEMPERATURE_DEGC} degC.",
+        "time": "time_s counts from the start of the recording that the calibration was made from.",
+        "angular_acceleration": "angular_acceleration_radps2 is the derivative of the corrected rate.",
+    }
+    notes += [explained[need] for need in needs]
+    notes += temperature_note(calibration)
+    if calibration.left_in_data:
+        notes.append(
+            f"Not compensated, as these effects are no sensor errors: {', '.join(calibration.left_in_data)}"
+        )
+    return tuple(notes)
+
+
+def _function(
+    calibration: Calibration,
+    effects: Sequence[EffectValues],
+    needs: Sequence[str],
+    prefix: str,
+    *,
+    single: bool,
+) -> list[str]:
+    real, name = ("float", f"{prefix}_correct_f32") if single else ("double", f"{prefix}_correct_f64")
+
+    def literal(value: float) -> str:
+        return number(value, single) + ("f" if single else "")
+
+    def row(values: Sequence[float]) -> str:
+        return f"{{{', '.join(map(literal, values))}}}"
+
+    lines = [
+        f"static inline int {name}(",
+        f"    const {real} raw_rate[3], const {real} raw_force[3],",
+        *(f"    {ARGUMENTS[need].format(real=real)}," for need in needs),
+        f"    {real} rate[3], {real} force[3])",
+        "{",
+    ]
+    for sensor, triad in (("gyro", calibration.gyroscope), ("accel", calibration.accelerometer)):
+        lines.append(f"    static const {real} {sensor}_bias[3] = {row(triad.bias.tolist())};")
+        lines.append(f"    static const {real} {sensor}_inverse[3][3] = {{")
+        lines += [f"        {row(numbers)}," for numbers in inverse(triad).tolist()]
+        lines.append("    };")
+    lines += [
+        f"    {real} w[3], f[3];",
+        *([f"    {real} seen_w[3], seen_f[3];", "    int pass;"] if effects else []),
+        "    int i;",
+        "",
+        "    for (i = 0; i < 3; ++i) {",
+        *_row("w", "gyro", "raw_rate"),
+        *_row("f", "accel", "raw_force"),
+        "    }",
+    ]
+    lines += _removal(effects, real, literal, single) if effects else []
+    lines += [
+        "    for (i = 0; i < 3; ++i) {",
+        "        rate[i] = w[i];",
+        "        force[i] = f[i];",
+        "    }",
+        "    return 0;",
+        "}",
+    ]
+    return lines
+
+
+def _row(target: str, sensor: str, raw: str) -> list[str]:
+    products = [f"{sensor}_inverse[i][{k}] * ({raw}[{k}] - {sensor}_bias[{k}])" for k in range(3)]
+    return _broken(f"        {target}[i] =", products)
+
+
+def _broken(start: str, terms: Sequence[str]) -> list[str]:
+    """A C statement that assigns a sum, with one term per line."""
+    if len(terms) == 1:
+        return [f"{start} {terms[0]};"]
+    indent = " " * (len(start) - len(start.lstrip()) + 4)
+    return [start, *(f"{indent}{term} +" for term in terms[:-1]), f"{indent}{terms[-1]};"]
+
+
+def _removal(
+    effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
+) -> list[str]:
+    """The fixed-point iteration that compensates the effects."""
+    epsilon, largest = ("FLT_EPSILON", "FLT_MAX") if single else ("DBL_EPSILON", "DBL_MAX")
+    lines = [
+        "    for (i = 0; i < 3; ++i) {",
+        "        seen_w[i] = w[i];",
+        "        seen_f[i] = f[i];",
+        "    }",
+    ]
+    lines += _constants_of_a_sample(effects, real, literal, single)
+    lines += [
+        f"    for (pass = 0; pass < {MAX_PASSES}; ++pass) {{",
+        f"        {real} on_w[3] = {{0, 0, 0}}, on_f[3] = {{0, 0, 0}};",
+        f"        {real} size_w = 0, size_f = 0, added_w = 0, added_f = 0, limit_w, limit_f;",
+        "        int settled = 1;",
+    ]
+    for values in effects:
+        lines.append(f"        /* {values.name} */")
+        target = "on_f" if values.name.startswith("accel") else "on_w"
+        for axis, terms in _sums(values, literal).items():
+            lines += _broken(f"        {target}[{axis}] +=", terms)
+    lines += [
+        "        for (i = 0; i < 3; ++i) {",
+        *(
+            line
+            for size, of in (("size", "seen"), ("added", "on"))
+            for v in "wf"
+            for line in (
+                f"            if ({of}_{v}[i] > {size}_{v}) {size}_{v} = {of}_{v}[i];",
+                f"            if (-{of}_{v}[i] > {size}_{v}) {size}_{v} = -{of}_{v}[i];",
+            )
+        ),
+        "        }",
+        f"        limit_w = 16 * {epsilon} * (size_w + added_w);",
+        f"        limit_f = 16 * {epsilon} * (size_f + added_f);",
+        "        for (i = 0; i < 3; ++i) {",
+        f"            const {real} next_w = seen_w[i] - on_w[i], next_f = seen_f[i] - on_f[i];",
+        f"            const {real} change_w = next_w - w[i], change_f = next_f - f[i];",
+        "            /* Comparisons with NaN are false, so NaN never counts as settled. */",
+        "            settled = settled && change_w <= limit_w && -change_w <= limit_w;",
+        "            settled = settled && change_f <= limit_f && -change_f <= limit_f;",
+        "            w[i] = next_w;",
+        "            f[i] = next_f;",
+        "        }",
+        f"        if (settled && limit_w <= {largest} && limit_f <= {largest}) break;",
+        "    }",
+        f"    if (pass == {MAX_PASSES}) {{",
+        "        for (i = 0; i < 3; ++i) rate[i] = force[i] = NAN;",
+        "        return -1;",
+        "    }",
+    ]
+    return lines
+
+
+def _constants_of_a_sample(
+    effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
+) -> list[str]:
+    """Local variables for the quantities other than rate and force that the fields depend on."""
+    from imucal import _core
+
+    used = " ".join(
+        expression for values in effects for column in FIELDS[values.name] for _, expression in column
+    )
+    lines = []
+    if re.search(r"\bd\b", used):
+        reference = literal(_core.REFERENCE_TEMPERATURE_DEGC)
+        lines.append(f"    const {real} d = temperature_degc - {reference};")
+    if re.search(r"\bt\b", used):
+        lines.append(f"    const {real} t = time_s;")
+    if re.search(r"\ba\b", used):
+        lines.append(f"    const {real} *const a = angular_acceleration_radps2;")
+    exp = "expf" if single else "exp"
+    for values in effects:
+        if values.name in WARM_UPS and values.shape is not None:
+            sensor = values.name.partition("_")[0]
+            lines.append(f"    const {real} {sensor}_cold = {exp}(-time_s / {literal(values.shape)});")
+    return lines
+
+
+def _sums(values: EffectValues, literal: Callable[[float], str]) -> dict[int, list[str]]:
+    """The terms that the effect adds to each axis, in the order of its parameters."""
+    sums: dict[int, list[str]] = {}
+    for value, column in zip(values.values.tolist(), FIELDS[values.name], strict=False):
+        for axis, expression in column:
+            sums.setdefault(axis, []).append(product_of(literal(value), expression))
+    return sums
+
+
+def named(prefix: str) -> Format:
+    """The format with another prefix. Raises InputError if the prefix cannot start a C name."""
+    require_prefix(prefix)
+    return replace(
+        C_HEADER,
+        formula=C_HEADER.formula.replace(f"{PREFIX}_", f"{prefix}_"),
+        write=partial(write, prefix=prefix),
+    )
+
+
+C_HEADER = Format(
+    name="c-header",
+    title="C header for firmware",
+    suffix=".h",
+    formula="true = T^-1 (raw - bias) - effects(true), by imucal_correct_f64 or imucal_correct_f32",
+    source="imucal-core, EffectSet::remove; docs/model.md (16)",
+    units=SI,
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue",
+    omits="user-defined effects, noise figures, standard deviations",
+    layout=block_comment,
+    write=write,
+    takes_counts=True,
+    named=named,
+)

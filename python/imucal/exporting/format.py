@@ -1,0 +1,169 @@
+"""Export formats of other programs, and the header that describes the contents of each file."""
+
+from __future__ import annotations
+
+import json
+import re
+import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final, TypeAlias
+
+import numpy as np
+
+from imucal.document.json_document import to_json
+from imucal.errors import InputError
+
+if TYPE_CHECKING:
+    from imucal.calibration.calibration import Calibration
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = [
+    "SI",
+    "Format",
+    "Layout",
+    "Written",
+    "block_comment",
+    "header",
+    "in_json",
+    "line_comments",
+    "number",
+    "require_si",
+    "xml_comment",
+]
+
+WIDTH: Final = 100
+SI: Final = "m/s^2 and rad/s"
+
+# Combines the lines of a header and the body into the text of a file.
+Layout: TypeAlias = Callable[[Sequence[str], str], str]
+
+
+@dataclass(frozen=True)
+class Written:
+    """The body of a file, and the part of the calibration that it represents.
+
+    lost       description, with its size, of each part of the calibration that the file does not contain
+    same_as    calibration equivalent to the correction that the other program computes from the file; None if
+               the format describes noise and corrects nothing
+    frame      body frame of the corrected samples
+    notes      further information for the user of the file
+    """
+
+    body: str
+    lost: tuple[str, ...]
+    same_as: Calibration | None
+    frame: str
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Format:
+    """An export format.
+
+    name         value of `imucal export --to`
+    title        short description of the file
+    suffix       file name extension
+    formula      correction that the other program computes
+    source       source file or documentation of the other program that states the formula
+    units        units of the corrected samples
+    includes, omits  parts of a calibration that a file contains or not, for the table of formats
+    layout       combines header and body
+    write        makes the body from a calibration and noise figures
+    takes_counts     calibrations of raw counts can be written
+    needs_noise      noise figures of a recording at rest are required
+    named            returns the format with a prefix for its C names; None if its files contain no C names
+    """
+
+    name: str
+    title: str
+    suffix: str
+    formula: str
+    source: str
+    units: str
+    includes: str
+    omits: str
+    layout: Layout
+    write: Callable[[Calibration, NoiseResult | None], Written]
+    takes_counts: bool = False
+    needs_noise: bool = False
+    named: Callable[[str], Format] | None = None
+
+
+def header(calibration: Calibration, form: Format, written: Written) -> list[str]:
+    """The header lines of a file: title, provenance, formula, units, body frame, notes, omitted parts."""
+    made = calibration.provenance
+    unit = f"unit {calibration.serial_number}" if calibration.serial_number else "a unit"
+    files = ", ".join(source.path for source in made.files)
+    return [
+        f"{form.title}, written by imucal",
+        f"Calibration of {unit}"
+        + (f", made {made.date}" if made.date else "")
+        + (f" by imucal {made.imucal_version}" if made.imucal_version else "")
+        + (f" from {files}" if files else ""),
+        f"Apply: {form.formula}",
+        f"Units: raw samples in {calibration.accel_unit} and {calibration.gyro_unit}, "
+        f"corrected samples in {form.units}",
+        f"Body frame: {written.frame}",
+        *written.notes,
+        *(f"Not exported: {loss}" for loss in written.lost),
+        *([] if written.lost else ["Not exported: nothing, this file contains the whole correction"]),
+    ]
+
+
+def line_comments(mark: str) -> Layout:
+    """A layout whose header is a block of line comments that start with `mark`."""
+
+    def layout(lines: Sequence[str], body: str) -> str:
+        return "\n".join([*(f"{mark} {line}" for line in _wrapped(lines)), body])
+
+    return layout
+
+
+def block_comment(lines: Sequence[str], body: str) -> str:
+    """The header as one C comment, followed by the body."""
+    # A file name in the header must not end the comment.
+    kept = [line.replace("*/", "* /") for line in _wrapped(lines)]
+    return "\n".join(["/*", *(f" * {line}" for line in kept), " */", body])
+
+
+def xml_comment(lines: Sequence[str], body: str) -> str:
+    """The header as one XML comment, followed by the body."""
+    # XML comments must not contain two consecutive hyphens, which file names may have.
+    kept = [re.sub("-(?=-)", "- ", line) for line in _wrapped(lines)]
+    return "\n".join(["<!--", *(f"  {line}" for line in kept), "-->", body])
+
+
+def in_json(lines: Sequence[str], body: str) -> str:
+    """The header as the last field, `imucal`, of the JSON object in `body`, as JSON has no comments."""
+    return to_json({**json.loads(body), "imucal": list(lines)}) + "\n"
+
+
+def number(value: float, single: bool = False) -> str:
+    """The shortest decimal that parses to the same float64, or with `single` to the same float32."""
+    if not single:
+        return repr(float(value))
+    return str(np.float32(value))
+
+
+def require_si(calibration: Calibration, form: Format) -> None:
+    """Raises InputError for a calibration of raw counts if the other program only corrects SI units."""
+    counts = [
+        sensor
+        for sensor, unit in (("accelerometer", calibration.accel_unit), ("gyroscope", calibration.gyro_unit))
+        if unit == "lsb"
+    ]
+    if counts and not form.takes_counts:
+        raise InputError(
+            f"the {' and the '.join(counts)} of this calibration {'is' if len(counts) == 1 else 'are'} in "
+            f"raw counts, but {form.name} only corrects samples in SI units: calibrate a recording in SI "
+            "units (accel_x_mps2, ...), or export to c-header, rust, fusion or matlab"
+        )
+
+
+def _wrapped(lines: Sequence[str]) -> list[str]:
+    return [
+        part
+        for line in lines
+        for part in textwrap.wrap(line, WIDTH, subsequent_indent="  ", break_long_words=False) or [""]
+    ]

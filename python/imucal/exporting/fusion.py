@@ -1,0 +1,79 @@
+"""x-io Fusion: misalignment, sensitivity and offset of both sensors as C constants.
+
+    calibrated = misalignment * hadamard(uncalibrated - offset, sensitivity)
+
+Source: FusionCalibrationInertial in FusionCalibration.h, `imufusion.model_inertial` in Python. Fusion's AHRS
+takes deg/s and g, so the sensitivities also convert the raw unit to these.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration
+from imucal.exporting.c_file import PREFIX, guarded, require_prefix
+from imucal.exporting.format import Format, Written, block_comment, number
+from imucal.exporting.model import FRAMES, linear, lost_effects
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["FUSION"]
+
+PER_SI_UNIT: Final = {"gyroscope": 180 / np.pi, "accelerometer": 1 / STANDARD_GRAVITY_MPS2}
+
+
+def write(calibration: Calibration, noise: NoiseResult | None, prefix: str | None = None) -> Written:
+    """T = diag(gain) N, where the rows of N are the unit vectors of the sensor axes; misalignment = N^-1."""
+    start = f"{prefix}_" if prefix else ""
+    lines = ['#include "Fusion.h"', ""]
+    for sensor in ("gyroscope", "accelerometer"):
+        triad = getattr(calibration, sensor)
+        gain = np.linalg.norm(triad.sensitivity, axis=1)
+        misalignment = np.linalg.inv(triad.sensitivity / gain[:, None])
+        rows = ",\n    ".join(_row(row) for row in misalignment)
+        lines += [
+            f"static const FusionMatrix {start}{sensor}Misalignment = {{{{\n    {rows},\n}}}};",
+            f"static const FusionVector {start}{sensor}Sensitivity = {{{_row(PER_SI_UNIT[sensor] / gain)}}};",
+            f"static const FusionVector {start}{sensor}Offset = {{{_row(triad.bias)}}};",
+            "",
+        ]
+    return Written(
+        body="\n".join(guarded(lines[:-1], prefix or PREFIX, "fusion")),
+        lost=lost_effects(calibration),
+        same_as=linear(calibration),
+        frame=FRAMES[calibration.frame],
+        notes=(f"1 g is {STANDARD_GRAVITY_MPS2} m/s^2.",),
+    )
+
+
+def _row(values: FloatArray) -> str:
+    return f"{{{', '.join(number(value, single=True) + 'f' for value in values)}}}"
+
+
+def named(prefix: str) -> Format:
+    """The format with a prefix for its C names. Raises InputError if the prefix cannot start a C name."""
+    require_prefix(prefix)
+    return replace(FUSION, write=partial(write, prefix=prefix))
+
+
+FUSION = Format(
+    name="fusion",
+    title="x-io Fusion constants",
+    suffix=".h",
+    formula="calibrated = misalignment * ((raw - offset) .* sensitivity)",
+    source="xioTechnologies/Fusion, FusionCalibration.h, FusionCalibrationInertial",
+    units="g and deg/s, float32",
+    includes="bias, scale and misalignment of both sensors",
+    omits="all effects, noise figures",
+    layout=block_comment,
+    write=write,
+    takes_counts=True,
+    named=named,
+)

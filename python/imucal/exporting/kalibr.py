@@ -1,0 +1,133 @@
+"""Kalibr: the block `imu0` of a result with the model scale-misalignment, and imu.yaml.
+
+    raw_accel = M_a f_i + b_a
+    raw_gyro  = M_g C_gyro_i w_i + A C_gyro_i f_i + b_g
+
+M_a and M_g are lower triangular. f_i and w_i are in the IMU frame i, whose x axis is the accelerometer's x
+axis (the `triangular` frame here). A is in the gyroscope frame. Source: IccSensors.py of ethz-asl/kalibr,
+IccScaledMisalignedImu.addAccelerometerErrorTerms and addGyroscopeErrorTerms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration
+from imucal.effects.effect import EffectValues
+from imucal.errors import InputError
+from imucal.exporting.format import SI, Format, Written, line_comments, number
+from imucal.exporting.model import FRAMES, lost_effects, rotated, turned
+from imucal.noise_analysis.files import kalibr_yaml
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["KALIBR", "KALIBR_IMU"]
+
+G_SENSITIVITY = "gyro_g_sensitivity"
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The block `imu0`, in the triangular frame."""
+    moved, rotation = rotated(calibration, "triangular")
+    from_body = moved.gyroscope.sensitivity
+    gyro, to_gyro = _lower_times_rotation(from_body)
+    effects = [values for values in calibration.effects if values.name == G_SENSITIVITY]
+    # Kalibr's g-sensitivity adds to the raw rate, in the gyroscope frame; ours to the true rate, in the body
+    # frame.
+    sensitivity = np.zeros((3, 3))
+    for values in effects:
+        sensitivity = rotation @ values.values.reshape(3, 3) @ rotation.T
+    in_gyro = from_body @ sensitivity @ to_gyro.T
+    moved = replace(moved, effects=tuple(EffectValues(G_SENSITIVITY, sensitivity.ravel()) for _ in effects))
+    body = [
+        "imu0:",
+        "  model: scale-misalignment",
+        "  accelerometers:",
+        f"    M: {_matrix(moved.accelerometer.sensitivity)}",
+        "  gyroscopes:",
+        f"    M: {_matrix(gyro)}",
+        f"    A: {_matrix(in_gyro)}  # rad/s per m/s^2",
+        f"    C_gyro_i: {_matrix(to_gyro)}",
+        "  T_i_b: [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]",
+        "",
+    ]
+    return Written(
+        body="\n".join(body),
+        lost=(
+            "the constant biases: Kalibr's block has no field for them, estimators find their own (start "
+            f"from {moved.accelerometer.bias.tolist()} m/s^2 and {moved.gyroscope.bias.tolist()} rad/s)",
+            *lost_effects(calibration, {G_SENSITIVITY}),
+        ),
+        same_as=moved,
+        frame=FRAMES["triangular"] + ", Kalibr's frame i" + turned(rotation),
+        notes=(
+            "The formula gives raw samples from true values: solve it for f_i first, then for w_i.",
+            "Add rostopic, update_rate and the noise figures: imucal noise REC --kalibr imu.yaml",
+        ),
+    )
+
+
+def _lower_times_rotation(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Factors of `matrix`: a lower triangular matrix with positive diagonal, times a rotation."""
+    if np.linalg.det(matrix) < 0:
+        raise InputError(
+            "the gyroscope axes are left-handed relative to the accelerometer axes: change the sign of one "
+            "gyroscope axis in the recording and calibrate again"
+        )
+    upper_rotation, upper = np.linalg.qr(matrix.T)
+    signs = np.sign(np.diag(upper))
+    lower = (upper * signs[:, None]).T
+    return np.tril(lower), (upper_rotation * signs).T
+
+
+def _matrix(matrix: FloatArray) -> str:
+    return "[" + ", ".join(f"[{', '.join(map(number, row))}]" for row in matrix) + "]"
+
+
+def write_imu(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """imu.yaml with the noise figures of a recording at rest, corrected by this calibration."""
+    if noise is None:
+        raise ValueError("noise figures are needed")
+    return Written(
+        body=kalibr_yaml(noise),
+        lost=(
+            "bias, scale, misalignment and effects: imu.yaml contains noise only, use --to kalibr for them",
+        ),
+        same_as=None,
+        frame=FRAMES[calibration.frame],
+        notes=(f"The noise was measured in {noise.name}, corrected by the calibration.",),
+    )
+
+
+KALIBR = Format(
+    name="kalibr",
+    title="Kalibr result, block imu0 of the model scale-misalignment",
+    suffix=".yaml",
+    formula="raw_accel = M_a f_i + b_a; raw_gyro = M_g C_gyro_i w_i + A C_gyro_i f_i + b_g",
+    source="ethz-asl/kalibr, IccSensors.py, IccScaledMisalignedImu",
+    units=SI,
+    includes="scale and misalignment of both sensors, gyro_g_sensitivity",
+    omits="constant biases (given in the header), all other effects, noise figures (kalibr-imu)",
+    layout=line_comments("#"),
+    write=write,
+)
+
+KALIBR_IMU = Format(
+    name="kalibr-imu",
+    title="Kalibr imu.yaml",
+    suffix=".yaml",
+    formula="none: the file contains noise figures for the weights of an estimator, no correction",
+    source="ethz-asl/kalibr, ConfigReader.py, ImuParameters",
+    units=SI + "; continuous-time noise figures",
+    includes="noise density and random walk, the largest of the three axes",
+    omits="everything but noise; bias instability",
+    layout=line_comments("#"),
+    write=write_imu,
+    takes_counts=True,
+    needs_noise=True,
+)

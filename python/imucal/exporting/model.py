@@ -1,0 +1,153 @@
+"""Operations on calibrations for export: changes of the body frame, and the size of the omitted parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration, Frame, Triad
+from imucal.effects.effect import EffectValues, UserEffect
+from imucal.errors import InputError
+
+__all__ = [
+    "FRAMES",
+    "inverse",
+    "linear",
+    "lost_effects",
+    "misalignment",
+    "off_scale",
+    "per_axis",
+    "rotated",
+    "temperature_note",
+    "turned",
+]
+
+FRAMES: Final[dict[Frame, str]] = {
+    "symmetric": "orthogonal, closest to the three axes of the accelerometer ('symmetric')",
+    "triangular": "orthogonal, x along the accelerometer's x axis, y in its x-y plane ('triangular')",
+}
+
+
+def inverse(triad: Triad) -> FloatArray:
+    """The inverse of the sensitivity, (3, 3), bit for bit the matrix that imucal-core applies on a device."""
+    from imucal import _core
+
+    unit = Triad(triad.sensitivity, np.zeros(3))
+    # Correcting the unit vectors gives the columns of the inverse.
+    columns, _ = _core.correct(Calibration(unit, unit), np.eye(3), np.zeros((3, 3)))
+    found: FloatArray = columns.T.copy()
+    return found
+
+
+def linear(calibration: Calibration, effects: Iterable[EffectValues] = ()) -> Calibration:
+    """The calibration with these effects only, and without covariance."""
+    return replace(calibration, effects=tuple(effects), user_effects=(), covariance=None, covariance_names=())
+
+
+def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatArray]:
+    """Both triads in another body frame, without effects, and the rotation (3, 3) to that frame.
+
+    v_new = rotation v_old. Raises InputError if the accelerometer axes are left-handed, because no rotation
+    maps them to a right-handed frame.
+    """
+    from imucal import _core
+
+    old = calibration.accelerometer.sensitivity
+    if np.linalg.det(old) < 0:
+        raise InputError(
+            "the accelerometer axes are left-handed (the sensitivity has a negative determinant): change the "
+            "sign of one axis in the recording, for accelerometer and gyroscope, and calibrate again"
+        )
+    if _is_in(frame, old):
+        return replace(linear(calibration), frame=frame), np.eye(3)
+    accel, gyro = _core.convert_frame(old, calibration.gyroscope.sensitivity, frame)
+    moved = replace(
+        linear(calibration),
+        accelerometer=Triad(accel, calibration.accelerometer.bias),
+        gyroscope=Triad(gyro, calibration.gyroscope.bias),
+        frame=frame,
+    )
+    return moved, np.asarray(np.linalg.solve(accel, old), dtype=np.float64)
+
+
+def _is_in(frame: Frame, sensitivity: FloatArray) -> bool:
+    """Whether the accelerometer's sensitivity has the form that defines this frame."""
+    if frame == "triangular":
+        return np.array_equal(sensitivity, np.tril(sensitivity)) and bool((np.diag(sensitivity) > 0).all())
+    # A rotation by 180 deg is symmetric as well, so the eigenvalues must be positive too.
+    return np.array_equal(sensitivity, sensitivity.T) and bool((np.linalg.eigvalsh(sensitivity) > 0).all())
+
+
+def turned(rotation: FloatArray) -> str:
+    """The rotation from the calibration's body frame as text for a header; empty if it is the identity."""
+    if np.array_equal(rotation, np.eye(3)):
+        return ""
+    return f"; v = R v_body of the calibration, R = {rotation.tolist()}"
+
+
+def temperature_note(calibration: Calibration) -> tuple[str, ...]:
+    """A note on the temperature range of the recordings; empty if the calibration has none."""
+    if calibration.temperature_range_degc is None:
+        return ()
+    low, high = calibration.temperature_range_degc
+    effects = calibration.temperature_effects
+    outside = f": outside this range, {' and '.join(effects)} are extrapolated" if effects else ""
+    return (f"The recordings were at {low:.5g} to {high:.5g} degC{outside}",)
+
+
+def per_axis(sensitivity: FloatArray) -> FloatArray:
+    """The scale of each axis, (3,), that minimises the error of a correction without misalignment.
+
+    corrected_i = raw_i / scale_i, where scale_i = |T_i|^2 / T_ii, T_i being row i of the sensitivity,
+    minimises the mean square of T_i v / scale_i - v_i over all directions of v.
+    """
+    scale: FloatArray = (sensitivity**2).sum(axis=1) / np.diag(sensitivity)
+    return scale
+
+
+def misalignment(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:
+    """Description of the omitted misalignment with its largest angle; empty if there is none.
+
+    Raises InputError if an axis points closer to another axis of the body frame than to its own.
+    """
+    _require_along_axes(sensor, sensitivity)
+    largest = np.abs(sensitivity / np.diag(sensitivity)[:, None] - np.eye(3)).max()
+    return (f"misalignment of the {sensor}, up to {largest:.3g} rad",) if largest > 0 else ()
+
+
+def _require_along_axes(sensor: str, sensitivity: FloatArray) -> None:
+    """Raises InputError unless each sensor axis points along the body axis of the same name.
+
+    Formats with one correction per axis can only neglect small misalignment angles, not swapped axes.
+    """
+    if (np.diag(sensitivity) < np.abs(sensitivity).max(axis=1)).any():
+        axes = ", ".join(
+            f"its {axis} lies along {'-' if row[along] < 0 else ''}{'xyz'[along]}"
+            for axis, row, along in zip("xyz", sensitivity, np.abs(sensitivity).argmax(axis=1), strict=True)
+        )
+        raise InputError(
+            f"the {sensor} axes do not match the body frame ({axes}), and this format has no rotation: swap "
+            "the sensor's columns and change their signs in the recording until they match, and calibrate "
+            "again"
+        )
+
+
+def off_scale(sensor: str, sensitivity: FloatArray) -> tuple[str, ...]:
+    """Description of the omitted scale error with its largest value; empty if all scales are 1."""
+    percent = 100 * np.abs(np.diag(sensitivity) - 1).max()
+    return (f"scale of the {sensor}, up to {percent:.3g} %",) if percent > 0 else ()
+
+
+def lost_effects(calibration: Calibration, kept: Iterable[str] = ()) -> tuple[str, ...]:
+    """Description of each effect that `imucal apply` compensates and the other program does not."""
+    left = set(calibration.left_in_data) | set(kept)
+    return tuple(
+        f"the effect {values.name}"
+        + (" (user-defined)" if isinstance(calibration.definition(values), UserEffect) else "")
+        for values in calibration.effects
+        if values.name not in left
+    )

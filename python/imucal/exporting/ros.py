@@ -1,0 +1,61 @@
+"""ROS: the calibration file of the package imu_calib.
+
+    corrected_accel = SM raw - bias
+
+Source: AccelCalib::applyCalib in accel_calib.cpp of dpkoch/imu_calib; SM is stored row by row. The node
+apply_calib takes no gyroscope parameters from the file: it subtracts the mean rate of the first samples after
+its start (apply_calib.cpp).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from imucal.calibration.calibration import Calibration, Triad
+from imucal.exporting.format import SI, Format, Written, line_comments, number
+from imucal.exporting.model import FRAMES, inverse, linear, lost_effects, misalignment, off_scale
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["ROS"]
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """SM = T^-1 and bias = T^-1 b of the accelerometer."""
+    scale = inverse(calibration.accelerometer)
+    bias = scale @ calibration.accelerometer.bias
+    gyro = calibration.gyroscope
+    body = "\n".join(
+        f"{name}: [{', '.join(number(value) for value in np.ravel(values))}]"
+        for name, values in (("SM", scale), ("bias", bias))
+    )
+    return Written(
+        body=body + "\n",
+        lost=(
+            f"bias of the gyroscope, {gyro.bias.tolist()} rad/s: the node estimates its own at its start",
+            *off_scale("gyroscope", gyro.sensitivity),
+            *misalignment("gyroscope", gyro.sensitivity),
+            *lost_effects(calibration),
+        ),
+        same_as=replace(linear(calibration), gyroscope=Triad(np.eye(3), gyro.bias)),
+        frame=FRAMES[calibration.frame],
+        notes=("The unit must be at rest when the node starts.",),
+    )
+
+
+ROS = Format(
+    name="ros",
+    title="ROS package imu_calib",
+    suffix=".yaml",
+    formula="corrected_accel = SM raw - bias; corrected_gyro = raw - mean of the first samples",
+    source="dpkoch/imu_calib, accel_calib.cpp and apply_calib.cpp",
+    units=SI,
+    includes="bias, scale and misalignment of the accelerometer",
+    omits="bias, scale and misalignment of the gyroscope, all effects",
+    layout=line_comments("#"),
+    write=write,
+)

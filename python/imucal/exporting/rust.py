@@ -1,0 +1,134 @@
+"""The calibration as a Rust module for imucal-core: `calibration::<f32>()` or `calibration::<f64>()`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
+
+from imucal.arrays import FloatArray
+from imucal.calibration.calibration import Calibration
+from imucal.effects.effect import EffectValues
+from imucal.exporting.format import SI, Format, Written, line_comments, number
+from imucal.exporting.model import FRAMES, linear, lost_effects, temperature_note
+
+if TYPE_CHECKING:
+    from imucal.noise_analysis.noise import NoiseResult
+
+__all__ = ["RUST"]
+
+# Field of imucal-core's `Surroundings`, an argument of `correct_at`, for each quantity that an effect may
+# need.
+SURROUNDINGS: Final = {
+    "temperature": "temperature_difference_k (sensor temperature minus REFERENCE_TEMPERATURE_DEGC)",
+    "time": "time_s (since the start of the recording that the calibration was made from)",
+    "angular_acceleration": "angular_acceleration (derivative of the corrected rate, rad/s^2)",
+}
+
+FUNCTION = """
+/// The calibration, for `correct` and `correct_at` of imucal-core.
+///
+/// # Errors
+/// None with these numbers; the signatures of the constructors require a `Result`.
+pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str> {
+    let vector = |row: &[f64; 3]| Vector3::from(row.map(convert::<f64, F>));
+    let matrix = |rows: &[[f64; 3]; 3]| Matrix3::from_rows(&[0, 1, 2].map(|i| vector(&rows[i]).transpose()));
+    let triad = |rows, bias| Triad::try_new(matrix(rows), vector(bias)).map_err(|_| "axes in one plane");
+"""
+
+
+def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
+    """The module. It omits user-defined effects, whose fields are Python functions."""
+    from imucal import _core
+
+    own = {effect.name for effect in calibration.user_effects}
+    effects = [values for values in calibration.effects if values.name not in own]
+    imports = "use imucal_core::{calibration::Calibration, sensor::Triad};"
+    if effects:
+        imports = imports.replace(
+            "calibration::Calibration,", "calibration::Calibration, effects::{Effect, EffectValues},"
+        )
+    lines = [imports, "use nalgebra::{Matrix3, RealField, Vector3, convert};", ""]
+    for name, triad in (("ACCELEROMETER", calibration.accelerometer), ("GYROSCOPE", calibration.gyroscope)):
+        rows = ",\n    ".join(_row(row) for row in triad.sensitivity)
+        lines += [
+            "/// T in raw = T true + bias.",
+            f"pub const {name}_SENSITIVITY: [[f64; 3]; 3] = [\n    {rows},\n];",
+            "/// In raw units.",
+            f"pub const {name}_BIAS: [f64; 3] = {_row(triad.bias)};",
+        ]
+    triads = ", ".join(
+        f"triad(&{name}_SENSITIVITY, &{name}_BIAS)?" for name in ("ACCELEROMETER", "GYROSCOPE")
+    )
+    if calibration.temperature_effects:
+        lines += [
+            "/// Temperature at which the temperature effects are zero, degC.",
+            "#[allow(dead_code)]",
+            f"pub const REFERENCE_TEMPERATURE_DEGC: f64 = {number(_core.REFERENCE_TEMPERATURE_DEGC)};",
+        ]
+    for end, degc in zip(("MIN", "MAX"), calibration.temperature_range_degc or (), strict=False):
+        side = "Lowest" if end == "MIN" else "Highest"
+        lines += [
+            f"/// {side} temperature of the recordings, degC.",
+            "#[allow(dead_code)]",
+            f"pub const TEMPERATURE_{end}_DEGC: f64 = {number(degc)};",
+        ]
+    lines.append(FUNCTION.rstrip("\n"))
+    lines.append(f"    let {'mut ' if effects else ''}calibration = Calibration::new({triads});")
+    for values in effects:
+        name = values.name
+        shape = "None" if values.shape is None else f"Some(convert({number(values.shape)}))"
+        lines += [
+            f'    let effect = Effect::find("{name}").ok_or("this imucal-core has no {name}")?;',
+            f"    let numbers = {_row(values.values)}.map(convert::<f64, F>);",
+            f'    let values = EffectValues::try_new(effect, &numbers, {shape}).map_err(|_| "{name}")?;',
+            '    calibration.effects.push(values).map_err(|_| "there are too many effects")?;',
+        ]
+    lines += ["    Ok(calibration)", "}", ""]
+    return Written(
+        body="\n".join(lines),
+        lost=lost_effects(calibration, {values.name for values in effects}),
+        same_as=linear(calibration, effects),
+        frame=FRAMES[calibration.frame],
+        notes=(
+            f"Needs imucal-core and nalgebra. Effects: {', '.join(v.name for v in effects) or 'none'}",
+            *_surroundings_note(calibration, effects),
+            *temperature_note(calibration),
+        ),
+    )
+
+
+def _surroundings_note(calibration: Calibration, effects: Sequence[EffectValues]) -> tuple[str, ...]:
+    """Notes on the quantities besides rate and force that the effects need; empty if none are needed."""
+    needs = {
+        values.name: [
+            need for need in SURROUNDINGS if need in getattr(calibration.definition(values), "needs", ())
+        ]
+        for values in effects
+    }
+    left_in = [name for name, needed in needs.items() if needed]
+    if not left_in:
+        return ()
+    fields = [text for need, text in SURROUNDINGS.items() if any(need in needed for needed in needs.values())]
+    return (
+        f"Use correct_at with these fields of Surroundings: {', '.join(fields)}",
+        f"Without them, or with correct, these effects are not compensated: {', '.join(left_in)}",
+    )
+
+
+def _row(values: FloatArray) -> str:
+    return f"[{', '.join(number(value) for value in values)}]"
+
+
+RUST = Format(
+    name="rust",
+    title="Rust module for imucal-core",
+    suffix=".rs",
+    formula="true = T^-1 (raw - bias) - effects(true), by Calibration::correct and correct_at",
+    source="imucal-core",
+    units=SI,
+    includes="bias, scale and misalignment of both sensors, every effect of the catalogue",
+    omits="user-defined effects, noise figures, standard deviations",
+    layout=line_comments("//"),
+    write=write,
+    takes_counts=True,
+)

@@ -1,0 +1,1 @@
+"""What a unit must keep, and how it does."""

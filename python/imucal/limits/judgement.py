@@ -1,0 +1,182 @@
+"""What limits say of one unit: each value beside its limit, and whether the limit is kept.
+
+    kept: low <= value <= high          the value alone decides
+
+A parameter less than 2 sigma from its limit gets a warning besides: measured again it may fall on the
+other side.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final
+
+from imucal.document.plain import without_nan
+from imucal.recording.recording import Source
+
+__all__ = ["Check", "Judgement"]
+
+NEAR_SIGMAS: Final = 2.0
+
+
+@dataclass(frozen=True)
+class Check:
+    """One value beside its limit.
+
+    what       a parameter, "std of" a parameter, a figure of a set of recordings, or "effects not allowed"
+    value      in `unit`; None if it does not exist
+    low, high  least and largest value; None where that side is free
+    std        standard deviation of a parameter, None if not known
+    problem    why the limit is not kept whatever the value is, such as a control recording that is missing
+    """
+
+    what: str
+    value: float | None
+    low: float | None = None
+    high: float | None = None
+    unit: str = ""
+    std: float | None = None
+    problem: str = ""
+
+    @property
+    def passed(self) -> bool:
+        """Whether the limit is kept. A value at its limit is, NaN never is."""
+        if self.problem or self.value is None:
+            return False
+        least = -math.inf if self.low is None else self.low
+        most = math.inf if self.high is None else self.high
+        return least <= self.value <= most
+
+    @property
+    def used(self) -> float:
+        """Share of the limit: 0 in the middle of a range, 1 at its ends, infinite without a value.
+
+        It orders checks by how near to failing they are. A least number is kept or not: 0, or above 1.
+        """
+        if self.problem or self.value is None or math.isnan(self.value):
+            return math.inf
+        if self.low is not None and self.high is not None:
+            return abs(2 * self.value - self.low - self.high) / (self.high - self.low)
+        if self.high is not None:
+            return self.value / self.high if self.high else 0.0
+        if self.passed:
+            return 0.0
+        return (self.low or 0.0) / self.value if self.value > 0 else math.inf
+
+    @property
+    def reason(self) -> str:
+        """Why the limit is not kept; empty if it is."""
+        if self.passed:
+            return ""
+        if self.problem or self.value is None:
+            return self.problem or f"{self.what} has no value"
+        below = self.low is not None and self.value < self.low
+        limit = self.low if below else self.high
+        return f"{self._against(limit)}, {'below' if below else 'above'} its limit {limit:.10g}"
+
+    @property
+    def warning(self) -> str:
+        """That a limit is nearer than 2 sigma; empty if none is."""
+        if self.problem or self.value is None or not self.std:
+            return ""
+        for limit in (self.low, self.high):
+            if limit is not None and abs(self.value - limit) < NEAR_SIGMAS * self.std:
+                sigmas = abs(self.value - limit) / self.std
+                return (
+                    f"{self._against(limit)}, {sigmas:.1f} sigma from its limit {limit:.10g}: measured "
+                    "again it may fall on the other side"
+                )
+        return ""
+
+    @property
+    def value_text(self) -> str:
+        """The value for a table."""
+        return "-" if self.value is None else f"{self.value:.7g}"
+
+    @property
+    def limit_text(self) -> str:
+        """The limit in words."""
+        if self.low is not None and self.high is not None:
+            return f"{self.low:.10g} to {self.high:.10g}"
+        return f"at least {self.low:.10g}" if self.low is not None else f"at most {self.high:.10g}"
+
+    def _against(self, limit: float | None) -> str:
+        """The value in words, with as many digits as set it apart from its limit."""
+        same = self.value_text == f"{limit:.7g}"
+        unit = "" if self.unit == "1" else f" {self.unit}".rstrip()
+        return f"{self.what} is {self.value if same else self.value_text}{unit}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The check for JSON; `used` is null where it is infinite."""
+        limit = {"min": self.low, "max": self.high}
+        return {
+            "what": self.what,
+            "value": without_nan(self.value),
+            "std": self.std,
+            "unit": self.unit,
+            "limit": {side: number for side, number in limit.items() if number is not None},
+            "used": without_nan(self.used),
+            "passed": self.passed,
+            "reason": self.reason,
+            "warning": self.warning,
+        }
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """All checks of one unit, in the order of the limits; `source` is the file of the limits."""
+
+    checks: tuple[Check, ...]
+    source: Source | None = None
+
+    @property
+    def passed(self) -> bool:
+        """Whether every limit is kept."""
+        return all(check.passed for check in self.checks)
+
+    @property
+    def failed(self) -> tuple[Check, ...]:
+        """The checks that are not kept, the worst first."""
+        return tuple(check for check in self.by_use if not check.passed)
+
+    @property
+    def by_use(self) -> tuple[Check, ...]:
+        """The checks, the worst first: those not kept, then those that use most of their limit."""
+        return tuple(sorted(self.checks, key=lambda check: (check.passed, -check.used)))
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the unit fails, the worst first; empty if it passes."""
+        # A set of recordings that is missing is one reason, however many limits are for it.
+        return tuple(dict.fromkeys(check.reason for check in self.failed))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Parameters too near a limit to be sure on which side they are."""
+        return tuple(check.warning for check in self.by_use if check.warning)
+
+    def summary(self) -> str:
+        """What is not kept, what is near, and how many checks there were, as plain text."""
+        lines = [f"fail: {reason}" for reason in self.reasons]
+        lines += [f"warning: {warning}" for warning in self.warnings]
+        return "\n".join([*lines, self.count])
+
+    @property
+    def count(self) -> str:
+        """How many of the limits are kept."""
+        kept = len(self.checks) - len(self.failed)
+        of = f" of {self.source.path}" if self.source else ""
+        return f"{kept} of {len(self.checks)} limits{of} are kept"
+
+    def to_dict(self) -> dict[str, Any]:
+        """The section `judgement` of the JSON documents."""
+        return {
+            "passed": self.passed,
+            "limits": None
+            if self.source is None
+            else {"path": self.source.path, "sha256": self.source.sha256},
+            "reasons": list(self.reasons),
+            "warnings": list(self.warnings),
+            "checks": [check.to_dict() for check in self.checks],
+        }

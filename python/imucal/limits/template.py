@@ -1,0 +1,118 @@
+"""First limits from units that are known to be good: where they lie, and k times how far they spread.
+
+min, max = mean -+ k s        s: standard deviation over the units
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.calibration.calibration import Calibration
+from imucal.errors import InputError
+from imucal.estimation.evaluate import saved_reasons
+from imucal.limits.limits import COUNTS, FIGURES, FigureLimit, Limits, ParameterLimit
+
+__all__ = ["DEVIATIONS", "limits_from"]
+
+# With 3, one good unit of 18 would fail, as each of 21 parameters is outside with a probability of 0.27 %;
+# with 4, one of 750.
+DEVIATIONS: Final = 4.0
+# Standard deviations follow motion and noise, which hardly differ from unit to unit.
+STD_MARGIN: Final = 2.0
+
+
+def limits_from(calibrations: Sequence[Calibration], deviations: float = DEVIATIONS) -> Limits:
+    """Limits that units like these keep.
+
+    Parameters and figures get mean +- `deviations` standard deviations over the units, standard deviations
+    twice the largest, rests and moves the least number, effects those that any unit carries. Figures are
+    those of the calibration and control sets, where every unit has them.
+
+    Raises InputError for fewer than two units, a unit given twice, one whose own figures are poor, and units
+    of different parameters.
+    """
+    if not (math.isfinite(deviations) and deviations > 0):
+        raise InputError(f"the number of standard deviations is {deviations}: a positive number is needed")
+    if len(calibrations) < 2:
+        raise InputError(f"{len(calibrations)} unit has no spread: give the calibrations of two or more")
+    names = [(parameter.name, parameter.unit) for parameter in calibrations[0].parameters]
+    for number, calibration in enumerate(calibrations[1:], start=2):
+        if [(parameter.name, parameter.unit) for parameter in calibration.parameters] != names:
+            raise InputError(
+                f"unit {number} has other parameters than unit 1: give units of one kind, calibrated alike"
+            )
+    values = np.array([[parameter.value for parameter in c.parameters] for c in calibrations])
+    for number, own in enumerate(values):
+        for other in range(number):
+            if np.array_equal(own, values[other]):
+                raise InputError(
+                    f"unit {other + 1} and unit {number + 1} have the same numbers: give every unit once"
+                )
+    serials = Counter(c.serial_number for c in calibrations if c.serial_number is not None)
+    twice = sorted(serial for serial, count in serials.items() if count > 1)
+    if twice:
+        raise InputError(
+            f"the serial number {twice[0]} comes {serials[twice[0]]} times: give every unit once"
+        )
+    for number, calibration in enumerate(calibrations, start=1):
+        if reasons := saved_reasons(calibration):
+            raise InputError(
+                f"unit {number} is no good unit, {reasons[0]}: limits are made of units that are"
+            )
+    return Limits(
+        tuple(_parameters(calibrations, values, deviations)),
+        tuple(_figures(calibrations, deviations)),
+        tuple(dict.fromkeys(effect.name for c in calibrations for effect in c.effects)),
+        f"mean +- {deviations:g} standard deviations of {len(calibrations)} units",
+    )
+
+
+def _parameters(
+    calibrations: Sequence[Calibration], values: np.ndarray[Any, Any], deviations: float
+) -> list[ParameterLimit]:
+    limits = []
+    for index, parameter in enumerate(calibrations[0].parameters):
+        half = deviations * float(values[:, index].std(ddof=1))
+        if half == 0:
+            raise InputError(f"{parameter.name} is the same in all units: it has no spread")
+        mean = float(values[:, index].mean())
+        std = [c.parameters[index].std for c in calibrations]
+        known = [number for number in std if number]
+        limits.append(
+            ParameterLimit(
+                parameter.name,
+                parameter.unit,
+                _rounded(mean - half, half),
+                _rounded(mean + half, half),
+                None if len(known) < len(std) else _rounded(STD_MARGIN * max(known), max(known)),
+            )
+        )
+    return limits
+
+
+def _figures(calibrations: Sequence[Calibration], deviations: float) -> list[FigureLimit]:
+    limits = []
+    sets: dict[str, list[Mapping[str, Any]]] = {
+        "calibration_set": [c.calibration_set or {} for c in calibrations],
+        "control_set": [c.control_set or {} for c in calibrations],
+    }
+    for of, figures in sets.items():
+        for name in FIGURES[of]:
+            seen = [each.get(name) for each in figures]
+            numbers = [float(number) for number in seen if number]
+            if len(numbers) < len(seen):
+                continue
+            half = deviations * float(np.std(numbers, ddof=1))
+            most = _rounded(float(np.mean(numbers)) + half, half)
+            limits.append(FigureLimit(of, name, int(min(numbers)) if name in COUNTS else most))
+    return limits
+
+
+def _rounded(number: float, scale: float) -> float:
+    """`number` with three digits of `scale`: more say nothing."""
+    return round(number, 2 - math.floor(math.log10(scale))) if scale > 0 else number

@@ -1,0 +1,1 @@
+"""Noise figures and Allan deviations of a unit at rest."""

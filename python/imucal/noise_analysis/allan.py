@@ -1,0 +1,57 @@
+"""Overlapping Allan deviations of any series at equal intervals."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imucal.arrays import FloatArray
+from imucal.document.whole import check_threads
+from imucal.errors import InputError
+
+__all__ = ["allan_deviation"]
+
+
+def allan_deviation(
+    values: ArrayLike,
+    rate_hz: float,
+    taus_s: Literal["octave", "decade"] | Sequence[float] | FloatArray = "octave",
+    *,
+    threads: int | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """Averaging times (K,), s, and overlapping Allan deviations (K,) or (K, C), in the unit of the values.
+
+    values   (N,), or (N, C) with one series in each column; float64 is read in place, strided or not
+    taus_s   "octave" (1, 2, 4, ... samples), "decade" (1, 2, 4, 10, ...), or averaging times in s, of which
+             each is rounded to whole samples
+    threads  how many share the work; None takes all processors. The result is the same.
+
+    docs/model.md (29). Raises InputError for values that are no numbers, and for a time of less than one
+    sample or of more than half of them.
+    """
+    from imucal import _core
+
+    check_threads(threads)
+    if not (np.isfinite(rate_hz) and rate_hz > 0):
+        raise InputError(f"rate_hz is {rate_hz}: give the sample rate in Hz")
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"values cannot be made an array: {error}: give numbers, (N,) or (N, C)") from None
+    if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
+        raise InputError(f"values have the shape {array.shape}: give (N,) or (N, C)")
+    if isinstance(taus_s, str):
+        factors = _core.allan_factors(len(array), taus_s)
+    else:
+        wanted = np.asarray(taus_s, dtype=np.float64)
+        if wanted.ndim != 1 or not np.all(np.isfinite(wanted)) or np.any(wanted < 0):
+            raise InputError("taus_s needs finite averaging times in s, or octave or decade")
+        # What is longer than all samples is refused below; as an integer it would wrap.
+        most = float(len(array) + 1)
+        factors = np.unique(np.minimum(np.round(wanted * rate_hz), most)).astype(np.int64).tolist()
+    columns = _core.allan_deviations(array, factors, threads)
+    deviations = columns[0] if array.ndim == 1 else np.column_stack(columns)
+    return np.array(factors, dtype=np.float64) / rate_hz, deviations

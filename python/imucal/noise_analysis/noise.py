@@ -1,0 +1,214 @@
+"""The noise of a unit from a recording at rest: Allan deviations, and what they are made of."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from imucal.arrays import FloatArray
+from imucal.document.plain import without_nan
+from imucal.document.whole import check_threads
+from imucal.estimation.evaluate import MIN_REST_S
+from imucal.finding import Finding
+from imucal.recording.recording import Recording, as_recording
+
+if TYPE_CHECKING:
+    from imucal import _core
+
+__all__ = ["AxisNoise", "NoiseFigure", "NoiseResult", "noise"]
+
+SCHEMA: Final = "imucal.noise/1"
+# Figures and their units, v being that of the sensor.
+FIGURES: Final = {
+    "noise_density": "{}/sqrt(Hz)",
+    "bias_instability": "{}",
+    "random_walk": "{}/s/sqrt(Hz)",
+    "quantisation": "{} s",
+}
+# Findings with which the figures are not to be relied on.
+POOR: Final = ("noise_below_lsb", "noise_model")
+
+
+@dataclass(frozen=True)
+class NoiseFigure:
+    """One figure: maximum-likelihood estimate, standard deviation and 95 % band.
+
+    A kind of noise that the recording does not show has neither value nor std: `low` is 0, and `high` is what
+    the recording excludes, infinite for an axis that is constant.
+    """
+
+    value: float | None
+    std: float | None
+    low: float
+    high: float
+    unit: str
+
+    def __str__(self) -> str:
+        if self.value is None and self.high == float("inf"):
+            return "not known"
+        if self.value is None:
+            return f"below {self.high:.3g} {self.unit}"
+        return f"{self.value:.4g} +- {self.std:.2g} {self.unit}"
+
+
+@dataclass(frozen=True, eq=False)
+class AxisNoise:
+    """The noise of one axis; v is the unit of its samples, m/s^2, rad/s or lsb.
+
+    noise_density     white noise N, v/sqrt(Hz); of a gyroscope the angle random walk
+    bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
+    random_walk       rate random walk K, v/s/sqrt(Hz)
+    quantisation      Q of an integrated output, v s; rounding to counts is none, and is no part of N
+    lsb               one count: the smallest step between samples, v
+    is_below_lsb      white noise is less than half a count: no figure has a value then
+    shortest_period_s what was fitted: noise of shorter periods has been filtered
+    misfit            how far an octave of frequencies is off the model, in standard deviations, the worst one
+    taus_s            (K,) averaging times, s
+    deviations        (K,) overlapping Allan deviations, v
+    low, high         (K,) their 95 % bands
+    dof               (K,) their equivalent degrees of freedom
+    model             (K,) Allan deviations of the figures
+    """
+
+    noise_density: NoiseFigure
+    bias_instability: NoiseFigure
+    random_walk: NoiseFigure
+    quantisation: NoiseFigure
+    lsb: float
+    is_below_lsb: bool
+    shortest_period_s: float
+    misfit: float
+    taus_s: FloatArray
+    deviations: FloatArray
+    low: FloatArray
+    high: FloatArray
+    dof: FloatArray
+    model: FloatArray
+
+    @property
+    def figures(self) -> dict[str, NoiseFigure]:
+        """The four figures by their names."""
+        return {name: getattr(self, name) for name in FIGURES}
+
+
+@dataclass(frozen=True, eq=False)
+class NoiseResult:
+    """The noise of both triads of a unit.
+
+    axes              accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z
+    start_s, end_s    the stretch at rest that was used
+    findings          what is worth knowing about the recording
+    """
+
+    name: str
+    axes: Mapping[str, AxisNoise]
+    start_s: float
+    end_s: float
+    samples: int
+    rate_hz: float
+    accel_unit: str
+    gyro_unit: str
+    findings: tuple[Finding, ...]
+
+    def triad(self, sensor: str) -> tuple[AxisNoise, ...]:
+        """The axes of "accel" or "gyro"."""
+        return tuple(self.axes[f"{sensor}_{axis}"] for axis in "xyz")
+
+    @property
+    def duration_s(self) -> float:
+        """Length of the stretch at rest, s."""
+        return self.end_s - self.start_s
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why the verdict is poor; empty for a good one."""
+        return tuple(f"{', '.join(f.columns)}: {f.code}" for f in self.findings if f.code in POOR)
+
+    @property
+    def verdict(self) -> str:
+        """`good` or `poor`."""
+        return "poor" if self.reasons else "good"
+
+    def heading(self) -> str:
+        """What was used, in one line."""
+        return (
+            f"{self.name}: {self.samples} samples at rest, {self.start_s:.2f} s to {self.end_s:.2f} s, "
+            f"{self.rate_hz:.6g} Hz"
+        )
+
+    def summary(self) -> str:
+        """One line for each figure that was found or bounded, and the findings."""
+        lines = [self.heading()]
+        for name, axis in self.axes.items():
+            for figure, estimate in axis.figures.items():
+                if figure != "quantisation" or estimate.value is not None:
+                    lines.append(f"{name} {figure} {estimate}")
+        return "\n".join([*lines, *(finding.line for finding in self.findings)])
+
+    def _repr_html_(self) -> str:
+        """What notebooks show."""
+        from imucal.report.notebook import of_noise
+
+        return of_noise(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal noise --json`."""
+        document: dict[str, Any] = without_nan(self)
+        return {"schema": SCHEMA, "verdict": self.verdict, "reasons": list(self.reasons), **document}
+
+
+def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int | None = None) -> NoiseResult:
+    """Identify white noise, bias instability, random walk and quantisation of a unit at rest.
+
+    The longest rest of the recording is used; hours at a constant temperature are good. Figures are in the
+    recording's units and have the definitions of the simulation, docs/model.md (22), and those of the unit
+    files. threads: None takes all processors; the result is the same.
+
+    Raises InputError for faults, lost and repeated samples among them, and for rests of fewer than 1000
+    samples; NotEnoughMotionError if the unit is never at rest.
+    """
+    from imucal import _core
+
+    as_recording(recording)
+    check_threads(threads)
+    found = _core.identify_noise(recording, min_rest_s, threads)
+    axes = {
+        f"{sensor}_{axis}": _axis(of_axis, unit)
+        for sensor, triad, unit in (
+            ("accel", found.accelerometer, recording.accel_unit),
+            ("gyro", found.gyroscope, recording.gyro_unit),
+        )
+        for axis, of_axis in zip("xyz", triad, strict=True)
+    }
+    return NoiseResult(
+        name=recording.name,
+        axes=axes,
+        start_s=found.start_s,
+        end_s=found.end_s,
+        samples=found.samples,
+        rate_hz=found.rate_hz,
+        accel_unit=recording.accel_unit,
+        gyro_unit=recording.gyro_unit,
+        findings=(*recording.findings, *found.findings),
+    )
+
+
+def _axis(axis: _core.AxisNoise, unit: str) -> AxisNoise:
+    def figure(name: str) -> NoiseFigure:
+        e = getattr(axis, name)
+        return NoiseFigure(e.value, e.std, e.low, e.high, FIGURES[name].format(unit))
+
+    return AxisNoise(
+        **{name: figure(name) for name in FIGURES},
+        lsb=axis.lsb,
+        is_below_lsb=axis.is_below_lsb,
+        shortest_period_s=axis.shortest_period_s,
+        misfit=axis.misfit,
+        taus_s=axis.tau_s,
+        deviations=axis.deviation,
+        low=axis.low,
+        high=axis.high,
+        dof=axis.dof,
+        model=axis.model,
+    )

@@ -1,0 +1,1 @@
+"""Motions that determine the parameters, before they are run."""

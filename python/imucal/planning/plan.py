@@ -1,0 +1,365 @@
+"""What a motion will determine, before it is run, and the program that determines most.
+
+    planned = imucal.plan("optimal", targets={"accel_sensitivity": "50 ppm", "gyro_bias": 5e-5})
+    planned.program.write("program.json"); print(planned.summary())
+
+Standard deviations are those of the joint fit, from the model and the white noise of the unit. Detection
+limits are those that `imucal gap` states: of a simulated run.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.calibration.calibration import Calibration, Triad
+from imucal.document.plain import without_nan
+from imucal.document.whole import check_count, check_seed
+from imucal.effects.effect import catalogue, find
+from imucal.errors import ImucalError, InputError
+from imucal.estimation.options import Options
+from imucal.planning.targets import sigma_of, targets_of, worst_of
+from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording
+from imucal.rig.motion import Motion, Program, Tumble, motion_of
+from imucal.rig.stand import Stand
+from imucal.rig.stand_limits import StandLimits, stand_limits_of
+from imucal.rig.unit import Unit, unit_of
+from imucal.simulation.simulate import simulate
+
+__all__ = ["Plan", "PlannedParameter", "plan"]
+
+DEFAULT_MINUTES: Final = 3.0
+PROPOSALS: Final = 12000
+# Of what only explores which parameters a stand determines at all.
+FEW_PROPOSALS: Final = 300
+# Tremor of a hand in the run that detection limits come from, deg.
+TREMOR_DEG: Final = 0.05
+# A goal that is missed by less is rounding.
+ROUNDING: Final = 1.001
+
+
+@dataclass(frozen=True)
+class PlannedParameter:
+    """Predicted standard deviation of a parameter, SI units; None where the motion does not determine it."""
+
+    name: str
+    std: float | None
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion, and what it will determine.
+
+    kind              "optimal", "random", "grid", "tumble" or "program"
+    motion            the motion; `program` is it where a stand runs it
+    minutes           how long it takes on the stand
+    moves, rests      how many; rests that are too short to be found do not count
+    parameters        the 21 parameters, then those of the effects asked for
+    worst             largest standard deviation of each group, {"accel_bias": {value, unit}, ...}; None where
+                      one of the group is not determined
+    targets           what was wished for, by group, SI units
+    reached           whether all targets, and the time allowed, are kept
+    detection_limits  by effect: the smallest size that `imucal gap` would find with 90 % probability
+    not_observable    effects that such a run cannot show: {name, needs}
+    undetermined      what the motion does not determine and what would, in words; None if nothing is open
+    comparison        the paper's programs with this unit: {name, minutes, worst} of each, and of both
+    notes             what the figures leave out
+    """
+
+    kind: str
+    motion: Motion
+    minutes: float
+    moves: int
+    rests: int
+    parameters: tuple[PlannedParameter, ...]
+    worst: Mapping[str, Any]
+    targets: Mapping[str, float]
+    reached: bool
+    detection_limits: Mapping[str, Mapping[str, Any]]
+    not_observable: tuple[Mapping[str, str], ...]
+    undetermined: str | None
+    comparison: tuple[Mapping[str, Any], ...]
+    notes: tuple[str, ...]
+    unit: str
+    seed: int
+
+    @property
+    def program(self) -> Program:
+        """The program of the stand; InputError for a motion that has none."""
+        if not isinstance(self.motion, Program):
+            raise InputError(f"a {self.kind} is no program of a stand: plan grid, random or optimal")
+        return self.motion
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of `imucal plan --json` (schema imucal.plan/1)."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
+        del fields["motion"]
+        program = self.motion.to_dict() if isinstance(self.motion, Program) else None
+        document: dict[str, Any] = without_nan({"schema": "imucal.plan/1", **fields, "program": program})
+        return document
+
+    def summary(self) -> str:
+        """For people: time, the worst standard deviation of each group, and what is missing."""
+        from imucal.planning.text import summary
+
+        return summary(self)
+
+
+def plan(
+    kind: Motion | str | os.PathLike[str] = "optimal",
+    *,
+    unit: Unit | str | os.PathLike[str] = "paper",
+    stand: StandLimits | str | os.PathLike[str] = "paper",
+    targets: Mapping[str, float | str] | None = None,
+    minutes: float | None = None,
+    effects: Sequence[str] = (),
+    seed: int = 1,
+    proposals: int = PROPOSALS,
+    detection_limits: bool = True,
+    rate_hz: float = 200.0,
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2,
+    options: Mapping[str, float | int] | None = None,
+) -> Plan:
+    """Predict what a motion will determine, or find the program that determines most.
+
+    kind       "optimal"; "random", "grid" or "tumble"; a Program, Tumble or Static; or a program file
+    unit       whose noise it is: a name out of `unit_names()`, a Unit, or the path of a unit file
+    stand      limits of the stand: "paper" (three motors, 120 deg/s), "two-axis", "one-axis", "hand" (poses
+               to hold, without a stand), a StandLimits, or the path of a limits file
+    targets    of the optimal program: standard deviation that the worst of a group is to reach, in SI units
+               or as text with a unit ("50 ppm"); groups are accel_bias, accel_sensitivity, gyro_bias,
+               gyro_sensitivity and the names in `effects`. The shortest program is found. Without targets it
+               is the one with most information on all parameters (D-optimal) in `minutes`
+    minutes    the time that the optimal program may take; the limits' own if not given, or 3
+    effects    names of effects that the program is to show, too
+    seed       of the search and of the random program
+    proposals  how many changes of the program the search tries
+    detection_limits  False leaves them and `not_observable` out, which take most of the time
+    rate_hz    sample rate of the unit
+    options    of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`, `poses`, ...
+
+    Raises InputError for what cannot be used, FormatError for a bad file, NotEnoughMotionError if the stand
+    can run no program in the time.
+    """
+    check_seed(seed)
+    check_count(proposals, "proposals")
+    unit = dataclasses.replace(unit_of(unit), effects=())
+    limits = stand_limits_of(stand)
+    minutes = minutes if minutes is not None else limits.minutes
+    if minutes is not None and not 0 < minutes < math.inf:
+        raise InputError(f"minutes is {minutes}: a positive number is needed")
+    for name in effects:
+        find(name)
+    if not 0 < rate_hz < math.inf:
+        raise InputError(f"rate_hz is {rate_hz}: a positive number is needed")
+    for name, sensor in (("accelerometer", unit.accelerometer), ("gyroscope", unit.gyroscope)):
+        if not sensor.noise_density > 0 and sensor.lsb is None:
+            raise InputError(
+                f"the {name} of {unit.name or 'the unit'} has no noise: any program would determine "
+                "everything; give a unit with the noise of its datasheet"
+            )
+    planner = _Planner(unit, limits, tuple(effects), seed, proposals, rate_hz, gravity_mps2)
+    wishes = targets_of(targets or {}, effects)
+    if kind != "optimal":
+        if wishes:
+            raise InputError("targets are for the optimal program: plan optimal, or leave them out")
+        motion = motion_of(kind, seed, dict(options or {}))
+        name = kind if isinstance(kind, str) and kind in ("random", "grid", "tumble") else "program"
+        planned = planner.predicted(name, motion, {}, detection_limits)
+        within = minutes is None or planned.minutes <= minutes * ROUNDING
+        return dataclasses.replace(planned, reached=within)
+    if options:
+        raise InputError(f"{next(iter(options))} is no option of the optimal program: leave it out")
+    motion, reached = planner.optimal(wishes, minutes)
+    planned = planner.predicted("optimal", motion, wishes, detection_limits)
+    within = minutes is None or planned.minutes <= minutes * ROUNDING
+    return dataclasses.replace(planned, reached=reached and within)
+
+
+@dataclass(frozen=True)
+class CoreSensors:
+    """What the compiled library reads of the unit, by these names."""
+
+    unit: Unit
+    rate_hz: float
+    gravity_mps2: float
+    effects: tuple[str, ...]
+    run_s: float
+
+
+@dataclass(frozen=True)
+class _Planner:
+    """One unit on one stand."""
+
+    unit: Unit
+    limits: StandLimits
+    effects: tuple[str, ...]
+    seed: int
+    proposals: int
+    rate_hz: float
+    gravity_mps2: float
+
+    def optimal(self, wishes: Mapping[str, float], minutes: float | None) -> tuple[Program, bool]:
+        """The optimal program, and whether it reaches the wishes."""
+        minutes_allowed = DEFAULT_MINUTES if minutes is None else minutes
+        if not wishes:
+            return self._search(minutes_allowed, None, self.proposals)
+        sigma = sigma_of(wishes, self._parameters(minutes_allowed))
+        if self.limits.axis_count < 3 or any(axis and axis.in_si()[2] for axis in self.limits.axes):
+            # What no program of this stand determines is no wish.
+            trial, _ = self._search(minutes_allowed, None, FEW_PROPOSALS)
+            determined, _ = self._determined(self._run(trial))
+            base = [s if known else math.inf for s, known in zip(sigma, determined, strict=False)]
+            sigma = [*base, *sigma[len(base) :]]
+            if not any(map(math.isfinite, sigma)):
+                raise InputError(
+                    "this stand determines nothing of what the targets ask for: take a stand with more axes"
+                )
+        return self._search(minutes_allowed, sigma, self.proposals)
+
+    def predicted(self, kind: str, motion: Motion, wishes: Mapping[str, float], thorough: bool) -> Plan:
+        """What a motion will tell."""
+        minutes = motion.duration_s / 60.0
+        sigma, rests = self._sigma([motion], minutes)
+        run = self._run(motion)
+        known, undetermined = self._determined(run)
+        notes = self._notes()
+        visible: dict[str, dict[str, Any]] = {}
+        blind: tuple[dict[str, str], ...] = ()
+        if thorough:
+            if undetermined is None:
+                visible, blind, note = self._visible(run)
+                notes += note
+            else:
+                notes.append(
+                    "no detection limits: the gap is searched beside a calibration, and there is none"
+                )
+        parameters = tuple(
+            PlannedParameter(name, std if k >= 21 or known[k] else None, unit)
+            for k, ((name, unit), std) in enumerate(zip(self._parameters(minutes), sigma, strict=True))
+        )
+        return Plan(
+            kind=kind,
+            motion=motion,
+            minutes=minutes,
+            moves=_moves(motion),
+            rests=rests,
+            parameters=parameters,
+            worst=worst_of(parameters, self.effects),
+            targets=wishes,
+            reached=True,
+            detection_limits=visible,
+            not_observable=blind,
+            undetermined=undetermined,
+            comparison=self._papers(),
+            notes=tuple(notes),
+            unit=self.unit.name,
+            seed=self.seed,
+        )
+
+    def _search(self, minutes: float, sigma: Sequence[float] | None, proposals: int) -> tuple[Program, bool]:
+        from imucal import _core
+
+        steps, reached = _core.optimal_program(
+            self._sensors(minutes), self.limits.in_si(), 60.0 * minutes, sigma, self.seed, proposals
+        )
+        return Program.of_steps(steps), reached
+
+    def _sensors(self, minutes: float) -> CoreSensors:
+        return CoreSensors(self.unit, self.rate_hz, self.gravity_mps2, self.effects, 60.0 * minutes)
+
+    def _sigma(self, motions: Sequence[Motion], minutes: float) -> tuple[list[float], int]:
+        from imucal import _core
+
+        trembles = any(isinstance(motion, Tumble) and motion.tremor_deg > 0 for motion in motions)
+        limits, in_hand = self.limits, self.limits.in_hand
+        sigma, rests = _core.predict_sigma(
+            self._sensors(minutes),
+            [motion.in_si() for motion in motions],
+            min(1.0, limits.min_rest_s),
+            limits.settle_s,
+            in_hand or trembles,
+        )
+        return sigma, rests
+
+    def _parameters(self, minutes: float) -> list[tuple[str, str]]:
+        """Name and unit of each."""
+        from imucal import _core
+
+        perfect = Triad(np.eye(3), np.zeros(3))
+        base = [(parameter.name, parameter.unit) for parameter in Calibration(perfect, perfect).parameters]
+        return [*base, *_core.plan_effect_parameters(self._sensors(minutes))]
+
+    def _run(self, motion: Motion) -> Recording:
+        """A simulated run."""
+        if self.limits.in_hand and isinstance(motion, Program):
+            motion = Program(motion.steps, Stand(tremor_deg=TREMOR_DEG, tremor_seed=self.seed))
+        run = simulate(
+            motion, seed=self.seed, unit=self.unit, rate_hz=self.rate_hz, gravity_mps2=self.gravity_mps2
+        ).recording
+        return dataclasses.replace(run, stand_rad=None) if self.limits.in_hand else run
+
+    def _options(self) -> Options:
+        return Options(self.gravity_mps2, "symmetric", min(1.0, self.limits.min_rest_s), False, None, None)
+
+    def _determined(self, run: Recording) -> tuple[list[bool], str | None]:
+        """Which of the 21 parameters a run determines, and what is missing in words."""
+        from imucal import _core
+
+        prospect = _core.prospect([run], self._options())
+        return [sigma is not None for sigma in prospect.predicted_sigma], prospect.missing
+
+    def _visible(
+        self, run: Recording
+    ) -> tuple[dict[str, dict[str, Any]], tuple[dict[str, str], ...], list[str]]:
+        """Detection limits, what cannot be seen, and why there are none."""
+        from imucal import _core
+
+        candidates = [(effect.name, False) for effect in catalogue()]
+        try:
+            visible, blind = _core.smallest_visible([run], self._options(), candidates)
+        except ImucalError as error:
+            return {}, (), [f"no detection limits: {error}"]
+        limits = {name: {"value": size, "unit": unit} for name, size, unit in visible}
+        return limits, tuple({"name": name, "needs": needs} for name, needs in blind), []
+
+    def _papers(self) -> tuple[Mapping[str, Any], ...]:
+        """The paper's programs with the noise of this unit, on its own stand."""
+        own = dataclasses.replace(self, limits=stand_limits_of("paper"), effects=())
+        grid, random = Program.grid(), Program.random(seed=self.seed)
+        rows: list[dict[str, Any]] = []
+        for name, motions in (("grid", [grid]), ("random", [random]), ("grid and random", [grid, random])):
+            minutes = sum(motion.duration_s for motion in motions) / 60.0
+            sigma, _ = own._sigma(motions, minutes)
+            # The grid turns about one axis at a time and says nothing of the gyroscope's cross entries.
+            parameters = [
+                PlannedParameter(parameter, std if std < OPEN else None, unit)
+                for (parameter, unit), std in zip(own._parameters(minutes), sigma, strict=True)
+            ]
+            rows.append({"name": name, "minutes": minutes, "worst": worst_of(parameters, ())})
+        return tuple(rows)
+
+    def _notes(self) -> list[str]:
+        sensors = (("accelerometer", self.unit.accelerometer), ("gyroscope", self.unit.gyroscope))
+        return [
+            f"the bias of the {name} wanders: standard deviations here are those of white noise alone"
+            for name, sensor in sensors
+            if sensor.bias_instability > 0 or np.any(sensor.random_walk > 0)
+        ]
+
+
+# An open parameter has a tenth of its size by convention; what is below a fifth of that has been seen.
+OPEN: Final = 0.02
+
+
+def _moves(motion: Motion) -> int:
+    if isinstance(motion, Program):
+        return sum(any(step.turn_deg) for step in motion.steps)
+    return motion.poses - 1 if isinstance(motion, Tumble) else 0

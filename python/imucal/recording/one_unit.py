@@ -1,0 +1,88 @@
+"""Recordings of one unit: of the same raw units, each with a name of its own, and none that judges itself."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imucal.errors import InputError
+from imucal.recording.recording import Recording, as_recordings
+
+__all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
+
+# Samples that tell two runs apart.
+BEGINNING: Final = 100
+
+
+def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
+    """The recordings as a list; they must agree on what the numbers are."""
+    unit_data = as_recordings(recordings)
+    if not unit_data:
+        raise InputError("there is no recording: give at least one")
+    first = unit_data[0]
+    for other in unit_data[1:]:
+        if (other.accel_unit, other.gyro_unit) != (first.accel_unit, first.gyro_unit):
+            raise InputError(
+                f"{other.name} is in {other.accel_unit} and {other.gyro_unit} but {first.name} in "
+                f"{first.accel_unit} and {first.gyro_unit}: recordings of one unit need the same raw units"
+            )
+    return with_own_names(unit_data)
+
+
+def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings, each with a name that no other has: results say by name which one a rest is of."""
+    names: list[str] = []
+    for recording in recordings:
+        name, number = recording.name, 1
+        while name in names:
+            number += 1
+            name = f"{recording.name} ({number})"
+        names.append(name)
+    return [
+        recording if recording.name == name else replace(recording, name=name)
+        for recording, name in zip(recordings, names, strict=True)
+    ]
+
+
+def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
+    """A control recording must not be one that the calibration is made of."""
+    for judge in judges:
+        for recording in unit_data:
+            if _is_same_run(judge, recording):
+                raise InputError(
+                    f"the control recording {judge.name} has all {len(judge)} samples of {recording.name}, "
+                    "which the calibration is made of: give another recording of the unit, or use folds"
+                )
+
+
+def require_different(judges: Sequence[Recording]) -> None:
+    """Control recordings count once."""
+    for number, judge in enumerate(judges):
+        for other in judges[:number]:
+            if _is_same_run(judge, other):
+                raise InputError(
+                    f"the control recordings {other.name} and {judge.name} have the same {len(judge)} "
+                    "samples: give every recording once"
+                )
+
+
+def _is_same_run(one: Recording, other: Recording) -> bool:
+    """Whether both have the same samples; one that was held or logged twice counts once."""
+    # Nearly always their beginnings differ.
+    starts = [_changes(recording, BEGINNING) for recording in (one, other)]
+    shared = min(map(len, starts))
+    if not np.array_equal(starts[0][:shared], starts[1][:shared]):
+        return False
+    return np.array_equal(_changes(one), _changes(other))
+
+
+def _changes(recording: Recording, end: int | None = None) -> NDArray[Any]:
+    """The rows up to `end` that differ from the one before, (n, 6)."""
+    rows = np.hstack((recording.specific_force[:end], recording.angular_rate[:end]))
+    is_new = np.ones(len(rows), dtype=bool)
+    is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)
+    return np.asarray(rows[is_new])

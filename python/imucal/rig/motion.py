@@ -1,0 +1,259 @@
+"""Motions that a simulated unit undergoes: a program on a stand, turned by hand, or still.
+
+Angles are in degrees and small lengths in millimetres where people give them, the unit in the name; the same
+seed gives the same motion.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from imucal.document.json_document import Node, read_json, write_json
+from imucal.document.whole import check_count, check_seed
+from imucal.errors import FormatError, InputError
+from imucal.rig.stand import Stand, stand_of
+
+__all__ = ["Motion", "Program", "Static", "Step", "Tumble"]
+
+SCHEMA: Final = "imucal.program/1"
+
+
+@dataclass(frozen=True)
+class Step:
+    """Turn the three motors by `turn_deg` (outer motor first) in `move_s`, then hold still for `hold_s`."""
+
+    turn_deg: tuple[float, float, float]
+    move_s: float
+    hold_s: float
+
+
+@dataclass(frozen=True)
+class Program:
+    """What the stand's motors are told to do: a list of steps, from all motors at zero.
+
+    stand  the errors of the stand that it runs on; None is a perfect one
+    """
+
+    steps: tuple[Step, ...]
+    stand: Stand | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """All turns and holds, s."""
+        return sum(step.move_s + step.hold_s for step in self.steps)
+
+    @staticmethod
+    def random(
+        *, seed: int, moves: int = 45, max_rate_dps: float = 120.0, move_s: float = 2.0, hold_s: float = 5.0
+    ) -> Program:
+        """The paper's gyroscope program: random turns of all motors, a hold before, between and after them.
+
+        max_rate_dps  bound of each motor's mean rate over a turn, deg/s
+        """
+        from imucal import _core
+
+        check_seed(seed)
+        check_count(moves, "moves")
+        return Program.of_steps(_core.random_program(moves, math.radians(max_rate_dps), move_s, hold_s, seed))
+
+    @staticmethod
+    def grid(*, step_deg: float = 20.0, move_s: float = 1.0, hold_s: float = 5.0) -> Program:
+        """The paper's accelerometer program: motor 3 through full turns, motor 2 through half a turn."""
+        from imucal import _core
+
+        return Program.of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
+
+    @staticmethod
+    def of_steps(steps: Sequence[tuple[Sequence[float], float, float]]) -> Program:
+        """A program of the compiled library's steps: turns in rad, how long turn and hold take in s."""
+        return Program(
+            tuple(
+                Step(_triple([math.degrees(angle) for angle in turn_rad]), move_s, hold_s)
+                for turn_rad, move_s, hold_s in steps
+            )
+        )
+
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> Program:
+        """Read a program file (schema imucal.program/1); FormatError names the field that is wrong."""
+        node = read_json(path)
+        node.require_schema(SCHEMA)
+        return program_of(node)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the program file, whole or not at all."""
+        write_json({"schema": SCHEMA, **self.to_dict()}, path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields of the program file."""
+        stand = {} if self.stand is None else {"stand": self.stand.to_dict()}
+        return {"steps": self.steps, **stand}
+
+    def in_si(self) -> StandMotion:
+        """The motion as the compiled library reads it."""
+        steps = tuple(
+            (_triple([math.radians(angle) for angle in step.turn_deg]), step.move_s, step.hold_s)
+            for step in self.steps
+        )
+        return StandMotion(steps, (self.stand or Stand()).in_si())
+
+
+@dataclass(frozen=True)
+class Tumble:
+    """A unit turned by hand: rests in random poses, and between them turns that carry it along.
+
+    poses           how many rests
+    hold_s, move_s  how long a rest and a move take
+    tremor_deg      standard deviation of the tremor about each axis; 0 holds still
+    translation_mm  the poses are anywhere in a cube of this edge; 0 turns on the spot
+    """
+
+    seed: int
+    poses: int = 40
+    hold_s: float = 4.0
+    move_s: float = 2.0
+    tremor_deg: float = 0.0
+    translation_mm: float = 100.0
+
+    @property
+    def duration_s(self) -> float:
+        """All rests and moves, s."""
+        return self.poses * self.hold_s + (self.poses - 1) * self.move_s
+
+    def __post_init__(self) -> None:
+        check_seed(self.seed)
+        check_count(self.poses, "poses")
+
+    def in_si(self) -> TumbleMotion:
+        """The motion as the compiled library reads it."""
+        return TumbleMotion(
+            self.poses,
+            self.hold_s,
+            self.move_s,
+            math.radians(self.tremor_deg),
+            self.translation_mm * 1e-3,
+            self.seed,
+        )
+
+
+@dataclass(frozen=True)
+class Static:
+    """A unit that lies still; `rotation_wxyz` takes a vector from the body to the world (x north, z up)."""
+
+    duration_s: float = 60.0
+    rotation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        norm = float(np.linalg.norm(np.asarray(self.rotation_wxyz, dtype=np.float64)))
+        if len(self.rotation_wxyz) != 4 or not 1e-6 < norm < 1e6:
+            raise InputError(f"rotation_wxyz is {self.rotation_wxyz}: four numbers, not all zero, are needed")
+
+    def in_si(self) -> Static:
+        """The motion as the compiled library reads it: this one has no angles."""
+        return self
+
+
+Motion: TypeAlias = Program | Tumble | Static
+
+
+@dataclass(frozen=True)
+class StandMotion:
+    """A program on a stand, rad and m."""
+
+    steps: tuple[tuple[tuple[float, float, float], float, float], ...]
+    stand: Any
+
+
+@dataclass(frozen=True)
+class TumbleMotion:
+    """A run by hand, rad and m."""
+
+    poses: int
+    hold_s: float
+    move_s: float
+    tremor_rad: float
+    translation_m: float
+    seed: int
+
+
+def motion_of(
+    program: Motion | str | os.PathLike[str], seed: int, options: dict[str, float | int] | None = None
+) -> Motion:
+    """A motion as people name it: an object, "random", "grid", "tumble", "static", or a program file.
+
+    seed     of the random program's moves and of the tumble's poses
+    options  arguments of the named motion, such as `moves` of "random"
+
+    Raises InputError for an option that the motion does not have.
+    """
+    options = options or {}
+    named: dict[str, Any] = {
+        "random": lambda **given: Program.random(seed=seed, **given),
+        "grid": Program.grid,
+        "tumble": lambda **given: Tumble(seed, **given),
+        "static": Static,
+    }
+    known = {
+        "random": ("moves", "max_rate_dps", "move_s", "hold_s"),
+        "grid": ("step_deg", "move_s", "hold_s"),
+        "tumble": ("poses", "hold_s", "move_s", "tremor_deg", "translation_mm"),
+        "static": ("duration_s",),
+    }
+    name = program if isinstance(program, str) and program in named else None
+    unfit = [option for option in options if option not in known.get(name or "", ())]
+    if unfit:
+        having = [motion for motion, names in known.items() if unfit[0] in names]
+        raise InputError(
+            f"{unfit[0]} is an option of {' and '.join(having)}: leave it out, or give that motion"
+        )
+    if name is not None:
+        motion: Motion = named[name](**options)
+        return motion
+    return program if isinstance(program, (Program, Tumble, Static)) else Program.read(program)
+
+
+def motion_to_dict(motion: Motion) -> dict[str, Any]:
+    """The motion in a truth file: its kind, and what gives it again."""
+    if isinstance(motion, Program):
+        return {"kind": "program", **motion.to_dict()}
+    kind = "tumble" if isinstance(motion, Tumble) else "static"
+    return {"kind": kind, **dataclasses.asdict(motion)}
+
+
+def motion_from(node: Node) -> Motion:
+    """The motion in a truth file."""
+    kind = node.get("kind").text(("program", "tumble", "static"))
+    if kind == "program":
+        return program_of(node)
+    if kind == "static":
+        w, x, y, z = node.get("rotation_wxyz").array(4).tolist()
+        return Static(node.get("duration_s").number(), (w, x, y, z))
+    numbers = {name: node.get(name).number() for name in ("hold_s", "move_s", "tremor_deg", "translation_mm")}
+    return Tumble(node.get("seed").whole(), node.get("poses").whole(), **numbers)
+
+
+def program_of(node: Node) -> Program:
+    """The program in a file."""
+    steps = []
+    for item in node.get("steps").items():
+        turn_deg = _triple(item.get("turn_deg").array(3).tolist())
+        times = (item.get("move_s"), item.get("hold_s"))
+        for time in times:
+            if time.number() < 0:
+                raise FormatError(f"{time.file}: {time.path} is {time.value}, it must not be negative")
+        steps.append(Step(turn_deg, times[0].number(), times[1].number()))
+    if not steps:
+        raise FormatError(f"{node.file}: $.steps is empty: a program needs at least one step")
+    return Program(tuple(steps), stand_of(node.get("stand")) if "stand" in node.mapping() else None)
+
+
+def _triple(values: Sequence[float]) -> tuple[float, float, float]:
+    first, second, third = values
+    return (first, second, third)

@@ -1,0 +1,203 @@
+"""What is wrong with a stand: its geometry, its stiffness, its shaking and its encoders."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.document.json_document import Node, read_json, write_json
+from imucal.document.whole import check_count, check_seed
+from imucal.effects.effect import EffectValues, find
+from imucal.effects.values import effects_of, effects_to_list
+from imucal.errors import FormatError, InputError
+
+__all__ = ["Stand"]
+
+SCHEMA: Final = "imucal.stand/1"
+# Standard deviations of a cheap stand: hobby servos, magnetic encoders, printed rings, screwed on by eye.
+CHEAP: Final = {
+    "mount_rotation_deg": 1.0,
+    "base_tilt_deg": 0.5,
+    "non_orthogonality_deg": 0.5,
+    "flexure_deg": 0.1,
+    "vibration_deg": 0.02,
+    "vibration_mm": 0.05,
+    "encoder_noise_deg": 0.02,
+}
+# Its encoders: 12 bit, and the typical sizes of the catalogue.
+CHEAP_COUNTS: Final = 4096
+CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
+CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)
+
+
+@dataclass(frozen=True)
+class Stand:
+    """Errors of a stand; all at zero is a perfect one.
+
+    mount_rotation_deg     rotation vector of the unit on the innermost ring
+    base_tilt_deg          tilt of the base about the world's x and y axes
+    non_orthogonality_deg  by how much axis 2 on axis 1, and axis 3 on axis 2, miss the right angle
+    flexure_deg            how far the innermost ring sags where axis 3 is level
+    vibration_deg, vibration_mm, vibration_hz   amplitudes and frequency of the shaking while motors turn
+    encoder_noise_deg      standard deviation of the white noise of a reading
+    encoder_counts         counts of an encoder per turn, or None: no steps
+    encoder_effects        effects of the catalogue on what the encoders read
+    tremor_deg             standard deviation about each axis of a shaking that goes on at rest, too
+    tremor_seed            of its frequencies and phases
+    slip_deg, slip_time_s  from this time on the unit sits on its mount turned by this rotation vector
+    """
+
+    mount_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    base_tilt_deg: tuple[float, float] = (0.0, 0.0)
+    non_orthogonality_deg: tuple[float, float] = (0.0, 0.0)
+    flexure_deg: float = 0.0
+    vibration_deg: float = 0.0
+    vibration_mm: float = 0.0
+    vibration_hz: float = 0.0
+    encoder_noise_deg: float = 0.0
+    encoder_counts: int | None = None
+    encoder_effects: tuple[EffectValues, ...] = ()
+    tremor_deg: float = 0.0
+    tremor_seed: int = 0
+    slip_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    slip_time_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        if self.encoder_counts is not None:
+            check_count(self.encoder_counts, "encoder_counts")
+        check_seed(self.tremor_seed)
+        for effect in self.encoder_effects:
+            if find(effect.name).sensor != "encoder":
+                raise InputError(
+                    f"{effect.name} is no effect on encoders: give it to the simulation's effects"
+                )
+
+    @staticmethod
+    def cheap(seed: int) -> Stand:
+        """A stand as bad as a cheap one, drawn from a spread; the same seed gives the same stand.
+
+        Normal about perfect with a standard deviation of 1 deg (mount, per axis), 0.5 deg (tilt, right
+        angles) and 0.1 deg (flexure); vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder noise
+        (0.02 deg) are absolute values of such draws. The encoders have 4096 counts, and eccentricity, time
+        offset and backlash with the catalogue's typical sizes as standard deviations.
+        """
+        check_seed(seed)
+        random = np.random.default_rng(seed)
+        drawn: dict[str, Any] = {}
+        for field in dataclasses.fields(Stand):
+            if field.name in CHEAP:
+                size = len(field.default) if isinstance(field.default, tuple) else None
+                value = random.normal(scale=CHEAP[field.name], size=size)
+                drawn[field.name] = tuple(value.tolist()) if size else float(value)
+        for name in ("vibration_deg", "vibration_mm", "encoder_noise_deg"):
+            drawn[name] = abs(drawn[name])
+        effects = []
+        for name in CHEAP_ENCODERS:
+            effect = find(name)
+            typical = np.array([parameter.typical for parameter in effect.parameters[: effect.plain]])
+            effects.append(EffectValues(name, random.normal(scale=typical)))
+        return Stand(
+            **drawn,
+            vibration_hz=float(random.uniform(*CHEAP_VIBRATION_HZ)),
+            encoder_counts=CHEAP_COUNTS,
+            encoder_effects=tuple(effects),
+        )
+
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> Stand:
+        """Read a stand file (schema imucal.stand/1); FormatError names the field that is wrong."""
+        node = read_json(path)
+        node.require_schema(SCHEMA)
+        return stand_of(node)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the stand file, whole or not at all."""
+        write_json({"schema": SCHEMA, **self.to_dict()}, path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The fields of the stand file, and of the section `stand` of a program file."""
+        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(Stand)}
+        return {**fields, "encoder_effects": effects_to_list(self.encoder_effects)}
+
+    def in_si(self) -> StandErrors:
+        """The stand as the compiled library reads it."""
+        return StandErrors(
+            tuple(map(math.radians, self.mount_rotation_deg)),
+            tuple(map(math.radians, self.base_tilt_deg)),
+            tuple(map(math.radians, self.non_orthogonality_deg)),
+            math.radians(self.flexure_deg),
+            math.radians(self.vibration_deg),
+            self.vibration_mm * 1e-3,
+            self.vibration_hz,
+            math.radians(self.encoder_noise_deg),
+            self.encoder_counts,
+            math.radians(self.tremor_deg),
+            self.tremor_seed,
+            tuple(map(math.radians, self.slip_deg)),
+            self.slip_time_s,
+        )
+
+
+@dataclass(frozen=True)
+class StandErrors:
+    """The errors of a stand, rad and m."""
+
+    mount_rotation_rad: tuple[float, ...]
+    base_tilt_rad: tuple[float, ...]
+    non_orthogonality_rad: tuple[float, ...]
+    flexure_rad: float
+    vibration_rad: float
+    vibration_m: float
+    vibration_hz: float
+    encoder_noise_rad: float
+    encoder_counts: int | None
+    tremor_rad: float
+    tremor_seed: int
+    slip_rad: tuple[float, ...]
+    slip_time_s: float
+
+
+def stand_of(node: Node) -> Stand:
+    """The stand in a file; fields that are not there are perfect."""
+    known = {field.name: field.default for field in dataclasses.fields(Stand)}
+    found: dict[str, Any] = {}
+    for name in node.mapping():
+        if name == "schema":
+            continue
+        if name not in known:
+            raise FormatError(
+                f"{node.file}: {node.path}.{name} is no field of a stand: give {', '.join(known)}"
+            )
+        field, default = node.get(name), known[name]
+        if name == "encoder_effects":
+            found[name] = effects_of(field)
+        elif name == "encoder_counts":
+            found[name] = None if field.value is None else field.whole()
+        elif name == "tremor_seed":
+            found[name] = field.whole()
+        elif isinstance(default, tuple):
+            found[name] = tuple(field.array(len(default)).tolist())
+        else:
+            found[name] = field.number()
+    try:
+        return Stand(**found)
+    except InputError as error:
+        raise FormatError(f"{node.file}: {node.path}: {error}") from None
+
+
+def stand_from_name(stand: Stand | str | os.PathLike[str]) -> Stand:
+    """A stand as people name it: a Stand, "perfect", "cheap" or "cheap:SEED", or the path of a stand file."""
+    if isinstance(stand, Stand):
+        return stand
+    name, _, seed = os.fspath(stand).partition(":")
+    if name == "perfect" and not seed:
+        return Stand()
+    # Two runs on one stand are the rule: its seed is not that of the run.
+    if name == "cheap" and (seed or "1").isdigit():
+        return Stand.cheap(int(seed or "1"))
+    return Stand.read(stand)

@@ -1,0 +1,237 @@
+"""What a stand can do: how far and how fast its motors turn, and where they must not be.
+
+A file (schema imucal.stand-limits/1, JSON Schema in the package) or one of `NAMED`: the paper's stand, stands
+with fewer motors, and a hand.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from dataclasses import dataclass
+from typing import Any, Final
+
+from imucal.document.json_document import Node, read_json, write_json
+from imucal.errors import FormatError, InputError
+
+__all__ = ["NAMED", "AxisLimits", "StandLimits", "stand_limits_of"]
+
+SCHEMA: Final = "imucal.stand-limits/1"
+AXES: Final = ("axis_1", "axis_2", "axis_3")
+AXIS_FIELDS: Final = ("max_rate_dps", "max_acceleration_dps2", "range_deg", "cable_wrap_deg")
+FIELDS: Final = ("schema", "description", "axes", "settle_s", "min_rest_s", "minutes", "forbidden_deg")
+# The paper does not say the acceleration: it is what its random program asks for, 240 deg in 2 s.
+PAPER_DPS: Final = 120.0
+PAPER_DPS2: Final = 480.0
+
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class AxisLimits:
+    """One motor.
+
+    max_rate_dps           highest rate, mean over a turn; the peak rate is 4/3 of it
+    max_acceleration_dps2  highest acceleration
+    range_deg              end stops, counted from where a program starts; None: none
+    cable_wrap_deg         how far the cable may wind up to either side of there; None: slip rings
+    """
+
+    max_rate_dps: float = PAPER_DPS
+    max_acceleration_dps2: float = PAPER_DPS2
+    range_deg: Range | None = None
+    cable_wrap_deg: float | None = None
+
+    def in_si(self) -> tuple[float, float, list[float] | None]:
+        """Rate, acceleration and range as the compiled library reads them, rad."""
+        low, high = self.range_deg or (-math.inf, math.inf)
+        wrap = math.inf if self.cable_wrap_deg is None else self.cable_wrap_deg
+        low, high = max(low, -wrap), min(high, wrap)
+        is_bounded = math.isfinite(low) or math.isfinite(high)
+        return (
+            math.radians(self.max_rate_dps),
+            math.radians(self.max_acceleration_dps2),
+            [math.radians(low), math.radians(high)] if is_bounded else None,
+        )
+
+
+@dataclass(frozen=True)
+class StandLimits:
+    """What a stand, or a hand, can do.
+
+    axes           the three motors, outer one first; None: there is none, and it stays at zero
+    settle_s       how long the stand shakes after a turn: a rest is held for that much longer
+    min_rest_s     shortest stillness that is found as a rest
+    minutes        most that a program may take, or None
+    forbidden_deg  boxes of motor angles where the unit must not be, whatever the full turns: from and to for
+                   each motor, None for any angle
+    in_hand        no stand: a hand holds poses in steps of 45 deg, and trembles
+    """
+
+    axes: tuple[AxisLimits | None, AxisLimits | None, AxisLimits | None] = (
+        AxisLimits(),
+        AxisLimits(),
+        AxisLimits(),
+    )
+    settle_s: float = 0.0
+    min_rest_s: float = 1.0
+    minutes: float | None = None
+    forbidden_deg: tuple[tuple[Range | None, Range | None, Range | None], ...] = ()
+    in_hand: bool = False
+
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> StandLimits:
+        """Read a file; FormatError names the field that is wrong."""
+        node = read_json(path)
+        node.require_schema(SCHEMA)
+        _require_known(node, FIELDS)
+        given = node.mapping()
+        numbers: dict[str, Any] = {
+            name: _number(node.get(name), zero=True)
+            for name in ("settle_s", "min_rest_s", "minutes")
+            if given.get(name) is not None
+        }
+        first, second, third = _three(node.get("axes"), _axis)
+        zones = node.get("forbidden_deg").items() if "forbidden_deg" in given else []
+        return StandLimits((first, second, third), **numbers, forbidden_deg=tuple(map(_zone, zones)))
+
+    def write(self, path: str | os.PathLike[str], description: str = "") -> None:
+        """Write the file, whole or not at all; InputError for a hand, which has no file."""
+        if self.in_hand:
+            raise InputError("limits of a hand have no file: pass the name, hand")
+        zones = [
+            {axis: list(span) for axis, span in zip(AXES, zone, strict=True) if span is not None}
+            for zone in self.forbidden_deg
+        ]
+        document = {
+            "schema": SCHEMA,
+            "description": description,
+            "axes": [None if axis is None else dataclasses.asdict(axis) for axis in self.axes],
+            "settle_s": self.settle_s,
+            "min_rest_s": self.min_rest_s,
+            "minutes": self.minutes,
+            "forbidden_deg": zones,
+        }
+        write_json(document, path)
+
+    @property
+    def axis_count(self) -> int:
+        """How many motors there are."""
+        return sum(axis is not None for axis in self.axes)
+
+    def in_si(self) -> CoreLimits:
+        """The limits as the compiled library reads them."""
+        to_rad = math.radians
+        forbidden = tuple(
+            tuple(None if span is None else [to_rad(span[0]), to_rad(span[1])] for span in zone)
+            for zone in self.forbidden_deg
+        )
+        return CoreLimits(
+            axes=tuple(None if axis is None else axis.in_si() for axis in self.axes),
+            settle_s=self.settle_s,
+            min_rest_s=self.min_rest_s,
+            min_move_s=HAND_MOVE_S if self.in_hand else 0.0,
+            forbidden_rad=forbidden,
+            pose_step_rad=to_rad(HAND_STEP_DEG if self.in_hand else STEP_DEG),
+            most_moves=HAND_MOVES if self.in_hand else MOST_MOVES,
+            in_hand=self.in_hand,
+        )
+
+
+@dataclass(frozen=True)
+class CoreLimits:
+    """What the compiled library reads, by these names; rad and s."""
+
+    axes: Any
+    settle_s: float
+    min_rest_s: float
+    min_move_s: float
+    forbidden_rad: Any
+    pose_step_rad: float
+    most_moves: int
+    in_hand: bool
+
+
+STEP_DEG: Final = 0.1
+MOST_MOVES: Final = 400
+# A hand: poses that a picture shows clearly, and time to look at the next one.
+HAND_STEP_DEG: Final = 45.0
+HAND_MOVE_S: Final = 2.0
+HAND_MOVES: Final = 40
+_MOTOR: Final = AxisLimits()
+
+NAMED: Final[dict[str, StandLimits]] = {
+    "paper": StandLimits(),
+    "two-axis": StandLimits((None, _MOTOR, _MOTOR)),
+    "one-axis": StandLimits((None, _MOTOR, None)),
+    "hand": StandLimits(
+        (AxisLimits(90.0, 1e4), AxisLimits(90.0, 1e4), AxisLimits(90.0, 1e4)),
+        settle_s=0.5,
+        min_rest_s=2.5,
+        in_hand=True,
+    ),
+}
+
+
+def stand_limits_of(limits: StandLimits | str | os.PathLike[str]) -> StandLimits:
+    """Limits as people name them: an object, a name out of `NAMED`, or a file."""
+    if isinstance(limits, StandLimits):
+        return limits
+    if isinstance(limits, str) and limits in NAMED:
+        return NAMED[limits]
+    return StandLimits.read(limits)
+
+
+def _axis(node: Node) -> AxisLimits | None:
+    if node.value is None:
+        return None
+    _require_known(node, AXIS_FIELDS)
+    given = node.mapping()
+    numbers = {
+        name: _number(node.get(name))
+        for name in AXIS_FIELDS
+        if name != "range_deg" and given.get(name) is not None
+    }
+    span = _span(node.get("range_deg")) if given.get("range_deg") is not None else None
+    return AxisLimits(**numbers, range_deg=span)
+
+
+def _zone(node: Node) -> tuple[Range | None, Range | None, Range | None]:
+    _require_known(node, AXES)
+    first, second, third = (_span(node.get(axis)) if axis in node.mapping() else None for axis in AXES)
+    if first is second is third is None:
+        raise FormatError(f"{node.file}: {node.path} names no axis: such a zone forbids everything")
+    return first, second, third
+
+
+def _span(node: Node) -> Range:
+    low, high = node.array(2).tolist()
+    if not low < high:
+        raise FormatError(f"{node.file}: {node.path} is [{low}, {high}]: the lower angle comes first")
+    return low, high
+
+
+def _number(node: Node, *, zero: bool = False) -> float:
+    number = node.number()
+    if number < 0 or (number == 0 and not zero):
+        raise FormatError(
+            f"{node.file}: {node.path} is {number}, it must be {'zero or more' if zero else 'positive'}"
+        )
+    return number
+
+
+def _three(node: Node, of: Any) -> list[Any]:
+    items = node.items()
+    if len(items) != 3:
+        raise FormatError(
+            f"{node.file}: {node.path} has {len(items)} items: three are needed, outer motor first, "
+            "null where there is none"
+        )
+    return [of(item) for item in items]
+
+
+def _require_known(node: Node, known: tuple[str, ...]) -> None:
+    for name in node.mapping():
+        if name not in known:
+            raise FormatError(f"{node.file}: {node.path}.{name} is no field: there are {', '.join(known)}")

@@ -1,0 +1,313 @@
+"""Units: the sensors that a run is simulated with, and the files that they come from.
+
+    measured = convert(sensitivity (true + effects) + bias + noise)
+
+A unit file (schema imucal.unit/1) holds figures as datasheets print them, each with its unit and source;
+`null` is what the source does not give, and it is simulated as perfect. The package brings `unit_names()`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from imucal.arrays import FloatArray, as_matrix
+from imucal.document.figure import Figure
+from imucal.document.json_document import Node, read_json, write_json
+from imucal.document.whole import check_seed
+from imucal.effects.effect import EffectValues, find
+from imucal.effects.values import effects_of, effects_to_list
+from imucal.errors import FormatError, InputError
+
+__all__ = ["Sensor", "Unit", "unit_names"]
+
+SCHEMA: Final = "imucal.unit/1"
+FOLDER: Final = Path(__file__).parent / "shipped"
+# Flicker of coefficient B has the Allan deviation sqrt(2 ln 2 / pi) B where it is flat (IEEE Std 952-1997).
+FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
+# A datasheet's typical tolerance is one standard deviation of the drawn units, a maximum is three.
+DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
+# Shape and unit of what is drawn besides effects; the order is that in which the random numbers are used.
+DRAWN: Final[dict[str, tuple[int, str]]] = {
+    "accel_bias": (3, "m/s^2"),
+    "accel_scale": (3, "1"),
+    "accel_misalignment": (6, "1"),
+    "gyro_bias": (3, "rad/s"),
+    "gyro_scale": (3, "1"),
+    "gyro_misalignment": (6, "1"),
+}
+FIELDS: Final = (
+    *("schema", "name", "description", "sources"),
+    *("accelerometer", "gyroscope", "effects", "spread"),
+)
+SENSOR_FIELDS: Final = (
+    *("part", "sensitivity", "bias", "noise_density", "allan_floor", "bias_instability", "random_walk"),
+    *("noise_in_motion", "range", "resolution", "bits", "bandwidth", "filter", "output_rate", "averaging"),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Sensor:
+    """Three axes of one kind, in SI units (v is m/s^2 or rad/s).
+
+    sensitivity       (3, 3), 1 is perfect
+    bias              (3,) v
+    noise_density     white noise, continuous, v/sqrt(Hz): a point sample has noise_density * sqrt(rate_hz)
+    bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
+    random_walk       (3,) rate random walk K per axis, v/s/sqrt(Hz): the Allan deviation is K sqrt(tau / 3)
+    noise_in_motion   factor on the white noise while the unit turns
+    lsb, bits         one count in v and the width of the word, or None: no steps, no rails
+    filter_hz         bandwidth of the low-pass filter before sampling, or None: point samples
+    averaging         samples are means over the sampling interval
+    bandwidth_hz      that of the datasheet; it is used where `filter_hz="datasheet"` is asked for
+    """
+
+    sensitivity: FloatArray = field(default_factory=lambda: np.eye(3))
+    bias: FloatArray = field(default_factory=lambda: np.zeros(3))
+    noise_density: float = 0.0
+    bias_instability: float = 0.0
+    random_walk: FloatArray = field(default_factory=lambda: np.zeros(3))
+    noise_in_motion: float = 1.0
+    lsb: float | None = None
+    bits: int | None = None
+    filter_hz: float | None = None
+    averaging: bool = False
+    bandwidth_hz: float | None = None
+    part: str = ""
+
+    def __post_init__(self) -> None:
+        for name, shape in (("sensitivity", (3, 3)), ("bias", (3,)), ("random_walk", (3,))):
+            object.__setattr__(self, name, as_matrix(getattr(self, name), name, shape))
+        if (self.lsb is None) != (self.bits is None):
+            raise InputError("lsb and bits of a sensor belong together: give both or neither")
+
+    def with_range(self, limit: float) -> Sensor:
+        """The same sensor with rails at +-limit: its counts become finer or coarser, their number stays."""
+        if not (math.isfinite(limit) and limit > 0):
+            raise InputError(f"the range of a sensor is {limit}: a positive number is needed")
+        # A word of 32 bits has steps far below any noise: a sensor without steps gets rails alone.
+        bits = self.bits or 32
+        return dataclasses.replace(self, lsb=limit / 2.0 ** (bits - 1), bits=bits)
+
+    def to_dict(self, unit: str) -> dict[str, Any]:
+        """The sensor in a unit file; `unit` is the SI unit of what it measures."""
+        return {
+            "part": self.part,
+            "sensitivity": Figure(self.sensitivity, "1"),
+            "bias": Figure(self.bias, unit),
+            "noise_density": Figure(self.noise_density, f"{unit}/sqrt(Hz)"),
+            "bias_instability": Figure(self.bias_instability, unit),
+            "random_walk": Figure(self.random_walk, f"{unit}/s/sqrt(Hz)"),
+            "noise_in_motion": Figure(self.noise_in_motion, "1"),
+            "resolution": None if self.lsb is None else Figure(self.lsb, f"{unit}/lsb"),
+            "bits": None if self.bits is None else Figure(self.bits, "bit"),
+            "bandwidth": None if self.bandwidth_hz is None else Figure(self.bandwidth_hz, "Hz"),
+            "filter": None if self.filter_hz is None else Figure(self.filter_hz, "Hz"),
+            "averaging": self.averaging,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Unit:
+    """An accelerometer and a gyroscope on one board, and the effects that they have besides.
+
+    description, sources   what it is and where its figures come from
+    """
+
+    accelerometer: Sensor = field(default_factory=Sensor)
+    gyroscope: Sensor = field(default_factory=Sensor)
+    effects: tuple[EffectValues, ...] = ()
+    name: str = "unit"
+    description: str = ""
+    sources: Mapping[str, str] = field(default_factory=dict)
+
+    @staticmethod
+    def named(name: str) -> Unit:
+        """A unit that the package brings, by its name; InputError names them all."""
+        return unit_from(_shipped(name))
+
+    @staticmethod
+    def read(path: str | os.PathLike[str]) -> Unit:
+        """Read a unit file; FormatError names the field that is wrong."""
+        return unit_from(read_json(path))
+
+    @staticmethod
+    def random(profile: str | os.PathLike[str], seed: int) -> Unit:
+        """A unit drawn from a profile's spread; the same seed gives the same unit.
+
+        Every figure is drawn from a normal distribution about the perfect sensor. Its standard deviation is
+        the tolerance of the spread where that is typical, a third of it where that is a maximum. Off-diagonal
+        entries of both sensitivities are drawn in the frame of the package and turned into the body frame, in
+        which the accelerometer's is symmetric. Noise, counts and filters are those of the profile.
+
+        profile  a name out of `unit_names()`, or the path of a unit file
+        """
+        node = (
+            _shipped(profile) if isinstance(profile, str) and profile in unit_names() else read_json(profile)
+        )
+        return _draw(node, seed)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the unit file, whole or not at all; reading it gives every number back bit for bit."""
+        write_json(self.to_dict(), path)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The document of the unit file."""
+        return {
+            "schema": SCHEMA,
+            "name": self.name,
+            "description": self.description,
+            "sources": self.sources,
+            "accelerometer": self.accelerometer.to_dict("m/s^2"),
+            "gyroscope": self.gyroscope.to_dict("rad/s"),
+            "effects": effects_to_list(self.effects),
+        }
+
+
+def unit_names() -> tuple[str, ...]:
+    """The units that the package brings."""
+    names = (Path(file.name).stem for file in FOLDER.iterdir() if file.name.endswith(".json"))
+    return tuple(sorted(names))
+
+
+def unit_of(unit: Unit | str | os.PathLike[str]) -> Unit:
+    """A unit as people name it: a Unit, a name, `random:NAME:SEED`, or the path of a unit file."""
+    if isinstance(unit, Unit):
+        return unit
+    text = os.fspath(unit)
+    if text in unit_names():
+        return Unit.named(text)
+    if text.startswith("random:"):
+        # Two runs of one unit are the rule: its seed is not that of the run.
+        profile, _, seed = text.removeprefix("random:").partition(":")
+        if not (profile and (seed or "1").isdigit()):
+            raise InputError(f"the unit {text!r} is not understood: give random:NAME or random:NAME:SEED")
+        return Unit.random(profile, int(seed or "1"))
+    if not Path(text).exists() and Path(text).suffix == "":
+        raise InputError(
+            f"the unit {text!r} is not known: give one of {', '.join(unit_names())}, random:NAME:SEED for "
+            "one drawn from a spread, or a unit file"
+        )
+    return Unit.read(text)
+
+
+def _shipped(name: str) -> Node:
+    if name not in unit_names():
+        raise InputError(f"the unit {name!r} is not known: give one of {', '.join(unit_names())}")
+    return read_json(FOLDER / f"{name}.json")
+
+
+def unit_from(node: Node) -> Unit:
+    """The unit in a file."""
+    node.require_schema(SCHEMA)
+    _require_known(node, FIELDS)
+    return Unit(
+        _sensor(node.get("accelerometer"), "m/s^2"),
+        _sensor(node.get("gyroscope"), "rad/s"),
+        effects_of(node.get("effects")),
+        node.get("name").text(),
+        node.get("description").text(),
+        {key: node.get("sources").get(key).text() for key in node.get("sources").mapping()},
+    )
+
+
+def _sensor(node: Node, unit: str) -> Sensor:
+    """The sensor of a unit file; every figure may be null or left out."""
+    _require_known(node, SENSOR_FIELDS)
+    floor = Figure.optional(node, "allan_floor", unit)
+    instability = Figure.optional(node, "bias_instability", unit)
+    if floor is not None and instability is not None:
+        raise FormatError(f"{node.file}: {node.path} has allan_floor and bias_instability: give one of them")
+    if floor is not None:
+        instability = floor / FLOOR_PER_INSTABILITY
+    bits = Figure.optional(node, "bits", "bit")
+    averaging = "averaging" in node.mapping() and node.get("averaging").flag()
+    found: dict[str, Any] = {
+        "sensitivity": Figure.optional(node, "sensitivity", "1", (3, 3)),
+        "bias": Figure.optional(node, "bias", unit, (3,)),
+        "noise_density": Figure.optional(node, "noise_density", f"{unit}/sqrt(Hz)"),
+        "bias_instability": instability,
+        "random_walk": Figure.optional(node, "random_walk", f"{unit}/s/sqrt(Hz)", (3,)),
+        "noise_in_motion": Figure.optional(node, "noise_in_motion", "1"),
+        "lsb": Figure.optional(node, "resolution", f"{unit}/lsb"),
+        "bits": None if bits is None else int(bits),
+        "filter_hz": Figure.optional(node, "filter", "Hz"),
+        "bandwidth_hz": Figure.optional(node, "bandwidth", "Hz"),
+    }
+    known = {name: value for name, value in found.items() if value is not None}
+    return Sensor(**known, averaging=averaging, part=node.get("part").text())
+
+
+def _require_known(node: Node, fields: Iterable[str]) -> None:
+    """Refuse a field that is none: a figure with a slip in its name would be simulated as perfect."""
+    unknown = [name for name in node.mapping() if name not in fields]
+    if unknown:
+        raise FormatError(
+            f"{node.file}: {node.path}.{unknown[0]} is no field of a unit file: give {', '.join(fields)}"
+        )
+
+
+def _draw(node: Node, seed: int) -> Unit:
+    """A random unit of a profile."""
+    from imucal import _core
+
+    check_seed(seed)
+    profile = unit_from(node)
+    spread = node.get("spread") if "spread" in node.mapping() else Node({}, "$.spread", node.file)
+    if not any(value is not None for value in spread.mapping().values()):
+        raise InputError(f"{node.file} gives no spread: take its unit as it is, or another profile")
+    random = np.random.default_rng(seed)
+    # All numbers are drawn whether they are used or not: a figure of the spread does not change the others.
+    drawn = {
+        name: random.normal(size=size) * _deviation(spread, name, unit, size)
+        for name, (size, unit) in DRAWN.items()
+    }
+    accel_sensitivity, gyro_sensitivity = _core.convert_frame(
+        _sensitivity(drawn["accel_scale"], drawn["accel_misalignment"]),
+        _sensitivity(drawn["gyro_scale"], drawn["gyro_misalignment"]),
+        "symmetric",
+    )
+    effects = list(profile.effects)
+    for name, value in spread.mapping().items():
+        if name not in DRAWN and value is not None:
+            effect = find(name)
+            deviation = _deviation(spread, name, effect.parameters[0].unit, effect.plain)
+            # Nothing says how long a time constant varies from unit to unit.
+            shape = None if effect.shape is None else effect.shape.typical
+            effects.append(EffectValues(name, random.normal(size=effect.plain) * deviation, shape))
+    return dataclasses.replace(
+        profile,
+        accelerometer=dataclasses.replace(
+            profile.accelerometer, sensitivity=accel_sensitivity, bias=drawn["accel_bias"]
+        ),
+        gyroscope=dataclasses.replace(
+            profile.gyroscope, sensitivity=gyro_sensitivity, bias=drawn["gyro_bias"]
+        ),
+        effects=tuple(effects),
+        name=f"{profile.name}-{seed}",
+        description=f"Drawn from the spread of {profile.name} with the seed {seed}. {profile.description}",
+    )
+
+
+def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
+    """Standard deviation of a drawn figure of so many numbers: one for all; 0 where there is no spread.
+
+    Of three there may be one per axis.
+    """
+    tolerance = Figure.optional(spread, name, unit, per_axis=count == 3)
+    if tolerance is None:
+        return np.zeros(1)
+    return np.atleast_1d(tolerance) / DEVIATIONS[spread.get(name).get("limit").text(tuple(DEVIATIONS))]
+
+
+def _sensitivity(scale: FloatArray, misalignment: FloatArray) -> FloatArray:
+    matrix = np.diag(1.0 + scale)
+    matrix[~np.eye(3, dtype=bool)] = misalignment
+    return matrix
