@@ -9,7 +9,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use criterion::{Criterion, Throughput};
-use imucal::carry::{Instructions, Pace, Path};
+use imucal::preintegration::{Instructions, Pace, Path};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};

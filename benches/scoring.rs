@@ -9,9 +9,9 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use imucal::calibrate::{Checked, EffectChoice, Options};
-use imucal::carry::{Pace, Path};
 use imucal::error::Error;
 use imucal::gap::{search, smallest_visible};
+use imucal::preintegration::{Pace, Path};
 use imucal::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use imucal::simulate::{
     Faults, HandMoves, Motion, Program, RandomMoves, Setup, Simulation, Stand, Temperature, Tumble, Unit, run,

@@ -21,7 +21,7 @@ mod _core {
     use imucal::check;
     use imucal::error::Error;
     use imucal::frame::{self, Sensitivities};
-    use imucal::segment::Segments;
+    use imucal::rests::Segments;
     use imucal_core::integrate::{Integrator, Order};
     use imucal_core::so3;
     use nalgebra::Vector3;
@@ -88,7 +88,7 @@ mod _core {
         let recordings = RecordingColumns::views(py, &recordings)?;
         let work = || {
             let outcome = checked.0.calibrate(&recordings, &options)?;
-            let diagnosis = library::diagnosis::diagnose(&outcome, &recordings);
+            let diagnosis = library::calibrate::diagnosis::diagnose(&outcome, &recordings);
             Ok((outcome, diagnosis))
         };
         let (outcome, diagnosis) = py.detach(work).to_python(py)?;
@@ -243,7 +243,7 @@ mod _core {
     /// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`.
     #[pyfunction]
     fn chi2_p_value(statistic: f64, dof: usize) -> f64 {
-        library::stats::p_value(statistic, dof)
+        library::numerics::stats::p_value(statistic, dof)
     }
 
     /// Rotation `[w, x, y, z]` of a whole stretch of angular rate: `v_start = rotation * v_end`; without coning if asked for.

@@ -2,10 +2,10 @@
 
 use imucal::Termination;
 use imucal::calibrate;
-use imucal::diagnosis;
+use imucal::calibrate::diagnosis;
 use imucal::evaluate;
 use imucal::recording::Recording;
-use imucal::segment;
+use imucal::rests;
 use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -147,8 +147,8 @@ pub(crate) struct Threshold {
     noise_floor: Vec<Option<f64>>,
 }
 
-impl From<&segment::Threshold> for Threshold {
-    fn from(t: &segment::Threshold) -> Self {
+impl From<&rests::Threshold> for Threshold {
+    fn from(t: &rests::Threshold) -> Self {
         Self {
             factor: known(t.factor),
             stable_from: known(t.stable_from),

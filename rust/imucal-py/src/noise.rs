@@ -2,9 +2,9 @@
 
 use std::num::NonZeroUsize;
 
-use imucal::allan;
 use imucal::error::Error;
 use imucal::noise as library;
+use imucal::noise::allan;
 use numpy::ndarray::{ArrayView1, Axis};
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;

@@ -1,11 +1,11 @@
 //! Results of the library as frozen Python objects.
 
 use imucal::calibrate;
-use imucal::diagnosis;
+use imucal::calibrate::diagnosis;
 use imucal::error::Error;
 use imucal::evaluate;
 use imucal::recording::Recording;
-use imucal::segment::Segments;
+use imucal::rests::Segments;
 use nalgebra::Vector3;
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;

@@ -3,6 +3,7 @@
 
 mod checked;
 mod cross_validation;
+pub mod diagnosis;
 mod jointly;
 mod outcome;
 mod prospect;

@@ -10,7 +10,7 @@
 //! ([`angular_acceleration`]). It gives no attitude and no angles of a stand: the Earth's rate, which a gyroscope rightly
 //! measures, stays in the data.
 
-use crate::derivative::Derivative;
+use crate::numerics::derivative::Derivative;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Need, Surroundings};

@@ -4,20 +4,20 @@ use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
-use crate::carry::rotate_smoothly;
 use crate::check::check_columns;
 use crate::correct::correct;
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
 use crate::joint::Misfit;
-use crate::moves::{
+use crate::numerics::stats::rms;
+use crate::preintegration::rotate_smoothly;
+use crate::recording::Recording;
+use crate::rests::moves::{
     Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of, saturated_stretches,
 };
-use crate::moves::{Ends, Move};
-use crate::recording::Recording;
-use crate::segment::{NoiseDensity, Segments};
-use crate::stats::rms;
-use crate::tremor::{self, Sensors};
+use crate::rests::moves::{Ends, Move};
+use crate::rests::segment::{NoiseDensity, Segments};
+use crate::rests::tremor::{self, Sensors};
 
 /// How well a calibration explains recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]

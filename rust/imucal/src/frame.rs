@@ -6,8 +6,8 @@
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
 
-use crate::ellipsoid::square_root;
 use crate::error::Error;
+use crate::two_stage::ellipsoid::square_root;
 
 /// Index pairs of the six entries of a symmetric matrix, in the order of the parameters.
 pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];

@@ -29,7 +29,6 @@ mod shares;
 mod smooth;
 mod stage;
 mod start;
-mod upper;
 mod weighing;
 
 pub use attitudes::attitudes;

@@ -73,8 +73,8 @@ use nalgebra::Matrix3;
 
 use crate::calibrate::Options;
 use crate::error::Error;
-use crate::lsq::{self, Solution, Termination};
-use crate::moves::Ends;
+use crate::numerics::lsq::{self, Solution, Termination};
+use crate::rests::moves::Ends;
 use prior::Prior;
 use problem::report::moves_of;
 use weights::Weights;

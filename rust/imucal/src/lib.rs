@@ -25,22 +25,16 @@
 //! # }
 //! ```
 //!
-//! The path of the data: a [`recording`] is [checked](check), its rests are found ([`segment`]), both triads are fitted
+//! The path of the data: a [`recording`] is [checked](check), its rests are found ([`rests`]), both triads are fitted
 //! ([`mod@calibrate`]), and the result is judged on other recordings ([`mod@evaluate`]). [`mod@simulate`] makes recordings
 //! with a known truth. Equation numbers in the sources refer to docs/model.md.
 //!
 //! What this crate does not do: it reads and writes no files and plots nothing (the Python package does), and it does not
 //! run on the device (`imucal-core` does).
 
-mod aligned;
-pub mod allan;
 pub mod calibrate;
-#[doc(hidden)] // for the benchmark of the kernels
-pub mod carry;
 pub mod check;
 pub mod correct;
-mod derivative;
-pub mod diagnosis;
 pub mod error;
 pub mod evaluate;
 pub mod finding;
@@ -48,22 +42,13 @@ pub mod frame;
 pub mod gap;
 pub mod joint;
 pub mod noise;
+pub mod numerics;
 pub mod plan;
+#[doc(hidden)] // for the benchmark of the kernels
+pub mod preintegration;
 pub mod recording;
-pub mod segment;
+pub mod rests;
 pub mod simulate;
-pub mod stats;
+mod two_stage;
 
-mod accelerometer;
-mod ellipsoid;
-mod gyroscope;
-mod kinematics;
-mod lsq;
-mod moves;
-mod observability;
-mod robust;
-mod tremor;
-mod uncertainty;
-mod workers;
-
-pub use lsq::{FitReport, Termination};
+pub use numerics::lsq::{FitReport, Termination};

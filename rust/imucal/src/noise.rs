@@ -16,6 +16,7 @@
 //! Cramer-Rao bound of such a record; the Allan deviations are there to be looked at, with bands from the fitted model.
 //! A kind that the record does not show has no value: its band starts at zero, and its end is what the record excludes.
 
+pub mod allan;
 mod axis;
 mod cosines;
 mod likelihood;
@@ -29,9 +30,9 @@ use nalgebra::Vector6;
 use crate::check;
 use crate::error::Error;
 use crate::finding::{Finding, Severity};
+use crate::numerics::workers::in_order;
 use crate::recording::Recording;
-use crate::segment::Segments;
-use crate::workers::in_order;
+use crate::rests::segment::Segments;
 
 pub use axis::{AllanPoint, AxisNoise, Estimate};
 use cosines::Layout;

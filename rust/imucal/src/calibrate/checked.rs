@@ -9,12 +9,12 @@ use super::jointly::{self, Selection};
 use super::outcome::Outcome;
 use super::unit_data::{Gyroscope, UnitData, refuse_errors};
 use super::{Kinds, Options, Prepared};
-use crate::accelerometer::AccelerometerFit;
 use crate::check::check_gains;
 use crate::error::Error;
 use crate::joint::Near;
-use crate::moves::{Move, Unusable};
 use crate::recording::Recording;
+use crate::rests::moves::{Move, Unusable};
+use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// Recordings of one unit that have passed the checks, the rests and moves in them, and the fits that all others start from.
 ///
@@ -153,7 +153,7 @@ impl Checked {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::moves::direction_error_rad;
+    use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
     /// Every third move and rest of the paper's run, predicted by the whole fit and by fits of their own.
@@ -188,7 +188,7 @@ mod tests {
             let fit = without.fit_jointly(&all, checked.triads(), &options, None).unwrap();
             for k in (0..data.rests.len()).filter(is_out) {
                 let own = fit.model.accelerometer.correct(data.rests[k].rest.specific_force.mean).norm() - 9.80665;
-                let sigma = crate::accelerometer::sigma_norm(&data.rests[k].rest, &fit.model.accelerometer);
+                let sigma = crate::two_stage::accelerometer::sigma_norm(&data.rests[k].rest, &fit.model.accelerometer);
                 assert!((found.norm_error_mps2[k] - own).abs() < 0.1 * sigma, "rest {k}: {own}");
             }
         }

@@ -2,11 +2,11 @@
 
 use super::Options;
 use super::unit_data::UnitData;
-use crate::accelerometer::AccelerometerFit;
-use crate::carry::rotate;
 use crate::error::Error;
-use crate::moves::{Move, direction_error_rad};
-use crate::stats::rms;
+use crate::numerics::stats::rms;
+use crate::preintegration::rotate;
+use crate::rests::moves::{Move, direction_error_rad};
+use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// How well rests and moves are predicted that the fit has not seen.
 #[derive(Clone, Debug)]

@@ -7,13 +7,13 @@ use nalgebra::Matrix3;
 
 use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, NOT_STILL, UnitData};
 use super::{CrossValidation, Options};
-use crate::accelerometer::AccelerometerFit;
-use crate::derivative::Width;
 use crate::error::Error;
 use crate::joint::{self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Near, Prepared, Terms, Wander};
-use crate::moves::{Ends, Move, Unusable, between, direction_error_rad};
+use crate::numerics::derivative::Width;
+use crate::numerics::stats::rms;
 use crate::recording::Recording;
-use crate::stats::rms;
+use crate::rests::moves::{Ends, Move, Unusable, between, direction_error_rad};
+use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// A larger share of rests or moves that contradict the others is no accident.
 const OUTLIERS: f64 = 0.1;

@@ -9,16 +9,16 @@ use nalgebra::{Matrix3, Vector3};
 use super::jointly::Selection;
 use super::unit_data::{Gyroscope, UnitData};
 use super::{CrossValidation, Options};
-use crate::accelerometer::AccelerometerFit;
 use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
 use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimate};
-use crate::lsq::FitReport;
-use crate::moves::{Unusable, variance_by_axis};
-use crate::segment::{NoiseDensity, Threshold};
-use crate::stats::median;
+use crate::numerics::lsq::FitReport;
+use crate::numerics::stats::median;
+use crate::rests::moves::{Unusable, variance_by_axis};
+use crate::rests::segment::{NoiseDensity, Threshold};
+use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// A calibration and all that is known about it.
 #[derive(Clone, Debug)]

@@ -1,7 +1,7 @@
 //! How often a calibration passes over the samples of its moves.
 
 use super::*;
-use crate::carry::STEPS_TAKEN;
+use crate::preintegration::STEPS_TAKEN;
 use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
 /// Passes over all moves in the two-stage fit, and in the joint fit with it.

@@ -12,18 +12,18 @@ use nalgebra::{Matrix3, Vector3};
 use super::outcome::parameter_names;
 use super::unit_data::{FEWEST_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
-use crate::carry::{rotate, turned_rad};
-use crate::derivative::Width;
-use crate::ellipsoid;
 use crate::error::Error;
 use crate::joint::{BASE, BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms};
-use crate::kinematics::{rate_from_gravity, scale_from_gravity};
-use crate::lsq;
-use crate::moves::{Move, UnitRest, Unusable, between};
-use crate::observability::{
+use crate::numerics::derivative::Width;
+use crate::numerics::lsq;
+use crate::preintegration::kinematics::{rate_from_gravity, scale_from_gravity};
+use crate::preintegration::{rotate, turned_rad};
+use crate::recording::Recording;
+use crate::rests::moves::{Move, UnitRest, Unusable, between};
+use crate::two_stage::ellipsoid;
+use crate::two_stage::observability::{
     FARTHEST, LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2, missing_poses, missing_turns, too_few_poses,
 };
-use crate::recording::Recording;
 
 /// Between rests whose directions of gravity differ by more than this, a unit has turned for certain, rad.
 const TURNED_RAD: f64 = 0.35;

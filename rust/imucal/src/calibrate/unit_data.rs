@@ -8,20 +8,20 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::prospect::Prospect;
 use super::{Options, check_options};
-use crate::accelerometer::{self, AccelerometerFit};
 use crate::check;
-use crate::ellipsoid::Start;
 use crate::error::Error;
 use crate::evaluate::{MoveReport, RestReport, move_report, rest_report, unusable_report};
 use crate::finding::{Finding, Severity};
-use crate::gyroscope::{self, Carrying, GyroscopeBias, GyroscopeFit};
 use crate::joint::is_blind_by_hand;
-use crate::kinematics::rate_from_gravity;
-use crate::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
+use crate::preintegration::kinematics::rate_from_gravity;
 use crate::recording::{RawUnit, Recording};
-use crate::segment::{NoiseDensity, Rest, Segments};
-use crate::tremor::{self, Hand, Sensors};
-use crate::uncertainty;
+use crate::rests::moves::{Directions, Ends, Move, UnitRest, Unusable, between, rests_of, saturated_stretches};
+use crate::rests::segment::{NoiseDensity, Rest, Segments};
+use crate::rests::tremor::{self, Hand, Sensors};
+use crate::two_stage::accelerometer::{self, AccelerometerFit};
+use crate::two_stage::ellipsoid::Start;
+use crate::two_stage::gyroscope::{self, Carrying, GyroscopeBias, GyroscopeFit};
+use crate::two_stage::uncertainty;
 
 /// Moves that the gyroscope's nine entries need at least, two numbers each.
 pub(super) const FEWEST_MOVES: usize = 5;

@@ -2,8 +2,8 @@
 
 use super::names;
 use crate::finding::{Finding, Place};
+use crate::numerics::stats::median;
 use crate::recording::Recording;
-use crate::stats::median;
 
 /// A packet has so many samples at least: of two with one stamp the second may have been written twice.
 const LEAST_SAMPLES: f64 = 3.0;

@@ -3,9 +3,9 @@
 use super::survey::{Part, Survey};
 use super::{Tally, bursts, names};
 use crate::finding::{Finding, Place};
+use crate::numerics::stats::quantile_of;
 use crate::recording::Recording;
-use crate::segment::steps_s;
-use crate::stats::quantile_of;
+use crate::rests::segment::steps_s;
 
 /// Fewer samples than this hold no rest, no move and no noise level.
 const MIN_SAMPLES: usize = 200;

@@ -7,8 +7,8 @@ use super::survey::Survey;
 use super::values::converter_step;
 use super::{ACCEL, GYRO, Tally, names, unit_name};
 use crate::finding::Finding;
+use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
-use crate::stats::quantile;
 
 /// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
 const SHARE_OF_REACH: f64 = 0.8;

@@ -4,8 +4,8 @@ use super::survey::Survey;
 use super::values::{converter_step, extremes, range};
 use super::{ACCEL, GYRO, names, unit_name};
 use crate::finding::{Finding, Place};
-use crate::observability;
 use crate::recording::{Recording, Samples};
+use crate::two_stage::observability;
 
 /// Share of the recording over which an axis must stand still to be called stuck.
 const STUCK_SHARE: f64 = 0.5;

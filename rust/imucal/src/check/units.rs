@@ -7,8 +7,8 @@ use imucal_core::STANDARD_GRAVITY_MPS2;
 use super::survey::{Part, Survey};
 use super::{ACCEL, GYRO, names};
 use crate::finding::{Finding, Place};
+use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
-use crate::stats::quantile;
 
 /// |f| over g at rest that bias and scale of a sensor can explain.
 const AT_REST: [f64; 2] = [0.75, 1.25];

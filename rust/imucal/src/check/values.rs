@@ -3,8 +3,8 @@
 use super::survey::{Part, Survey, all_finite};
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
+use crate::numerics::stats::quantile;
 use crate::recording::{Recording, Samples};
-use crate::stats::quantile;
 
 /// Temperature step between neighbours, K.
 const TEMPERATURE_STEP_K: f64 = 5.0;

@@ -5,8 +5,8 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::{Column, Gram};
-use super::upper::Upper;
 use super::weighing::{Aside, Columns, Swept, Weighing};
+use crate::numerics::symmetric::Upper;
 
 /// A model and many columns beside it, of which each is weighed with a few others: their products with the model, and no others.
 pub(crate) struct Common<'a> {

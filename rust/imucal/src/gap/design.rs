@@ -12,7 +12,7 @@ use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
 use crate::joint::{BASE, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
-use crate::moves::axis_aside;
+use crate::rests::moves::axis_aside;
 
 /// One effect in the design.
 #[derive(Clone)]

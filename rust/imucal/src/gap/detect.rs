@@ -84,7 +84,7 @@ fn exceeds(tails: &mut Tails, noncentrality: f64) -> [f64; 2] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stats::p_value;
+    use crate::numerics::stats::p_value;
 
     #[test]
     fn tails_and_power_are_those_of_tables() {

@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 
 use super::shares::{Moment, Moments, Place, Shares};
 use super::smooth::{Smooth, bells};
-use crate::workers::{in_order, processors};
+use crate::numerics::workers::{in_order, processors};
 
 /// What varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

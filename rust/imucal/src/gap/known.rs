@@ -4,7 +4,7 @@ use faer::Mat;
 
 use super::evidence::Gram;
 use super::products::{Part, Rows, square};
-use crate::stats::dot;
+use crate::numerics::stats::dot;
 
 /// A model's columns and residuals in groups of rows, with their sums.
 pub(crate) struct Known<'a> {

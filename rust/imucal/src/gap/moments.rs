@@ -11,8 +11,8 @@ use super::generic::{Block, Hypothesis, hypotheses};
 use super::shares::{Moment, Moments, Place};
 use crate::error::Error;
 use crate::joint::{Field, Joint, Linear, Model, Prepared, Terms, Way, ways};
-use crate::moves::Move;
-use crate::stats::dot;
+use crate::numerics::stats::dot;
+use crate::rests::moves::Move;
 
 /// Of the blocks inside a move one in so many is enough for what changes slowly.
 const EVERY: usize = 5;

@@ -17,7 +17,7 @@ use super::{Block, GenericFinding, Kernel, Scattering};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
-use crate::workers::{in_order, processors};
+use crate::numerics::workers::{in_order, processors};
 
 /// Prior widths in units of the typical bias.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];

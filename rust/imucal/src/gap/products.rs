@@ -12,8 +12,8 @@ use faer::{Accum, Mat, MatRef};
 
 use super::evidence::Gram;
 use crate::joint::{INSIDE, Insides, Lanes};
-use crate::stats::dot;
-use crate::workers::{in_order, processors};
+use crate::numerics::stats::dot;
+use crate::numerics::workers::{in_order, processors};
 use asked::Asked;
 
 /// The rows of a group, as runs without gaps.

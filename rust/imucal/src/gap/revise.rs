@@ -9,7 +9,7 @@ use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
 use crate::joint::Prepared;
-use crate::stats::p_value;
+use crate::numerics::stats::p_value;
 
 /// Rivals are this close in the logarithm of the evidence.
 const RIVAL_NATS: f64 = 3.0;

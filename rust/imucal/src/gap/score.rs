@@ -17,8 +17,8 @@ use super::stage::Stage;
 use super::weighing::Aside;
 use super::{Score, Trace};
 use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
-use crate::stats::p_value;
-use crate::workers::{in_order, processors};
+use crate::numerics::stats::p_value;
+use crate::numerics::workers::{in_order, processors};
 
 /// Prior widths in units of the typical size.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];

@@ -16,7 +16,7 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::{Column, Evidence, Gram, RIDGE};
-use super::upper::Upper;
+use crate::numerics::symmetric::Upper;
 pub(crate) use left::Left;
 
 /// Scales and parameters depend on each other; the last round is taken as it is.

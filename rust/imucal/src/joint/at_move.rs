@@ -5,7 +5,7 @@ use std::sync::Arc;
 use nalgebra::{Vector2, Vector3};
 
 use super::pass::Pass;
-use crate::moves::rows_across;
+use crate::rests::moves::rows_across;
 
 /// Direction of gravity at one end of a move and its derivative by every parameter.
 #[derive(Clone)]

@@ -21,12 +21,12 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 use super::at_move::EndDirection;
 use super::layout::{BASE, STAND_PARAMETERS};
 use super::terms::{Sample, Terms};
-use crate::derivative::Derivative;
 use crate::error::Error;
-use crate::moves::{Move, UnitRest, rows_across};
+use crate::numerics::derivative::Derivative;
+use crate::numerics::stats::median;
 use crate::recording::Recording;
+use crate::rests::moves::{Move, UnitRest, rows_across};
 use crate::simulate::stand::Stand;
-use crate::stats::median;
 use directions::directions;
 
 /// Angle by which a derivative by a stand parameter or a motor angle is taken, rad; its square is the error.

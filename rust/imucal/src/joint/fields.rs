@@ -19,7 +19,7 @@ use super::pass::planes::Planes;
 use super::pass::ways::{Stretch, Way};
 use super::prepared::Prepared;
 use super::problem::Joint;
-use crate::moves::{Move, rows_across};
+use crate::rests::moves::{Move, rows_across};
 
 /// Columns of a field, each about one axis: those about x come first, then as many about y and z. Numbers in SI units.
 pub(crate) struct Field {

@@ -17,7 +17,7 @@ use super::at_move::move_direction;
 use super::linear::{Linear, Source};
 use super::outliers::by_means;
 use super::problem::Joint;
-use crate::stats::dot;
+use crate::numerics::stats::dot;
 
 /// A column that the others leave less of than this share of its length is a sum of them.
 const LEAST: f64 = 1e-6;

@@ -5,7 +5,7 @@ use std::ops::Range;
 use faer::Mat;
 
 use super::pass::Pass;
-use crate::aligned::{Aligned, WIDEST};
+use crate::numerics::aligned::{Aligned, WIDEST};
 
 /// Rows of numbers side by side: derivatives, and the residual behind them.
 #[derive(Clone)]

@@ -17,8 +17,8 @@ use super::prepared::Prepared;
 use super::rests::{Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
-use crate::moves::{Carried, End, UnitRest, rows_across};
-use crate::workers::{in_order, threads_for};
+use crate::numerics::workers::{in_order, threads_for};
+use crate::rests::moves::{Carried, End, UnitRest, rows_across};
 
 /// A residual, its derivatives by the parameters and by the means of the rests.
 #[derive(Clone)]

@@ -15,7 +15,7 @@ use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::Terms;
 use crate::error::Error;
-use crate::stats::p_value;
+use crate::numerics::stats::p_value;
 
 /// A misfit in units of what noise explains.
 #[derive(Clone, Copy, Debug, PartialEq)]

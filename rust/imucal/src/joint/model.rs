@@ -8,11 +8,11 @@ use nalgebra::{SMatrix, Vector3};
 
 use super::layout::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::terms::Terms;
-use crate::accelerometer;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
-use crate::gyroscope;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
+use crate::two_stage::accelerometer;
+use crate::two_stage::gyroscope;
 
 /// Both triads and the values of the terms.
 #[derive(Clone, Debug)]

@@ -24,8 +24,8 @@ use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
-use crate::robust::may_exclude;
-use crate::stats::{dot, median, p_value};
+use crate::numerics::robust::may_exclude;
+use crate::numerics::stats::{dot, median, p_value};
 
 /// Chance makes a rest or a move look as bad as this less often than once in 10^5.
 const CHANCE: f64 = 1e-5;

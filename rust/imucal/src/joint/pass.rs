@@ -37,12 +37,12 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::model::Model;
 use super::terms::{SideBySide, Terms};
+use crate::numerics::derivative::Width;
 #[cfg(test)]
-use crate::carry::STEPS_TAKEN;
-use crate::carry::{Sums, attitudes, carry_smoothly, rotate_smoothly};
-use crate::derivative::Width;
-use crate::moves::Move;
+use crate::preintegration::STEPS_TAKEN;
+use crate::preintegration::{Sums, attitudes, carry_smoothly, rotate_smoothly};
 use crate::recording::Recording;
+use crate::rests::moves::Move;
 use changes::Changes;
 use corrected::Corrected;
 use turns::Turns;

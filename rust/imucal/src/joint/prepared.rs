@@ -9,10 +9,10 @@ use super::encoders::Encoders;
 use super::pass::Route;
 use super::scatter::Modes;
 use super::wander::Wander;
-use crate::derivative::Width;
-use crate::moves::{End, Move, UnitRest};
+use crate::numerics::derivative::Width;
 use crate::recording::Recording;
-use crate::segment::NoiseDensity;
+use crate::rests::moves::{End, Move, UnitRest};
+use crate::rests::segment::NoiseDensity;
 
 /// What the fit is made of.
 pub(crate) struct Prepared<'a> {

@@ -23,7 +23,7 @@ use super::terms::Terms;
 use super::wander::{UnitWander, Wander};
 use super::weights::Weights;
 use crate::error::Error;
-use crate::lsq::{self, Residuals, Solution};
+use crate::numerics::lsq::{self, Residuals, Solution};
 use nearby::Nearby;
 use report::JointFit;
 use wandering::Wandering;

@@ -14,8 +14,8 @@ use super::model::{Model, force_by_parameters, moments};
 use super::prepared::Prepared;
 use super::settle::Still;
 use super::terms::{Term, Terms};
-use crate::moves::{Carried, End, Move, UnitRest};
 use crate::recording::Recording;
+use crate::rests::moves::{Carried, End, Move, UnitRest};
 
 /// The force at a rest.
 pub(super) struct Force {

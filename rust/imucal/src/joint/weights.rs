@@ -18,10 +18,10 @@ use super::prepared::Prepared;
 use super::scatter::{Excess, Modes, Scatter};
 use super::terms::Terms;
 use super::wander::Wander;
-use crate::accelerometer::FINEST_MPS2;
-use crate::lsq::{self, Solution, by_chance};
-use crate::moves::{FINEST_RAD, random_walk_rad, variance_per_axis};
-use crate::stats::median;
+use crate::numerics::lsq::{self, Solution, by_chance};
+use crate::numerics::stats::median;
+use crate::rests::moves::{FINEST_RAD, random_walk_rad, variance_per_axis};
+use crate::two_stage::accelerometer::FINEST_MPS2;
 use flicker::flicker_of_rests;
 use whiten::{Shares, Whitening};
 

@@ -7,8 +7,8 @@ use statrs::distribution::{ChiSquared, ContinuousCDF};
 use super::cosines::{Layout, Power};
 use super::likelihood::{Fit, Likelihood};
 use super::power_law::{FLICKER, KINDS, PerKind, QUANTISATION, WALK, WHITE, allan_variance, degrees_of_freedom};
-use crate::allan::{octave_factors, overlapping_deviations};
 use crate::error::Error;
+use crate::noise::allan::{octave_factors, overlapping_deviations};
 use crate::recording::Samples;
 
 /// Standard deviations by which the powers of an octave may be off the model: by chance once in 10^6.

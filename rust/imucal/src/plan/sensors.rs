@@ -10,8 +10,8 @@ use super::DIRECTION;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
 use crate::joint::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
-use crate::observability::FARTHEST;
 use crate::simulate::{Converter, Moment, Sensor, Unit};
+use crate::two_stage::observability::FARTHEST;
 
 /// Where a gyroscope is at its rails from, as a share of its range: there is noise, and a motor that overshoots.
 const NEAR_RAILS: f64 = 0.95;

@@ -13,7 +13,7 @@ use super::stand::Stand;
 use super::stream::Stream;
 use super::truth::Truth;
 use super::{Added, Setup, Simulation};
-use crate::workers::share_out;
+use crate::numerics::workers::share_out;
 
 /// Internal steps of a block and of a piece.
 const BLOCK_STEPS: usize = 32_768;

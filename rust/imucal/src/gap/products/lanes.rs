@@ -9,7 +9,7 @@ use pulp::{Arch, Simd, WithSimd};
 use super::asked::Asked;
 use super::{Rows, in_parts};
 use crate::joint::{Insides, Lanes};
-use crate::workers::{in_order, processors};
+use crate::numerics::workers::{in_order, processors};
 
 /// Moves whose rows are made and summed at once: so many whatever the number of threads, for the sum is not to depend on that.
 const MOVES: usize = 8;

@@ -3,7 +3,7 @@
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::super::upper::Upper;
+use crate::numerics::symmetric::Upper;
 
 /// Of what was there before a model was subtracted.
 const ROUNDING: f64 = 1e-9;

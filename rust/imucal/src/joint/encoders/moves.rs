@@ -18,7 +18,7 @@ use crate::joint::inside::InsideNoise;
 use crate::joint::inside::walk::{Filter, Walk};
 use crate::joint::pass::Pass;
 use crate::joint::terms::Terms;
-use crate::moves::across;
+use crate::rests::moves::across;
 
 /// What a white residual inside a move is about.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::walk::{Gain, Walk};
 use crate::joint::pass::Pass;
-use crate::moves::across;
+use crate::rests::moves::across;
 
 /// Variances of one move.
 #[derive(Clone, Copy, Debug)]

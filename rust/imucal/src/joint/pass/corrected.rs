@@ -9,10 +9,10 @@ use imucal_core::so3;
 use nalgebra::Vector3;
 
 use super::Route;
-use crate::carry::{self, Between};
 use crate::joint::model::{Model, surroundings};
 use crate::joint::settle::Settling;
 use crate::joint::terms::{Sample, Terms};
+use crate::preintegration::{Between, turn};
 use crate::recording::Samples;
 
 /// The samples of a move after correction, with one more on either side.
@@ -54,7 +54,7 @@ impl Step {
     /// What it turns, rad, `rate(k)` being that of sample k, in so long.
     #[inline(always)]
     pub(super) fn turn(&self, rate: impl Fn(usize) -> Vector3<f64>, step_s: f64) -> Vector3<f64> {
-        carry::turn(&self.mean(&rate), [&rate(self.before), &rate(self.before + 1)], step_s)
+        turn(&self.mean(&rate), [&rate(self.before), &rate(self.before + 1)], step_s)
     }
 }
 

@@ -6,7 +6,7 @@
 use nalgebra::Vector3;
 use pulp::Simd;
 
-use crate::aligned::{Aligned, WIDEST};
+use crate::numerics::aligned::{Aligned, WIDEST};
 
 /// Columns of some parameters.
 pub(crate) struct Planes {

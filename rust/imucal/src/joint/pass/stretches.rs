@@ -15,11 +15,11 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use super::Route;
 use super::corrected::{Corrected, Step};
 use super::groups::Groups;
-use crate::carry::{are_alike, attitudes};
 use crate::joint::model::{Model, mean_surroundings};
 use crate::joint::terms::{Sample, Terms};
-use crate::moves::Move;
+use crate::preintegration::{are_alike, attitudes};
 use crate::recording::Samples;
+use crate::rests::moves::Move;
 
 /// The stretches of a move.
 pub(super) struct Stretches {

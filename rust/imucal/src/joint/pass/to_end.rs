@@ -12,10 +12,10 @@ use super::corrected::Corrected;
 use super::stretches::Stretches;
 use super::turned::Turned;
 use super::{Asked, Pass, Route};
-use crate::carry::{Sums, carry_smoothly};
 use crate::joint::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::joint::model::Model;
 use crate::joint::terms::SideBySide;
+use crate::preintegration::{Sums, carry_smoothly};
 use crate::recording::Samples;
 
 /// Length of a stretch, s.

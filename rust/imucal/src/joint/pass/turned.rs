@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::planes::Planes;
-use crate::aligned::{Aligned, WIDEST};
+use crate::numerics::aligned::{Aligned, WIDEST};
 
 /// States that are kept: one, and those on either side.
 const KEPT: usize = 3;

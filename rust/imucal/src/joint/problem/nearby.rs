@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::joint::linear::Linear;
 use crate::joint::model::Model;
 use crate::joint::terms::{Kinds, Term};
-use crate::lsq::Solution;
+use crate::numerics::lsq::Solution;
 
 /// Within so many standard deviations of a linearisation the residuals follow their derivatives, to a part in a thousand of one: what
 /// is left out is of second order in the parameters' errors. A search, which only asks what explains the residuals, leaves it at that; a

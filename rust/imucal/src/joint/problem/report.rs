@@ -15,8 +15,8 @@ use crate::joint::prior::Prior;
 use crate::joint::terms::Terms;
 use crate::joint::wander::UnitWander;
 use crate::joint::weights::Weights;
-use crate::lsq::{self, FitReport, Solution};
-use crate::moves::Ends;
+use crate::numerics::lsq::{self, FitReport, Solution};
+use crate::rests::moves::Ends;
 
 /// The joint fit and what it leaves.
 pub(crate) struct JointFit {
@@ -80,7 +80,9 @@ impl JointFit {
         let model = &linear.model;
         let covariance = lsq::covariance(&solution.jacobian);
         let mut norms = vec![None; problem.prepared.rests.len()];
-        let sigma = |k: usize| crate::accelerometer::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer);
+        let sigma = |k: usize| {
+            crate::two_stage::accelerometer::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer)
+        };
         for line in &linear.lines {
             if let Source::Norm(k) = line.source {
                 norms[k] = Some((line.residual, sigma(k)));

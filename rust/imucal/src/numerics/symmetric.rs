@@ -4,12 +4,12 @@ use std::ops::Range;
 
 use pulp::Simd;
 
-use crate::aligned::WIDEST;
+use crate::numerics::aligned::WIDEST;
 
 /// The upper half of a symmetric matrix, or the first rows of it, each filled up to whole registers: what is left of the diagonal means
 /// nothing.
 #[derive(Clone)]
-pub(super) struct Upper {
+pub(crate) struct Upper {
     size: usize,
     /// Length of a row.
     width: usize,
@@ -17,46 +17,46 @@ pub(super) struct Upper {
 }
 
 impl Upper {
-    pub(super) fn zeros(size: usize) -> Self {
+    pub(crate) fn zeros(size: usize) -> Self {
         Self::first_rows(size, size)
     }
 
     /// Only so many rows of zeros.
-    pub(super) fn first_rows(rows: usize, size: usize) -> Self {
+    pub(crate) fn first_rows(rows: usize, size: usize) -> Self {
         let width = size.next_multiple_of(WIDEST);
         Self { size, width, numbers: vec![0.0; rows * width] }
     }
 
     /// Makes it another one of its size.
-    pub(super) fn copy_from(&mut self, other: &Self) {
+    pub(crate) fn copy_from(&mut self, other: &Self) {
         self.numbers.copy_from_slice(&other.numbers);
     }
 
     /// Number of columns.
-    pub(super) fn size(&self) -> usize {
+    pub(crate) fn size(&self) -> usize {
         self.size
     }
 
     /// Row `i` from the diagonal on.
     #[inline(always)]
-    pub(super) fn row(&self, i: usize) -> &[f64] {
+    pub(crate) fn row(&self, i: usize) -> &[f64] {
         &self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
     }
 
     /// The same, to be changed.
     #[inline(always)]
-    pub(super) fn row_mut(&mut self, i: usize) -> &mut [f64] {
+    pub(crate) fn row_mut(&mut self, i: usize) -> &mut [f64] {
         &mut self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
     }
 
     /// The number in row `i` and column `j`, which is not left of the diagonal.
     #[inline(always)]
-    pub(super) fn at(&mut self, i: usize, j: usize) -> &mut f64 {
+    pub(crate) fn at(&mut self, i: usize, j: usize) -> &mut f64 {
         &mut self.numbers[i * self.width + j]
     }
 
     /// Of some of its rows and columns, in their order; rows that it does not have are zero.
-    pub(super) fn part(&self, own: &[Range<usize>]) -> Self {
+    pub(crate) fn part(&self, own: &[Range<usize>]) -> Self {
         let size = own.iter().map(Range::len).sum::<usize>();
         let width = size.next_multiple_of(WIDEST);
         let mut numbers = Vec::with_capacity(size * width);
@@ -72,7 +72,7 @@ impl Upper {
 
     /// Makes it the sum of others from a row on, each so many times.
     #[inline(always)]
-    pub(super) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>, row: usize) {
+    pub(crate) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>, row: usize) {
         let own = row * self.width..;
         self.numbers[own.clone()].fill(0.0);
         let (to, _) = S::as_mut_simd_f64s(&mut self.numbers[own.clone()]);
@@ -94,7 +94,7 @@ impl Upper {
     /// Some may be swept first and others later. The logarithm of the determinant of A, or of what the former have left of it; `None`
     /// where it is not positive definite.
     #[inline(always)]
-    pub(super) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
+    pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;
         let mut volume = Volume::new();
         let mut pivots = vec![0.0; width];
@@ -123,7 +123,7 @@ impl Upper {
     /// The same as [`sweep`](Self::sweep) of the first rows, so many, where it is known what that makes of them. What they are stands in
     /// `whole`, there at these places for the columns behind them.
     #[inline(always)]
-    pub(super) fn sweep_as<S: Simd>(
+    pub(crate) fn sweep_as<S: Simd>(
         &mut self,
         simd: S,
         known: usize,
@@ -148,7 +148,7 @@ impl Upper {
 
     /// `v^T A v` and the trace of `A B`, A being this one.
     #[inline(always)]
-    pub(super) fn between<S: Simd>(&self, simd: S, vector: &[f64], other: &Self) -> [f64; 2] {
+    pub(crate) fn between<S: Simd>(&self, simd: S, vector: &[f64], other: &Self) -> [f64; 2] {
         let zero = simd.splat_f64s(0.0);
         let (mut squares, mut products) = (zero, zero);
         let mut on_diagonal = [0.0; 2];
@@ -172,7 +172,7 @@ impl Upper {
     }
 
     /// A vector as long as its rows.
-    pub(super) fn vector(&self, numbers: impl Iterator<Item = f64>) -> Vec<f64> {
+    pub(crate) fn vector(&self, numbers: impl Iterator<Item = f64>) -> Vec<f64> {
         let mut all = vec![0.0; self.width];
         all.iter_mut().zip(numbers).for_each(|(to, number)| *to = number);
         all

@@ -14,12 +14,12 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::lsq::by_chance;
-use crate::moves::{Carried, UnitRest, variance_per_axis};
+use crate::numerics::lsq::by_chance;
+use crate::numerics::stats::{median, quantile, random_effects_mean};
+use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};
-use crate::segment::{NoiseDensity, Rest, sample_interval_s};
-use crate::stats::{median, quantile, random_effects_mean};
-use crate::workers::{in_order, threads_for};
+use crate::rests::moves::{Carried, UnitRest, variance_per_axis};
+use crate::rests::segment::{NoiseDensity, Rest, sample_interval_s};
 
 /// Coefficients of the fourth difference and their sum of squares.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
@@ -324,7 +324,7 @@ mod tests {
         };
         let run = run(&setup).unwrap();
         let recording = run.recording("run");
-        let segments = crate::segment::Segments::find(&recording, 1.0).unwrap();
+        let segments = crate::rests::segment::Segments::find(&recording, 1.0).unwrap();
         let rests: Vec<&Rest> = segments.rests.iter().collect();
         let sensors = Sensors {
             accelerometer: &Triad::try_new(unit.accelerometer.sensitivity, unit.accelerometer.bias).unwrap(),

@@ -13,7 +13,7 @@ use nalgebra::Vector3;
 
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
-use crate::lsq;
+use crate::numerics::lsq;
 
 /// Unmodelled error of |f| at a rest, m/s^2.
 pub(crate) const REST_ERROR_MPS2: f64 = 0.005;

@@ -16,6 +16,7 @@
 mod attitudes;
 mod between;
 mod kernel;
+pub(crate) mod kinematics;
 mod lanes;
 mod path;
 #[cfg(test)]

@@ -2,8 +2,8 @@
 
 use nalgebra::Vector3;
 
-use crate::segment::Rest;
-use crate::stats::{MEDIAN_SIZE, median, random_effects_mean};
+use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
+use crate::rests::segment::Rest;
 
 /// A rest whose mean rate is further than this from the median, in robust standard deviations, is none.
 const LIMIT: f64 = 6.0;

@@ -11,7 +11,7 @@ use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 use crate::error::Error;
-use crate::lsq;
+use crate::numerics::lsq;
 
 /// A sensitivity (symmetric positive definite) and a bias, in raw units.
 #[derive(Clone, Copy, Debug)]

@@ -7,7 +7,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::WINDOW_BLOCKS;
 use super::edges::trim;
-use crate::stats::quantile_of;
+use crate::numerics::stats::quantile_of;
 
 /// The statistic of every window (one per block it may start at) and the noise floor (variances).
 ///

@@ -6,7 +6,7 @@ use nalgebra::{Vector3, Vector6};
 
 use super::blocks::{Block, Colour, mean, merge};
 use super::{UNSTEADY, WINDOW_BLOCKS};
-use crate::stats::median;
+use crate::numerics::stats::median;
 
 /// A rest and what its blocks say of it.
 #[derive(Clone)]

@@ -11,14 +11,14 @@ use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, SVector, Vector3};
 
-use crate::ellipsoid::{self, Start};
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
-use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
-use crate::observability;
-use crate::robust;
-use crate::segment::Rest;
-use crate::stats;
+use crate::numerics::lsq::{self, FitReport, Residuals, Solution, Termination};
+use crate::numerics::robust;
+use crate::numerics::stats;
+use crate::rests::segment::Rest;
+use crate::two_stage::ellipsoid::{self, Start};
+use crate::two_stage::observability;
 
 /// Noise of a rest's mean over the smallest radius of the ellipsoid, at most. A noisy sensor has 0.001, noise alone 0.5.
 const NOISE_OVER_SIZE: f64 = 0.02;

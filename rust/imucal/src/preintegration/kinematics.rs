@@ -13,8 +13,8 @@
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-use crate::moves::Move;
 use crate::recording::Recording;
+use crate::rests::moves::Move;
 
 /// Of the squared turns about the busiest axis, the idlest one needs at least this share.
 const LEAST_TURN_SHARE: f64 = 0.01;

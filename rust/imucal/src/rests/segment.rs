@@ -18,9 +18,9 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Vector3, Vector6};
 
 use crate::error::Error;
-use crate::moves::variance_by_axis;
+use crate::numerics::stats::quantile_of;
 use crate::recording::{RawUnit, Recording, Samples};
-use crate::stats::quantile_of;
+use crate::rests::moves::variance_by_axis;
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
 use steadiness::{Steadiness, Stretch, wanders};

@@ -6,7 +6,7 @@ use nalgebra::{Quaternion, UnitQuaternion};
 use pulp::bytemuck::cast;
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::aligned::WIDEST;
+use crate::numerics::aligned::WIDEST;
 
 /// The most lanes that any instruction set has.
 pub(super) const MOST_LANES: usize = WIDEST;

@@ -5,8 +5,8 @@ use nalgebra::{Vector3, Vector6};
 use pulp::{Arch, Simd, WithSimd};
 
 use super::WINDOW_BLOCKS;
+use crate::numerics::workers::{share_out, threads_for};
 use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
-use crate::workers::{share_out, threads_for};
 
 /// Sums over [`BLOCK_S`](super::BLOCK_S) of samples, six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;

@@ -2,8 +2,8 @@
 
 use faer::Mat;
 
-use crate::lsq;
-use crate::stats::{MEDIAN_SIZE, median};
+use crate::numerics::lsq;
+use crate::numerics::stats::{MEDIAN_SIZE, median};
 
 /// Scores above this many robust standard deviations are outliers. With `d` residuals per item and normal errors
 /// a clean item exceeds it about once in 10^6.

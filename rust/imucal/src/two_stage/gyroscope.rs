@@ -18,15 +18,15 @@ use imucal_core::sensor::Triad;
 use imucal_core::so3::{self, hat};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
-use crate::carry::{Carried, Path};
 use crate::error::Error;
-use crate::lsq::{self, FitReport, Residuals, Solution, Termination};
-use crate::moves::{Ends, Move};
-use crate::observability;
+use crate::numerics::lsq::{self, FitReport, Residuals, Solution, Termination};
+use crate::numerics::robust;
+use crate::numerics::stats::rms;
+use crate::numerics::workers::{in_order, threads_for};
+use crate::preintegration::{Carried, Path};
 use crate::recording::Recording;
-use crate::robust;
-use crate::stats::rms;
-use crate::workers::{in_order, threads_for};
+use crate::rests::moves::{Ends, Move};
+use crate::two_stage::observability;
 
 pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 

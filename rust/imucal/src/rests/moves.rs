@@ -5,12 +5,12 @@ use std::ops::Range;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
-use crate::accelerometer::sigma_norm;
 use crate::check::saturated_samples;
 use crate::finding::Finding;
 use crate::recording::Recording;
-use crate::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
-use crate::tremor::{Hand, Sensors};
+use crate::rests::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
+use crate::rests::tremor::{Hand, Sensors};
+use crate::two_stage::accelerometer::sigma_norm;
 
 /// A step in time of more than this many sample intervals inside a move loses too much of the rotation.
 const LONGEST_STEP: f64 = 2.5;

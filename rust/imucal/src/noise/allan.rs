@@ -9,7 +9,7 @@
 use std::num::NonZeroUsize;
 
 use crate::error::Error;
-use crate::workers::in_order;
+use crate::numerics::workers::in_order;
 
 /// Differences that are summed for all averaging times before the next ones are: what one time has read is still in the cache
 /// for the next.

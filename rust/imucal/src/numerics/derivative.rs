@@ -19,7 +19,7 @@ use nalgebra::Vector3;
 
 use stencil::{BOXES, Stencil, Steps, Sums};
 
-use crate::stats::{MEDIAN_SIZE, median};
+use crate::numerics::stats::{MEDIAN_SIZE, median};
 
 /// The narrowest box, s, or one sample: closer values differ by more noise than motion.
 const NARROWEST_S: f64 = 2e-3;

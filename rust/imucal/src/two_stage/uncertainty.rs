@@ -8,11 +8,11 @@
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
 
-use crate::accelerometer::AccelerometerFit;
 use crate::frame::SYMMETRIC;
-use crate::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
-use crate::moves::{Ends, Move};
-use crate::segment::Rest;
+use crate::rests::moves::{Ends, Move};
+use crate::rests::segment::Rest;
+use crate::two_stage::accelerometer::AccelerometerFit;
+use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 
 /// Covariance of `[accelerometer bias, its six entries, gyroscope bias, its nine entries]`, symmetric frame, 21 x 21.
 pub(crate) fn covariance(
