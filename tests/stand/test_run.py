@@ -1,4 +1,8 @@
-"""A run on a simulated stand: what arrives is what is written, once each, however the run ends."""
+"""A run on a simulated stand: each sample that arrives is written once, however the run ends.
+
+Where the end of a run depends on time, the run is made in virtual time through `record`, because the
+command has no option for the clock.
+"""
 
 import dataclasses
 import errno
@@ -15,7 +19,8 @@ import numpy as np
 import pytest
 
 import imucal
-from children import heed_signals
+import virtual_clock
+from children import heed_signals, wait_until
 from imucal import Program, Step
 from imucal.cli import main
 from imucal.stand.faults import SimulatedUnit
@@ -24,6 +29,7 @@ from imucal.stand.progress import parse_target
 from imucal.stand.recorder import journal_of, record
 from imucal.stand.recovery import recover
 from imucal.stand.simulated import SimulatedStand
+from virtual_clock import VirtualClock
 
 SHORT = Program((Step((0, 0, 0), 0, 2), Step((90, 0, 0), 1, 2), Step((0, 90, 0), 1, 2)))
 
@@ -57,13 +63,15 @@ def test_the_speed_changes_nothing_but_the_time_taken(tmp_path):
 
 def test_a_target_ends_the_run_early(tmp_path):
     program = Program.random(seed=1)
-    stand = simulated(program, speed=300.0)
+    clock = VirtualClock()
+    stand = SimulatedStand(program, SimulatedUnit(), seed=1, speed=300.0, clock=clock)
     targets = [parse_target("gyro_bias_*=2e-4"), parse_target("gyro_sensitivity_*=1e-3")]
-    done = record(stand, stand, tmp_path / "run.csv", steps=len(program.steps), targets=targets)
+    output, steps = tmp_path / "run.csv", len(program.steps)
+    done = record(stand, stand, output, steps=steps, targets=targets, clock=clock)
     assert done.state == "target_reached"
-    assert done.step < len(program.steps) - 1
+    assert done.step < steps - 1
     # What was promised is what the calibration of the file then says.
-    result = imucal.calibrate(imucal.read(tmp_path / "run.csv"))
+    result = imucal.calibrate(imucal.read(output))
     bias = [p.std for p in result.parameters if p.name.startswith("gyro_bias")]
     assert max(bias) < 2e-4 * 1.2
 
@@ -113,7 +121,8 @@ def test_targets_that_mean_nothing_are_refused():
 
 
 def test_a_unit_that_falls_silent_ends_the_run_and_keeps_what_it_sent(tmp_path):
-    stand = simulated()
+    clock = VirtualClock()
+    stand = SimulatedStand(SHORT, SimulatedUnit(), seed=1, clock=clock)
 
     class Mute:
         columns = stand.columns
@@ -129,10 +138,11 @@ def test_a_unit_that_falls_silent_ends_the_run_and_keeps_what_it_sent(tmp_path):
         start, see, positions, events, close = (lambda *_: (),) * 5
         poll = staticmethod(lambda: imucal.stand.driver.Status("moving", 1))
 
-    done = record(Patient(), Mute(), tmp_path / "run.csv", steps=3, silent_s=0.3)
+    done = record(Patient(), Mute(), tmp_path / "run.csv", steps=3, silent_s=0.3, clock=clock)
     assert (done.state, done.good) == ("unit_silent", False)
     assert "cable" in done.message
-    assert done.output is None or len(imucal.read(tmp_path / "run.csv")) == done.samples
+    assert clock.now_s() == pytest.approx(3.0 + 0.3 + 0.2, abs=0.1)
+    assert done.samples == len(imucal.read(tmp_path / "run.csv")) == 600
 
 
 def test_a_journal_that_is_there_is_never_overwritten(tmp_path, command):
@@ -331,31 +341,37 @@ def test_positions_are_joined_to_the_samples_at_their_instants(tmp_path):
 
 # --- killed at any moment ---
 
-# Forks a child for every line it is given: the child runs the stand and says what is acknowledged.
+# Forks a child for every line it reads. The child runs the stand, prints the number of acknowledged samples,
+# and waits to be killed before the run ends. Its stand runs in virtual time, so that the number of
+# acknowledgements does not depend on the load of the computer.
 KILLED = """
-import os, sys
+import os, signal, sys
 import numpy, pyarrow.csv
 from imucal import Program, Step
 from imucal.stand.faults import SimulatedUnit
 from imucal.stand.simulated import SimulatedStand
 import imucal.stand.recorder as recorder
+from virtual_clock import VirtualClock
 
-# Acknowledged more often than people need it, so that there is much to lose.
+# More frequent acknowledgements than in production, so that an error in them is likely to show.
 recorder.SYNC_S = 0.005
-program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(400)))
-stand = SimulatedStand(program, SimulatedUnit(), seed=1, speed=1000.0)
+program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(50)))
+clock = VirtualClock()
+stand = SimulatedStand(program, SimulatedUnit(), seed=1, speed=100.0, clock=clock)
 for name in sys.stdin:
     child = os.fork()
     if child == 0:
-        told = 0
+        told, left = 0, 60
         def tell(moment):
-            global told
+            global told, left
             if moment.acknowledged > told:
-                told = moment.acknowledged
+                told, left = moment.acknowledged, left - 1
                 # In one piece, whenever it is killed.
                 os.write(1, f"{told}\\n".encode())
-        recorder.record(stand, stand, name.strip(), steps=len(program.steps), watch=tell)
-        os._exit(0)
+            if left == 0:
+                signal.pause()
+        recorder.record(stand, stand, name.strip(), steps=len(program.steps), watch=tell, clock=clock)
+        os._exit(1)
     print("child", child, flush=True)
     os.waitpid(child, 0)
     print("gone", flush=True)
@@ -376,7 +392,7 @@ def test_a_unit_with_encoders_of_its_own_needs_no_positions(tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 def test_killed_at_fifty_moments_every_acknowledged_sample_is_recovered(tmp_path):
-    program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(400)))
+    program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(50)))
     expected = imucal.simulate(program, seed=1).recording
     draw, kept = random.Random(11), []
     parent = subprocess.Popen(
@@ -384,17 +400,18 @@ def test_killed_at_fifty_moments_every_acknowledged_sample_is_recovered(tmp_path
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
+        env={**os.environ, "PYTHONPATH": str(Path(virtual_clock.__file__).parent)},
     )
     for moment in range(50):
         output = tmp_path / f"{moment}.csv"
         parent.stdin.write(f"{output}\n")
         parent.stdin.flush()
         said, acknowledged = parent.stdout.readline().split(), 0
-        # Not a time but a number of acknowledgements and then a moment: a slow machine is no less random.
+        # Killed a random time after a random number of acknowledgements.
         while said[0] != "child":
             acknowledged = int(said[0])
             said = parent.stdout.readline().split()
-        for _ in range(draw.randrange(0, 10)):
+        for _ in range(draw.randrange(0, 40)):
             acknowledged = int(parent.stdout.readline())
         time.sleep(draw.uniform(0.0, 0.02))
         os.kill(int(said[1]), signal.SIGKILL)
@@ -435,10 +452,10 @@ def test_interrupted_the_command_says_where_the_samples_are(tmp_path):
         preexec_fn=heed_signals,
     )
     journal = journal_of(output)
-    while not (journal.exists() and len(read_journal_or_none(journal)) > 100):
-        assert child.poll() is None, child.stderr.read()
+    wait_until(lambda: len(read_journal_or_none(journal)) > 100 or child.poll() is not None)
+    assert child.poll() is None, child.stderr.read()
     child.send_signal(signal.SIGINT)
-    _, shown = child.communicate(timeout=60)
+    _, shown = child.communicate()
     assert child.returncode == 130
     assert "Traceback" not in shown
     assert f"imucal stand recover {journal} -o {output}" in shown

@@ -10,21 +10,21 @@ step that is begun twice is one more rest and no error.
 
 from __future__ import annotations
 
-import time
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError
 from imucal.rig.motion import Program, Step
+from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Event, Position, Status
 from imucal.stand.gcode import Axes, Block, MotorLimits, blocks_of
 from imucal.stand.grbl_port import ALARMS, ERRORS, RESET, RX_BUFFER, GrblPort, Report
 from imucal.stand.grbl_talk import GrblTalk, Patience, Triple
-from imucal.stand.link import LinkLostError
+from imucal.stand.link import LinkLostError, serial_port
 
 __all__ = ["GrblDriver"]
 
@@ -57,7 +57,8 @@ class GrblDriver:
     Zero is where the motors stand when it starts. After the last step they go back there, so that cables are
     as they were and the next program starts where this one did.
 
-    axes  letters of the three motors, outer motor first
+    axes       letters of the three motors, outer motor first
+    open_port  opens the serial port of a name and a baud rate; LinkLostError with the reason if that fails
     """
 
     def __init__(
@@ -68,11 +69,14 @@ class GrblDriver:
         baud: int = 115200,
         axes: Axes | None = None,
         patience: Patience | None = None,
+        clock: Clock = SYSTEM_CLOCK,
+        open_port: Callable[[str, int], Any] = serial_port,
     ) -> None:
         self._program, self._axes = _and_back(program), axes or Axes()
         self._last_step = len(program.steps) - 1
         self._patience = patience or Patience()
-        self._talk = GrblTalk(GrblPort(port, baud), self._patience)
+        self._clock = clock
+        self._talk = GrblTalk(GrblPort(port, baud, open_port), self._patience, clock)
         self._blocks: list[Block] = blocks_of(self._program, MotorLimits())
         # Where the controller sees the stand's zero: angle = position - zero.
         self._zero: Triple = (0.0, 0.0, 0.0)
@@ -101,7 +105,7 @@ class GrblDriver:
             self._talk.port.open()
             for _ in self._talk.handshake():
                 self._talk.hear()
-                time.sleep(NAP_S)
+                self._clock.sleep(NAP_S)
         except LinkLostError as error:
             self._talk.port.close()
             raise ImucalError(f"the stand cannot be driven: {error}") from None
@@ -143,7 +147,7 @@ class GrblDriver:
             if self._done < len(self._blocks):
                 for _ in self._talk.halt():
                     self._talk.hear()
-                    time.sleep(NAP_S)
+                    self._clock.sleep(NAP_S)
                 self._talk.port.send(RESET)
         self._talk.port.close()
 
@@ -204,7 +208,7 @@ class GrblDriver:
 
     def _answered(self) -> None:
         """One line is read, or done: answers come in the order of the lines."""
-        self._answered_s = time.monotonic()
+        self._answered_s = self._clock.now_s()
         if self._way_back is not None or self._trouble is not None or not self._sent:
             return
         self._held = self._sent.popleft().done or self._held
@@ -243,7 +247,7 @@ class GrblDriver:
                 self._to_send.append(_Line(move, number, None))
             self._to_send.append(_Line(block.dwell_line().encode() + b"\n", number, number + 1))
         self._begun = self._seen = self._held = self._done
-        self._answered_s = time.monotonic()
+        self._answered_s = self._clock.now_s()
         self._from = self._angles() or self._from
         self._trouble = self._alarm = self._strayed = self._lost_until_s = None
 
@@ -262,7 +266,7 @@ class GrblDriver:
 
     def _look_for_trouble(self) -> None:
         """A port that is silent; motors that stand while lines are not answered, as bytes were lost."""
-        now_s = time.monotonic()
+        now_s = self._clock.now_s()
         report = self._talk.report
         if report is not None and report.state == "Alarm":
             self._alarm = UNKNOWN_ALARM
@@ -327,7 +331,7 @@ class GrblDriver:
     def _lost(self, reason: str) -> None:
         """The port is gone, or silent: open it again, for as long as patience lasts."""
         self._talk.port.close()
-        now_s = time.monotonic()
+        now_s = self._clock.now_s()
         if self._lost_until_s is None:
             self._lost_until_s = now_s + self._patience.reconnect_s
             self._happened.append(Event("controller_lost", reason))
@@ -340,8 +344,8 @@ class GrblDriver:
         self._way_back = self._reconnect(reason)
 
     def _reconnect(self, reason: str) -> Generator[None, None, None]:
-        again_s = time.monotonic() + TRY_AGAIN_S
-        while time.monotonic() < again_s:
+        again_s = self._clock.now_s() + TRY_AGAIN_S
+        while self._clock.now_s() < again_s:
             yield
         self._talk.port.open()
         yield from self._return(Event("controller_lost", reason))

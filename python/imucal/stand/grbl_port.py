@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Final
 
-from imucal.stand.link import LinkLostError, serial_port
+from imucal.stand.link import LinkLostError
 
 __all__ = ["ALARMS", "ERRORS", "RX_BUFFER", "GrblPort", "Report", "report_of"]
 
@@ -63,9 +64,9 @@ class Report:
 class GrblPort:
     """An open port; every method raises LinkLostError once the other end is gone."""
 
-    def __init__(self, port: str, baud: int) -> None:
+    def __init__(self, port: str, baud: int, open_port: Callable[[str, int], Any]) -> None:
         self.name = port
-        self._baud = baud
+        self._baud, self._open_port = baud, open_port
         self._port: Any = None
         self._left = b""
 
@@ -78,7 +79,7 @@ class GrblPort:
         """Open it, or open it again."""
         self.close()
         self._left = b""
-        self._port = serial_port(self.name, self._baud)
+        self._port = self._open_port(self.name, self._baud)
 
     def send(self, data: bytes) -> None:
         """Send bytes, all of them."""

@@ -5,12 +5,12 @@ What takes time is a generator that yields while it waits, so that the recording
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Generator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, TypeAlias
 
+from imucal.stand.clock import Clock
 from imucal.stand.gcode import MotorLimits
 from imucal.stand.grbl_port import HOLD, RESET, STATUS, GrblPort, Report, report_of
 from imucal.stand.link import LinkLostError
@@ -46,8 +46,9 @@ class GrblTalk:
     reported_s  the host's time of it, and `busy_s` of the last one that was not idle
     """
 
-    def __init__(self, port: GrblPort, patience: Patience) -> None:
+    def __init__(self, port: GrblPort, patience: Patience, clock: Clock) -> None:
         self.port = port
+        self._clock = clock
         self.report: Report | None = None
         self.reported_s = self.busy_s = 0.0
         self._patience = patience
@@ -59,7 +60,7 @@ class GrblTalk:
 
     def hear(self) -> Sequence[str | Report]:
         """What has arrived: reports, and the lines that are none; asks for a report when one is due."""
-        now_s = time.monotonic()
+        now_s = self._clock.now_s()
         if now_s - self._asked_s >= QUERY_S:
             self._asked_s = now_s
             self.port.send(STATUS)
@@ -126,9 +127,9 @@ class GrblTalk:
 
     def until(self, condition: Callable[[], bool], longest_s: float | None = None) -> Waiting:
         """Whether it comes true in this time, that of an answer if not said."""
-        deadline_s = time.monotonic() + (self._patience.answer_s if longest_s is None else longest_s)
+        deadline_s = self._clock.now_s() + (self._patience.answer_s if longest_s is None else longest_s)
         while not condition():
-            if time.monotonic() > deadline_s:
+            if self._clock.now_s() > deadline_s:
                 return False
             yield
         return True

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -15,6 +14,7 @@ from imucal.errors import ImucalError, InputError
 from imucal.estimation.inspection import Inspection, inspect
 from imucal.limits.limits import ParameterLimit
 from imucal.recording.recording import Recording
+from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.rows import recording_of
 
 __all__ = ["Progress", "Prospect", "parse_target"]
@@ -22,8 +22,10 @@ __all__ = ["Progress", "Prospect", "parse_target"]
 # Directions on a sphere, and how near to one of them a rest must be.
 DIRECTIONS: Final = 200
 NEAR_DEG: Final = 30.0
-# Looking at what there is takes at most this share of a processor.
+# Predictions take at most this share of one processor.
 SHARE: Final = 0.2
+# Shortest time between two predictions, s: the live view is not refreshed more often.
+EVERY_S: Final = 0.2
 RATE_OVER: Final = 50
 
 
@@ -83,8 +85,9 @@ def parse_target(text: str) -> ParameterLimit:
 class Progress:
     """Keeps the samples of a run and looks at them in another thread, now and then."""
 
-    def __init__(self, columns: Sequence[str]) -> None:
+    def __init__(self, columns: Sequence[str], clock: Clock = SYSTEM_CLOCK) -> None:
         self.columns = tuple(columns)
+        self._clock = clock
         self.samples = 0
         self.prospect = Prospect()
         self._chunks: list[FloatArray] = []
@@ -98,7 +101,7 @@ class Progress:
             return
         self._chunks.append(rows)
         self.samples += len(rows)
-        self._arrivals = [*self._arrivals[-RATE_OVER:], (time.monotonic(), self.samples)]
+        self._arrivals = [*self._arrivals[-RATE_OVER:], (self._clock.now_s(), self.samples)]
 
     @property
     def arrival_rate_hz(self) -> float:
@@ -114,7 +117,7 @@ class Progress:
             if not finally_too:
                 return
             self._looking.join()
-        if not finally_too and (time.monotonic() < self._next_s or not self._chunks):
+        if not finally_too and (self._clock.now_s() < self._next_s or not self._chunks):
             return
         # Here, where samples are added, and not in the other thread.
         self._chunks = [np.concatenate(self._chunks)] if self._chunks else []
@@ -123,16 +126,17 @@ class Progress:
             self._look(rows)
         else:
             self._looking = threading.Thread(target=self._look, args=(rows,), daemon=True)
-            self._looking.start()
+            self._clock.start_work(self._looking)
 
     def _look(self, rows: FloatArray) -> None:
-        start_s = time.monotonic()
+        start_s = self._clock.now_s()
         try:
             recording = recording_of(self.columns, rows, "the run so far")
             self.prospect = _prospect(recording, inspect(recording))
         except ImucalError as error:
             self.prospect = Prospect(missing=str(error))
-        self._next_s = time.monotonic() + (time.monotonic() - start_s) * (1 / SHARE - 1)
+        end_s = self._clock.now_s()
+        self._next_s = max(end_s + (end_s - start_s) * (1 / SHARE - 1), start_s + EVERY_S)
 
 
 def _prospect(recording: Recording, seen: Inspection) -> Prospect:

@@ -9,7 +9,6 @@ Whatever ends a run, what had arrived is in the file; after a crash it is in the
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +18,7 @@ from imucal.document.plain import plain
 from imucal.errors import ImucalError
 from imucal.io.canonical import require_ending
 from imucal.limits.limits import ParameterLimit
+from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Driver, Event, Source, Status
 from imucal.stand.journal import Journal, read_journal
 from imucal.stand.progress import Progress, Prospect
@@ -95,6 +95,7 @@ def record(
     targets: Sequence[ParameterLimit] = (),
     watch: Callable[[Moment], None] | None = None,
     silent_s: float = SILENT_S,
+    clock: Clock = SYSTEM_CLOCK,
 ) -> Done:
     """Run a program to its end and write the recording, .csv or .parquet.
 
@@ -110,7 +111,7 @@ def record(
     require_ending(output)
     path = journal_of(output)
     with Journal(path, source.columns, about or {}) as journal:
-        run = _Run(driver, source, journal, steps, targets, watch, silent_s)
+        run = _Run(driver, source, journal, steps, targets, watch, silent_s, clock)
         try:
             try:
                 run.to_the_end()
@@ -166,20 +167,22 @@ class _Run:
         targets: Sequence[ParameterLimit],
         watch: Callable[[Moment], None] | None,
         silent_s: float,
+        clock: Clock,
     ) -> None:
         self.driver, self.source, self.journal = driver, source, journal
         self.steps, self.targets, self.watch, self.silent_s = steps, targets, watch, silent_s
-        self.progress = Progress(source.columns)
+        self.clock = clock
+        self.progress = Progress(source.columns, clock)
         self.status = Status("moving", 0)
         self.state, self.message = "", ""
         self.acknowledged = 0
-        self.synced_s = self.heard_s = time.monotonic()
+        self.synced_s = self.heard_s = self.clock.now_s()
 
     def to_the_end(self) -> None:
         """Until the program is through, a target is reached, or something fails."""
         self.source.start()
         self.driver.start()
-        self.heard_s = time.monotonic()
+        self.heard_s = self.clock.now_s()
         while not self.state:
             self.take()
             self.status = self.driver.poll()
@@ -191,8 +194,8 @@ class _Run:
             if self.watch is not None:
                 self.watch(self.moment())
         # What was on its way when the motors stopped.
-        tail_s = time.monotonic() + TAIL_S
-        while time.monotonic() < tail_s:
+        tail_s = self.clock.now_s() + TAIL_S
+        while self.clock.now_s() < tail_s:
             self.take()
         self.keep_what_happened()
         self.progress.look(finally_too=True)
@@ -205,7 +208,7 @@ class _Run:
     def take(self) -> None:
         """Samples into the journal, and from time to time onto the disk."""
         rows = self.source.read(WAIT_S)
-        now_s = time.monotonic()
+        now_s = self.clock.now_s()
         if len(rows):
             self.heard_s = now_s
             self.journal.samples(rows, now_s)
@@ -222,11 +225,11 @@ class _Run:
             self.keep(event)
 
     def keep(self, event: Event) -> None:
-        self.journal.event(time.monotonic(), event.code, event.message)
+        self.journal.event(self.clock.now_s(), event.code, event.message)
 
     def judge(self) -> None:
         """Whether the run is over, and why."""
-        silent_s = time.monotonic() - self.heard_s
+        silent_s = self.clock.now_s() - self.heard_s
         if self.status.state == "failed":
             self.state, self.message = self.status.code, self.status.message
         elif self.status.state == "finished":

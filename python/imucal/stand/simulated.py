@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Sequence
 from typing import Final
 
@@ -12,6 +11,7 @@ from imucal.arrays import FloatArray
 from imucal.errors import InputError
 from imucal.io.vocabulary import column_names
 from imucal.rig.motion import Program
+from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Event, Position, Status
 from imucal.stand.faults import SimulatedUnit
 
@@ -29,7 +29,15 @@ class SimulatedStand:
     Its encoders are read with the samples: the columns stand_1_deg, stand_2_deg, stand_3_deg.
     """
 
-    def __init__(self, program: Program, unit: SimulatedUnit, *, seed: int, speed: float = 1.0) -> None:
+    def __init__(
+        self,
+        program: Program,
+        unit: SimulatedUnit,
+        *,
+        seed: int,
+        speed: float = 1.0,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:
         if not (np.isfinite(speed) and speed > 0):
             raise InputError(f"speed is {speed}: give a positive number, 1 is real time")
         recording = unit.run(program, seed)
@@ -42,7 +50,7 @@ class SimulatedStand:
         self.columns = tuple(name for name, _ in named)
         self._rows = np.column_stack([values for _, values in named])
         self._time_s = recording.time_s
-        self._speed = speed
+        self._speed, self._clock = speed, clock
         lengths_s = [(step.move_s, step.hold_s) for step in program.steps]
         self._ends_s = np.cumsum(lengths_s)
         self._started_s: float | None = None
@@ -51,16 +59,16 @@ class SimulatedStand:
     def start(self) -> None:
         """Start the motors' clock; the unit's and the stand's are one."""
         if self._started_s is None:
-            self._started_s = time.monotonic()
+            self._started_s = self._clock.now_s()
 
     def read(self, wait_s: float) -> FloatArray:
         """What the unit has sent by now."""
-        until_s = time.monotonic() + wait_s
+        until_s = self._clock.now_s() + wait_s
         while True:
             end = int(np.searchsorted(self._time_s, self._now_s(), side="right"))
-            if end > self._given or time.monotonic() >= until_s:
+            if end > self._given or self._clock.now_s() >= until_s:
                 break
-            time.sleep(NAP_S)
+            self._clock.sleep(NAP_S)
         rows: FloatArray = self._rows[self._given : max(end, self._given)]
         self._given += len(rows)
         return rows
@@ -95,4 +103,4 @@ class SimulatedStand:
         self._time_s = self._time_s[: self._given]
 
     def _now_s(self) -> float:
-        return 0.0 if self._started_s is None else (time.monotonic() - self._started_s) * self._speed
+        return 0.0 if self._started_s is None else (self._clock.now_s() - self._started_s) * self._speed

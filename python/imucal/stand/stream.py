@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import queue
 import threading
-import time
 from collections.abc import Sequence
 from typing import Final, Protocol
 
@@ -14,6 +13,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
 from imucal.io import vocabulary
+from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Event
 from imucal.stand.link import Link, LinkLostError
 
@@ -45,8 +45,15 @@ class StreamSource:
     Counters that turn over go on. Raises InputError if there is no way to know the time of a sample.
     """
 
-    def __init__(self, link: Link, decoder: Decoder, *, rate_hz: float | None = None) -> None:
-        self._link, self._decoder = link, decoder
+    def __init__(
+        self,
+        link: Link,
+        decoder: Decoder,
+        *,
+        rate_hz: float | None = None,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:
+        self._link, self._decoder, self._clock = link, decoder, clock
         names = decoder.columns
         self._time = next((i for i, name in enumerate(names) if name in TICKS_PER_S), None)
         self._sequence = names.index(SEQUENCE) if SEQUENCE in names else None
@@ -92,7 +99,7 @@ class StreamSource:
         """Samples since the last call, (N, columns)."""
         rows: list[list[float]] = []
         try:
-            arrived = self._arrived.get(timeout=wait_s)
+            arrived = self._clock.next_item(self._arrived, wait_s)
             while True:
                 if isinstance(arrived, Event):
                     self._happened.append(arrived)
@@ -146,7 +153,7 @@ class StreamSource:
 
     def _sample(self, raw: tuple[float, ...]) -> list[float] | None:
         """The columns of a sample, counters going on; None if it came twice, or a counter is no number."""
-        now_s = time.monotonic()
+        now_s = self._clock.now_s()
         if not all(math.isfinite(raw[i]) for i in (self._time, self._sequence) if i is not None):
             self._count["counters_not_finite"] += 1
             return None

@@ -1,0 +1,51 @@
+"""The time of a run, and every wait of the recording, so that tests can run in virtual time."""
+
+from __future__ import annotations
+
+import time
+from queue import SimpleQueue
+from threading import Thread
+from typing import Final, Protocol, TypeVar
+
+__all__ = ["SYSTEM_CLOCK", "Clock", "SystemClock"]
+
+Item = TypeVar("Item")
+
+
+class Clock(Protocol):
+    """Time that only increases, and the ways in which a run lets it pass."""
+
+    def now_s(self) -> float:
+        """Seconds since an arbitrary instant."""
+
+    def sleep(self, duration_s: float) -> None:
+        """Return after `duration_s`."""
+
+    def next_item(self, queue: SimpleQueue[Item], wait_s: float) -> Item:
+        """Take the next item of a queue; `queue.Empty` if none arrives within `wait_s`."""
+
+    def start_work(self, thread: Thread) -> None:
+        """Start a computation beside the run."""
+
+
+class SystemClock:
+    """The monotonic clock of the computer."""
+
+    def now_s(self) -> float:
+        """Seconds since an arbitrary instant."""
+        return time.monotonic()
+
+    def sleep(self, duration_s: float) -> None:
+        """Block this thread for `duration_s`."""
+        time.sleep(duration_s)
+
+    def next_item(self, queue: SimpleQueue[Item], wait_s: float) -> Item:
+        """Take the next item of a queue; `queue.Empty` if none arrives within `wait_s`."""
+        return queue.get(timeout=wait_s)
+
+    def start_work(self, thread: Thread) -> None:
+        """Start the thread; the caller continues meanwhile."""
+        thread.start()
+
+
+SYSTEM_CLOCK: Final = SystemClock()
