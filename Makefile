@@ -133,14 +133,10 @@ $(VENV)/.sdist: $(SOURCES) tests/package/sdist_smoke.py | $(VENV)/.tools
 	$(CARGO_TARGET_DIR)/sdist-venv/bin/python tests/package/sdist_smoke.py
 	@touch $@
 
-# One process per core; the tests of a file share what they have simulated, so a file stays in one process. A stand that is
-# recorded while it turns keeps time, and has the processors for itself.
-STAND_TESTS := tests/stand
-
+# One process per core; the tests of a file share what they have simulated, so a file stays in one process.
 test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
-	$(PY) -m pytest --numprocesses auto --dist loadfile --ignore=$(STAND_TESTS)
-	$(PY) -m pytest $(STAND_TESTS)
+	$(PY) -m pytest --numprocesses auto --dist loadfile
 
 # --- pages -------------------------------------------------------------------------------------------------------
 
