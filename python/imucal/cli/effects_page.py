@@ -10,21 +10,23 @@ __all__ = ["page"]
 
 HEAD = """# Effects
 
-What a real sensor does beyond bias, scale and misalignment. `imucal effects --markdown docs/effects.md`
-writes this page from the catalogue; `imucal effects NAME` shows one with all its parameters.
+An effect is a systematic error of a sensor beyond bias, scale and misalignment.
+`imucal effects --markdown docs/effects.md` writes this page from the catalogue. `imucal effects NAME` prints
+one effect with all its parameters.
 
     measured = T (true + effects) + bias
 
-with w the angular rate, f the specific force, dw/dt the angular acceleration, dT the temperature less 25 degC
-and t the time since the first sample; the law and its inverse are (15) and (16) of [the model](model.md). A
-parameter is called `<effect>_<parameter>`; `xy` is seen on x and caused by y.
+w is the angular rate, f the specific force, dw/dt the angular acceleration, dT the temperature minus 25
+degC, and t the time since the first sample. Equations (15) and (16) of [the model](model.md) define the
+model and its inverse. A parameter is called `<effect>_<parameter>`; `xy` is the error on x caused by y.
 """
 
 GALLERY = """## What they look like
 
-The error that each effect leaves in corrected readings as long as nobody takes it away, on a stand that turns
-the unit, with parameters drawn with their typical sizes as standard deviations. Below it the rate of the
-motion, or the temperature. `make docs-figures` draws them from the fields of the catalogue.
+Each picture shows the error of the corrected signals over time if the effect is not compensated. The unit is
+rotated by a stand, and the parameters are drawn at random with their typical sizes as standard deviations.
+The lower curve is the rate of the motion, or the temperature. `make docs-figures` draws the pictures from
+the fields of the catalogue.
 """
 
 IN_PYTHON = """## With Python
@@ -45,20 +47,21 @@ recording = imucal.Recording(time_s, np.tile([0, 0, 9.80665], (100, 1)), np.zero
 print(calibration.apply_recording(recording).angular_rate[0])
 ```
 
-`Calibration.apply` takes away what depends on rate and force alone; `apply_recording` knows time, temperature
-and angular acceleration too. An effect that depends on the attitude stays in the data
-(`Calibration.left_in_data`): a gyroscope rightly measures the Earth's rate.
+`Calibration.apply` compensates effects that depend only on rate and force. `apply_recording` also
+compensates effects of time, temperature and angular acceleration. An effect that depends on the attitude
+stays in the data (`Calibration.left_in_data`), because for example the Earth rate is a correct measurement
+of a gyroscope.
 
-Where `Calibration.takes_pieces`, a recording too long for memory is corrected piece by piece, `start_s` being
-its first time: `imucal.io.read_pieces` and `write_pieces` do that for CSV and Parquet, and so does
-`imucal apply`. An effect of the angular acceleration needs the whole: a derivative by time reaches over the
-ends of a piece.
+If `Calibration.takes_pieces` is true, a recording that is too long for memory can be corrected in pieces,
+where `start_s` is the start time of the whole recording. `imucal.io.read_pieces` and `write_pieces` read and
+write CSV and Parquet files in this way, and `imucal apply` uses them. Effects of the angular acceleration
+need the whole recording, because a time derivative extends across the ends of a piece.
 
-## Your own
+## User-defined effects
 
-A name, parameters, and a function that gives the field: what is added to the true rate (rad/s) or force
-(m/s^2) in the body frame per unit of each parameter, (N, 3, p). Here a gyroscope's bias follows the supply
-voltage, which was recorded in a column `supply_v`:
+A user-defined effect has a name, parameters, and a function that returns the field: the change of the true
+rate (rad/s) or force (m/s^2) in the body frame per unit of each parameter, (N, 3, p). In this example the
+bias of a gyroscope depends on the supply voltage, which was recorded in a column `supply_v`:
 
 ```python
 import numpy as np
@@ -90,19 +93,20 @@ assert abs(again.apply_recording(recording).angular_rate).max() < 1e-15
 ```
 
 The function is called with a `State` of N samples: `angular_rate`, `specific_force`, `angular_acceleration`,
-`time_s`, `temperature_degc` and `auxiliary`. The calibration's file has the numbers and not the function.
+`time_s`, `temperature_degc` and `auxiliary`. The calibration file contains the values but not the function.
 """
 
 
 def page() -> str:
     """The text of the page."""
     lines = [HEAD, "## The catalogue", ""]
-    lines += ["| effect | adds | parameters | typical | depends on | shown by |", "|---|---|---|---|---|---|"]
+    lines.append("| effect | adds | parameters | typical size | depends on | observable in |")
+    lines.append("|---|---|---|---|---|---|")
     lines += [_row(effect) for effect in catalogue()]
-    lines += ["", "What an effect depends on besides rate and force:", ""]
+    lines += ["", "The inputs of effects other than rate and force are:", ""]
     needed = {need for effect in catalogue() for need in effect.needs}
     lines += [f"* {need.replace('_', ' ')}: {source}" for need, source in NEEDS.items() if need in needed]
-    lines += ["", "## Easily mistaken", "", "| effect | for | told apart by |", "|---|---|---|"]
+    lines += ["", "## Aliases", "", "| effect | similar effect | distinguished by |", "|---|---|---|"]
     lines += [
         f"| `{effect.name}` | {_code(alias.name)} | {_cell(alias.told_apart_by)} |"
         for effect in catalogue()
@@ -112,10 +116,10 @@ def page() -> str:
         "",
         "## Noise and faults",
         "",
-        "These have no field. They are named, and not taken away.",
+        "Noise and faults have no field. They are named but cannot be compensated.",
         "",
     ]
-    lines += ["| name | where | kind | parameters | typical | shown by |", "|---|---|---|---|---|---|"]
+    lines += ["| name | where | kind | parameters | typical size | appears as |", "|---|---|---|---|---|---|"]
     for row in disturbances():
         names = ", ".join(parameter.name for parameter in row.parameters)
         typical = size(row.parameters[0])
@@ -128,7 +132,7 @@ def page() -> str:
 def _picture(effect: Effect) -> str:
     return (
         f"### {effect.name}\n\n`{effect.formula}`\n\n"
-        f"![Error along a motion, {effect.observable}](effects/{effect.name}.svg)\n"
+        f"![Error over time; observable in: {effect.observable}](effects/{effect.name}.svg)\n"
     )
 
 

@@ -1,4 +1,4 @@
-"""What a real sensor does beyond sensitivity and bias: the catalogue, and effects of one's own."""
+"""Errors of a sensor beyond sensitivity and bias: the catalogue of effects, and user-defined effects."""
 
 from imucal.effects.effect import (
     Effect,

@@ -20,7 +20,7 @@ DEGREE: Final = math.radians(1.0)
 
 @dataclass(frozen=True)
 class DisturbanceParameter:
-    """One number that says how large it is, with its SI unit and an ordinary size."""
+    """A parameter for the size of a disturbance, with its SI unit and its typical size."""
 
     name: str
     unit: str
@@ -33,7 +33,7 @@ class Disturbance:
 
     sensor     "accelerometer", "gyroscope", "both", or "stand"
     kind       "noise" or "fault"
-    looks_for  the trace in the data by which it is known
+    looks_for  how the disturbance appears in the data
     """
 
     name: str
@@ -53,7 +53,7 @@ def _one(name: str, unit: str, typical: float) -> tuple[DisturbanceParameter, ..
 
 @cache
 def disturbances() -> tuple[Disturbance, ...]:
-    """All of them; the numbers are those of ordinary MEMS sensors and of a cheap stand."""
+    """All noise processes and faults, with typical sizes for MEMS sensors and a cheap stand."""
     return (
         Disturbance(
             "gyro_bias_random_walk",
@@ -61,7 +61,7 @@ def disturbances() -> tuple[Disturbance, ...]:
             "noise",
             # 0.001 deg/s/sqrt(s): seen in a run of five minutes.
             _axes("rad/s/s/sqrt(Hz)", 1e-3 * DEGREE),
-            "a bias that wanders from rest to rest, the more the longer it is between them",
+            "a bias that changes randomly from rest to rest, more over longer intervals",
         ),
         Disturbance(
             "accel_bias_random_walk",
@@ -69,62 +69,62 @@ def disturbances() -> tuple[Disturbance, ...]:
             "noise",
             # 0.02 mg/sqrt(s).
             _axes("m/s^2/s/sqrt(Hz)", 2e-5 * STANDARD_GRAVITY_MPS2),
-            "a bias that wanders from rest to rest, the more the longer it is between them",
+            "a bias that changes randomly from rest to rest, more over longer intervals",
         ),
         Disturbance(
             "noise_grows_in_motion",
             "both",
             "fault",
             _one("factor", "1", 2.0),
-            "more noise, at high frequencies, while the unit turns than while it rests",
+            "more high-frequency noise during moves than at rest",
         ),
         Disturbance(
             "gyro_saturation",
             "gyroscope",
             "fault",
             _one("range", "rad/s", 250 * DEGREE),
-            "samples at one largest or smallest number, in a row or often",
+            "repeated samples at one maximum or minimum value",
         ),
         Disturbance(
             "accel_saturation",
             "accelerometer",
             "fault",
             _one("range", "m/s^2", 2 * STANDARD_GRAVITY_MPS2),
-            "samples at one largest or smallest number, in a row or often",
+            "repeated samples at one maximum or minimum value",
         ),
         Disturbance(
             "samples_missing",
             "both",
             "fault",
             _one("share", "1", 0.01),
-            "steps in time that are a multiple of the usual one",
+            "time steps that are a multiple of the usual step",
         ),
         Disturbance(
             "samples_duplicated",
             "both",
             "fault",
             _one("share", "1", 0.01),
-            "samples that repeat the one before in all six channels",
+            "samples that equal the previous one in all six channels",
         ),
         Disturbance(
             "clock_irregular",
             "both",
             "fault",
             _one("jitter", "s", 1e-3),
-            "time stamps that do not advance evenly, or a rate that they contradict",
+            "irregular time stamps, or time stamps that contradict the sampling rate",
         ),
         Disturbance(
             "rest_not_still",
             "stand",
             "fault",
             _one("tremor", "rad", 1e-3),
-            "scatter or drift within a rest beyond the sensors' noise",
+            "scatter or drift within a rest that exceeds the sensor noise",
         ),
         Disturbance(
             "mount_slip",
             "stand",
             "fault",
             _one("angle", "rad", DEGREE),
-            "a step between the unit's attitude and the stand's angles that stays",
+            "a lasting step between the attitude of the unit and the angles of the stand",
         ),
     )

@@ -1,10 +1,10 @@
-"""What a real sensor does beyond sensitivity and bias: the catalogue of effects, and effects of one's own.
+"""Errors of a sensor beyond sensitivity and bias: the catalogue of effects, and user-defined effects.
 
     measured = T (true + sum of Phi(state) theta) + bias          docs/model.md (15)
 
-An effect is a name, a sensor, parameters theta with units and typical sizes, and the field Phi: for each
-sample the (3, p) derivative of what the sensor sees by the parameters, in the body frame. The catalogue is
-the one of the compiled library; a `UserEffect` is written in Python and used in the same way.
+An effect has a name, a sensor, parameters theta with units and typical sizes, and a field Phi. For each
+sample, Phi is the (3, p) derivative of the sensor's input with respect to the parameters, in the body frame.
+The catalogue comes from the compiled library. A `UserEffect` is written in Python and used in the same way.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TRIADS: Final = ("accelerometer", "gyroscope")
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One number of an effect: its name in the effect, SI unit, and the size of an ordinary MEMS sensor."""
+    """A parameter of an effect: its name within the effect, SI unit, and typical size in a MEMS sensor."""
 
     name: str
     unit: str
@@ -56,7 +56,7 @@ class EffectParameter:
 
 @dataclass(frozen=True)
 class Alias:
-    """Something whose trace in the data is alike, and what tells the two apart."""
+    """Another effect with similar residuals, and the data that distinguish the two."""
 
     name: str
     told_apart_by: str
@@ -68,12 +68,12 @@ class Effect:
 
     sensor      "accelerometer", "gyroscope" or "encoder"
     parameters  in the order of the columns of the field
-    plain       the plain form has this many of the parameters, the first ones; the full form has them all
-    shape       a positive number that the field depends on other than linearly, or None
-    needs       what the field depends on besides rate and force: "angular_acceleration", "attitude",
+    plain       number of parameters of the plain form: the first ones; the full form has all parameters
+    shape       a positive parameter on which the field depends nonlinearly, or None
+    needs       inputs of the field other than rate and force: "angular_acceleration", "attitude",
                 "temperature", "time", ...
     formula     the field times its parameters
-    observable  the data that shows it
+    observable  the data in which the effect is observable
     """
 
     name: str
@@ -89,9 +89,9 @@ class Effect:
 
 @dataclass(frozen=True, eq=False)
 class EffectValues:
-    """An effect with numbers: `values` (p,) in the order of its parameters, and its shape if it has one.
+    """Values of an effect: `values` (p,) in the order of its parameters, and its shape if it has one.
 
-    Raises InputError if a number is not finite, or the shape not positive.
+    Raises InputError if a value is not finite, or if the shape is not positive.
     """
 
     name: str
@@ -106,7 +106,7 @@ class EffectValues:
             )
         if self.shape is not None and not (math.isfinite(self.shape) and self.shape > 0):
             raise InputError(f"the shape of {self.name} is {self.shape}: a positive number is needed")
-        # A copy, as a later change of the caller's array must not reach a calibration.
+        # A copy: a later change of the caller's array must not change a calibration.
         values = values.copy()
         values.flags.writeable = False
         object.__setattr__(self, "values", values)
@@ -114,20 +114,20 @@ class EffectValues:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """The true state of N samples, on which fields depend; None is not known.
+    """The true state of N samples, the input of fields. A quantity that is not known is None.
 
     angular_rate          (N, 3)  body frame, rad/s
     specific_force        (N, 3)  body frame, m/s^2
     time_s                (N,)    since the first sample of the recording, s
     angular_acceleration  (N, 3)  derivative of the angular rate, rad/s^2
     temperature_degc      (N,)    degC
-    auxiliary             name -> (N,), what else was recorded along
-    rotation_wxyz         (N, 4)  attitude: takes a vector from the body to the world
+    auxiliary             name -> (N,), further columns of the recording
+    rotation_wxyz         (N, 4)  attitude quaternion, maps a vector from body to world
     stand_rad             (N, 3)  true angles of the stand's motors, rad
     stand_rate_radps      (N, 3)  their derivatives, rad/s; zero if not known
     stand_direction       (N, 3)  sign of the last motion of each motor, 0 before any; zero if not known
 
-    Raises InputError for other shapes.
+    Raises InputError if an array has another shape.
     """
 
     angular_rate: FloatArray
@@ -170,9 +170,9 @@ class State:
         specific_force: SampleArray,
         angular_acceleration: FloatArray | None = None,
     ) -> State:
-        """The state at each sample of a recording, whose true rate and force are given.
+        """The state at each sample of a recording with the given true rate and force.
 
-        Without `angular_acceleration` it is the derivative of the rate, NaN for a single sample.
+        Without `angular_acceleration`, it is computed as the derivative of the rate; NaN for a single sample.
         """
         from imucal import _core
 
@@ -195,15 +195,15 @@ class State:
 
 @dataclass(frozen=True, eq=False)
 class UserEffect:
-    """An effect of one's own.
+    """A user-defined effect.
 
-    name        not one of the catalogue; with `_` and a parameter's name it names that parameter everywhere
+    name        must not be in the catalogue; parameters are called `<name>_<parameter>` in all results
     sensor      "accelerometer" (the field is a specific force) or "gyroscope" (it is an angular rate)
-    parameters  one for each column of the field
-    field       the function of the State that gives the field, (N, 3, p). A calibration that was read from
-                a file without this definition has None here
+    parameters  one per column of the field
+    field       function of the State that returns the field, (N, 3, p); None if the calibration was loaded
+                from a file without the definition
 
-    A gyroscope whose bias follows the supply voltage, recorded in a column `supply_v`:
+    Example: a gyroscope whose bias depends on the supply voltage in the column `supply_v`:
 
         def field(state):
             return (state.auxiliary["supply_v"] - 3.3)[:, None, None] * np.eye(3)
@@ -211,7 +211,8 @@ class UserEffect:
         per_volt = tuple(imucal.EffectParameter(axis, "rad/s/V", 1e-3) for axis in "xyz")
         supply = imucal.UserEffect("gyro_bias_supply", "gyroscope", per_volt, field)
 
-    Raises InputError for a name that is taken or cannot be one, for another sensor, and without parameters.
+    Raises InputError for a name that exists or is not an identifier, for an unknown sensor, and without
+    parameters.
     """
 
     name: str
@@ -233,16 +234,16 @@ class UserEffect:
 
     @property
     def plain(self) -> int:
-        """The number of parameters: a user's effect has one form."""
+        """The number of parameters; a user-defined effect has only one form."""
         return len(self.parameters)
 
     @property
     def shape(self) -> None:
-        """A user's field is linear in all parameters."""
+        """None, because a user-defined field is linear in all parameters."""
         return
 
     def required_field(self) -> Callable[[State], ArrayLike]:
-        """The field; InputError if the effect was read from a file, which does not have it."""
+        """The field; InputError if the effect was loaded from a file, which does not contain the function."""
         if self.field is None:
             raise InputError(
                 f"the definition of the effect {self.name} is not in the file: pass it as user_effects=[...] "
@@ -253,8 +254,8 @@ class UserEffect:
     def columns(self, state: State) -> FloatArray:
         """The field at each sample, (N, 3, p).
 
-        Raises InputError if the definition is missing, and if the function gives another shape or, where the
-        state is known, numbers that are not finite.
+        Raises InputError if the definition is missing, if the function returns another shape, or if it
+        returns values that are not finite at a sample with finite rate and force.
         """
         field = self.required_field()
         needed = (len(state.time_s), 3, len(self.parameters))
@@ -278,14 +279,14 @@ class UserEffect:
         return columns
 
     def at(self, state: State, values: EffectValues) -> FloatArray:
-        """What the effect adds to the true rate or force at each sample, (N, 3)."""
+        """The contribution of the effect to the true rate or force at each sample, (N, 3)."""
         check_values(self, values)
         added: FloatArray = self.columns(state) @ values.values
         return added
 
 
 def catalogue() -> tuple[Effect, ...]:
-    """All effects of the library, family by family."""
+    """All effects of the catalogue, in the order of their families."""
     return tuple(_rows().values())
 
 
@@ -310,7 +311,7 @@ def _rows() -> Mapping[str, Effect]:
 
 
 def find(name: str) -> Effect:
-    """The effect of this name; InputError, with names that are like it, if there is none."""
+    """The effect with this name; InputError with similar names if there is none."""
     if name in _rows():
         return _rows()[name]
     for row in disturbances():
@@ -321,7 +322,7 @@ def find(name: str) -> Effect:
 
 
 def not_known(name: str, known: Iterable[str]) -> InputError:
-    """The error for a name that no effect has, with those that are like it."""
+    """The error for an unknown name, with similar names."""
     import difflib
 
     close = difflib.get_close_matches(name, list(known), cutoff=0.5)
@@ -330,7 +331,7 @@ def not_known(name: str, known: Iterable[str]) -> InputError:
 
 
 def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:
-    """Refuse numbers that do not fit the effect, with InputError."""
+    """Raise InputError if the number of values, or the shape, does not match the effect."""
     count, plain, full = len(values.values), effect.plain, len(effect.parameters)
     if count not in (plain, full):
         forms = f"{full} parameters" if plain == full else f"{plain} parameters, or {full} in its full form"
@@ -342,7 +343,7 @@ def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:
 
 
 def named_numbers(effect: Effect | UserEffect, values: EffectValues) -> list[tuple[EffectParameter, float]]:
-    """Each parameter with its number, the shape last."""
+    """Each parameter with its value, the shape last."""
     numbers = list(zip(effect.parameters, values.values.tolist(), strict=False))
     if effect.shape is not None and values.shape is not None:
         numbers.append((effect.shape, float(values.shape)))
@@ -350,7 +351,7 @@ def named_numbers(effect: Effect | UserEffect, values: EffectValues) -> list[tup
 
 
 def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
-    """A user's own effects by name; InputError for anything else."""
+    """User-defined effects by name; InputError for any other type."""
     found = {}
     for effect in user_effects:
         if not isinstance(effect, UserEffect):
@@ -362,5 +363,5 @@ def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
 
 
 def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | UserEffect]:
-    """All effects that a name may mean, by name; a user's own has none of ours."""
+    """All effects by name: those of the catalogue and the user-defined ones."""
     return {**_rows(), **by_name(user_effects)}

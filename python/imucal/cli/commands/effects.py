@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 __all__ = ["NEEDS", "effects", "size"]
 
 NEEDS = {
-    "time": "counted from the first sample",
-    "temperature": "the column temp_degc, counted from 25 degC",
-    "angular_acceleration": "the derivative of the rate, as smooth as its motion allows (model.md (16))",
-    "attitude": "no correction knows it, so the effect stays in the data: it is no error of the sensor",
-    "stand": "the motors that turn the unit; a correction of the sensors passes the effect over",
+    "time": "relative to the first sample",
+    "temperature": "the column temp_degc, relative to 25 degC",
+    "angular_acceleration": "the derivative of the rate, smoothed as the motion permits (model.md (16))",
+    "attitude": "unknown to a correction, so the effect stays in the data; it is not a sensor error",
+    "stand": "the motors that rotate the unit; not part of the correction of the sensors",
 }
 
 

@@ -46,7 +46,7 @@ impl<F: RealField + Copy> Effect<F> {
             reads: &[],
             needs: &[Need::Time],
             formula: "k_i exp(-t / tau)",
-            observable: "rests from when it is switched on",
+            observable: "rests starting at power-on",
             aliases: &[
                 Alias { with: "gyro_bias_temperature", told_apart_by: HEAT_AND_COOL },
                 Alias { with: "gyro_bias_drift", told_apart_by: LONGER },
@@ -94,7 +94,7 @@ impl<F: RealField + Copy> Effect<F> {
             reads: &[],
             needs: &[Need::Time],
             formula: "k_i exp(-t / tau)",
-            observable: "rests of many orientations from when it is switched on",
+            observable: "rests of many orientations, starting at power-on",
             aliases: &[
                 Alias { with: "accel_bias_temperature", told_apart_by: HEAT_AND_COOL },
                 Alias { with: "accel_bias_drift", told_apart_by: LONGER },
