@@ -829,7 +829,7 @@ BAD_FILES = {
     "a row too long": ("calibrate ragged.csv", "line 51 has 8 values, 7 are needed", FormatError),
     "a cut CSV": ("calibrate cut.csv", "line 12201 has 6 values, 7 are needed", FormatError),
     "decimal commas": ("calibrate comma.csv", "line 2 has 14 values, 7 are needed", FormatError),
-    "a web page": ("calibrate page.csv", "page.csv: the format is not clear", FormatError),
+    "a web page": ("calibrate page.csv", "page.csv: the format could not be determined", FormatError),
     "a binary file": ("calibrate binary.csv", "binary.csv is a binary file", FormatError),
     "UTF-16": ("calibrate utf16.csv", "utf16.csv is a binary file", FormatError),
     "a cut Parquet": ("calibrate cut.parquet", "cut.parquet is a damaged or truncated Parquet", FormatError),
@@ -841,8 +841,8 @@ BAD_FILES = {
     "control without rests": ("calibrate good.csv --control no-rest.parquet", "no rest of 1 s or more", None),
     "control with a dead gyroscope": ("calibrate good.csv --control dead.parquet", "[stuck_axis]", None),
     "control in counts": ("calibrate good.csv --control counts.parquet", "calibration expects m/s", None),
-    "unknown format": ("calibrate good.csv --format xml", "'xml' is not known", None),
-    "a time column and a rate": ("calibrate good.csv --rate-hz 100", "there is a column time_s", None),
+    "unknown format": ("calibrate good.csv --format xml", "unknown format 'xml'", None),
+    "a time column and a rate": ("calibrate good.csv --rate-hz 100", "there is a time column time_s", None),
     "text for a number": ("calibrate good.csv --gravity earth", "'--gravity'", None),
     "evaluate: not JSON": (
         "evaluate text.json good.csv",
@@ -873,7 +873,7 @@ BAD_FILES = {
         None,
     ),
     "apply: a cut file": ("apply cut.json good.csv -o out.csv", "cut.json is not JSON", FormatError),
-    "convert: other ending": ("convert good.csv -o out.xlsx", "change the ending", None),
+    "convert: other ending": ("convert good.csv -o out.xlsx", "change the extension", None),
     "simulate: no rate": ("simulate random --rate-hz 0 -o out.csv", "rate_hz is 0", None),
     "simulate: not a program": (
         "simulate cal.json -o out.csv",

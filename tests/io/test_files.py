@@ -438,9 +438,13 @@ def test_columns_can_be_left_out_and_reordered(data_file):
 MISSING = HEADER.replace("accel_z_mps2", "accel_z")
 BAD_FILES = {
     "no bytes": ("", imucal.FormatError, "is empty"),
-    "blank": ("\n \n", imucal.FormatError, "first line is"),
+    "blank": ("\n \n", imucal.FormatError, "first line: "),
     "binary": ("\0\1\2", imucal.FormatError, "binary"),
-    "unknown columns": ("a,b\n1,2\n", imucal.FormatError, "format is not clear, its first line is: a, b. "),
+    "unknown columns": (
+        "a,b\n1,2\n",
+        imucal.FormatError,
+        "format could not be determined; first line: a, b. ",
+    ),
     "missing column": (
         f"{MISSING}\n{ROW}\n",
         imucal.FormatError,
@@ -520,7 +524,7 @@ def test_a_pipe_is_refused_before_its_first_samples_are_lost(tmp_path):
     pipe = tmp_path / "run.csv"
     os.mkfifo(pipe)
     for read in (imucal.read, imucal.io.read_pieces):
-        with pytest.raises(imucal.InputError, match=r"run\.csv is a pipe or a device: write its data to a"):
+        with pytest.raises(imucal.InputError, match=r"run\.csv is a pipe or a device: save its data to a"):
             read(pipe)
 
 
@@ -540,12 +544,12 @@ def test_no_permission(tmp_path):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"format": "mat"}, "'mat' is not known"),
-        ({"format": "euroc", "rate_hz": 100}, "euroc knows no option rate_hz"),
-        ({"format": "columns"}, "needs names"),
-        ({"columns": "a,b,c"}, "none of these is a known name"),
-        ({"rate_hz": 100}, "rate_hz is given but there is a column time_s"),
-        ({"format": "imu_tk"}, "1 files are given, a recording in the format imu_tk is 2"),
+        ({"format": "mat"}, "unknown format 'mat'"),
+        ({"format": "euroc", "rate_hz": 100}, "euroc has no option rate_hz"),
+        ({"format": "columns"}, "needs column names"),
+        ({"columns": "a,b,c"}, "contains no canonical name"),
+        ({"rate_hz": 100}, "rate_hz is given but there is a time column time_s"),
+        ({"format": "imu_tk"}, "1 files given, but a recording in the format imu_tk consists of 2"),
     ],
 )
 def test_options_that_do_not_fit(tmp_path, options, message):
@@ -566,7 +570,7 @@ def test_unwritable_places(tmp_path):
     recording = random_recording()
     for path, message in [
         (tmp_path / "none" / "run.csv", f"there is no folder {tmp_path / 'none'}: make it first"),
-        (tmp_path / "run.xlsx", "change the ending"),
+        (tmp_path / "run.xlsx", "change the extension"),
     ]:
         with pytest.raises(imucal.InputError, match=message):
             imucal.write(recording, path)

@@ -120,7 +120,7 @@ def test_choices_of_a_ulog_are_listed(tmp_path, known):
     with pytest.raises(imucal.InputError) as caught:
         imucal.read(path)
     for words in (
-        "flight.ulg: 3 sensors can be read",
+        "flight.ulg contains 3 sensors",
         "--topic sensor_accel --instance 1 (",
         "--topic sensor_combined --instance 0 (",
         "corrected by PX4",
@@ -143,7 +143,9 @@ def test_choices_of_a_ulog_are_listed(tmp_path, known):
 )
 def test_ulog_without_both_sensors(tmp_path, known, messages, message):
     ulog(tmp_path / "flight.ulg", *messages(known))
-    with pytest.raises(imucal.FormatError, match=f"holds neither sensor_accel with sensor_gyro.*{message}"):
+    with pytest.raises(
+        imucal.FormatError, match=f"contains neither sensor_accel with sensor_gyro.*{message}"
+    ):
         imucal.read(tmp_path / "flight.ulg")
 
 
@@ -152,7 +154,9 @@ def test_ulog_that_ends_before_its_data(tmp_path, known, kept):
     path = tmp_path / "flight.ulg"
     ulog(path, *pair(known))
     path.write_bytes(path.read_bytes()[:kept])
-    with pytest.raises(imucal.FormatError, match=r"flight\.ulg (is empty|cannot be read as|holds neither)"):
+    with pytest.raises(
+        imucal.FormatError, match=r"flight\.ulg (is empty|cannot be read as|contains neither)"
+    ):
         imucal.read(path)
 
 
@@ -279,7 +283,7 @@ def test_choices_of_a_dataflash_log_are_listed(tmp_path, known):
     dataflash(path, ["IMU", "ACC", "GYR"], [*imu(known, 0), *imu(known, 1), *high])
     with pytest.raises(imucal.InputError) as caught:
         imucal.read(path)
-    for words in ("3 sensors can be read", "--topic IMU --instance 1 (", "--topic ACC --instance 1 ("):
+    for words in ("contains 3 sensors", "--topic IMU --instance 1 (", "--topic ACC --instance 1 ("):
         assert words in str(caught.value)
     assert_is(imucal.read(path, topic="IMU", instance=0), known)
     assert_is(imucal.read(path, topic="GYR"), known)
@@ -290,7 +294,7 @@ def test_choices_of_a_dataflash_log_are_listed(tmp_path, known):
 def test_dataflash_of_other_units_and_without_sensors(tmp_path, known):
     path = tmp_path / "flight.bin"
     dataflash(path, ["IMU"], imu(known), units={"IMU": UNITS["IMU"].replace("E", "k")})
-    with pytest.raises(imucal.FormatError, match=r"IMU.GyrX is in deg/s, rad/s is expected"):
+    with pytest.raises(imucal.FormatError, match=r"IMU.GyrX is in deg/s, expected rad/s"):
         imucal.read(path)
     dataflash(path, ["ATT"], [encoded("ATT", 1, 0.5)])
     with pytest.raises(
@@ -305,7 +309,7 @@ def test_dataflash_that_ends_before_its_data(tmp_path, known, capfd, kept):
     dataflash(path, ["IMU"], imu(known))
     path.write_bytes(path.read_bytes()[:kept])
     with pytest.raises(
-        imucal.FormatError, match=r"flight\.bin (is empty|is not a|cannot be read as|holds neither)"
+        imucal.FormatError, match=r"flight\.bin (is empty|is not a|cannot be read as|contains neither)"
     ):
         imucal.read(path)
     assert capfd.readouterr() == ("", "")
@@ -337,7 +341,7 @@ def test_convert_says_what_a_file_cannot_keep(tmp_path, known, command):
     path = tmp_path / "flight.ulg"
     ulog(path, combined(microseconds(known), known.accel, known.gyro, [0] * 400))
     done = command("convert", path, "-o", tmp_path / "rec.csv", "--json", tmp_path / "rec.json")
-    assert "warning: flight.ulg: PX4 has applied its own calibration" in done.stdout
+    assert "warning: flight.ulg: PX4 has applied its calibration parameters" in done.stdout
     document = json.loads((tmp_path / "rec.json").read_text())
     assert [finding["code"] for finding in document["findings"]] == ["already_corrected"]
     assert document["samples"] == 400

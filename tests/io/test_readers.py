@@ -93,7 +93,7 @@ def test_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, format, 
 )
 def test_options_of_other_formats_are_refused(tmp_path, format, options):
     (tmp_path / "run").write_bytes(b"x")
-    with pytest.raises(imucal.InputError, match=f"the format {format} knows no option {next(iter(options))}"):
+    with pytest.raises(imucal.InputError, match=f"the format {format} has no option {next(iter(options))}"):
         imucal.read(tmp_path / "run", format=format, **options)
 
 
@@ -230,10 +230,10 @@ ONES = np.ones((100, 3))
 @pytest.mark.parametrize(
     ("accel", "gyro", "message"),
     [
-        (([], np.zeros((0, 3))), (EVEN_S, ONES), "a holds no samples"),
-        (([0.5], np.ones((1, 3))), (EVEN_S, ONES), "a holds a single sample"),
-        ((EVEN_S * 11, ONES), (EVEN_S, ONES), r"a has 9.09\d+ Hz, g 100 Hz: they are too far apart"),
-        ((EVEN_S + 50, ONES), (EVEN_S, ONES), r"hardly recorded at the same time \(0 samples\)"),
+        (([], np.zeros((0, 3))), (EVEN_S, ONES), "a contains no samples"),
+        (([0.5], np.ones((1, 3))), (EVEN_S, ONES), "a contains a single sample"),
+        ((EVEN_S * 11, ONES), (EVEN_S, ONES), r"a has 9.09\d+ Hz, g 100 Hz, a ratio of more than 10"),
+        ((EVEN_S + 50, ONES), (EVEN_S, ONES), r"only 0 common samples"),
         (
             (EVEN_S[::-1], ONES),
             (EVEN_S, ONES),

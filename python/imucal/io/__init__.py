@@ -1,4 +1,4 @@
-"""Reading and writing recordings; `formats` has the catalogue of what is read."""
+"""Reading and writing recordings. `formats` lists the file formats that can be read."""
 
 from __future__ import annotations
 
@@ -42,24 +42,26 @@ def read(
 ) -> Recording:
     """Read one recording.
 
-    paths      one file; two (accelerometer, gyroscope) for imu_tk; the folder of a ROS 2 bag
-    format     one of `imucal.io.FORMATS`; None finds it out from the file
-    columns    [columns] a name for every column, `-` for one to leave out
-               [csv, parquet, matlab, hdf5, numpy] "ours=theirs,..." where the file has other names
-    rate_hz    [columns, csv, parquet, matlab, hdf5, numpy] sample rate, if there is no time column
-    skip_rows  [columns] lines to leave out at the top
+    paths      path of one file; of two files (accelerometer, gyroscope) for imu_tk; of a folder for a ROS 2
+               bag
+    format     a name of `imucal.io.FORMATS`; None detects the format from the file
+    columns    [columns] a canonical name for every column, `-` for a column to ignore;
+               [csv, parquet, matlab, hdf5, numpy] "canonical=name,..." if the file uses other names
+    rate_hz    [columns, csv, parquet, matlab, hdf5, numpy] sampling rate, Hz, if there is no time column
+    skip_rows  [columns] number of lines to skip at the start of the file
     topic      [rosbag, mcap] topic of the messages; [ulog, dataflash] name of the message
     instance   [ulog, dataflash] number of the sensor, from 0
-    group      [matlab, hdf5, numpy] where the arrays are
-    receive_time   [rosbag, mcap] time stamps of the bag instead of those of the messages
+    group      [matlab, hdf5, numpy] group that contains the arrays
+    receive_time   [rosbag, mcap] use the time stamps of the bag instead of those of the messages
     time_unit  [imu_tk] s (default), ms, us or ns
     accel_unit, gyro_unit  [imu_tk] "lsb" (default), or "m/s^2" and "rad/s"
 
-    Physical units become SI, counts stay counts. Time in ms, us or ns is counted from the first sample, time
-    in s is kept. Empty cells become NaN. What had to be done to the data is in the recording's `findings`.
+    Physical units are converted to SI, counts are unchanged. Time in ms, us or ns is counted from the first
+    sample, time in s is unchanged. Empty cells become NaN. Repairs to the data are reported in the
+    recording's `findings`.
 
-    Raises InputError for files that cannot be read, options that do not fit and choices that are not clear,
-    FormatError for the contents, ImucalError for a format whose library is not installed.
+    Raises InputError for unreadable files, for options that do not apply and for ambiguous choices,
+    FormatError for invalid contents, and ImucalError if the library for the format is not installed.
     """
     given = {
         "columns": columns,
@@ -80,10 +82,11 @@ def read(
 def read_pieces(
     *paths: str | os.PathLike[str], format: str | None = None, **given: Any
 ) -> Iterator[Recording]:
-    """What `read` reads, with the same arguments, piece by piece; formats other than CSV and Parquet in one.
+    """Read a recording in pieces, with the arguments of `read`; only CSV and Parquet come in several pieces.
 
-    Time counts from the first piece. Raises as `read`; and NotInPartsError, a FormatError, at a later piece
-    of a CSV file that only as a whole tells what its columns are.
+    Time counts from the start of the first piece. Raises the errors of `read`, and NotInPartsError, a
+    FormatError, at a later piece of a CSV file if its column types can only be determined from the whole
+    file.
     """
     known, options = _chosen(paths, format, given)
     if known.pieces is None:
@@ -94,7 +97,7 @@ def read_pieces(
 def _chosen(
     paths: Sequence[str | os.PathLike[str]], format: str | None, given: Mapping[str, Any]
 ) -> tuple[Format, dict[str, Any]]:
-    """The format of the files, and the options that are given for it."""
+    """The format of the files, and the given options, checked against that format."""
     options = {name: value for name, value in given.items() if value is not None and value is not False}
     if not paths:
         raise InputError("no file is given: give the path of a recording")
@@ -102,37 +105,37 @@ def _chosen(
         require_file(path)
     chosen = format or recognise(paths, options)
     if chosen not in FORMATS:
-        raise InputError(f"the format {chosen!r} is not known: give one of {', '.join(FORMATS)}")
+        raise InputError(f"unknown format {chosen!r}: give one of {', '.join(FORMATS)}")
     known = FORMATS[chosen]
     if len(paths) != known.files:
         raise InputError(
-            f"{len(paths)} files are given, a recording in the format {chosen} is {known.files}"
+            f"{len(paths)} files given, but a recording in the format {chosen} consists of {known.files}"
             + (": read several recordings one by one" if known.files == 1 else " (accelerometer, gyroscope)")
         )
     unfit = sorted(options.keys() - set(known.options))
     if unfit:
         raise InputError(
-            f"the format {chosen} knows no option {unfit[0]}: leave it out, or give another format"
+            f"the format {chosen} has no option {unfit[0]}: leave it out, or give another format"
         )
     if chosen == "columns" and "columns" not in options:
-        raise InputError(f"the format columns needs names for the columns (columns=..., --columns): {NAMES}")
+        raise InputError(f"the format columns needs column names (columns=..., --columns): {NAMES}")
     return known, options
 
 
 def write(recording: Recording, path: str | os.PathLike[str]) -> None:
-    """Write a recording as CSV or Parquet, by the ending of `path` (.csv, .parquet).
+    """Write a recording as CSV or Parquet, depending on the extension of `path` (.csv, .parquet).
 
-    Both have the canonical columns in SI units or counts and give every number back bit for bit. The file is
-    written whole or not at all. Raises InputError if it cannot be written.
+    Columns have canonical names, in SI units or counts. Reading the file returns every number bit for bit.
+    The file is written atomically. Raises InputError if it cannot be written.
     """
     write_columns(column_names(recording), path)
 
 
 def write_pieces(pieces: Iterable[Recording], path: str | os.PathLike[str]) -> None:
-    """Write a recording that comes piece by piece, one piece at least, as `write` does."""
+    """Write a recording given in pieces, at least one, in the way of `write`."""
     write_parts((column_names(piece) for piece in pieces), path)
 
 
 def files_per_recording(format: str | None) -> int:
-    """How many files make one recording in a format."""
+    """The number of files that one recording in this format consists of."""
     return FORMATS[format].files if format in FORMATS else 1

@@ -1,4 +1,4 @@
-"""The package's own format: CSV and Parquet with the unit in the column's name (see `vocabulary`)."""
+"""The canonical formats: CSV and Parquet with the unit in each column name (see `vocabulary`)."""
 
 from __future__ import annotations
 
@@ -28,15 +28,17 @@ __all__ = [
     "write_parts",
 ]
 
+# First bytes of a Parquet file.
 PARQUET_MAGIC = b"PAR1"
+# Read buffer of a Parquet column chunk, bytes.
 BUFFER = 1 << 20
 CSV, PARQUET = ".csv", ".parquet"
-# Parquet's usual group of rows.
+# Rows of a row group written to Parquet, the default of Arrow.
 ROWS_WRITTEN = 1 << 20
-# Few enough that whole numbers are in few of the parts.
+# Rows formatted as CSV at once; small, because a part that contains integral values is formatted more slowly.
 ROWS_OF_TEXT = 1 << 16
 
-# Names and values, in the order in which they are written.
+# Names and values of columns, in the order in which they are written.
 Columns: TypeAlias = Sequence[tuple[str, FloatArray]]
 
 
@@ -46,11 +48,11 @@ def read_csv(
     columns: str | Sequence[str] | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """Read a CSV file with a header.
+    """Read a CSV file with a header line.
 
-    columns  "ours=theirs,..." where the header has other names than ours; of the columns that are not named,
-             those with canonical names stay
-    rate_hz  sample rate, if there is no time column
+    columns  "canonical=name,..." if the header has other names. Other columns are ignored, except those whose
+             own names are canonical and are not given here.
+    rate_hz  sampling rate, Hz, if there is no time column
     """
     file = open_file(path)
     return recording_from_table(chosen(read_headed(file), columns), [file.source], rate_hz)
@@ -68,16 +70,16 @@ def read_parquet(
 
 
 def write_columns(columns: Columns, path: str | os.PathLike[str]) -> None:
-    """Write columns with canonical names as CSV or Parquet, by the ending of `path`.
+    """Write columns with canonical names as CSV or Parquet, depending on the extension of `path`.
 
-    Reading gives every number back bit for bit. Raises InputError for another ending, or if it cannot be
-    written.
+    Reading the file returns every number bit for bit. Raises InputError for another extension, or if the file
+    cannot be written.
     """
     write_parts([columns], path)
 
 
 def write_parts(parts: Iterable[Columns], path: str | os.PathLike[str]) -> None:
-    """The same of columns that come part by part, one part at least."""
+    """Write columns given in parts, at least one, in the way of `write_columns`."""
     require_ending(path)
     written = _parquet_writer if Path(path).suffix.lower() == PARQUET else _csv_writer
     with write_atomically(path) as file:
@@ -89,13 +91,15 @@ def write_parts(parts: Iterable[Columns], path: str | os.PathLike[str]) -> None:
 
 
 def require_ending(path: str | os.PathLike[str]) -> None:
-    """Refuse a file that is to be written and ends neither with .csv nor with .parquet."""
+    """Raises InputError unless the name of an output file ends with .csv or .parquet."""
     if Path(path).suffix.lower() not in (CSV, PARQUET):
-        raise InputError(f"{os.fspath(path)}: a recording is written as .csv or .parquet: change the ending")
+        raise InputError(
+            f"{os.fspath(path)}: recordings are written as .csv or .parquet: change the extension"
+        )
 
 
 def _tables(columns: Columns) -> Iterator[Any]:
-    """Arrow tables of so many rows at most that a copy of them is small."""
+    """Arrow tables of at most `ROWS_WRITTEN` rows, so that the copy in memory stays small."""
     import pyarrow as pa
 
     names, rows = [name for name, _ in columns], len(columns[0][1])
@@ -109,7 +113,7 @@ def _csv_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], None]]:
     import pyarrow as pa
     from pyarrow import csv
 
-    # The header by hand: Arrow would put it in quotes.
+    # The header is written directly because Arrow would quote the names.
     file.write((",".join(schema.names) + "\n").encode())
     options = csv.WriteOptions(include_header=False, quoting_style="none")
 
@@ -122,18 +126,18 @@ def _csv_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], None]]:
 
 
 def _with_points(name: str, column: Any) -> Any:
-    """The column with 0.0 for 0, where other programs would take a column that begins so for integers."""
+    """The column as text with 0.0 instead of 0, so that other programs do not infer an integer column."""
     import pyarrow as pa
     from pyarrow import compute
 
-    # All digits of a float32: the few that tell it from its neighbours are another number in float64.
+    # Format float32 values with the digits of float64: the shortest float32 text is another float64 number.
     column = compute.cast(column, pa.float64())
     whole = compute.equal(column, compute.round(column))
-    # Counts are integers, all of them.
+    # Raw counts are integers and stay so.
     if name.endswith("_lsb") or not compute.any(whole).as_py():
         return column
     text = compute.cast(column, pa.string())
-    # Large numbers have an exponent instead, and infinity has neither.
+    # The pattern skips large numbers, which are formatted with an exponent, and infinities.
     pointed = compute.replace_substring_regex(compute.filter(text, whole), "^(-?[0-9]+)$", r"\1.0")
     return compute.replace_with_mask(text, whole, pointed)
 
@@ -147,12 +151,12 @@ def _parquet_writer(file: BinaryIO, schema: Any) -> Iterator[Callable[[Any], Non
 
 
 def chosen(table: Table, columns: str | Sequence[str] | None) -> Table:
-    """The columns that are named, under our names, and those of canonical names with another meaning."""
+    """The table with the columns in `columns` renamed, plus unnamed columns whose own names are canonical."""
     if columns is None:
         return table
     mapping = mapping_of(columns)
     if mapping is None:
-        raise InputError(f"{table.file}: its columns have names: give ours=theirs for those that are meant")
+        raise InputError(f"{table.file} has named columns: give canonical=name pairs, not a list of names")
     for theirs in mapping.values():
         if theirs not in table.names:
             raise InputError(f"{table.file}: there is no column {theirs!r}; found: {', '.join(table.names)}")
@@ -170,7 +174,7 @@ def _meaning(name: str) -> str:
 
 
 def parquet_table(path: str | os.PathLike[str]) -> Table:
-    """The columns of a Parquet file, all of them still in it."""
+    """The columns of a Parquet file, whose values are read from the file on demand."""
     import pyarrow as pa
     from pyarrow import parquet
 
@@ -180,8 +184,8 @@ def parquet_table(path: str | os.PathLike[str]) -> Table:
 
     @contextmanager
     def opened() -> Iterator[Any]:
-        # Arrow's own way to a file knows no names that are not UTF-8. Without the two options the compressed
-        # bytes of many row groups wait in memory.
+        # Python opens the file because Arrow only accepts file names in UTF-8. The two options keep Arrow
+        # from prefetching the compressed bytes of many row groups into memory.
         try:
             with Path(path).open("rb") as file:
                 yield parquet.ParquetFile(file, pre_buffer=False, buffer_size=BUFFER)

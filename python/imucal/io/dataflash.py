@@ -1,8 +1,8 @@
-"""ArduPilot dataflash logs (.bin): IMU, or ACC with GYR at the rate of the sensors.
+"""ArduPilot dataflash logs (.bin): the messages IMU, or ACC and GYR at the sensors' own rates.
 
-Units are those that the log itself declares, and ArduPilot's list of log messages (ardupilot.org,
-logmessages): m/s/s and rad/s in the body frame, front, right, down; degC; microseconds since the system's
-start. ArduPilot has applied its INS_* parameters to all of them.
+The units are those declared in the log and in ArduPilot's list of log messages (ardupilot.org, logmessages):
+m/s/s and rad/s in the body frame (front, right, down), degC, and microseconds since boot. ArduPilot has
+applied its INS_* parameters to all of these messages.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ from imucal.recording.recording import Recording
 
 __all__ = ["DATAFLASH_MAGIC", "read_dataflash"]
 
+# First bytes of a dataflash log.
 DATAFLASH_MAGIC = b"\xa3\x95"
-# IMU, and before version 4.1 also IMU2, IMU3, ACC1, ACC2, ..., with the instance in the name.
+# Message names. Before version 4.1 the name contained the instance: IMU2, IMU3, ACC1, ACC2, ...
 MESSAGE = re.compile(r"(IMU|ACC|GYR)([1-9]?)")
 ACCEL, GYRO = ("AccX", "AccY", "AccZ"), ("GyrX", "GyrY", "GyrZ")
-# Before version 4.1 it was Temp.
+# Field of the sensor temperature; it was called Temp before version 4.1.
 TEMPERATURE = ("T", "Temp")
+# Expected unit of each field, as the log's FMTU messages write it.
 UNITS = {**dict.fromkeys(ACCEL, "m/s/s"), **dict.fromkeys(GYRO, "rad/s")}
 
 
 @dataclass
 class Rows:
-    """The messages of one kind and instance."""
+    """Fields of all messages of one name and instance, in the order of the log."""
 
     time_us: list[int] = field(default_factory=list)
     accel: list[tuple[float, ...]] = field(default_factory=list)
@@ -55,10 +57,10 @@ def read_dataflash(
 ) -> Recording:
     """Read a dataflash log.
 
-    topic     IMU, or ACC (with GYR); None takes the only one
-    instance  of the sensor, from 0; None takes the only one
+    topic     IMU, or ACC (with GYR); None if the log contains only one choice
+    instance  number of the sensor, from 0; None if the log contains only one sensor
 
-    Raises InputError if the choice is not clear, FormatError for the contents.
+    Raises InputError if the choice is ambiguous, FormatError for invalid contents.
     """
     source, name = open_large(path), Path(path).name
     if first_bytes(path, 2) != DATAFLASH_MAGIC:
@@ -87,9 +89,9 @@ def read_dataflash(
 
 @contextlib.contextmanager
 def _complaints() -> Iterator[io.StringIO]:
-    """What pymavlink prints, which is what it has to pass over."""
+    """Captures the output of pymavlink, which prints a message for every damaged part that it skips."""
     printed = io.StringIO()
-    # The fast indexer prints around sys.stdout.
+    # The fast indexer bypasses sys.stdout, so it is switched off.
     before = os.environ.get("PYMAVLINK_FAST_INDEX")
     os.environ["PYMAVLINK_FAST_INDEX"] = "0"
     try:
@@ -115,7 +117,7 @@ def _rows(name: str, log: Any) -> dict[tuple[str, int], Rows]:
             _require_units(name, message.fmt)
             rows[key] = Rows()
         into = rows[key]
-        # ACC and GYR say when the sample was taken, besides when it was logged.
+        # ACC and GYR contain the sampling time in addition to the time of logging.
         into.time_us.append(message.SampleUS if "SampleUS" in columns else message.TimeUS)
         if "AccX" in columns:
             into.accel.append(tuple(getattr(message, axis) for axis in ACCEL))
@@ -132,7 +134,7 @@ def _require_units(name: str, fmt: Any) -> None:
         declared = fmt.get_unit(axis) if axis in fmt.columns else ""
         if declared not in ("", unit):
             raise FormatError(
-                f"{name}: {fmt.name}.{axis} is in {declared}, {unit} is expected: convert it first"
+                f"{name}: {fmt.name}.{axis} is in {declared}, expected {unit}: convert it first"
             )
 
 
@@ -147,8 +149,8 @@ def _choose(
     if not choices:
         found = ", ".join(f"{kind} {number}" for kind, number in rows)
         raise FormatError(
-            f"{name} holds neither IMU nor ACC with GYR; found of these: {found or 'none'}: set the IMU bit "
-            "of LOG_BITMASK, or INS_RAW_LOG_OPT, and record again"
+            f"{name} contains neither IMU nor ACC with GYR; found of these: {found or 'none'}: set the IMU "
+            "bit of LOG_BITMASK, or INS_RAW_LOG_OPT, and record again"
         )
     wanted = "ACC" if topic == "GYR" else topic
     fitting = [c for c in choices if wanted in (None, c[0]) and instance in (None, c[1])]
@@ -160,7 +162,7 @@ def _choose(
         asked = " ".join(str(each) for each in (topic, instance) if each is not None)
         raise InputError(f"{name}: there is no {asked}; found: {listed}")
     if len(fitting) > 1:
-        raise InputError(f"{name}: {len(choices)} sensors can be read: choose one: {listed}")
+        raise InputError(f"{name} contains {len(choices)} sensors: choose one: {listed}")
     return fitting[0]
 
 
@@ -172,7 +174,7 @@ def _stream(
 
 
 def _temperature_at(rows: Rows, imu: Rows | None) -> Any:
-    """The temperature of the same sensor's slower IMU messages, which changes little between them."""
+    """Temperature from the slower IMU messages of the same sensor, interpolated to the times of `rows`."""
     if imu is None or len(imu.temperature) != len(imu.time_us):
         return None
     return np.interp(rows.time_us, imu.time_us, imu.temperature)
@@ -182,7 +184,8 @@ def _corrected(name: str) -> Finding:
     return remark(
         name,
         "already_corrected",
-        "ArduPilot has applied its own calibration (INS_*) to what it logs",
-        "a calibration of it comes on top of these parameters and does not replace them; set them to neutral "
-        "(offsets 0, scales 1, INS_GYR_CAL 0) before recording for one that does",
+        "ArduPilot has applied its calibration parameters (INS_*) to the logged samples",
+        "a calibration of this recording adds to these parameters and does not replace them; for a "
+        "calibration that replaces them, set them to neutral values before recording (offsets 0, scales 1, "
+        "INS_GYR_CAL 0)",
     )

@@ -1,4 +1,4 @@
-"""The IMU file of the EuRoC data sets (data.csv): ns, rad/s, m/s^2.
+"""The IMU file of the EuRoC data sets (data.csv), in ns, rad/s and m/s^2.
 
 The columns are #timestamp [ns], w_RS_S_x [rad s^-1], (y, z), a_RS_S_x [m s^-2], (y, z).
 """
@@ -28,7 +28,7 @@ def is_euroc(header: list[str]) -> bool:
 
 
 def read_euroc(path: str | os.PathLike[str]) -> Recording:
-    """Read a EuRoC IMU file; time is counted from the first sample."""
+    """Read a EuRoC IMU file. Time is counted from the first sample."""
     file = open_file(path)
     table = read_headed(file)
     missing = [name for name in CANONICAL_NAME if name not in table.names]

@@ -1,4 +1,4 @@
-"""Libraries of other formats: optional, and imported when a file needs them."""
+"""Optional libraries for other formats, imported when a file needs them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["library"]
 
 
 def library(module: str, extra: str, what: str) -> Any:
-    """Import a library of an optional extra; ImucalError says how to install it if it is missing."""
+    """Import a library of an optional extra. Raises ImucalError with the install command if it is missing."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -1,4 +1,4 @@
-"""The formats that are read, and all that `imucal convert --list` and its page say of them."""
+"""The formats that can be read, with the texts of `imucal convert --list` and of the page on formats."""
 
 from __future__ import annotations
 
@@ -24,19 +24,19 @@ __all__ = ["FORMATS", "Format"]
 
 @dataclass(frozen=True)
 class Format:
-    """One format, one row of the catalogue.
+    """A file format; one row of the catalogue.
 
-    read      the function; its keyword arguments are the options
-    title     what people call it
-    files     how many files make a recording
-    extra     the optional extra that it needs, None without
-    known_by  how a file of it is recognised
-    reads     what is taken from it
-    units     the units, and who says so
-    time      where the time stamps come from
-    options   of the function
-    example   the files and options of `imucal convert`
-    pieces    the function that reads it piece by piece, with the same options; None if it is read as a whole
+    read      reads a recording; its keyword arguments are the options of the format
+    title     name for people
+    files     number of files of one recording
+    extra     optional extra of the package that the format needs, or None
+    known_by  how a file of this format is recognised
+    reads     data that are read
+    units     units of the data, and where they are defined
+    time      origin of the time stamps
+    options   keyword arguments of `read`
+    example   files and options of an `imucal convert` command
+    pieces    reads a recording in pieces, with the same options; None if it is read as a whole
     """
 
     read: Callable[..., Recording]
@@ -53,25 +53,25 @@ class Format:
 
 
 NAMED_UNITS = (
-    "as the names say: accel mps2, g, mg, lsb; gyro radps, dps, mdps, lsb; temp degc; stand rad, deg"
+    "by the column names: accel mps2, g, mg, lsb; gyro radps, dps, mdps, lsb; temp degc; stand rad, deg"
 )
-NAMED_TIME = "time_s as it is; time_ms, time_us and time_ns counted from the first sample; or --rate-hz"
+NAMED_TIME = "time_s unchanged; time_ms, time_us and time_ns counted from the first sample; or --rate-hz"
 DATED_TIME = (
-    "time_s as it is; time_ms, time_us, time_ns and dates with a time of day counted from the first sample; "
+    "time_s unchanged; time_ms, time_us, time_ns and dates with a time of day counted from the first sample; "
     "or --rate-hz"
 )
-NAMED_ARRAYS = "arrays by their names, see below"
+NAMED_ARRAYS = "arrays with canonical names, see below"
 IMU_MESSAGES = (
-    "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics hold it, two as "
-    "ACCEL,GYRO if each sensor has its own"
+    "sensor_msgs/Imu: linear_acceleration and angular_velocity; --topic if several topics contain it, two as "
+    "ACCEL,GYRO if each sensor has its own topic"
 )
 ROS_UNITS = "m/s^2 and rad/s, by <https://docs.ros.org/en/jazzy/p/sensor_msgs/msg/Imu.html>"
 ROS_TIME = (
-    "header.stamp, counted from the first sample; --receive-time takes when the bag received the message"
+    "header.stamp, counted from the first sample; --receive-time uses the time of receipt by the bag instead"
 )
-OWN_CLOCKS = "sensors with stamps of their own are brought onto one clock, which a warning says"
+OWN_CLOCKS = "sensors with different time stamps are resampled to one clock, with a warning"
 
-CUT_OFF = "a log that was cut off is read to its last whole message"
+CUT_OFF = "a truncated log is read up to its last complete message"
 
 FORMATS: Final[dict[str, Format]] = {
     "csv": Format(
@@ -79,9 +79,9 @@ FORMATS: Final[dict[str, Format]] = {
         "CSV with a header",
         1,
         None,
-        "canonical names in the first line, or --columns with ours=theirs",
-        "columns with canonical names, any other numbers as auxiliary inputs; --columns ours=theirs for "
-        "other names",
+        "canonical names in the first line, or --columns with canonical=name",
+        "columns with canonical names, and other numeric columns as auxiliary inputs; --columns "
+        "canonical=name for files with other names",
         NAMED_UNITS,
         DATED_TIME,
         ("columns", "rate_hz"),
@@ -95,7 +95,7 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         None,
         "content, or .parquet",
-        "as csv",
+        "the same as csv",
         NAMED_UNITS,
         DATED_TIME,
         ("columns", "rate_hz"),
@@ -104,12 +104,11 @@ FORMATS: Final[dict[str, Format]] = {
     ),
     "columns": Format(
         read_columns,
-        "Text without a header that we know",
+        "Text without a canonical header",
         1,
         None,
         "--columns",
-        "numbers separated by comma, semicolon, tab or spaces; lines that are not numbers at the top are "
-        "left out",
+        "numbers separated by comma, semicolon, tab or spaces; text lines at the start are skipped",
         NAMED_UNITS,
         NAMED_TIME,
         ("columns", "rate_hz", "skip_rows"),
@@ -169,8 +168,8 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "px4",
         "content",
-        "sensor_accel with sensor_gyro, as measured, and their temperature; or sensor_combined, to which "
-        f"PX4 has applied its own calibration, which a warning says; {CUT_OFF}",
+        "sensor_accel with sensor_gyro, uncorrected, and their temperature; or sensor_combined, to which "
+        f"PX4 has applied its calibration parameters (with a warning); {CUT_OFF}",
         "m/s^2, rad/s, degC, by <https://docs.px4.io/main/en/msg_docs/SensorAccel> and its like",
         f"timestamp_sample, else timestamp, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
@@ -182,9 +181,10 @@ FORMATS: Final[dict[str, Format]] = {
         1,
         "ardupilot",
         "content",
-        "IMU and its temperature, or ACC with GYR at the rate of the sensors; ArduPilot has applied its "
-        f"own calibration, which a warning says; {CUT_OFF}",
-        "m/s/s, rad/s, degC, by the log itself (FMTU) and <https://ardupilot.org/copter/docs/logmessages.html>",
+        "IMU and its temperature, or ACC with GYR at the sensors' own rates; ArduPilot has applied its "
+        f"calibration parameters (with a warning); {CUT_OFF}",
+        "m/s/s, rad/s, degC, by the log itself (FMTU) and "
+        "<https://ardupilot.org/copter/docs/logmessages.html>",
         f"TimeUS of IMU, SampleUS of ACC and GYR, counted from the first sample; {OWN_CLOCKS}",
         ("topic", "instance"),
         "flight.bin --topic IMU --instance 0",

@@ -1,4 +1,4 @@
-"""HDF5 files, and MATLAB files from version 7.3 on, which are HDF5 as well."""
+"""HDF5 files, including MATLAB files from version 7.3 on."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read_hdf5(
     group: str | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """Read the datasets of an HDF5 file; see `named_arrays` for names, groups and columns."""
+    """Read the data sets of an HDF5 file; see `named_arrays` for names, groups and columns."""
     source = open_large(path)
     h5py = library("h5py", "hdf5", "HDF5 files")
     by_path = hdf5_arrays(h5py, path, "/", "HDF5")
@@ -31,7 +31,7 @@ def read_hdf5(
 
 
 def hdf5_arrays(h5py: Any, path: str | os.PathLike[str], separator: str, kind: str) -> dict[str, Array]:
-    """Every table and vector of numbers under its path, compound ones by field; images are not loaded."""
+    """All one- and two-dimensional numeric data sets by path; compound ones as one array per field."""
     found: dict[str, Array] = {}
 
     def take(name: str, item: Any) -> None:

@@ -1,4 +1,4 @@
-"""A temperature that was read less often than the sensors: each reading holds until the next one."""
+"""Temperature sampled more slowly than the sensors: each reading is held until the next one."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from imucal.recording.recording import Recording
 
 __all__ = ["LONGEST_HELD_S", "hold_temperature"]
 
-# A unit warms up by hundredths of a degree meanwhile.
+# Longest time that a temperature reading is held, s. A unit that warms up changes by a few 0.01 K in this
+# time.
 LONGEST_HELD_S: Final = 10.0
 
 
 def hold_temperature(pieces: Iterable[Recording], longest_s: float = LONGEST_HELD_S) -> Iterator[Recording]:
-    """The pieces of a recording, samples without temperature with the reading before them.
+    """The pieces of a recording, with missing temperatures (NaN) replaced by the last reading before them.
 
-    longest_s  an older reading says nothing, the sample stays NaN. Samples before the first reading of the
-               first piece take that one, if it comes so soon.
+    longest_s  a reading is held for at most this time, s; later samples stay NaN. Samples before the first
+               reading of the first piece get that reading if it follows within this time.
     """
     last_s, last_degc = np.nan, np.nan
     for number, piece in enumerate(pieces):
@@ -34,7 +35,7 @@ def hold_temperature(pieces: Iterable[Recording], longest_s: float = LONGEST_HEL
         if number == 0 and is_known.any():
             first = int(is_known.argmax())
             source[:first] = first
-        # The time of a sample that was never read is NaN, and nothing is near it.
+        # The source of a sample without any reading has time NaN, so the comparison is false.
         is_near = np.abs(time_s - time_s[source]) <= longest_s
         held = np.where(is_near, degc[source], np.nan)
         last_s, last_degc = time_s[source[-1]], degc[source[-1]]

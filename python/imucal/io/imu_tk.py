@@ -1,4 +1,4 @@
-"""The pair of ASCII files of imu_tk: accelerometer and gyroscope, each with the columns time, x, y, z."""
+"""Recordings of imu_tk: two ASCII files, accelerometer and gyroscope, with the columns time, x, y, z."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ def read_imu_tk(
     accel_unit: AccelUnit = "lsb",
     gyro_unit: GyroUnit = "lsb",
 ) -> Recording:
-    """Read an imu_tk pair of files: accelerometer first, gyroscope second.
+    """Read the two files of imu_tk, accelerometer first, gyroscope second.
 
     time_unit              s, ms, us or ns
-    accel_unit, gyro_unit  what the numbers are: raw counts ("lsb", as in imu_tk's own data) or SI units
+    accel_unit, gyro_unit  unit of the numbers: raw counts ("lsb", as in the data of imu_tk) or SI units
 
-    Raises FormatError if the time stamps of the two files are not the same.
+    Raises FormatError if the time stamps of the two files differ.
     """
     if time_unit not in TICKS_PER_S:
         raise InputError(f"time_unit is {time_unit!r}: give one of {', '.join(TICKS_PER_S)}")

@@ -1,4 +1,4 @@
-"""MATLAB .mat files of all versions: variables, and the fields of structs."""
+"""MATLAB .mat files of all versions: variables and fields of structs."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from imucal.recording.recording import Recording
 
 __all__ = ["MATLAB_MAGIC", "read_matlab"]
 
-# Level 5 (versions 5 to 7.2) and 7.3; the level 4 has no mark, its reader needs format="matlab".
+# First bytes of MAT-files of level 5 (MATLAB 5 to 7.2) and 7.3. Level 4 has none and needs format="matlab".
 MATLAB_MAGIC: Final = (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
 SAVE_PLAIN = "save the arrays as plain variables (tables and objects cannot be read), with -v7"
 
@@ -29,7 +29,7 @@ def read_matlab(
     group: str | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """Read the variables of a .mat file; a struct is a group, `imu.acc` a path in it.
+    """Read the variables of a .mat file; a struct is a group, so `imu.acc` is field acc of struct imu.
 
     See `named_arrays` for names, groups and columns.
     """
@@ -37,7 +37,7 @@ def read_matlab(
     if first_bytes(path, 19) == MATLAB_MAGIC[1]:
         h5py = library("h5py", "matlab", "MATLAB files of version 7.3")
         by_path = hdf5_arrays(h5py, path, ".", "MATLAB")
-        # HDF5 has MATLAB's columns as rows; `#refs#` is what cells point to.
+        # MATLAB stores columns as HDF5 rows. `#refs#` holds the contents of cell arrays.
         by_path = {p: a.T for p, a in by_path.items() if not p.startswith("#")}
     else:
         scipy_io = library("scipy.io", "matlab", "MATLAB files")

@@ -1,4 +1,4 @@
-"""Topics and messages of an MCAP file."""
+"""Topics and messages of MCAP files."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ __all__ = ["messages_of_mcap", "topics_of_mcap"]
 
 
 def topics_of_mcap(file: BinaryIO) -> tuple[dict[str, str], dict[str, int]]:
-    """The message type of each topic, as ROS 2 writes it, and its number of messages."""
+    """The message type of each topic, in the notation of ROS 2, and the number of its messages."""
     summary = _reader(file).get_summary()
     if summary is None:
-        raise ValueError("it has no summary at its end")
+        raise ValueError("the summary at the end of the file is missing")
     counts = {} if summary.statistics is None else summary.statistics.channel_message_counts
     types: dict[str, str] = {}
     number: dict[str, int] = {}
     for channel in summary.channels.values():
         schema = summary.schemas.get(channel.schema_id)
         kind = channel.message_encoding if schema is None else schema.name
-        # ROS 1 writes sensor_msgs/Imu.
+        # ROS 1 has no /msg/ in the names of its types: sensor_msgs/Imu.
         types[channel.topic] = kind if kind.count("/") != 1 else kind.replace("/", "/msg/")
         number[channel.topic] = number.get(channel.topic, 0) + counts.get(channel.id, 0)
     return types, number
@@ -31,13 +31,13 @@ def topics_of_mcap(file: BinaryIO) -> tuple[dict[str, str], dict[str, int]]:
 def messages_of_mcap(file: BinaryIO, topics: Collection[str]) -> Iterator[tuple[str, int, bytes, str]]:
     """Topic, time of receipt in ns, bytes and serialisation of each message, in the order of receipt.
 
-    Raises FormatError for messages in another serialisation than those of ROS (ros1, cdr).
+    Raises FormatError for messages that are not serialised as in ROS 1 (ros1) or ROS 2 (cdr).
     """
     for _, channel, message in _reader(file).iter_messages(topics=list(topics)):
         if channel.message_encoding not in ("ros1", "cdr"):
             raise FormatError(
-                f"the messages of {channel.topic} are in {channel.message_encoding!r}, ros1 or cdr is "
-                "needed: convert them to sensor_msgs/Imu of ROS"
+                f"the messages of {channel.topic} are serialised as {channel.message_encoding!r}, not ros1 "
+                "or needed: convert them to sensor_msgs/Imu of ROS"
             )
         yield channel.topic, message.log_time, message.data, channel.message_encoding
 

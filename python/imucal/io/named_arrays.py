@@ -1,9 +1,10 @@
-"""Arrays with names, as MATLAB, HDF5 and NumPy files hold them, on their way to a Recording.
+"""Named arrays of MATLAB, HDF5 and NumPy files, and their conversion to a Recording.
 
 An array is found by its canonical name: a column (`time_s`, `accel_x_mps2`, `temp_degc`) or a whole triad of
-shape (N, 3) (`accel_mps2`, `gyro_radps`, `stand_rad`). Other names are given with `columns`:
+shape (N, 3) (`accel_mps2`, `gyro_radps`, `stand_rad`). If the file has other names, they are given as
+`columns`:
 
-    time_s=t,accel_mps2=imu/acc,gyro_dps=imu/gyr     ours=theirs, for arrays of other names
+    time_s=t,accel_mps2=imu/acc,gyro_dps=imu/gyr     canonical=name, for arrays with other names
     time_s,accel_x_mps2,...,gyro_z_radps             a name for every column of one array of shape (N, k)
 """
 
@@ -24,28 +25,29 @@ from imucal.recording.recording import Recording, Source
 
 __all__ = ["Array", "NamedArrays", "recording_from_arrays", "spread"]
 
-# Of any type of elements, structured ones among them.
+# An array with any element type, including structured types.
 Array: TypeAlias = NDArray[Any]
 
+# Largest number of arrays listed in an error message.
 MOST_SHOWN = 30
 
 
 @dataclass(frozen=True)
 class NamedArrays:
-    """What a file holds: path -> array; `separator` stands between the groups of a path."""
+    """The arrays of a file by path; `separator` separates the groups in a path."""
 
     file: str
     by_path: dict[str, Array]
     separator: str
 
     def listed(self) -> str:
-        """The paths with their shapes, for messages."""
+        """The paths with the shapes of their arrays, for error messages."""
         shown = [f"{path} {array.shape}" for path, array in self.by_path.items()]
         more = f" and {len(shown) - MOST_SHOWN} more" if len(shown) > MOST_SHOWN else ""
         return (", ".join(shown[:MOST_SHOWN]) + more) if shown else "no arrays of numbers"
 
     def groups(self) -> dict[str, dict[str, Array]]:
-        """Group -> name -> array; the top is ''."""
+        """The arrays by group and name; the top level is ''."""
         groups: dict[str, dict[str, Array]] = {}
         for path, array in self.by_path.items():
             group, _, name = path.rpartition(self.separator)
@@ -54,7 +56,7 @@ class NamedArrays:
 
 
 def spread(path: str, array: Array, separator: str) -> dict[str, Array]:
-    """An array under its path; a structured one as an array for each of its fields."""
+    """The array by its path; a structured array is split into one array per field."""
     if array.dtype.names is None:
         return {path: array}
     prefix = f"{path}{separator}" if path else ""
@@ -69,13 +71,15 @@ def recording_from_arrays(
     group: str | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """The Recording that these arrays make.
+    """The recording that these arrays form.
 
-    columns  names, see above; None takes the arrays with canonical names
-    group    where the arrays are, if several groups hold a recording; paths in `columns` then start there
+    columns  names of the arrays, see the module; None uses the arrays with canonical names
+    group    group that contains the arrays, required if several groups contain a recording; paths in
+             `columns` are relative to it
+    rate_hz  sampling rate, Hz, if there is no time array
 
-    Raises FormatError if arrays are missing, not numbers or of unequal length, InputError if names do not
-    fit; both list what there is.
+    Raises FormatError if arrays are missing, not numeric or of unequal length, and InputError for names that
+    do not exist. Both messages list the arrays of the file.
     """
     if group is not None:
         arrays = _within(arrays, group)
@@ -113,15 +117,16 @@ def _mapped(arrays: NamedArrays, mapping: dict[str, str]) -> list[tuple[str, Arr
 
 
 def _split(arrays: NamedArrays, names: list[str]) -> list[tuple[str, Array]]:
-    """The columns of the one array that has as many."""
+    """The columns of the only array that has as many columns as there are names."""
     fitting = [
         path for path, array in arrays.by_path.items() if array.ndim == 2 and len(names) in array.shape
     ]
     if len(fitting) != 1:
         what = "no array has" if not fitting else f"{len(fitting)} arrays ({', '.join(fitting)}) have"
         raise InputError(
-            f"{arrays.file}: {len(names)} columns are named, {what} as many; found: {arrays.listed()}. Name "
-            "every column ('-' for one to leave out), or the array (group=..., --group)"
+            f"{arrays.file}: {len(names)} columns are named, but {what} as many columns; found: "
+            f"{arrays.listed()}. Name every column ('-' for a column to ignore), or give the array "
+            "(group=..., --group)"
         )
     array = arrays.by_path[fitting[0]]
     rows = array if array.shape[1] == len(names) else array.T
@@ -137,18 +142,19 @@ def _canonical(arrays: NamedArrays) -> list[tuple[str, Array]]:
     if not groups:
         raise FormatError(
             f"{arrays.file}: no arrays with names like accel_mps2 and gyro_radps (or accel_x_mps2, ...); "
-            f"found: {arrays.listed()}. Name them (--columns time_s=NAME,accel_mps2=NAME,gyro_radps=NAME): "
-            f"{NAMES}"
+            f"found: {arrays.listed()}. Give their names (--columns time_s=NAME,accel_mps2=NAME,"
+            f"gyro_radps=NAME): {NAMES}"
         )
     if len(groups) > 1:
         listed = ", ".join(name or "(top)" for name in groups)
         raise InputError(
-            f"{arrays.file}: {len(groups)} groups hold a recording: {listed}: choose one (group=..., --group)"
+            f"{arrays.file}: {len(groups)} groups contain a recording: {listed}: choose one (group=..., "
+            "--group)"
         )
     members = next(iter(groups.values()))
     known = {name: array for name, array in members.items() if is_canonical(name) or _triad_of(name)}
     lengths = {max(array.shape, default=0) for array in known.values()}
-    # What was recorded along has a number for every sample; anything else is no column.
+    # Other arrays with one number per sample become auxiliary inputs.
     along = [
         (name, array)
         for name, array in members.items()
@@ -158,23 +164,23 @@ def _canonical(arrays: NamedArrays) -> list[tuple[str, Array]]:
 
 
 def _triad_of(name: str) -> str | None:
-    """The triad, accel for accel_x_mps2 and accel_mps2; None if the name is of no triad."""
+    """The triad, for example accel for accel_x_mps2 and accel_mps2; None for other names."""
     triad, _, unit = re.sub(r"_[xyz123]_", "_", name, count=1).partition("_")
     return triad if unit in TO_SI.get(triad, {}) else None
 
 
 def _columns(file: str, name: str, array: Array) -> list[tuple[str, Array]]:
-    """An array as columns: a triad as three, anything else as one."""
+    """An array as named columns: three for a triad, otherwise one."""
     if array.dtype.kind not in "fiub":
         raise FormatError(
-            f"{file}: the array {name} holds {array.dtype}, real numbers are needed: choose another"
+            f"{file}: the array {name} has elements of type {array.dtype}, not real numbers: choose another"
         )
     triad, _, unit = name.partition("_")
     if unit in TO_SI.get(triad, {}):
         rows = array if array.ndim == 2 and array.shape[1] == 3 else array.T
         if rows.ndim != 2 or rows.shape[1] != 3:
             raise FormatError(
-                f"{file}: {name} has the shape {array.shape}, (N, 3) is needed: rows are samples"
+                f"{file}: {name} has the shape {array.shape}, (N, 3) is needed: one row per sample"
             )
         return [(f"{triad}_{axis}_{unit}", rows[:, i]) for i, axis in enumerate(AXES[triad])]
     flat = array.reshape(-1)
@@ -193,9 +199,9 @@ def _table(file: str, columns: list[tuple[str, Array]]) -> Table:
     if len(shortest[1]) != len(longest[1]):
         raise FormatError(
             f"{file}: {shortest[0]} has {len(shortest[1])} samples but {longest[0]} has {len(longest[1])}: "
-            "all columns need one row per sample; save them at common time stamps"
+            "all columns need one row per sample; resample them to common time stamps"
         )
-    # Arrow takes numbers in the machine's own byte order alone.
+    # Arrow only accepts numbers in native byte order.
     native = [column.astype(column.dtype.newbyteorder("=")) for _, column in columns]
     values = [pa.chunked_array([pa.array(column)]) for column in native]
     return Table(file, [name for name, _ in columns], values, lambda row: f"row {row + 1}")

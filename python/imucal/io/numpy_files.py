@@ -1,4 +1,4 @@
-"""NumPy files: .npz with names, .npy as a structured array or a plain one of shape (N, k)."""
+"""NumPy files: .npz with named arrays, .npy with a structured array or a plain array of shape (N, k)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def read_numpy(
     group: str | None = None,
     rate_hz: float | None = None,
 ) -> Recording:
-    """Read a .npy or .npz file; pickled objects are refused.
+    """Read a .npy or .npz file. Pickled objects are refused.
 
     See `named_arrays` for names, groups and columns.
     """
@@ -31,14 +31,14 @@ def read_numpy(
     with parsing(name, "NumPy", "save plain arrays of numbers again (numpy.savez)"):
         loaded = np.load(os.fspath(path), allow_pickle=False)
         members = {"": loaded} if isinstance(loaded, np.ndarray) else dict(loaded)
-    # Any archive opens as a .npz, and what is no array in it comes as bytes.
+    # np.load opens any zip archive as .npz and returns members that are not arrays as bytes.
     members = {key: member for key, member in members.items() if isinstance(member, np.ndarray)}
     by_path = {}
     for key, array in members.items():
         by_path.update(spread(key, array, "/"))
     if "" in by_path and columns is None:
         raise FormatError(
-            f"{name} holds one array of shape {by_path[''].shape} without names: name every column "
+            f"{name} contains one array of shape {by_path[''].shape} without names: name every column "
             "(columns=..., --columns time_s,accel_x_mps2,...,gyro_z_radps)"
         )
     arrays = NamedArrays(name, by_path, "/")

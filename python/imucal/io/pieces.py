@@ -1,4 +1,4 @@
-"""Recordings piece by piece: what is in memory does not grow with the file."""
+"""Recordings in pieces, so that memory does not grow with the size of the file."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ def csv_pieces(
     columns: str | Sequence[str] | None = None,
     rate_hz: float | None = None,
 ) -> Iterator[Recording]:
-    """What `read_csv` reads.
+    """Read a CSV file in pieces; arguments as for `read_csv`.
 
-    Raises NotInPartsError, at a later piece, where only the whole file tells what its columns are, or what is
-    wrong with them.
+    Raises NotInPartsError at a later piece if the column types, or the cause of an error, can only be
+    determined from the whole file.
     """
     source, clock = open_large(path), Clock()
     try:
@@ -41,7 +41,7 @@ def _piece(table: Table, source: Source, rate_hz: float | None, clock: Clock) ->
     try:
         return recording_from_table(table, [source], rate_hz, clock)
     except FormatError:
-        # The whole knows the line, too.
+        # Reading the whole file gives an error message with the line number.
         raise NotInPartsError(table.file) from None
 
 
@@ -51,7 +51,7 @@ def parquet_pieces(
     columns: str | Sequence[str] | None = None,
     rate_hz: float | None = None,
 ) -> Iterator[Recording]:
-    """What `read_parquet` reads."""
+    """Read a Parquet file in pieces; arguments as for `read_parquet`."""
     source, clock = open_large(path), Clock()
     whole = chosen(parquet_table(path), columns)
     for part in parts(whole.columns):
@@ -61,7 +61,7 @@ def parquet_pieces(
 
 
 class Whole:
-    """Pieces that are passed on, and what is to be said of the recording that they make."""
+    """Passes pieces of a recording on, and collects the description of the whole recording."""
 
     def __init__(self, pieces: Iterable[Recording]) -> None:
         self._pieces = pieces
@@ -79,14 +79,14 @@ class Whole:
 
     @property
     def first(self) -> Recording:
-        """The first piece, of those that were passed on."""
+        """The first piece that was passed on. Raises ValueError before that."""
         if self._first is None:
             raise ValueError("no piece was passed on yet")
         return self._first
 
     @property
     def duration_s(self) -> float:
-        """Time from the first sample to the last, s; 0 with fewer than two samples."""
+        """Time from the first to the last sample, s; 0 with fewer than two samples."""
         return self._last_s - float(self.first.time_s[0]) if self.samples > 1 else 0.0
 
     def __repr__(self) -> str:

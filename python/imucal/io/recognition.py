@@ -1,4 +1,4 @@
-"""Which format a file has: by its content, and by its name where the content does not say."""
+"""Detection of a file's format by its content, or by its name if the content is ambiguous."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from imucal.io.vocabulary import NAMES, is_canonical
 
 __all__ = ["recognise"]
 
+# First bytes of a file, and the format that they identify.
 STARTS: Final = (
     *((magic, "matlab") for magic in MATLAB_MAGIC),
     (PARQUET_MAGIC, "parquet"),
@@ -35,8 +36,9 @@ STARTS: Final = (
     (b"\x93NUMPY", "numpy"),
     (b"PK\x03\x04", "numpy"),
 )
+# Part of a text file that is searched for its first line, bytes.
 LONGEST_HEADER = 1 << 16
-# Damaged at the start, a file is still told by the ending that no other format has.
+# Extensions used by one format only. They identify a file whose first bytes are damaged.
 ENDINGS: Final = {
     ".parquet": "parquet",
     ".bag": "rosbag",
@@ -52,9 +54,9 @@ ENDINGS: Final = {
 
 
 def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any]) -> str:
-    """The format of the files, by their number, content and names, and by the options for text.
+    """The format of the files, from their number, content and names, and from the options for text files.
 
-    Raises FormatError if it is not clear, and what `first_bytes` raises.
+    Raises FormatError if the format cannot be determined, and the errors of `first_bytes`.
     """
     if len(paths) == 2:
         return "imu_tk"
@@ -78,7 +80,7 @@ def recognise(paths: Sequence[str | os.PathLike[str]], options: Mapping[str, Any
     pair = len(fields) == 4 and all(map(is_number, fields))
     hint = "It looks like one file of an imu_tk pair: add --format imu_tk for two files. " if pair else ""
     raise FormatError(
-        f"{path.name}: the format is not clear, its first line is: {shown[:200]}. "
+        f"{path.name}: the format could not be determined; first line: {shown[:200]}. "
         f"{hint or columns_suggested(fields)}Give the format "
         f"({', '.join(FORMATS)}), or name the columns (columns=..., --columns): {NAMES}"
     )

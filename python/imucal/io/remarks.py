@@ -1,4 +1,4 @@
-"""What a reader knows of a whole file, as a finding."""
+"""Findings of a reader about a whole file."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ __all__ = ["damaged", "remark"]
 
 
 def remark(file: str, code: str, message: str, way_out: str) -> Finding:
-    """A warning about the whole file."""
+    """A finding of severity warning about the whole file."""
     return Finding(code, "warning", file, (), None, 1, 1.0, "1", message, way_out)
 
 
 def damaged(file: str) -> Finding:
-    """A log that could be read around its damage."""
+    """The warning for a log with damaged parts that were skipped."""
     return remark(
         file,
         "file_damaged",
-        "the log is damaged, what could not be read was left out",
-        "look for gaps in time, or download it again",
+        "the log is damaged; unreadable parts were skipped",
+        "check the recording for gaps in time, or download the log again",
     )

@@ -1,8 +1,8 @@
-"""sensor_msgs/Imu in ROS 1 bags, ROS 2 bags (sqlite3 and MCAP storage) and MCAP files.
+"""sensor_msgs/Imu messages in ROS 1 bags, ROS 2 bags (sqlite3 and MCAP storage) and MCAP files.
 
-The message's definition (docs.ros.org, sensor_msgs/Imu) has m/s^2 and rad/s, and -1 as the first element of
-a covariance for "not measured". Its `header.stamp` is when the sample was taken; when the bag received it is
-another matter, and taken on request alone.
+The message (docs.ros.org, sensor_msgs/Imu) is in m/s^2 and rad/s. A value of -1 as the first element of a
+covariance means "not measured". `header.stamp` is the time at which the sample was taken. The time at which
+the bag received the message is used only on request, because it contains transport delay and jitter.
 """
 
 from __future__ import annotations
@@ -24,10 +24,12 @@ from imucal.recording.recording import Recording, Source
 
 __all__ = ["ROS1_MAGIC", "read_mcap", "read_rosbag"]
 
+# First bytes of a ROS 1 bag.
 ROS1_MAGIC: Final = b"#ROSBAG V"
 IMU: Final = "sensor_msgs/msg/Imu"
+# First element of a covariance that marks a quantity as not measured.
 NOT_MEASURED: Final = -1.0
-# What the formats' own tools make whole again.
+# Repair commands for damaged files, for error messages.
 REPAIR_BAG = "`rosbag reindex` (ROS 1) or `ros2 bag reindex` (ROS 2) may repair it, or record it again"
 REPAIR_MCAP = "`mcap recover` may repair it, or record it again"
 FIELDS = {"accel": "linear_acceleration", "gyro": "angular_velocity"}
@@ -35,28 +37,29 @@ FIELDS = {"accel": "linear_acceleration", "gyro": "angular_velocity"}
 
 @dataclass
 class Samples:
-    """What the messages of one topic hold, in their order."""
+    """The samples of one topic, in the order of its messages."""
 
     stamp_ns: list[int] = field(default_factory=list)
     accel: list[tuple[float, float, float]] = field(default_factory=list)
     gyro: list[tuple[float, float, float]] = field(default_factory=list)
-    # Sensors that the messages say they do not hold.
+    # Sensors whose covariance marks them as not measured.
     absent: set[str] = field(default_factory=set)
 
 
 def read_rosbag(
     path: str | os.PathLike[str], *, topic: str | None = None, receive_time: bool = False
 ) -> Recording:
-    """Read a ROS 1 bag (.bag), a ROS 2 bag (its folder), or a file of one (.db3).
+    """Read a ROS 1 bag (.bag), a ROS 2 bag (its folder), or one file of a ROS 2 bag (.db3).
 
-    topic         of the Imu messages; two, "ACCEL,GYRO", if each sensor has its own; None takes the only one
-    receive_time  time stamps of the bag instead of header.stamp
+    topic         topic of the Imu messages, or "ACCEL,GYRO" if each sensor has its own topic; None if the bag
+                  contains only one
+    receive_time  use the time stamps of the bag instead of header.stamp
 
-    Raises InputError if the choice of a topic is not clear, FormatError for the contents.
+    Raises InputError if the choice of a topic is ambiguous, FormatError for invalid contents.
     """
     given = Path(path)
     name, sources = given.name or given.resolve().name, _sources(given)
-    # A folder is of ROS 2, whatever its name.
+    # A folder is a ROS 2 bag even if its name ends with .bag.
     is_ros1 = not is_folder(given) and (
         given.suffix.lower() == ".bag" or first_bytes(given, len(ROS1_MAGIC)) == ROS1_MAGIC
     )
@@ -81,7 +84,7 @@ def read_rosbag(
 def read_mcap(
     path: str | os.PathLike[str], *, topic: str | None = None, receive_time: bool = False
 ) -> Recording:
-    """Read an MCAP file with ROS 1 or ROS 2 messages; arguments and errors are those of `read_rosbag`."""
+    """Read an MCAP file with ROS 1 or ROS 2 messages; arguments and errors as for `read_rosbag`."""
     name, source = Path(path).name, open_large(path)
     library("mcap.reader", "ros", "MCAP files")
     with parsing(name, "MCAP", REPAIR_MCAP), Path(path).open("rb") as file:
@@ -98,7 +101,7 @@ def _sources(path: Path) -> list[Source]:
 
 
 def _topics(name: str, given: str | None, types: dict[str, str], counts: dict[str, int]) -> list[str]:
-    """The one topic, or the two for accelerometer and gyroscope."""
+    """The topic, or the two topics of accelerometer and gyroscope."""
     imus = [topic for topic, kind in types.items() if kind == IMU]
     listed = ", ".join(f"{topic} ({counts[topic]} messages)" for topic in imus)
     if given is not None:
@@ -108,22 +111,22 @@ def _topics(name: str, given: str | None, types: dict[str, str], counts: dict[st
                 raise InputError(f"{name}: there is no topic {topic!r}; topics of {IMU}: {listed or 'none'}")
             if types[topic] != IMU:
                 raise InputError(
-                    f"{name}: the topic {topic} holds {types[topic]}, {IMU} is needed: "
-                    f"{listed or 'there is none'}"
+                    f"{name}: the topic {topic} has the type {types[topic]}, expected {IMU}; topics of that "
+                    f"type: {listed or 'none'}"
                 )
         if len(wanted) > 2:
-            raise InputError(f"{name}: {len(wanted)} topics are given: give one, or two as ACCEL,GYRO")
+            raise InputError(f"{name}: {len(wanted)} topics given: give one, or two as ACCEL,GYRO")
         return wanted
     if not imus:
         others = ", ".join(f"{topic} ({kind})" for topic, kind in types.items())
         raise FormatError(
-            f"{name}: no topic holds {IMU}; found: {others or 'no topics'}: record the topic of the IMU's "
-            "driver, or convert its messages to this type"
+            f"{name}: no topic has the type {IMU}; found: {others or 'no topics'}: record the topic of the "
+            "IMU's driver, or convert its messages to this type"
         )
     if len(imus) > 1:
         raise InputError(
-            f"{name}: {len(imus)} topics hold {IMU}: {listed}: choose one (topic=..., --topic), or two as "
-            "ACCEL,GYRO if each sensor has its own"
+            f"{name}: {len(imus)} topics have the type {IMU}: {listed}: choose one (topic=..., --topic), or "
+            "two as ACCEL,GYRO if each sensor has its own topic"
         )
     return imus
 
@@ -131,7 +134,7 @@ def _topics(name: str, given: str | None, types: dict[str, str], counts: dict[st
 def _samples(
     topics: list[str], messages: Iterable[tuple[str, int, bytes, str]], receive_time: bool
 ) -> dict[str, Samples]:
-    """Decode the messages: topic, time of receipt, bytes and serialisation of each."""
+    """Decode messages given as topic, time of receipt in ns, bytes and serialisation."""
     samples = {topic: Samples() for topic in topics}
     decode = _decoders()
     for topic, received_ns, raw, serialisation in messages:
@@ -158,7 +161,7 @@ def _recording(name: str, topics: list[str], samples: dict[str, Samples], source
 def _decoders() -> dict[str, Any]:
     typesys = library("rosbags.typesys", "ros", "ROS messages")
     ros1 = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
-    # The definition of Imu is the same in all releases of ROS 2.
+    # All releases of ROS 2 have the same definition of Imu.
     ros2 = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     return {"ros1": ros1.deserialize_ros1, "cdr": ros2.deserialize_cdr}
 
@@ -166,13 +169,13 @@ def _decoders() -> dict[str, Any]:
 def _stream(name: str, topic: str, sensor: str, samples: Samples) -> Stream:
     if sensor in samples.absent:
         raise FormatError(
-            f"{name}: {topic} says that its {FIELDS[sensor]} is not measured (covariance -1): give both "
-            "topics, --topic ACCEL,GYRO, if each sensor has its own"
+            f"{name}: {FIELDS[sensor]} of {topic} is marked as not measured (covariance -1): if each sensor "
+            "has its own topic, give both: --topic ACCEL,GYRO"
         )
     if samples.stamp_ns and not any(samples.stamp_ns):
         raise FormatError(
-            f"{name}: header.stamp of {topic} is 0 in all messages, the driver does not set it: take the "
-            "bag's own time stamps, with their jitter (receive_time=True, --receive-time)"
+            f"{name}: header.stamp of {topic} is 0 in all messages, so the driver does not set it: use the "
+            "bag's time stamps, which contain jitter (receive_time=True, --receive-time)"
         )
     values = np.array(getattr(samples, sensor), dtype=np.float64).reshape(-1, 3)
     return Stream(topic, np.array(samples.stamp_ns, dtype=np.int64), values)

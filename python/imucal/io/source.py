@@ -1,4 +1,4 @@
-"""The bytes of a file that is read, and the table that a format's reader makes of them."""
+"""Access to the bytes of input files, and the table that the reader of a format returns."""
 
 from __future__ import annotations
 
@@ -27,13 +27,15 @@ __all__ = [
     "require_file",
 ]
 
+# Bytes read at once to hash a file.
 HASHED_AT_ONCE = 1 << 20
+# Rows of a table processed at once; their columns fit into the processor's cache.
 ROWS_AT_ONCE = 1 << 16
 
 
 @dataclass(frozen=True)
 class File:
-    """A file, wholly in memory."""
+    """A file loaded into memory."""
 
     name: str
     content: bytes
@@ -42,7 +44,7 @@ class File:
 
 @dataclass(frozen=True)
 class Stored:
-    """A column that is still in its file; `batches` reads columns of that file by their names."""
+    """A column whose values are read on demand; `batches` reads the named columns of its file."""
 
     name: str
     type: Any
@@ -55,12 +57,12 @@ class Stored:
 
 @dataclass(frozen=True)
 class Table:
-    """Named columns of one file, of equal length: Arrow arrays, or all of them still in the file."""
+    """Named columns of one file, of equal length: either Arrow arrays or `Stored` columns."""
 
     file: str
     names: list[str]
     columns: list[Any]
-    # Where row i stands in the file, for messages: "line 12".
+    # Location of row i in the file, for messages: "line 12".
     place: Callable[[int], str]
 
     def column(self, name: str) -> Any:
@@ -68,12 +70,12 @@ class Table:
         return self.columns[self.names.index(name)]
 
     def renamed(self, names: list[str]) -> Table:
-        """The same columns under other names."""
+        """The columns under new names."""
         return Table(self.file, names, self.columns, self.place)
 
 
 def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:
-    """The columns of a table in parts of a few thousand rows, which are in the cache when they are used."""
+    """The columns of a table in parts of at most `ROWS_AT_ONCE` rows."""
     if columns and isinstance(columns[0], Stored):
         for batch in columns[0].batches([column.name for column in columns]):
             yield [batch.column(column.name) for column in columns]
@@ -86,10 +88,11 @@ def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:
 
 
 def open_file(path: str | os.PathLike[str]) -> File:
-    """Read a file.
+    """Load a file into memory.
 
-    Raises InputError if it is missing, a folder, or not readable, and FormatError if it is empty.
+    Raises InputError if the file is missing, a folder, or not readable, and FormatError if it is empty.
     """
+    # Imported here because it loads OpenSSL (4 MB), which recordings made from arrays do not need.
     # It loads OpenSSL, 4 MB: recordings that are made of arrays need none.
     import hashlib
 
@@ -101,9 +104,9 @@ def open_file(path: str | os.PathLike[str]) -> File:
 
 
 def open_large(path: str | os.PathLike[str]) -> Source:
-    """The source of a file that its format's library reads; its bytes pass through, they are not kept.
+    """Hash a file without keeping its contents, for formats whose library reads the file itself.
 
-    Raises as `open_file` does.
+    Raises the errors of `open_file`.
     """
     import hashlib
 
@@ -118,22 +121,22 @@ def open_large(path: str | os.PathLike[str]) -> Source:
 
 
 def is_folder(path: str | os.PathLike[str]) -> bool:
-    """Whether it is a folder; False for what cannot be seen, which reading it then tells."""
+    """Whether `path` is a folder; False if it cannot be accessed, which reading it will report."""
     return os.path.isdir(path)  # noqa: PTH112 (pathlib raises instead)
 
 
 def require_file(path: str | os.PathLike[str]) -> None:
-    """InputError for a pipe or a device: it can be read once, and a recording is looked at first."""
+    """Raises InputError for a pipe or a device, because a recording is read more than once."""
     try:
         mode = Path(path).stat().st_mode
     except (OSError, ValueError):
-        return  # Reading it tells what is wrong.
+        return  # Opening the file reports the error.
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise InputError(f"{os.fspath(path)} is a pipe or a device: write its data to a file, and give that")
+        raise InputError(f"{os.fspath(path)} is a pipe or a device: save its data to a file, and give that")
 
 
 def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
-    """The first bytes of a file; raises as `open_file` does."""
+    """The first bytes of a file. Raises the errors of `open_file`."""
     given = os.fspath(path)
     with _readable(given), Path(given).open("rb") as file:
         content = file.read(count)
@@ -143,9 +146,9 @@ def first_bytes(path: str | os.PathLike[str], count: int) -> bytes:
 
 @contextmanager
 def parsing(file: str, kind: str, way_out: str) -> Iterator[None]:
-    """Turn whatever a format's library raises into a FormatError that names the file and the way out.
+    """Convert any exception of a format's library to a FormatError with the file and a suggested remedy.
 
-    A damaged file can break a parser anywhere, so any exception of it means the same.
+    Parsers raise all kinds of exceptions on damaged files, so every exception is treated as damage.
     """
     try:
         yield
@@ -154,7 +157,7 @@ def parsing(file: str, kind: str, way_out: str) -> Iterator[None]:
     except Exception as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise FormatError(
-            f"{file} cannot be read as {kind}: {reason[:200]}: it is damaged, cut off or of an unknown "
+            f"{file} cannot be read as {kind}: {reason[:200]}: it is damaged, truncated or of an unknown "
             f"version: {way_out}"
         ) from None
 

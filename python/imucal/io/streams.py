@@ -1,14 +1,14 @@
-"""Accelerometer and gyroscope that come with time stamps of their own, brought onto one clock.
+"""Resampling of accelerometer and gyroscope to one clock if they have different time stamps.
 
-1. With equal stamps nothing is changed.
-2. Otherwise the slower sensor is the clock, the gyroscope if both have the same rate: its samples are
-   integrated, and better left alone.
-3. At the same rate the other sensor is interpolated between its two neighbouring samples; a faster one is
-   averaged over one interval of the clock, centred at the stamp, which keeps the angle that a gyroscope
-   turned through.
-4. Nothing is invented: samples of the clock before, after and in the gaps of the other sensor are left out.
+1. If the time stamps are equal, nothing is changed.
+2. Otherwise the slower sensor provides the clock. At equal rates the gyroscope does, because its samples are
+   integrated, and interpolation would distort the integral.
+3. At equal rates the other sensor is interpolated linearly. A faster sensor is averaged over one interval of
+the
+   clock, centred at the time stamp, which preserves the integrated angle of a gyroscope.
+4. Nothing is extrapolated: clock samples before, after and inside gaps of the other sensor are dropped.
 
-What was done is a finding of the recording.
+The resampling is reported as a finding of the recording.
 """
 
 from __future__ import annotations
@@ -27,19 +27,20 @@ from imucal.recording.recording import Recording, Source
 
 __all__ = ["Stream", "median_rate_hz", "recording_from_streams"]
 
-# Two sensors set to one rate run apart by what their oscillators differ, about a per cent.
+# Largest ratio of two sampling rates that count as equal; oscillators of MEMS sensors differ by about 1 %.
 SAME_RATE = 1.02
-# A clock ten times slower than a sensor leaves too little of a turn to follow it.
+# Largest ratio of the sampling rates. With a clock more than 10 times slower, too few samples cover a
+# rotation.
 LARGEST_RATIO = 10.0
-# One lost sample is bridged as the samples beside it would be; a longer step is a gap.
+# Shortest gap, in median steps. One lost sample (2 steps) is interpolated, a longer gap is not.
 GAP_STEPS = 2.5
 
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """The samples of one sensor, as the file has them.
+    """The samples of one sensor, as stored in the file.
 
-    name              what the file calls it
+    name              name in the file
     time_ns           (N,) integers, ns
     values            (N, 3) m/s^2 or rad/s
     temperature_degc  (N,) degC, or None
@@ -52,7 +53,7 @@ class Stream:
 
 
 def median_rate_hz(time_ns: NDArray[np.int64]) -> float:
-    """The median rate of time stamps, Hz; NaN if there is none."""
+    """The rate that corresponds to the median step of the time stamps, Hz; NaN without a positive step."""
     step_ns = float(np.median(np.diff(time_ns))) if len(time_ns) > 1 else 0.0
     return 1e9 / step_ns if step_ns > 0 else float("nan")
 
@@ -60,14 +61,15 @@ def median_rate_hz(time_ns: NDArray[np.int64]) -> float:
 def recording_from_streams(
     file: str, accel: Stream, gyro: Stream, sources: Sequence[Source], findings: Sequence[Finding] = ()
 ) -> Recording:
-    """One recording of both sensors; time is counted from its first sample.
+    """One recording of both sensors. Time is counted from its first sample.
 
-    Raises FormatError if a sensor has no samples, if its stamps go back or its values are not finite where
-    they must be resampled, if the rates are too far apart, or if both never measured at the same time.
+    Raises FormatError if a sensor has no samples, if its rates differ too much from the other's, or if the
+    two never measured at the same time; also, if resampling is needed, for time stamps that decrease and
+    values that are not finite.
     """
     for stream in (accel, gyro):
         if not len(stream.time_ns):
-            raise FormatError(f"{file}: {stream.name} holds no samples: record it, or choose another")
+            raise FormatError(f"{file}: {stream.name} contains no samples: record it, or choose another")
     if np.array_equal(accel.time_ns, gyro.time_ns):
         return _recording(file, accel, gyro, sources, findings)
     accel, gyro = _resampleable(file, accel), _resampleable(file, gyro)
@@ -79,16 +81,16 @@ def recording_from_streams(
     if ratio > LARGEST_RATIO:
         raise FormatError(
             f"{file}: {clock.name} has {median_rate_hz(clock.time_ns):.6g} Hz, {other.name} "
-            f"{median_rate_hz(other.time_ns):.6g} Hz: they are too far apart for one clock (more than "
-            f"{LARGEST_RATIO:g} times): record both at similar rates"
+            f"{median_rate_hz(other.time_ns):.6g} Hz, a ratio of more than {LARGEST_RATIO:g}, which is too "
+            "large for resampling to one clock: record both at similar rates"
         )
     is_averaged = ratio > SAME_RATE
     kept, moved = _onto(clock, other, is_averaged)
     left_out = len(clock.time_ns) - len(kept.time_ns)
     if len(kept.time_ns) < 2:
         raise FormatError(
-            f"{file}: {accel.name} and {gyro.name} were hardly recorded at the same time "
-            f"({len(kept.time_ns)} samples): check their time stamps, or record both together"
+            f"{file}: {accel.name} and {gyro.name} were recorded at different times (only "
+            f"{len(kept.time_ns)} common samples): check their time stamps, or record both together"
         )
     noise_left = _noise_left(kept, other, is_averaged)
     finding = Finding(
@@ -103,10 +105,11 @@ def recording_from_streams(
         message=(
             f"{other.name} ({median_rate_hz(other.time_ns):.6g} Hz) was "
             + ("averaged over the intervals" if is_averaged else "interpolated to the time stamps")
-            + f" of {clock.name} ({median_rate_hz(clock.time_ns):.6g} Hz); {left_out} samples that only one "
-            f"of them covers were left out, and its white noise per sample is {noise_left:.2g} of what it was"
+            + f" of {clock.name} ({median_rate_hz(clock.time_ns):.6g} Hz); {left_out} samples measured by "
+            "only one of them were dropped, and its white noise per sample is "
+            f"{noise_left:.2g} of the original"
         ),
-        way_out="to see the noise of the sensor itself, record both sensors at the same instants",
+        way_out="to measure the noise of the sensor itself, record both sensors at the same instants",
     )
     both = (moved, kept) if clock is gyro else (kept, moved)
     return _recording(file, *both, sources, [*findings, finding])
@@ -129,9 +132,9 @@ def _recording(
 
 
 def _resampleable(file: str, stream: Stream) -> Stream:
-    """The stream without samples that were logged twice; FormatError if it cannot be resampled."""
+    """The stream without repeated samples. Raises FormatError if it cannot be resampled."""
     is_new = np.diff(stream.time_ns, prepend=stream.time_ns[0] - 1) != 0
-    # A sample that is repeated with its stamp says nothing new; one with other values contradicts it.
+    # A repeated sample with the same values is redundant. One with other values is an error, found below.
     is_new[1:] |= (stream.values[1:] != stream.values[:-1]).any(axis=1)
     once = _part(stream, is_new)
     bad = np.flatnonzero(np.diff(once.time_ns) <= 0)
@@ -139,18 +142,18 @@ def _resampleable(file: str, stream: Stream) -> Stream:
         row = int(bad[0])
         raise FormatError(
             f"{file}: the time stamps of {stream.name} do not increase at {len(bad)} samples, first after "
-            f"{(once.time_ns[row] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto one "
-            "clock; record again, or cut the part out"
+            f"{(once.time_ns[row] - once.time_ns[0]) / 1e9:.6f} s, so the sensors cannot be resampled to one "
+            "clock: record again, or cut the part out"
         )
     bad = np.flatnonzero(~np.isfinite(once.values).all(axis=1))
     if len(bad):
         raise FormatError(
             f"{file}: {stream.name} has {len(bad)} samples that are not finite numbers, first at "
-            f"{(once.time_ns[bad[0]] - once.time_ns[0]) / 1e9:.6f} s: both sensors cannot be brought onto "
-            "one clock; record again, or cut the part out"
+            f"{(once.time_ns[bad[0]] - once.time_ns[0]) / 1e9:.6f} s, so the sensors cannot be resampled to "
+            "one clock: record again, or cut the part out"
         )
     if len(once.time_ns) < 2:
-        raise FormatError(f"{file}: {stream.name} holds a single sample: record it, or choose another")
+        raise FormatError(f"{file}: {stream.name} contains a single sample: record it, or choose another")
     return once
 
 
@@ -165,7 +168,7 @@ def _part(stream: Stream, which: Any) -> Stream:
 
 
 def _onto(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stream]:
-    """The samples of the clock at which the other sensor measured too, and the other at these stamps."""
+    """The clock samples within the time covered by the other sensor, and that sensor resampled to them."""
     start_ns = min(clock.time_ns[0], other.time_ns[0])
     at_s, other_s = (clock.time_ns - start_ns) / 1e9, (other.time_ns - start_ns) / 1e9
     half_s = 0.5 / median_rate_hz(clock.time_ns) if is_averaged else 0.0
@@ -191,8 +194,8 @@ def _onto(clock: Stream, other: Stream, is_averaged: bool) -> tuple[Stream, Stre
 
 
 def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArray) -> FloatArray:
-    """The mean over at_s -+ half_s of the line through the samples."""
-    # Without the mean the integral stays small, and its differences exact.
+    """The mean of the linear interpolation of `values` over the interval at_s +- half_s."""
+    # Subtracting the mean keeps the integral small, so its differences lose no digits.
     level = float(values.mean())
     steps_s, values = np.diff(time_s), values - level
     integral = np.concatenate([[0.0], np.cumsum(steps_s * (values[1:] + values[:-1]) / 2)])
@@ -208,7 +211,7 @@ def _mean(at_s: FloatArray, half_s: float, time_s: FloatArray, values: FloatArra
 
 
 def _noise_left(clock: Stream, other: Stream, is_averaged: bool) -> float:
-    """The standard deviation of white noise in the resampled samples, over that in the samples."""
+    """Standard deviation of the white noise after resampling, relative to that of the original samples."""
     if is_averaged:
         return float(np.sqrt(median_rate_hz(clock.time_ns) / median_rate_hz(other.time_ns)))
     k = np.clip(np.searchsorted(other.time_ns, clock.time_ns, side="right") - 1, 0, len(other.time_ns) - 2)

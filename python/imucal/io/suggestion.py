@@ -1,4 +1,4 @@
-"""What the columns of a file with names of its own may be: the way out of an error, for a person to judge.
+"""A proposal for the option --columns, guessed from the column names of a file, as a hint in error messages.
 
 Time (ms), Acc X (g), ..., Gyr Z (deg/s)  ->  --columns 'time_ms=Time (ms),accel_x_g=Acc X (g),...'
 """
@@ -18,7 +18,7 @@ TRIADS: Final = {
     "accel": re.compile(r"^(a|f|acc\w*?|specific[ _]force|linear[ _]?acc\w*?)[ _.\[(-]*([xyz])(?![a-z])"),
     "gyro": re.compile(r"^(g|w|gyr\w*?|omega|ang\w*?[ _](?:rate|vel)\w*?|rot\w*?)[ _.\[(-]*([xyz])(?![a-z])"),
 }
-# The first that stands in the name; the last is what most files have that do not say.
+# Pattern of each unit in a column name, tried in this order; the last entry is the default.
 UNITS: Final = {
     "time": (("ns", r"\bns\b|nano"), ("us", r"\b[uµμ]s\b|micro"), ("ms", r"\bms\b|milli"), ("s", "")),
     "accel": (
@@ -30,7 +30,7 @@ UNITS: Final = {
     ),
     "gyro": (
         ("lsb", "lsb|raw|count"),
-        # "radps" ends with "dps".
+        # "rad" comes before "dps" because "radps" contains both.
         ("radps", "rad"),
         ("mdps", "mdps|mdeg"),
         ("dps", "deg|dps|°"),
@@ -40,7 +40,7 @@ UNITS: Final = {
 
 
 def columns_suggested(names: Iterable[str]) -> str:
-    """A sentence with the option that may name the columns; empty if nothing is known of some of them."""
+    """A sentence that proposes the option --columns; empty if accelerometer and gyroscope are incomplete."""
     guessed: dict[str, str] = {}
     there = set()
     for name in names:
@@ -60,7 +60,7 @@ def columns_suggested(names: Iterable[str]) -> str:
 
 
 def _role(name: str) -> tuple[str, str] | None:
-    """What a column is, and its canonical name: ("accel_x", "accel_x_g")."""
+    """Quantity and canonical name guessed for a column name: ("accel_x", "accel_x_g"); None if unknown."""
     plain = name.strip().lower()
     if TIME.match(plain):
         return "time", f"time_{_unit('time', plain)}"

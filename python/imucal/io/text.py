@@ -1,4 +1,4 @@
-"""Tables of numbers as text: separated by comma, semicolon, tab or spaces, with or without a header."""
+"""Tables of numbers as text, separated by comma, semicolon, tab or spaces, with or without a header."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from imucal.io.source import File, Table, first_bytes
 
 __all__ = ["NotInPartsError", "first_fields", "headed_parts", "is_number", "read_headed", "read_headerless"]
 
-# A column is integers only if all of it is: the types are inferred from the whole file, up to Arrow's limit.
+# Block size that makes Arrow infer column types from the whole file, bytes; Arrow's maximum.
 LARGEST_BLOCK = 2**31 - 1
-# A text that is read part by part: how much holds its header and a row, and how much is a part.
+# Bytes searched for the header and the first row of a file that is read in parts, and bytes of a part.
 HEAD, PART = 1 << 16, 1 << 22
-# A text of so many bytes takes longer to read than threads to start.
+# Size of a text above which multithreaded parsing is worth the time to start the threads, bytes.
 WORTH_THREADS = 1 << 24
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
 
 
 def first_fields(name: str, start: bytes) -> list[str]:
-    """The fields of the first line that is not blank, of a file that starts so."""
+    """The fields of the first line that is not blank; `start` is the beginning of the file."""
     lines = _lines(_text_of(name, start))
     _refuse_decimal_commas(name, lines[:1])
     return _split(lines[0][1]) if lines else []
 
 
 def read_headed(file: File) -> Table:
-    """A table whose first line holds the names of its columns."""
+    """A table whose first line contains the column names."""
     content = _text_of(file.name, file.content)
     lines = _lines(content, limit=1)
     if not lines:
-        raise FormatError(f"{file.name} holds blank lines only: a header line and rows are needed")
+        raise FormatError(f"{file.name} contains only blank lines: a header line and rows are needed")
     number, header = lines[0]
     if "," not in header:
         _refuse_decimal_commas(file.name, _lines(content)[1:2])
@@ -42,16 +42,19 @@ def read_headed(file: File) -> Table:
 
 
 class NotInPartsError(FormatError):
-    """The rows of a text do not fit the columns that its first part has."""
+    """The rows of a text do not match the column types inferred from its first part."""
 
     def __init__(self, file: str) -> None:
-        super().__init__(f"{file} cannot be read piece by piece, its columns change: read it as a whole")
+        super().__init__(
+            f"{file} cannot be read in pieces because its column types change: read it as a whole"
+        )
 
 
 def headed_parts(path: str | os.PathLike[str]) -> Iterator[Table]:
-    """What `read_headed` reads, part by part.
+    """The table that `read_headed` returns, in parts.
 
-    Raises NotInPartsError where only the whole tells the types of the columns, or what is wrong.
+    Raises NotInPartsError if the column types, or the cause of an error, can only be determined from the
+    whole file.
     """
     import pyarrow as pa
     from pyarrow import csv
@@ -63,7 +66,7 @@ def headed_parts(path: str | os.PathLike[str]) -> Iterator[Table]:
     head = _text_of(name, start)
     lines = _lines(head)
     delimiter = _delimiter(lines[1][1].encode()) if len(lines) > 1 else b" "
-    # One space for many is made in the whole, and a short text is there at once.
+    # Repeated spaces are only merged in a whole text, and a text shorter than HEAD needs no parts.
     if delimiter == b" " or len(head) < HEAD:
         raise NotInPartsError(name)
     number, header = lines[0]
@@ -82,10 +85,10 @@ def headed_parts(path: str | os.PathLike[str]) -> Iterator[Table]:
 
 
 def read_headerless(file: File, names: list[str], skip_rows: int) -> Table:
-    """A table without names of its own; leading lines that are not all numbers are left out.
+    """A table whose columns have no names in the file; text lines at the start are skipped.
 
     names      one per column
-    skip_rows  lines to leave out at the top, before the first row of numbers is looked for
+    skip_rows  number of lines to skip at the start, before the first row of numbers is searched
     """
     content = _text_of(file.name, file.content)
     for number, line in _lines(content):
@@ -95,12 +98,12 @@ def read_headerless(file: File, names: list[str], skip_rows: int) -> Table:
     else:
         _refuse_decimal_commas(file.name, _lines(content))
         raise FormatError(
-            f"{file.name}: no line consists of numbers only: is it the right file, and not binary?"
+            f"{file.name}: no line consists of numbers only: check that it is the right file, and a text file"
         )
     if len(fields) != len(names):
         raise FormatError(
             f"{file.name}: line {number} has {len(fields)} values but {len(names)} columns are named "
-            f"({', '.join(names)}): name every column, '-' for one to leave out"
+            f"({', '.join(names)}): name every column, '-' for a column to ignore"
         )
     return _read(file, content, skip=number - 1, names=names)
 
@@ -122,11 +125,11 @@ def _read(file: File, content: bytes, skip: int, names: list[str]) -> Table:
 
     parse_options = csv.ParseOptions(delimiter=delimiter.decode())
     column_names = [str(index) for index in range(len(names))]
-    # A process that ends at once may be aborted by Arrow's threads that are just starting.
+    # Without threads for short texts: Arrow's starting threads can abort a process that ends at once.
     options = csv.ReadOptions(column_names=column_names, use_threads=len(rest) > WORTH_THREADS)
     try:
-        # The types of the columns are taken from the first block. Where these do not fit what follows, or a
-        # row is bad, the file is read once more with care.
+        # Fast path: column types are inferred from the first block. If later rows do not match them, or a row
+        # is invalid, the text is parsed again below with types from the whole text.
         table = csv.read_csv(pa.BufferReader(rest), options, parse_options)
         return Table(file.name, names, table.columns, place)
     except pa.ArrowException:
@@ -141,7 +144,7 @@ def _read(file: File, content: bytes, skip: int, names: list[str]) -> Table:
     try:
         table = csv.read_csv(
             pa.BufferReader(rest),
-            # One thread: a bad row then comes with its number.
+            # With one thread, Arrow reports the number of an invalid row.
             read_options=csv.ReadOptions(
                 column_names=column_names,
                 block_size=min(max(len(rest), 1), LARGEST_BLOCK),
@@ -163,8 +166,8 @@ def _read(file: File, content: bytes, skip: int, names: list[str]) -> Table:
 
 
 def _with_single_spaces(text: bytes) -> bytes:
-    """One space between the fields of a line, and none around them."""
-    # A pattern would take twenty times as long.
+    """The text with fields separated by one space, without spaces at the ends of lines."""
+    # A regular expression takes 20 times as long.
     text = text.replace(b"\r", b"").replace(b"\t", b" ")
     while b"  " in text:
         text = text.replace(b"  ", b" ")
@@ -174,8 +177,8 @@ def _with_single_spaces(text: bytes) -> bytes:
 def _text_of(name: str, content: bytes) -> bytes:
     content = content.removeprefix(b"\xef\xbb\xbf")
     if b"\0" in content[:4096]:
-        raise FormatError(f"{name} is a binary file, text is needed: give the recording as CSV or Parquet")
-    # Spreadsheets of old end lines so, and everything would be one line.
+        raise FormatError(f"{name} is a binary file, not text: give the recording as CSV or Parquet")
+    # Old spreadsheet programs end lines with a carriage return only.
     return content.replace(b"\r", b"\n") if _has_old_ends(content) else content
 
 
@@ -184,7 +187,7 @@ def _has_old_ends(content: bytes) -> bool:
 
 
 def _lines(content: bytes, limit: int = 1000) -> list[tuple[int, str]]:
-    """Number (from 1) and text of the first lines that are not blank."""
+    """Number (from 1) and text of each line that is not blank, among the first `limit` lines."""
     head = content.split(b"\n", limit)[:limit] if limit > 1 else content.lstrip().split(b"\n", 1)[:1]
     blank = content[: len(content) - len(content.lstrip())].count(b"\n") if limit == 1 else 0
     return [
@@ -195,7 +198,7 @@ def _lines(content: bytes, limit: int = 1000) -> list[tuple[int, str]]:
 
 
 def _refuse_decimal_commas(name: str, lines: list[tuple[int, str]]) -> None:
-    """A comma is read as a separator, and the message would be that lines have too many values."""
+    """Raises FormatError for decimal commas, which would otherwise be reported as too many values."""
     for number, line in lines:
         fields = [field.strip(' "') for field in re.split(r"[;\t]", line)]
         wrong = next((field for field in fields if DECIMAL_COMMA.fullmatch(field)), None)
@@ -207,7 +210,7 @@ def _refuse_decimal_commas(name: str, lines: list[tuple[int, str]]) -> None:
 
 
 def _line_of_row(content: bytes, row: int) -> int:
-    """The number (from 1) of the row-th line (from 0) that is not blank."""
+    """The line number (from 1) of the row-th line (from 0) that is not blank."""
     filled = (number for number, line in enumerate(content.split(b"\n"), start=1) if line.strip())
     return next((number for index, number in enumerate(filled) if index == row), row + 1)
 
@@ -226,7 +229,7 @@ def _split(line: str) -> list[str]:
 
 
 def is_number(field: str) -> bool:
-    """Whether a field is a number."""
+    """Whether `float` accepts the field."""
     try:
         float(field)
     except ValueError:

@@ -1,9 +1,9 @@
 """PX4 ULog: sensor_accel with sensor_gyro, or sensor_combined.
 
 Units and frames are those of PX4's message definitions (docs.px4.io, msg_docs): m/s^2 and rad/s in the
-board's frame, front, right, down; degC; microseconds since the system's start. sensor_accel and sensor_gyro
-hold what the sensors measured; sensor_combined is "scaled and offset-compensated": PX4 has applied its CAL_*
-parameters to it.
+board's frame (front, right, down), degC, and microseconds since boot. sensor_accel and sensor_gyro contain
+uncorrected samples. sensor_combined is "scaled and offset-compensated": PX4 has applied its CAL_* parameters
+to it.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ __all__ = ["ULOG_MAGIC", "read_ulog"]
 
 ULOG_MAGIC = b"ULog\x01\x12\x35"
 NEEDED = "sensor_accel with sensor_gyro, or sensor_combined"
-# sensor_combined has this in accelerometer_timestamp_relative when the accelerometer gave nothing.
+# Value of accelerometer_timestamp_relative in sensor_combined without an accelerometer sample.
 INVALID_RELATIVE_TIME = 0x7FFFFFFF
 
 
 @dataclass(frozen=True)
 class Choice:
-    """One way to take both sensors from a log; `datasets` are pyulog's."""
+    """A possible source of both sensors in a log; `datasets` are pyulog's."""
 
     topic: str
     instance: int
@@ -43,7 +43,7 @@ class Choice:
 
     def __str__(self) -> str:
         rates = " and ".join(f"{median_rate_hz(_time_ns(each.data)):.6g} Hz" for each in self.datasets)
-        what = "corrected by PX4" if self.topic == "sensor_combined" else "as measured"
+        what = "corrected by PX4" if self.topic == "sensor_combined" else "uncorrected"
         return f"--topic {self.topic} --instance {self.instance} ({rates}, {what})"
 
 
@@ -52,14 +52,14 @@ def read_ulog(
 ) -> Recording:
     """Read a ULog file.
 
-    topic     sensor_accel (with sensor_gyro) or sensor_combined; None takes the only one
-    instance  of the sensor, from 0; None takes the only one
+    topic     sensor_accel (with sensor_gyro) or sensor_combined; None if the log contains only one choice
+    instance  number of the sensor, from 0; None if the log contains only one sensor
 
-    Raises InputError if the choice is not clear, FormatError for the contents.
+    Raises InputError if the choice is ambiguous, FormatError for invalid contents.
     """
     source, name = open_large(path), Path(path).name
     pyulog = library("pyulog", "px4", "PX4 logs")
-    # pyulog prints of damage, which the finding below says.
+    # pyulog prints messages about damage; the finding `file_damaged` reports it instead.
     with (
         parsing(name, "ULog", "download it from the flight controller again"),
         contextlib.redirect_stdout(io.StringIO()),
@@ -86,10 +86,10 @@ def _choose(name: str, datasets: list[Any], topic: str | None, instance: int | N
     if not choices:
         found = ", ".join(f"{message} {number}" for message, number in by_key)
         raise FormatError(
-            f"{name} holds neither {NEEDED}; found of these: {found or 'none'}: log them (SDLOG_PROFILE, or "
-            "a file logger_topics.txt on the card)"
+            f"{name} contains neither {NEEDED}; found of these: {found or 'none'}: log them (SDLOG_PROFILE, "
+            "or a file logger_topics.txt on the card)"
         )
-    # Either name of the pair is meant as the pair.
+    # sensor_gyro as topic selects the pair as well.
     wanted = "sensor_accel" if topic == "sensor_gyro" else topic
     fitting = [c for c in choices if wanted in (None, c.topic) and instance in (None, c.instance)]
     listed = "; ".join(map(str, choices))
@@ -97,12 +97,12 @@ def _choose(name: str, datasets: list[Any], topic: str | None, instance: int | N
         asked = " ".join(str(each) for each in (topic, instance) if each is not None)
         raise InputError(f"{name}: there is no {asked}; found: {listed}")
     if len(fitting) > 1:
-        raise InputError(f"{name}: {len(choices)} sensors can be read: choose one: {listed}")
+        raise InputError(f"{name} contains {len(choices)} sensors: choose one: {listed}")
     return fitting[0]
 
 
 def _time_ns(data: Any) -> Any:
-    # When the sensor was sampled, where the log says it, and not when the sample was published.
+    # The time of sampling if the log contains it, otherwise the time of publication.
     stamps = data.get("timestamp_sample")
     return (data["timestamp"] if stamps is None or not stamps.any() else stamps).astype(np.int64) * 1000
 
@@ -140,8 +140,8 @@ def _combined(name: str, data: Any) -> tuple[Stream, Stream]:
 def _field(name: str, message: str, data: Any, field: str) -> Any:
     if field not in data:
         raise FormatError(
-            f"{name}: {message} has no field {field}; found: {', '.join(data)}: it is of a PX4 version that "
-            "is not known, convert it by other means"
+            f"{name}: {message} has no field {field}; found: {', '.join(data)}: the PX4 version of this log "
+            "is not supported, convert it with another program"
         )
     return data[field]
 
@@ -150,7 +150,7 @@ def _corrected(name: str) -> Finding:
     return remark(
         name,
         "already_corrected",
-        "PX4 has applied its own calibration (CAL_*, TC_*) to sensor_combined",
-        "a calibration of it comes on top of these parameters and does not replace them; log sensor_accel "
-        "and sensor_gyro for one that does",
+        "PX4 has applied its calibration parameters (CAL_*, TC_*) to sensor_combined",
+        "a calibration of this recording adds to these parameters and does not replace them; for a "
+        "calibration that replaces them, log sensor_accel and sensor_gyro",
     )

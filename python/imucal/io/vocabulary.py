@@ -1,11 +1,11 @@
-"""The canonical column names, and the way from named columns to a Recording.
+"""The canonical column names, and the conversion of named columns to a Recording.
 
     time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
-    temp_degc                           stand_{1,2,3}_{rad,deg}           any other numbers: auxiliary
+    temp_degc                           stand_{1,2,3}_{rad,deg}           other numeric columns: auxiliary
 
-Every reader only finds names for its columns; units and faults are dealt with here, once. Physical units
-become SI (1 g = 9.80665 m/s^2 exactly). Time in s is kept as it is; time in ms, us or ns, usually a large
-integer count since some epoch, is counted from the first sample, in whole numbers, so that no digit is lost.
+Readers only assign canonical names to columns; units are converted and contents checked here. Physical units
+become SI (1 g = 9.80665 m/s^2 exactly). Time in s is unchanged. Time in ms, us or ns, usually a large integer
+since some epoch, is counted from the first sample in integer arithmetic, so that no digit is lost.
 """
 
 from __future__ import annotations
@@ -45,12 +45,12 @@ TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
 
 
 def is_canonical(name: str) -> bool:
-    """Whether `name` has a meaning of its own, that is, would not be an auxiliary input."""
+    """Whether `name` is a canonical name; columns with other names become auxiliary inputs."""
     return _triad_part(name) is not None or name == "temp_degc" or _time_unit(name) is not None
 
 
 def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
-    """The columns of a recording with their canonical names, in the order in which they are written."""
+    """The columns of a recording with their canonical names, in the order of a written file."""
     accel = "lsb" if recording.accel_unit == "lsb" else "mps2"
     gyro = "lsb" if recording.gyro_unit == "lsb" else "radps"
     columns: list[tuple[str, NDArray[Any]]] = [("time_s", recording.time_s)]
@@ -63,8 +63,8 @@ def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
     for name, values in recording.auxiliary.items():
         if is_canonical(name) or not name.strip() or any(mark in name for mark in ',;"\r\n'):
             raise InputError(
-                f"{recording.name}: the auxiliary input {name!r} cannot be a column name: it has a meaning "
-                "of its own, is blank, or holds a comma, semicolon, quote or line break; rename it"
+                f"{recording.name}: the auxiliary input {name!r} cannot be a column name: it is a canonical "
+                "name, is blank, or contains a comma, semicolon, quote or line break; rename it"
             )
         columns.append((name, values))
     return columns
@@ -72,22 +72,22 @@ def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
 
 @dataclass
 class Clock:
-    """From where the time of a recording counts; one that is read piece by piece keeps it."""
+    """The time origin of a recording, shared by all of its pieces, and the number of rows read so far."""
 
     rows: int = 0
-    # The first number of a column of whole ticks.
+    # First time stamp of the recording, in the unit of the time column.
     first: Any = None
 
 
 def recording_from_table(
     table: Table, sources: Sequence[Source], rate_hz: float | None = None, clock: Clock | None = None
 ) -> Recording:
-    """A Recording of columns with canonical names.
+    """A Recording from columns with canonical names.
 
-    rate_hz  sample rate, if there is no time column; the first sample is then at 0 s.
-    clock    of the pieces before, if the table is a piece
+    rate_hz  sampling rate, Hz, if there is no time column; the first sample is then at 0 s
+    clock    shared by all pieces of a recording; None if the table is the whole recording
 
-    Raises FormatError if a column is missing, given twice, of an unknown unit, or holds text.
+    Raises FormatError if a column is missing, given twice, has an unknown unit, or contains text.
     """
     _refuse_duplicates(table)
     used: set[str] = set()
@@ -123,7 +123,7 @@ def recording_from_table(
 
 
 def _triad_part(name: str) -> tuple[str, str, str] | None:
-    """(accel, x, mps2) of accel_x_mps2; None if the name is of no triad."""
+    """("accel", "x", "mps2") for accel_x_mps2; None for a name that is no triad column."""
     match = TRIAD_NAME.fullmatch(name)
     if match is None:
         return None
@@ -144,9 +144,9 @@ def _refuse_duplicates(table: Table) -> None:
 
 
 class _Wanted:
-    """The columns of a table that a recording takes; one pass over the table fills all of them.
+    """The columns of a table that a recording needs. One pass over the table fills all of them.
 
-    What a file holds is so never in memory beside what is made of it.
+    The source columns are read in parts, so that they are never in memory as a whole beside the result.
     """
 
     def __init__(self, table: Table, clock: Clock) -> None:
@@ -157,9 +157,9 @@ class _Wanted:
         self._takers: list[Callable[[slice, Any], None]] = []
 
     def numbers(self, name: str, into: NDArray[Any] | None = None, factor: float = 1.0) -> NDArray[Any]:
-        """A column as float64, or of the type of `into`, empty cells as NaN, times a factor.
+        """A column times `factor` as float64, or as the type of `into`; empty cells become NaN.
 
-        It is there after `read`.
+        The array is filled by `read`.
         """
         out = np.empty(self.rows) if into is None else into
 
@@ -171,7 +171,7 @@ class _Wanted:
         return out
 
     def since_first(self, name: str, ticks_per_s: float) -> NDArray[np.float64]:
-        """A column of time, counted from its first number, s."""
+        """A time column, counted from the first time stamp of the recording, s; filled by `read`."""
         import pyarrow as pa
 
         out, clock = np.empty(self.rows), self.clock
@@ -182,7 +182,7 @@ class _Wanted:
             is_whole = pa.types.is_integer(part.type)
             present = np.ones(len(part), dtype=bool)
             if is_whole:
-                # In whole numbers, before the way to float64: 1.4e18 ns has more digits than a float64 holds.
+                # Subtract as integers: 1.4e18 ns has more digits than a float64 can represent.
                 if part.null_count:
                     present = part.is_valid().to_numpy(zero_copy_only=False)
                     part = part.fill_null(0)
@@ -199,7 +199,7 @@ class _Wanted:
         return out
 
     def read(self) -> None:
-        """Fill all that was asked for."""
+        """Fill all requested arrays."""
         start = 0
         for part in parts(self._columns):
             where = slice(start, start + len(part[0]))
@@ -217,13 +217,13 @@ class _Wanted:
 
 
 def _float64(part: Any) -> NDArray[np.float64]:
-    """Some rows of a column of numbers, empty cells as NaN."""
-    # Arrow's own conversion would load its library of functions, which takes longer than a short file.
+    """A numeric column, or a part of one, as float64, with empty cells as NaN."""
+    # Not with Arrow's own conversion: loading its function library takes longer than reading a short file.
     return np.asarray(part.to_numpy(zero_copy_only=False), dtype=np.float64)
 
 
 def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], str]:
-    """The three columns of a triad, in SI units or counts, and the unit of their names."""
+    """The three columns of a triad, (N, 3) in SI units or counts, and the unit in their names."""
     table = wanted.table
     found: dict[str, list[tuple[str, str]]] = {axis: [] for axis in AXES[triad]}
     for name in table.names:
@@ -259,7 +259,7 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
 
 
 def _fits_float32(column: Any) -> bool:
-    """Whether float32 holds every number of a column of this type, and NaN for an empty cell."""
+    """Whether float32 can represent every number of this column's type, and NaN for empty cells."""
     import pyarrow as pa
 
     kind = column.type
@@ -277,10 +277,10 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
     if rate_hz is not None:
         if names:
             raise InputError(
-                f"{table.file}: rate_hz is given but there is a column {names[0]}: leave one out"
+                f"{table.file}: rate_hz is given but there is a time column {names[0]}: leave one out"
             )
         if not (math.isfinite(rate_hz) and rate_hz > 0):
-            raise InputError(f"{table.file}: rate_hz is {rate_hz}: a positive number is needed")
+            raise InputError(f"{table.file}: rate_hz is {rate_hz}: give a positive number")
         first = wanted.clock.rows
         return np.arange(first, first + wanted.rows, dtype=np.float64) / rate_hz
     if not names:
@@ -298,14 +298,14 @@ def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.
 
 
 def _ticks_per_s(column: Any) -> float | None:
-    """The ticks of a column of dates with time of day; None for any other."""
+    """The ticks per second of a time stamp column (date with time of day); None for other types."""
     import pyarrow as pa
 
     return TICKS_PER_S[column.type.unit] if pa.types.is_timestamp(column.type) else None
 
 
 def _found(table: Table) -> str:
-    """The columns that are there, and how to name them if they have names of their own."""
+    """A list of the column names, with a proposal for --columns if they are not canonical."""
     from imucal.io.suggestion import columns_suggested
 
     return f"found: {', '.join(table.names)}. {columns_suggested(table.names)}"
@@ -319,7 +319,7 @@ def _is_numeric(column: Any) -> bool:
 
 
 def _refuse_text(table: Table, name: str, column: Any) -> None:
-    """Say where the first cell is that is no number."""
+    """Raises FormatError with the location of the first cell that is not a number."""
     cells = (cell for (part,) in parts([column]) for cell in part.to_pylist())
     for row, cell in enumerate(cells):
         try:
@@ -330,4 +330,4 @@ def _refuse_text(table: Table, name: str, column: Any) -> None:
                 f"{table.file}: {table.place(row)}, column {name}: {text[:40]} is not a number: "
                 "correct it or leave the cell empty"
             ) from None
-    raise FormatError(f"{table.file}: the column {name} holds {column.type}, numbers are needed")
+    raise FormatError(f"{table.file}: the column {name} has the type {column.type}, expected numbers")
