@@ -36,8 +36,8 @@ def messages_of_mcap(file: BinaryIO, topics: Collection[str]) -> Iterator[tuple[
     for _, channel, message in _reader(file).iter_messages(topics=list(topics)):
         if channel.message_encoding not in ("ros1", "cdr"):
             raise FormatError(
-                f"the messages of {channel.topic} are serialised as {channel.message_encoding!r}, not ros1 "
-                "or needed: convert them to sensor_msgs/Imu of ROS"
+                f"the messages of {channel.topic} are serialised as {channel.message_encoding!r}, but ros1 "
+                "or cdr is needed: convert them to sensor_msgs/Imu of ROS"
             )
         yield channel.topic, message.log_time, message.data, channel.message_encoding
 
