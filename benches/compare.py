@@ -21,8 +21,8 @@ from ahrs.filters import AngularRate
 from scipy.spatial.transform import Rotation
 
 import imucal
+import imucal._core as _core
 import scipy_peer
-from imucal import _core
 from kernels import kernel_lines
 from sections import write_section
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from imucal import _core
+import imucal._core as _core
 
 RESULTS = Path(__file__).resolve().parent.parent / "docs" / "results"
 RATES_HZ = (50, 100, 200, 400, 800, 1600, 3200, 8000)

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 import imucal
-from imucal import _core
+import imucal._core as _core
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "effects"
 SEED = 1

@@ -17,7 +17,7 @@ from scipy.stats import chi2
 import imucal
 from gap.said import Said
 from imucal.estimation.options import Options
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 FAMILY_ALPHA = 0.01
 # Directions that the base model takes away all but this share of are not seen.
@@ -131,7 +131,7 @@ BASELINES: dict[str, Callable[[Library], tuple[str, ...]]] = {
 
 def ask(measured: imucal.Recording, candidates: Sequence[str] | None = None) -> dict[str, Said]:
     """What the textbook ways say; empty if the library cannot make a design of this recording."""
-    from imucal import _core
+    import imucal._core as _core
 
     wanted = candidates or [effect.name for effect in imucal.effects.catalogue()]
     start = time.perf_counter()

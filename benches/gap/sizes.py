@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 import imucal
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 G: Final = STANDARD_GRAVITY_MPS2
 DEG: Final = radians(1.0)

@@ -9,10 +9,10 @@ import numpy as np
 
 import imucal
 from imucal.planning.plan import CoreSensors
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
 from imucal.rig.motion import Motion
 from imucal.rig.stand_limits import NAMED
 from imucal.rig.unit import unit_of
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 RATE_HZ = 100.0
 HAND_TREMOR_DEG = 0.05
@@ -75,7 +75,7 @@ class Case:
 
 def predicted(motions: list[Motion], *, in_hand: bool) -> np.ndarray:
     """Standard deviations of one calibration of all these motions."""
-    from imucal import _core
+    import imucal._core as _core
 
     # The tremor is no part of the plan.
     still = [

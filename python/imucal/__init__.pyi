@@ -9,6 +9,7 @@ from .calibration.calibration import (
     Triad as Triad,
 )
 from .calibration.difference import Change as Change, Difference as Difference, diff as diff
+from .document.source import Source as Source
 from .effects.effect import (
     Effect as Effect,
     EffectParameter as EffectParameter,
@@ -41,7 +42,7 @@ from .noise_analysis.noise import (
     noise as noise,
 )
 from .planning.plan import Plan as Plan, PlannedParameter as PlannedParameter, plan as plan
-from .recording.recording import Recording as Recording, Source as Source
+from .recording.recording import Recording as Recording
 from .rig.motion import Program as Program, Static as Static, Step as Step, Tumble as Tumble
 from .rig.stand import Stand as Stand
 from .rig.stand_limits import AxisLimits as AxisLimits, StandLimits as StandLimits

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal import _core, effects
+import imucal._core as _core
+from imucal import effects
 from imucal.calibration.calibration import MAX_EFFECTS
 from imucal.effects.disturbance import disturbances
 

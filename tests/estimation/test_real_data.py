@@ -12,7 +12,7 @@ import pytest
 from scipy.optimize import least_squares
 
 import imucal
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 PADOVA_MPS2 = 9.81744
 MPU9150 = "accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"

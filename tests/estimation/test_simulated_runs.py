@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal import Program, Step, _core
+import imucal._core as _core
+from imucal import Program, Step
 
 SEEDS = range(1, 21)
 WORST = 5.0  # sigmas; 420 normal numbers pass it once in 4000 tries

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal import _core
+import imucal._core as _core
 from imucal.effects import catalogue
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -228,7 +228,7 @@ def test_a_constant_turn_is_integrated_to_its_angle(device):
 
 
 def test_integration_agrees_with_the_batch_one(device):
-    from imucal import _core
+    import imucal._core as _core
 
     time_s, rate = random_move()
     assert angle_between(integrate(device, time_s, rate), _core.integrate(time_s, rate)) < 1e-13

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import imucal
-from imucal import _core
+import imucal._core as _core
 from imucal.cli import main
 from imucal.document.json_document import write_json
 from imucal.effects import catalogue

@@ -17,9 +17,11 @@ from typing import Any, Final, Literal, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+import imucal._core as _core
 from imucal.arrays import FloatArray, as_matrix, as_rows
 from imucal.document.json_document import Node, read_json, write_json
 from imucal.document.plain import plain
+from imucal.document.source import Source
 from imucal.effects.effect import (
     Effect,
     EffectValues,
@@ -30,7 +32,7 @@ from imucal.effects.effect import (
     named_numbers,
 )
 from imucal.errors import InputError
-from imucal.recording.recording import AccelUnit, GyroUnit, Recording, Source
+from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = ["Calibration", "Frame", "Parameter", "Provenance", "Triad", "as_frame"]
 
@@ -257,7 +259,6 @@ class Calibration:
         Raises InputError for other shapes, and if an effect depends on more than rate and force: then
         `apply_recording` is needed.
         """
-        from imucal import _core
         from imucal.calibration.correction import require_no_surroundings
 
         require_no_surroundings(self)
@@ -290,7 +291,6 @@ class Calibration:
         numbers, if a column is missing that an effect depends on, without the definition of a user's effect,
         and for a piece where the whole is needed.
         """
-        from imucal import _core
         from imucal.calibration.correction import remove_user_effects, require_surroundings
 
         for effect in self.user_effects:

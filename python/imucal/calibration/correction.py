@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 import numpy.typing as npt
 
+import imucal._core as _core
 from imucal.arrays import FloatArray, SampleArray
 from imucal.effects.effect import Effect, EffectValues, State, UserEffect
 from imucal.errors import InputError
@@ -120,8 +121,6 @@ def remove_user_effects(calibration: Calibration, recording: Recording) -> Recor
     own = list(_own(calibration))
     if not own:
         return recording
-    from imucal import _core
-
     others = calibration.without_user_effects()
     size = np.hstack(
         (

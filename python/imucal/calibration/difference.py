@@ -17,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration, Provenance
 from imucal.document.plain import plain
@@ -104,8 +105,6 @@ class Difference:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal diff --json`."""
-        from imucal import _core
-
         first, second = (
             {"serial_number": serial_number, "provenance": plain(provenance)}
             for serial_number, provenance in zip(self.serial_numbers, self.provenances, strict=True)
@@ -144,8 +143,6 @@ def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> 
     compared.
     Raises InputError for other raw units, another body frame, and a calibration without a covariance.
     """
-    from imucal import _core
-
     if not (math.isfinite(sigmas) and sigmas > 0):
         raise InputError(f"sigmas is {sigmas}: a positive number is needed")
     _require_comparable(before, after)

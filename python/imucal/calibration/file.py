@@ -11,12 +11,14 @@ from typing import Any, Final, get_args
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.calibration import FRAMES, Calibration, Provenance, Triad, as_frame
 from imucal.document.json_document import Node
 from imucal.document.plain import plain
+from imucal.document.source import Source
 from imucal.effects.effect import Effect, EffectParameter, EffectValues, UserEffect, by_name, catalogue
 from imucal.errors import FormatError, InputError
-from imucal.recording.recording import AccelUnit, GyroUnit, Source
+from imucal.recording.recording import AccelUnit, GyroUnit
 
 __all__ = ["calibration_of", "document_of"]
 
@@ -34,8 +36,6 @@ BODY_FRAME: Final[dict[str, str]] = {
 
 def document_of(calibration: Calibration) -> dict[str, Any]:
     """The fields of the file."""
-    from imucal import _core
-
     document: dict[str, Any] = plain(
         {
             "schema": SCHEMA,
@@ -143,8 +143,6 @@ def _from_node(node: Node, user_effects: Mapping[str, UserEffect]) -> Calibratio
 
 def _require_reference_temperature(node: Node) -> None:
     """Files from before there were effects of temperature do not say from where these count."""
-    from imucal import _core
-
     if "reference_temperature_degc" in node.mapping():
         reference = node.get("reference_temperature_degc")
         if reference.number() != _core.REFERENCE_TEMPERATURE_DEGC:

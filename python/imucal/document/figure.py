@@ -2,51 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from imucal.arrays import FloatArray
 from imucal.document.json_document import Node
 from imucal.errors import FormatError
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.units import COUNTS, units_of
 
-__all__ = ["Figure", "units_of"]
-
-_G: Final = STANDARD_GRAVITY_MPS2
-_DEG: Final = math.pi / 180.0
-
-# SI unit -> the units in which a figure of it may be given, and how many SI units one of them is.
-UNITS: Final[dict[str, dict[str, float]]] = {
-    "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
-    "bit": {"bit": 1.0},
-    "Hz": {"Hz": 1.0},
-    "m/s^2": {"m/s^2": 1.0, "g": _G, "mg": 1e-3 * _G, "ug": 1e-6 * _G},
-    "rad/s": {"rad/s": 1.0, "deg/s": _DEG, "deg/h": _DEG / 3600.0},
-    "m/s^2/sqrt(Hz)": {"m/s^2/sqrt(Hz)": 1.0, "mg/sqrt(Hz)": 1e-3 * _G, "ug/sqrt(Hz)": 1e-6 * _G},
-    "rad/s/sqrt(Hz)": {"rad/s/sqrt(Hz)": 1.0, "deg/s/sqrt(Hz)": _DEG, "mdeg/s/sqrt(Hz)": 1e-3 * _DEG},
-    "m/s^2/s/sqrt(Hz)": {"m/s^2/s/sqrt(Hz)": 1.0},
-    "rad/s/s/sqrt(Hz)": {"rad/s/s/sqrt(Hz)": 1.0},
-    "m/s^2/lsb": {"m/s^2/lsb": 1.0, "mg/lsb": 1e-3 * _G},
-    "rad/s/lsb": {"rad/s/lsb": 1.0, "deg/s/lsb": _DEG, "mdeg/s/lsb": 1e-3 * _DEG},
-    "1/K": {"1/K": 1.0, "%/K": 1e-2, "ppm/K": 1e-6},
-    "m/s^2/K": {"m/s^2/K": 1.0, "mg/K": 1e-3 * _G},
-    "rad/s/K": {"rad/s/K": 1.0, "deg/s/K": _DEG},
-    "rad/s/(m/s^2)": {"rad/s/(m/s^2)": 1.0, "deg/s/g": _DEG / _G},
-    "rad/s/(m/s^2)^2": {"rad/s/(m/s^2)^2": 1.0, "deg/s/g^2": _DEG / _G**2},
-}
-# The same the other way round: counts per unit.
-COUNTS: Final[dict[str, dict[str, float]]] = {
-    "m/s^2/lsb": {"lsb/g": _G},
-    "rad/s/lsb": {"lsb/(deg/s)": _DEG},
-}
-
-
-def units_of(si_unit: str) -> dict[str, float]:
-    """The units in which a figure of this SI unit may be given, and how many SI units one of them is."""
-    return UNITS.get(si_unit, {si_unit: 1.0})
+__all__ = ["Figure"]
 
 
 @dataclass(frozen=True, eq=False)

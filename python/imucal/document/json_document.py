@@ -53,7 +53,7 @@ def write_json(document: Any, path: str | os.PathLike[str]) -> None:
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document; FormatError if the file is not JSON."""
     # It brings the readers of all formats: who calibrates arrays needs none of them.
-    from imucal.io.source import open_file
+    from imucal.document.source import open_file
 
     file = open_file(path)
     # As it was given: among many calibration.json the last part alone says nothing.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Final, Literal
 
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Disturbance", "DisturbanceParameter", "disturbances"]
 

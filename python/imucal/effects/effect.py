@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+import imucal._core as _core
 from imucal.arrays import FloatArray, SampleArray, as_rows
 from imucal.effects.disturbance import disturbances
 from imucal.errors import InputError
@@ -174,8 +175,6 @@ class State:
 
         Without `angular_acceleration`, it is computed as the derivative of the rate; NaN for a single sample.
         """
-        from imucal import _core
-
         rate, force = as_rows(angular_rate, "angular_rate", 3), as_rows(specific_force, "specific_force", 3)
         if angular_acceleration is None:
             angular_acceleration = (
@@ -292,8 +291,6 @@ def catalogue() -> tuple[Effect, ...]:
 
 @cache
 def _rows() -> Mapping[str, Effect]:
-    from imucal import _core
-
     return {
         row.name: Effect(
             row.name,

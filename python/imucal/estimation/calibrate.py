@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import (
     Calibration,
@@ -20,6 +21,7 @@ from imucal.calibration.calibration import (
 )
 from imucal.document.json_document import now
 from imucal.document.plain import without_nan
+from imucal.document.source import Source
 from imucal.document.whole import is_whole
 from imucal.effects.effect import EffectValues, State, UserEffect
 from imucal.errors import FitError, InputError
@@ -28,11 +30,9 @@ from imucal.estimation.options import Options, UserField, asked_for, wander_of
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.recording.one_unit import of_one_unit, require_other_data
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording, Source, as_recordings
+from imucal.recording.recording import Recording, as_recordings
 from imucal.rig.unit import Unit
-
-if TYPE_CHECKING:
-    from imucal import _core
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["calibrate", "calibrated", "fields_for_library"]
 
@@ -88,8 +88,6 @@ def calibrate(
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
     NotEnoughMotionError for poses that are missing, FitError if a fit comes to no acceptable end.
     """
-    from imucal import _core
-
     unit_data = of_one_unit(recordings)
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
         raise InputError(
@@ -130,8 +128,6 @@ def calibrated(
     serial_number: str | None = None,
 ) -> CalibrationResult:
     """As `calibrate`, of recordings that are checked with the same options but for effects and folds."""
-    from imucal import _core
-
     raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
     outcome = _core.calibrate(checked, unit_data, options)
     if own:
@@ -219,8 +215,6 @@ def _with_user_effects(
     outcome: _core.Outcome,
 ) -> tuple[Options, _core.Outcome]:
     """Estimate with the fields of `own`, again until they settle: they may depend on the corrected state."""
-    from imucal import _core
-
     fields: tuple[UserField, ...] = ()
     for _ in range(MOST_FIELD_ROUNDS):
         current = Calibration(

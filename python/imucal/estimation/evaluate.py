@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration, Provenance, Triad
 from imucal.calibration.correction import empty_samples
 from imucal.document.json_document import now
@@ -94,8 +95,6 @@ class Evaluation:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal evaluate --json`."""
-        from imucal import _core
-
         return {
             "schema": SCHEMA,
             "serial_number": self.serial_number,
@@ -125,8 +124,6 @@ def evaluate(
     Raises InputError for recordings with faults or of other raw units, and for what is no Calibration or no
     Recording; NotEnoughMotionError without any rest.
     """
-    from imucal import _core
-
     require_calibration(calibration)
     judges = as_recordings(recordings)
     if not judges:

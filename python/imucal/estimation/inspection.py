@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration, Triad
 from imucal.document.plain import without_nan
 from imucal.errors import ImucalError
@@ -16,7 +17,8 @@ from imucal.estimation.calibrate import calibrate
 from imucal.estimation.evaluate import MIN_REST_S
 from imucal.estimation.options import Options
 from imucal.finding import Finding
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording, as_recording
+from imucal.recording.recording import Recording, as_recording
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Inspection", "inspect"]
 
@@ -66,8 +68,6 @@ def inspect(
     min_rest_s: float = MIN_REST_S,
 ) -> Inspection:
     """Check a recording, find its rests, and say what they determine; faults are findings, not errors."""
-    from imucal import _core
-
     as_recording(recording)
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
     missing = _missing(recording, gravity_mps2, min_rest_s)
@@ -114,8 +114,6 @@ def _predicted(
 
     What a calibration refuses to estimate has none, though theory determine it: a start may be missing.
     """
-    from imucal import _core
-
     options = Options(gravity_mps2, "symmetric", min_rest_s, True, None, None)
     try:
         prospect = _core.prospect([recording], options)

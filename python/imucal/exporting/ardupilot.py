@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.exporting.autopilot import PerAxis, per_axis_model
 from imucal.exporting.format import SI, Format, Written, line_comments, number
@@ -67,8 +68,6 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float]]:
     """INS_TCAL1 parameters of both sensors, as one switch enables both; zeros for a sensor without terms."""
-    from imucal import _core
-
     if not model.thermal:
         return
     reference = _core.REFERENCE_TEMPERATURE_DEGC

@@ -15,6 +15,7 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import EffectValues
 from imucal.exporting.c_fields import FIELDS, WARM_UPS, product_of
@@ -82,8 +83,6 @@ def _needs(calibration: Calibration, values: EffectValues) -> Sequence[str]:
 def _notes(
     calibration: Calibration, effects: Sequence[EffectValues], needs: Sequence[str]
 ) -> tuple[str, ...]:
-    from imucal import _core
-
     notes = ["No allocation and no state. The output arrays may be the input arrays."]
     if effects:
         notes.append(f"Effects compensated: {', '.join(values.name for values in effects)}")
@@ -230,8 +229,6 @@ def _constants_of_a_sample(
     effects: Sequence[EffectValues], real: str, literal: Callable[[float], str], single: bool
 ) -> list[str]:
     """Local variables for the quantities other than rate and force that the fields depend on."""
-    from imucal import _core
-
     used = " ".join(
         expression for values in effects for column in FIELDS[values.name] for _, expression in column
     )

@@ -19,7 +19,7 @@ from imucal.calibration.calibration import Calibration
 from imucal.exporting.c_file import PREFIX, guarded, require_prefix
 from imucal.exporting.format import Format, Written, block_comment, number
 from imucal.exporting.model import FRAMES, linear, lost_effects
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult

@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration, Frame, Triad
 from imucal.effects.effect import EffectValues, UserEffect
@@ -34,8 +35,6 @@ FRAMES: Final[dict[Frame, str]] = {
 
 def inverse(triad: Triad) -> FloatArray:
     """The inverse of the sensitivity, (3, 3), bit for bit the matrix that imucal-core applies on a device."""
-    from imucal import _core
-
     unit = Triad(triad.sensitivity, np.zeros(3))
     # Correcting the unit vectors gives the columns of the inverse.
     columns, _ = _core.correct(Calibration(unit, unit), np.eye(3), np.zeros((3, 3)))
@@ -54,8 +53,6 @@ def rotated(calibration: Calibration, frame: Frame) -> tuple[Calibration, FloatA
     v_new = rotation v_old. Raises InputError if the accelerometer axes are left-handed, because no rotation
     maps them to a right-handed frame.
     """
-    from imucal import _core
-
     old = calibration.accelerometer.sensitivity
     if np.linalg.det(old) < 0:
         raise InputError(

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Final
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.exporting.autopilot import PerAxis, per_axis_model
 from imucal.exporting.format import SI, Format, Written, line_comments, number
@@ -64,8 +65,6 @@ def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
 
 
 def _thermal_rows(model: PerAxis) -> Iterable[tuple[str, float | int]]:
-    from imucal import _core
-
     low, high = model.range_degc(RANGE_DEGC)
     for sensor, thermal in model.thermal.items():
         letter = LETTERS[sensor]

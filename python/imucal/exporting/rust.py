@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
+import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import EffectValues
@@ -38,8 +39,6 @@ pub fn calibration<F: RealField + Copy>() -> Result<Calibration<F>, &'static str
 
 def write(calibration: Calibration, noise: NoiseResult | None) -> Written:
     """The module. It omits user-defined effects, whose fields are Python functions."""
-    from imucal import _core
-
     own = {effect.name for effect in calibration.user_effects}
     effects = [values for values in calibration.effects if values.name not in own]
     imports = "use imucal_core::{calibration::Calibration, sensor::Triad};"

@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import UserEffect, by_name, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
@@ -23,10 +23,8 @@ from imucal.estimation.evaluate import MIN_REST_S, require_calibration
 from imucal.gap.outcome import data_fault, outcome
 from imucal.gap.result import Gap
 from imucal.gap.trial import Trial
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording, as_recordings
-
-if TYPE_CHECKING:
-    from imucal import _core
+from imucal.recording.recording import Recording, as_recordings
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["find_gap"]
 
@@ -131,8 +129,6 @@ def _not_the_earth(trial: Trial, found: _core.Search) -> str | None:
     size = float(np.linalg.norm(values))
     direction = np.asarray(values) / size
     sigma = float(np.sqrt(direction @ np.asarray(calibration.covariance)[np.ix_(own, own)] @ direction))
-    from imucal import _core
-
     return None if _core.is_earth_rate(size, sigma) else _not_as_fast(size, sigma)
 
 

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.document.plain import plain
 from imucal.effects.effect import Effect, catalogue
 from imucal.errors import ImucalError
@@ -156,8 +157,6 @@ def _separation(
 
 
 def _design(trial: Trial, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
-    from imucal import _core
-
     _, base, candidates = _core.gap_design(recordings, trial.options, [(name, False) for name in names])
     # Only products of columns count: R of their QR factors has the same ones in a few rows.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))

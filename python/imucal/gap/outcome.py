@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.effects.effect import Effect, UserEffect, find
 from imucal.estimation.evaluate import evaluate
@@ -15,9 +16,6 @@ from imucal.gap.result import Gap
 from imucal.gap.trial import Trial, require_figures
 from imucal.gap.verdict import judge, misfits
 from imucal.gap.where import disagreement
-
-if TYPE_CHECKING:
-    from imucal import _core
 
 __all__ = ["data_fault", "outcome"]
 

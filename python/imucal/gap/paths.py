@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+import imucal._core as _core
 from imucal.arrays import as_rows
 from imucal.recording.recording import Recording
 
@@ -41,8 +42,6 @@ class Paths:
     """
 
     def __init__(self, corrected: Recording, moves: list[Placed]) -> None:
-        from imucal import _core
-
         time_s, rate = corrected.time_s, as_rows(corrected.angular_rate, "angular_rate", 3)
         self.moves = moves
         ends, quaternions = [], []

@@ -2,40 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2 as G
+from imucal.units import SHOWN
 
 if TYPE_CHECKING:
     from imucal.gap.result import Gap
 
 __all__ = ["explanation", "for_people", "sentences"]
 
-DEG: Final = 180.0 / math.pi
-# SI units of parameters and residuals, the factor to what people read, and its name.
-READ_AS: Final = {
-    "rad": (DEG, "deg"),
-    "rad/s": (DEG, "deg/s"),
-    "rad/s/s": (100.0 * DEG, "deg/s per 100 s"),
-    "rad/s/K": (DEG, "deg/s per K"),
-    "rad/s/K^2": (DEG, "deg/s per K^2"),
-    "rad/s/(m/s^2)": (DEG * G, "deg/s per g"),
-    "rad/s/(m/s^2)^2": (DEG * G**2, "deg/s per g^2"),
-    "m/s^2": (1e3 / G, "mg"),
-    "m/s^2/s": (1e5 / G, "mg per 100 s"),
-    "m/s^2/K": (1e3 / G, "mg per K"),
-    "m/s^2/K^2": (1e3 / G, "mg per K^2"),
-    "1": (1e2, "%"),
-    "1/s": (1e8, "ppm per 100 s"),
-    "1/K": (1e6, "ppm per K"),
-    "1/(m/s^2)": (1e2 * G, "% per g"),
-    "1/(m/s^2)^2": (1e2 * G**2, "% per g^2"),
-    "s/rad": (1e4 / DEG, "% per 100 deg/s"),
-    "s^2/rad^2": (1e6 / DEG**2, "% per (100 deg/s)^2"),
-    "m": (1e3, "mm"),
-}
 # Delays are shorter than this, time constants longer.
 DELAY_S: Final = 0.1
 KINDS: Final = {
@@ -62,7 +38,7 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
     """A number in the unit that people read, and that unit."""
     if unit == "s":
         return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
-    factor, name = READ_AS.get(unit, (1.0, unit))
+    factor, name = SHOWN.get(unit, (1.0, unit))
     return factor * value, name
 
 

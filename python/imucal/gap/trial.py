@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.effects.effect import UserEffect, catalogue
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrated, fields_for_library
@@ -17,7 +18,6 @@ from imucal.recording.one_unit import of_one_unit, require_other_data, with_own_
 from imucal.recording.recording import Recording
 
 if TYPE_CHECKING:
-    from imucal import _core
     from imucal.estimation.evaluate import Evaluation
 
 __all__ = ["Trial", "require_figures"]
@@ -80,16 +80,12 @@ class Trial:
 
     def _checked(self) -> _core.Checked:
         """The recordings change as little as the options: they are checked once."""
-        from imucal import _core
-
         if self._known is None:
             self._known = _core.Checked(self.unit_data, self.options)
         return self._known
 
     def search(self, before: CalibrationResult, wanted: Sequence[str] | None) -> _core.Search:
         """What explains the recordings, out of the effects that are wanted."""
-        from imucal import _core
-
         names = wanted if wanted is not None else [effect.name for effect in catalogue()]
         self.stage(f"scoring {len(names) + len(self.user_effects)} effects")
         fields = fields_for_library(before.calibration, self.unit_data, tuple(self.user_effects.values()))

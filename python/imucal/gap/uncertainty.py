@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.correction import left_in_data
 from imucal.effects.effect import State, UserEffect
 
@@ -103,7 +104,6 @@ def _fields(
     effect: Effect | UserEffect, values: EffectValues, state: State
 ) -> Iterator[tuple[str, FloatArray]]:
     """Derivative of what the effect adds by each of its parameters, (N, 3), with the parameter's name."""
-    from imucal import _core
 
     def field(shape: float | None) -> FloatArray:
         columns: FloatArray = (

@@ -11,17 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
+import imucal._core as _core
 from imucal.effects.disturbance import disturbances
 from imucal.estimation.evaluate import poor_figures
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.rules import faults_without_effect, mount_slips
 from imucal.gap.trial import Trial
-
-if TYPE_CHECKING:
-    from imucal import _core
 
 __all__ = ["Verdict", "judge", "misfits"]
 

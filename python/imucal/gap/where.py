@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.correction import left_in_data
 from imucal.gap.residuals import Channel, Item, Residuals
 
@@ -135,6 +136,4 @@ def _common_axis(turns: Sequence[Any]) -> str | None:
 
 
 def _p_value(statistic: float, dof: int) -> float:
-    from imucal import _core
-
     return float(_core.chi2_p_value(statistic, dof))

@@ -6,11 +6,11 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+from imucal.document.source import require_file
 from imucal.errors import InputError
 from imucal.io.canonical import write_columns, write_parts
 from imucal.io.formats import FORMATS, Format
 from imucal.io.recognition import recognise
-from imucal.io.source import require_file
 from imucal.io.text import NotInPartsError
 from imucal.io.vocabulary import NAMES, column_names
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording

@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 
+from imucal.document.source import open_file
 from imucal.errors import InputError
-from imucal.io.source import open_file
 from imucal.io.text import read_headerless
 from imucal.io.vocabulary import NAMES, SKIP, is_canonical, recording_from_table
 from imucal.recording.recording import Recording

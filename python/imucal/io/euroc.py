@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import os
 
+from imucal.document.source import open_file
 from imucal.errors import FormatError
-from imucal.io.source import open_file
 from imucal.io.text import read_headed
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording

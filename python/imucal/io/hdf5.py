@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from imucal.document.source import open_large, parsing
 from imucal.io.extra import library
 from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays, spread
-from imucal.io.source import open_large, parsing
 from imucal.recording.recording import Recording
 
 __all__ = ["hdf5_arrays", "read_hdf5"]

@@ -7,11 +7,13 @@ from typing import get_args
 
 import numpy as np
 
+from imucal.document.source import open_file
 from imucal.errors import FormatError, InputError
-from imucal.io.source import Table, open_file
+from imucal.io.table import Table
 from imucal.io.text import read_headerless
-from imucal.io.vocabulary import TICKS_PER_S, recording_from_table
+from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording
+from imucal.units import TICKS_PER_S
 
 __all__ = ["read_imu_tk"]
 

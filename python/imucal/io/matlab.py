@@ -9,10 +9,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from imucal.document.source import first_bytes, open_large, parsing
 from imucal.io.extra import library
 from imucal.io.hdf5 import hdf5_arrays
 from imucal.io.named_arrays import Array, NamedArrays, recording_from_arrays
-from imucal.io.source import first_bytes, open_large, parsing
 from imucal.recording.recording import Recording
 
 __all__ = ["MATLAB_MAGIC", "read_matlab"]

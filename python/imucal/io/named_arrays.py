@@ -17,11 +17,13 @@ from typing import Any, TypeAlias
 
 from numpy.typing import NDArray
 
+from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
 from imucal.io.columns import column_list, mapping_of
-from imucal.io.source import Table
-from imucal.io.vocabulary import AXES, NAMES, SKIP, TO_SI, is_canonical, recording_from_table
-from imucal.recording.recording import Recording, Source
+from imucal.io.table import Table
+from imucal.io.vocabulary import AXES, NAMES, SKIP, is_canonical, recording_from_table
+from imucal.recording.recording import Recording
+from imucal.units import COLUMN_UNITS
 
 __all__ = ["Array", "NamedArrays", "recording_from_arrays", "spread"]
 
@@ -166,7 +168,7 @@ def _canonical(arrays: NamedArrays) -> list[tuple[str, Array]]:
 def _triad_of(name: str) -> str | None:
     """The triad, for example accel for accel_x_mps2 and accel_mps2; None for other names."""
     triad, _, unit = re.sub(r"_[xyz123]_", "_", name, count=1).partition("_")
-    return triad if unit in TO_SI.get(triad, {}) else None
+    return triad if unit in COLUMN_UNITS.get(triad, {}) else None
 
 
 def _columns(file: str, name: str, array: Array) -> list[tuple[str, Array]]:
@@ -176,7 +178,7 @@ def _columns(file: str, name: str, array: Array) -> list[tuple[str, Array]]:
             f"{file}: the array {name} has elements of type {array.dtype}, not real numbers: choose another"
         )
     triad, _, unit = name.partition("_")
-    if unit in TO_SI.get(triad, {}):
+    if unit in COLUMN_UNITS.get(triad, {}):
         rows = array if array.ndim == 2 and array.shape[1] == 3 else array.T
         if rows.ndim != 2 or rows.shape[1] != 3:
             raise FormatError(

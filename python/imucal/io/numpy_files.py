@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from imucal.document.source import open_large, parsing
 from imucal.errors import FormatError
 from imucal.io.named_arrays import NamedArrays, recording_from_arrays, spread
-from imucal.io.source import open_large, parsing
 from imucal.recording.recording import Recording
 
 __all__ = ["read_numpy"]

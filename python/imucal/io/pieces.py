@@ -6,12 +6,13 @@ import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
+from imucal.document.source import Source, open_large
 from imucal.errors import FormatError
 from imucal.io.canonical import chosen, parquet_table, read_csv
-from imucal.io.source import Table, open_large, parts
+from imucal.io.table import Table, parts
 from imucal.io.text import NotInPartsError, headed_parts
 from imucal.io.vocabulary import Clock, recording_from_table
-from imucal.recording.recording import Recording, Source
+from imucal.recording.recording import Recording
 
 __all__ = ["Whole", "csv_pieces", "parquet_pieces"]
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
+from imucal.document.source import first_bytes, is_folder
 from imucal.errors import FormatError
 from imucal.io.canonical import PARQUET_MAGIC
 from imucal.io.columns import mapping_of
@@ -15,7 +16,6 @@ from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
 from imucal.io.matlab import MATLAB_MAGIC
 from imucal.io.ros import ROS1_MAGIC
-from imucal.io.source import first_bytes, is_folder
 from imucal.io.suggestion import columns_suggested
 from imucal.io.text import first_fields, is_number
 from imucal.io.ulog import ULOG_MAGIC

@@ -15,12 +15,12 @@ from typing import Any, Final
 
 import numpy as np
 
+from imucal.document.source import Source, first_bytes, is_folder, open_large, parsing
 from imucal.errors import FormatError, InputError
 from imucal.io.extra import library
 from imucal.io.mcap import messages_of_mcap, topics_of_mcap
-from imucal.io.source import first_bytes, is_folder, open_large, parsing
 from imucal.io.streams import Stream, recording_from_streams
-from imucal.recording.recording import Recording, Source
+from imucal.recording.recording import Recording
 
 __all__ = ["ROS1_MAGIC", "read_mcap", "read_rosbag"]
 

@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from imucal.arrays import FloatArray
+from imucal.document.source import Source
 from imucal.errors import FormatError
 from imucal.finding import Finding
-from imucal.recording.recording import Recording, Source
+from imucal.recording.recording import Recording
 
 __all__ = ["Stream", "median_rate_hz", "recording_from_streams"]
 

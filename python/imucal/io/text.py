@@ -8,8 +8,9 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from imucal.document.source import File, first_bytes
 from imucal.errors import FormatError
-from imucal.io.source import File, Table, first_bytes
+from imucal.io.table import Table
 
 __all__ = ["NotInPartsError", "first_fields", "headed_parts", "is_number", "read_headed", "read_headerless"]
 

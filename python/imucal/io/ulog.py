@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from imucal.document.source import open_large, parsing
 from imucal.errors import FormatError, InputError
 from imucal.finding import Finding
 from imucal.io.extra import library
 from imucal.io.remarks import damaged, remark
-from imucal.io.source import open_large, parsing
 from imucal.io.streams import Stream, median_rate_hz, recording_from_streams
 from imucal.recording.recording import Recording
 

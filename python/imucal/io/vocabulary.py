@@ -20,9 +20,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
-from imucal.io.source import Table, parts
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording, Source
+from imucal.io.table import Table, parts
+from imucal.recording.recording import Recording
+from imucal.units import COLUMN_UNITS, TICKS_PER_S
 
 __all__ = ["NAMES", "SKIP", "Clock", "column_names", "is_canonical", "recording_from_table"]
 
@@ -32,14 +34,6 @@ NAMES = (
 )
 SKIP = ("-", "skip")
 
-DEGREE_RAD = math.pi / 180.0
-
-TICKS_PER_S = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
-TO_SI = {
-    "accel": {"mps2": 1.0, "g": STANDARD_GRAVITY_MPS2, "mg": STANDARD_GRAVITY_MPS2 / 1000.0, "lsb": 1.0},
-    "gyro": {"radps": 1.0, "dps": DEGREE_RAD, "mdps": DEGREE_RAD / 1000.0, "lsb": 1.0},
-    "stand": {"rad": 1.0, "deg": DEGREE_RAD},
-}
 AXES = {"accel": "xyz", "gyro": "xyz", "stand": "123"}
 TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
 
@@ -128,7 +122,7 @@ def _triad_part(name: str) -> tuple[str, str, str] | None:
     if match is None:
         return None
     triad, axis, unit = match[1] or match[3], match[2] or match[4], match[5]
-    return (triad, axis, unit) if unit in TO_SI[triad] else None
+    return (triad, axis, unit) if unit in COLUMN_UNITS[triad] else None
 
 
 def _time_unit(name: str) -> str | None:
@@ -239,7 +233,7 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
         if not names:
             raise FormatError(
                 f"{table.file}: the column {triad}_{axis}_* is missing "
-                f"(* is one of {', '.join(TO_SI[triad])}); {_found(table).rstrip('. ')}"
+                f"(* is one of {', '.join(COLUMN_UNITS[triad])}); {_found(table).rstrip('. ')}"
             )
     columns = [found[axis][0] for axis in AXES[triad]]
     units = {unit for _, unit in columns}
@@ -250,7 +244,7 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
         )
     unit = units.pop()
     used.update(name for name, _ in columns)
-    factor = TO_SI[triad][unit]
+    factor = COLUMN_UNITS[triad][unit]
     is_small = factor == 1.0 and all(_fits_float32(table.column(name)) for name, _ in columns)
     values = np.empty((wanted.rows, 3), np.float32 if is_small else np.float64)
     for column, (name, _) in enumerate(columns):

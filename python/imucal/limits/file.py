@@ -8,10 +8,10 @@ from typing import Any, Final
 
 from imucal.calibration.calibration import ACCEL_ENTRIES, GYRO_ENTRIES
 from imucal.document.json_document import Node
+from imucal.document.source import Source
 from imucal.effects.effect import UserEffect, definitions
 from imucal.errors import FormatError, InputError
 from imucal.limits.limits import COUNTS, FIGURES, FigureLimit, Limits, ParameterLimit
-from imucal.recording.recording import Source
 
 __all__ = ["document_of", "limits_of"]
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from imucal.document.plain import without_nan
-from imucal.recording.recording import Source
+from imucal.document.source import Source
 
 __all__ = ["Check", "Judgement"]
 

@@ -19,12 +19,11 @@ from typing import Any, Final
 
 from imucal.calibration.calibration import Calibration, Parameter
 from imucal.document.json_document import read_json, write_json
+from imucal.document.source import Source, open_file
 from imucal.effects.effect import UserEffect
 from imucal.errors import InputError
 from imucal.estimation.result import CalibrationResult
-from imucal.io.source import open_file
 from imucal.limits.judgement import Check, Judgement
-from imucal.recording.recording import Source
 
 __all__ = ["FigureLimit", "Limits", "ParameterLimit"]
 

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.document.whole import check_threads
 from imucal.errors import InputError
@@ -32,8 +33,6 @@ def allan_deviation(
     docs/model.md (29). Raises InputError for values that are no numbers, and for a time of less than one
     sample or of more than half of them.
     """
-    from imucal import _core
-
     check_threads(threads)
     if not (np.isfinite(rate_hz) and rate_hz > 0):
         raise InputError(f"rate_hz is {rate_hz}: give the sample rate in Hz")

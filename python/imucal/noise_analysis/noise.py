@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.document.plain import without_nan
 from imucal.document.whole import check_threads
 from imucal.estimation.evaluate import MIN_REST_S
 from imucal.finding import Finding
 from imucal.recording.recording import Recording, as_recording
-
-if TYPE_CHECKING:
-    from imucal import _core
 
 __all__ = ["AxisNoise", "NoiseFigure", "NoiseResult", "noise"]
 
@@ -168,8 +166,6 @@ def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int 
     Raises InputError for faults, lost and repeated samples among them, and for rests of fewer than 1000
     samples; NotEnoughMotionError if the unit is never at rest.
     """
-    from imucal import _core
-
     as_recording(recording)
     check_threads(threads)
     found = _core.identify_noise(recording, min_rest_s, threads)

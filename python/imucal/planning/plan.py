@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration, Triad
 from imucal.document.plain import without_nan
 from imucal.document.whole import check_count, check_seed
@@ -25,12 +26,13 @@ from imucal.effects.effect import catalogue, find
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.options import Options
 from imucal.planning.targets import sigma_of, targets_of, worst_of
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording
+from imucal.recording.recording import Recording
 from imucal.rig.motion import Motion, Program, Tumble, motion_of
 from imucal.rig.stand import Stand
 from imucal.rig.stand_limits import StandLimits, stand_limits_of
 from imucal.rig.unit import Unit, unit_of
 from imucal.simulation.simulate import simulate
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Plan", "PlannedParameter", "plan"]
 
@@ -265,8 +267,6 @@ class _Planner:
         )
 
     def _search(self, minutes: float, sigma: Sequence[float] | None, proposals: int) -> tuple[Program, bool]:
-        from imucal import _core
-
         steps, reached = _core.optimal_program(
             self._sensors(minutes), self.limits.in_si(), 60.0 * minutes, sigma, self.seed, proposals
         )
@@ -276,8 +276,6 @@ class _Planner:
         return CoreSensors(self.unit, self.rate_hz, self.gravity_mps2, self.effects, 60.0 * minutes)
 
     def _sigma(self, motions: Sequence[Motion], minutes: float) -> tuple[list[float], int]:
-        from imucal import _core
-
         trembles = any(isinstance(motion, Tumble) and motion.tremor_deg > 0 for motion in motions)
         limits, in_hand = self.limits, self.limits.in_hand
         sigma, rests = _core.predict_sigma(
@@ -291,8 +289,6 @@ class _Planner:
 
     def _parameters(self, minutes: float) -> list[tuple[str, str]]:
         """Name and unit of each."""
-        from imucal import _core
-
         perfect = Triad(np.eye(3), np.zeros(3))
         base = [(parameter.name, parameter.unit) for parameter in Calibration(perfect, perfect).parameters]
         return [*base, *_core.plan_effect_parameters(self._sensors(minutes))]
@@ -311,8 +307,6 @@ class _Planner:
 
     def _determined(self, run: Recording) -> tuple[list[bool], str | None]:
         """Which of the 21 parameters a run determines, and what is missing in words."""
-        from imucal import _core
-
         prospect = _core.prospect([run], self._options())
         return [sigma is not None for sigma in prospect.predicted_sigma], prospect.missing
 
@@ -320,8 +314,6 @@ class _Planner:
         self, run: Recording
     ) -> tuple[dict[str, dict[str, Any]], tuple[dict[str, str], ...], list[str]]:
         """Detection limits, what cannot be seen, and why there are none."""
-        from imucal import _core
-
         candidates = [(effect.name, False) for effect in catalogue()]
         try:
             visible, blind = _core.smallest_visible([run], self._options(), candidates)

@@ -7,9 +7,9 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from imucal.document.figure import units_of
 from imucal.effects.effect import find
 from imucal.errors import InputError
+from imucal.units import units_of
 
 if TYPE_CHECKING:
     from imucal.planning.plan import PlannedParameter

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.planning.targets import GROUPS
+from imucal.units import units_of
 
 if TYPE_CHECKING:
     from imucal.planning.plan import Plan
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["headline", "summary", "worst_rows"]
 
 # How people say sizes of this kind.
-SHOWN: Final = {"1": (1e6, "ppm"), "m/s^2": (1e6 / 9.80665, "ug"), "rad/s": (1.0, "rad/s")}
+READ_IN: Final = {"1": "ppm", "m/s^2": "ug"}
 
 
 def headline(plan: Plan) -> str:
@@ -28,8 +29,8 @@ def shown(size: Mapping[str, Any] | None) -> str:
     """A standard deviation with its unit."""
     if size is None:
         return "not determined"
-    factor, unit = SHOWN.get(size["unit"], (1.0, size["unit"]))
-    return f"{size['value'] * factor:.3g} {unit}"
+    unit = READ_IN.get(size["unit"], size["unit"])
+    return f"{size['value'] / units_of(size['unit'])[unit]:.3g} {unit}"
 
 
 def worst_rows(plan: Plan) -> list[list[str]]:

@@ -10,38 +10,26 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, SampleArray, as_rows, as_samples
+from imucal.document.source import Source
 from imucal.errors import InputError
 from imucal.finding import Finding
 
 __all__ = [
-    "STANDARD_GRAVITY_MPS2",
     "AccelUnit",
     "GyroUnit",
     "Recording",
-    "Source",
     "as_recording",
     "as_recordings",
 ]
 
-# What datasheets mean by g.
-STANDARD_GRAVITY_MPS2: Final = 9.80665
-
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
-
-
-@dataclass(frozen=True)
-class Source:
-    """A file that a recording was read from: its path as it was given, and the SHA-256 of its bytes."""
-
-    path: str
-    sha256: str
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)

@@ -15,6 +15,7 @@ from typing import Any, Final, TypeAlias
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.document.json_document import Node, read_json, write_json
 from imucal.document.whole import check_count, check_seed
 from imucal.errors import FormatError, InputError
@@ -57,8 +58,6 @@ class Program:
 
         max_rate_dps  bound of each motor's mean rate over a turn, deg/s
         """
-        from imucal import _core
-
         check_seed(seed)
         check_count(moves, "moves")
         return Program.of_steps(_core.random_program(moves, math.radians(max_rate_dps), move_s, hold_s, seed))
@@ -66,8 +65,6 @@ class Program:
     @staticmethod
     def grid(*, step_deg: float = 20.0, move_s: float = 1.0, hold_s: float = 5.0) -> Program:
         """The paper's accelerometer program: motor 3 through full turns, motor 2 through half a turn."""
-        from imucal import _core
-
         return Program.of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
 
     @staticmethod

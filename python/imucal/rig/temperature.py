@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.arrays import FloatArray, as_rows
+from imucal.document.source import open_file
 from imucal.errors import FormatError, InputError
-from imucal.io.source import open_file
 
 __all__ = ["Temperature"]
 

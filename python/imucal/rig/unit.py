@@ -18,6 +18,7 @@ from typing import Any, Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.arrays import FloatArray, as_matrix
 from imucal.document.figure import Figure
 from imucal.document.json_document import Node, read_json, write_json
@@ -256,8 +257,6 @@ def _require_known(node: Node, fields: Iterable[str]) -> None:
 
 def _draw(node: Node, seed: int) -> Unit:
     """A random unit of a profile."""
-    from imucal import _core
-
     check_seed(seed)
     profile = unit_from(node)
     spread = node.get("spread") if "spread" in node.mapping() else Node({}, "$.spread", node.file)

@@ -16,11 +16,11 @@ from imucal.document.whole import check_seed
 from imucal.effects.effect import EffectValues, UserEffect, by_name, catalogue
 from imucal.effects.values import effects_of, effects_to_list
 from imucal.errors import FormatError, InputError
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
 from imucal.rig.motion import Motion, Program, Tumble, motion_from, motion_to_dict
 from imucal.rig.stand import Stand
 from imucal.rig.temperature import REFERENCE_DEGC, Temperature
 from imucal.rig.unit import Sensor, Unit, unit_from
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Setup"]
 

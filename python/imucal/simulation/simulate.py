@@ -17,19 +17,21 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+import imucal._core as _core
 from imucal.arrays import FloatArray, as_rows
 from imucal.document.json_document import read_json
 from imucal.effects.disturbance import disturbances
 from imucal.effects.effect import EffectValues, State, UserEffect, by_name
 from imucal.effects.values import EffectInput, give_effects
 from imucal.errors import InputError
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2, Recording
+from imucal.recording.recording import Recording
 from imucal.rig.motion import Motion, Program, motion_of
 from imucal.rig.stand import Stand, stand_from_name
 from imucal.rig.temperature import REFERENCE_DEGC, Temperature, temperature_of
 from imucal.rig.unit import Sensor, Unit, unit_of
 from imucal.simulation.setup import Setup, setup_from, with_disturbances
 from imucal.simulation.truth import Truth, truth_of
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Auxiliary", "Simulation", "repeat", "simulate"]
 
@@ -129,8 +131,6 @@ def repeat(
 
 def run(setup: Setup, auxiliary: Auxiliary | None = None, keep_temperature: bool = False) -> Simulation:
     """Run a setup."""
-    from imucal import _core
-
     samples: dict[str, FloatArray] = {}
     sampled_s = np.zeros(0)
     added: dict[str, FloatArray | None] = {}
@@ -221,8 +221,6 @@ def _place(
     given: tuple[EffectValues, ...],
 ) -> tuple[float, tuple[EffectValues, ...]]:
     """Gravity and the Earth's rate of a place."""
-    from imucal import _core
-
     if latitude_deg is None:
         if height_m is not None:
             raise InputError("height_m without latitude_deg says nothing of gravity: give the latitude, too")

@@ -12,19 +12,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
+import imucal._core as _core
 from imucal.calibration.calibration import require_serial_number
 from imucal.document.json_document import now, write_json
+from imucal.document.source import open_large
 from imucal.errors import ImucalError, InputError
 from imucal.exporting import FORMATS, Export, export, find_format
 from imucal.io import read
-from imucal.io.source import open_large
 from imucal.limits.limits import Limits
-from imucal.recording.recording import STANDARD_GRAVITY_MPS2
 from imucal.rig.motion import Program
 from imucal.stand.driver import Driver, Source
 from imucal.stand.programs import in_another_order, ranges_deg, require_determined
 from imucal.stand.recorder import Done, Moment, record
 from imucal.stand.verdict import Assessment, Reason, assess
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Order", "Outcome", "calibrate_unit"]
 
@@ -102,8 +103,6 @@ class Outcome:
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal stand calibrate --json`, and result.json in the folder."""
-        from imucal import _core
-
         result = self.assessment.result if self.assessment else None
         return {
             "schema": SCHEMA,

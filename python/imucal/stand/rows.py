@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from imucal.arrays import FloatArray
-from imucal.io.source import Table
+from imucal.io.table import Table
 from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 

@@ -10,9 +10,9 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from imucal import units
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
-from imucal.io import vocabulary
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Event
 from imucal.stand.link import Link, LinkLostError
@@ -20,7 +20,7 @@ from imucal.stand.link import Link, LinkLostError
 __all__ = ["StreamSource"]
 
 TRY_AGAIN_S: Final = 0.3
-TICKS_PER_S: Final = {f"time_{unit}": ticks for unit, ticks in vocabulary.TICKS_PER_S.items()}
+TICKS_PER_S: Final = {f"time_{unit}": ticks for unit, ticks in units.TICKS_PER_S.items()}
 SEQUENCE: Final = "sequence"
 # A counter that falls from this share of its range, or above, to the rest of it below has turned over.
 TURNED: Final = 0.9

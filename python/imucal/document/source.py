@@ -1,36 +1,29 @@
-"""Access to the bytes of input files, and the table that the reader of a format returns."""
+"""Access to the bytes of input files, and their SHA-256."""
 
 from __future__ import annotations
 
 import os
 import stat
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Final
 
 from imucal.errors import FormatError, ImucalError, InputError
-from imucal.recording.recording import Source
 
-__all__ = [
-    "ROWS_AT_ONCE",
-    "File",
-    "Stored",
-    "Table",
-    "first_bytes",
-    "is_folder",
-    "open_file",
-    "open_large",
-    "parsing",
-    "parts",
-    "require_file",
-]
+__all__ = ["File", "Source", "first_bytes", "is_folder", "open_file", "open_large", "parsing", "require_file"]
 
 # Bytes read at once to hash a file.
-HASHED_AT_ONCE = 1 << 20
-# Rows of a table processed at once; their columns fit into the processor's cache.
-ROWS_AT_ONCE = 1 << 16
+HASHED_AT_ONCE: Final = 1 << 20
+
+
+@dataclass(frozen=True)
+class Source:
+    """A file that a recording was read from: its path as it was given, and the SHA-256 of its bytes."""
+
+    path: str
+    sha256: str
 
 
 @dataclass(frozen=True)
@@ -42,58 +35,12 @@ class File:
     source: Source
 
 
-@dataclass(frozen=True)
-class Stored:
-    """A column whose values are read on demand; `batches` reads the named columns of its file."""
-
-    name: str
-    type: Any
-    rows: int
-    batches: Callable[[list[str]], Iterator[Any]]
-
-    def __len__(self) -> int:
-        return self.rows
-
-
-@dataclass(frozen=True)
-class Table:
-    """Named columns of one file, of equal length: either Arrow arrays or `Stored` columns."""
-
-    file: str
-    names: list[str]
-    columns: list[Any]
-    # Location of row i in the file, for messages: "line 12".
-    place: Callable[[int], str]
-
-    def column(self, name: str) -> Any:
-        """The column of this name."""
-        return self.columns[self.names.index(name)]
-
-    def renamed(self, names: list[str]) -> Table:
-        """The columns under new names."""
-        return Table(self.file, names, self.columns, self.place)
-
-
-def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:
-    """The columns of a table in parts of at most `ROWS_AT_ONCE` rows."""
-    if columns and isinstance(columns[0], Stored):
-        for batch in columns[0].batches([column.name for column in columns]):
-            yield [batch.column(column.name) for column in columns]
-    elif columns:
-        import pyarrow as pa
-
-        table = pa.table(list(columns), names=[str(index) for index in range(len(columns))])
-        for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
-            yield batch.columns
-
-
 def open_file(path: str | os.PathLike[str]) -> File:
     """Load a file into memory.
 
     Raises InputError if the file is missing, a folder, or not readable, and FormatError if it is empty.
     """
     # Imported here because it loads OpenSSL (4 MB), which recordings made from arrays do not need.
-    # It loads OpenSSL, 4 MB: recordings that are made of arrays need none.
     import hashlib
 
     given = os.fspath(path)

@@ -1,0 +1,57 @@
+"""The table that the reader of a format returns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+__all__ = ["ROWS_AT_ONCE", "Stored", "Table", "parts"]
+
+# Rows of a table processed at once; their columns fit into the processor's cache.
+ROWS_AT_ONCE: Final = 1 << 16
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A column whose values are read on demand; `batches` reads the named columns of its file."""
+
+    name: str
+    type: Any
+    rows: int
+    batches: Callable[[list[str]], Iterator[Any]]
+
+    def __len__(self) -> int:
+        return self.rows
+
+
+@dataclass(frozen=True)
+class Table:
+    """Named columns of one file, of equal length: either Arrow arrays or `Stored` columns."""
+
+    file: str
+    names: list[str]
+    columns: list[Any]
+    # Location of row i in the file, for messages: "line 12".
+    place: Callable[[int], str]
+
+    def column(self, name: str) -> Any:
+        """The column of this name."""
+        return self.columns[self.names.index(name)]
+
+    def renamed(self, names: list[str]) -> Table:
+        """The columns under new names."""
+        return Table(self.file, names, self.columns, self.place)
+
+
+def parts(columns: Sequence[Any]) -> Iterator[list[Any]]:
+    """The columns of a table in parts of at most `ROWS_AT_ONCE` rows."""
+    if columns and isinstance(columns[0], Stored):
+        for batch in columns[0].batches([column.name for column in columns]):
+            yield [batch.column(column.name) for column in columns]
+    elif columns:
+        import pyarrow as pa
+
+        table = pa.table(list(columns), names=[str(index) for index in range(len(columns))])
+        for batch in table.to_batches(max_chunksize=ROWS_AT_ONCE):
+            yield batch.columns

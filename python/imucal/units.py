@@ -1,0 +1,88 @@
+"""Every unit that imucal reads or shows, and its conversion to SI units: the one table of them.
+
+value in SI units = value in the unit * UNITS[si_unit][unit]
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+__all__ = [
+    "COLUMN_UNITS",
+    "COUNTS",
+    "DEGREE_RAD",
+    "SHOWN",
+    "STANDARD_GRAVITY_MPS2",
+    "TICKS_PER_S",
+    "UNITS",
+    "units_of",
+]
+
+# The unit g of datasheets, m/s^2: the conventional value of the 3rd CGPM (1901), exact by definition.
+STANDARD_GRAVITY_MPS2: Final = 9.80665
+DEGREE_RAD: Final = math.pi / 180.0
+
+_G: Final = STANDARD_GRAVITY_MPS2
+_DEG: Final = DEGREE_RAD
+
+# SI unit: {unit in which files and options may give a value of it: SI units in one of this unit}.
+UNITS: Final[dict[str, dict[str, float]]] = {
+    "1": {"1": 1.0, "%": 1e-2, "ppm": 1e-6, "rad": 1.0, "deg": _DEG},
+    "bit": {"bit": 1.0},
+    "Hz": {"Hz": 1.0},
+    "m/s^2": {"m/s^2": 1.0, "g": _G, "mg": 1e-3 * _G, "ug": 1e-6 * _G},
+    "rad/s": {"rad/s": 1.0, "deg/s": _DEG, "deg/h": _DEG / 3600.0},
+    "m/s^2/sqrt(Hz)": {"m/s^2/sqrt(Hz)": 1.0, "mg/sqrt(Hz)": 1e-3 * _G, "ug/sqrt(Hz)": 1e-6 * _G},
+    "rad/s/sqrt(Hz)": {"rad/s/sqrt(Hz)": 1.0, "deg/s/sqrt(Hz)": _DEG, "mdeg/s/sqrt(Hz)": 1e-3 * _DEG},
+    "m/s^2/s/sqrt(Hz)": {"m/s^2/s/sqrt(Hz)": 1.0},
+    "rad/s/s/sqrt(Hz)": {"rad/s/s/sqrt(Hz)": 1.0},
+    "m/s^2/lsb": {"m/s^2/lsb": 1.0, "mg/lsb": 1e-3 * _G},
+    "rad/s/lsb": {"rad/s/lsb": 1.0, "deg/s/lsb": _DEG, "mdeg/s/lsb": 1e-3 * _DEG},
+    "1/K": {"1/K": 1.0, "%/K": 1e-2, "ppm/K": 1e-6},
+    "m/s^2/K": {"m/s^2/K": 1.0, "mg/K": 1e-3 * _G},
+    "rad/s/K": {"rad/s/K": 1.0, "deg/s/K": _DEG},
+    "rad/s/(m/s^2)": {"rad/s/(m/s^2)": 1.0, "deg/s/g": _DEG / _G},
+    "rad/s/(m/s^2)^2": {"rad/s/(m/s^2)^2": 1.0, "deg/s/g^2": _DEG / _G**2},
+}
+# Reciprocal units of a sensitivity. SI unit: {unit: counts per one of the SI quantity's units}.
+COUNTS: Final[dict[str, dict[str, float]]] = {
+    "m/s^2/lsb": {"lsb/g": _G},
+    "rad/s/lsb": {"lsb/(deg/s)": _DEG},
+}
+# Endings of column names, such as accel_x_mg: {triad: {ending: SI units in one}}. Counts are not converted.
+COLUMN_UNITS: Final[dict[str, dict[str, float]]] = {
+    "accel": {"mps2": 1.0, "g": _G, "mg": _G / 1000.0, "lsb": 1.0},
+    "gyro": {"radps": 1.0, "dps": _DEG, "mdps": _DEG / 1000.0, "lsb": 1.0},
+    "stand": {"rad": 1.0, "deg": _DEG},
+}
+# Endings of columns of time, such as time_us: ticks in a second.
+TICKS_PER_S: Final[dict[str, float]] = {"s": 1.0, "ms": 1e3, "us": 1e6, "ns": 1e9}
+# SI unit: (factor, unit) in which summaries and pages show an effect or a residual, which is of the order of
+# one in that unit for a MEMS sensor.
+SHOWN: Final[dict[str, tuple[float, str]]] = {
+    "rad": (1.0 / _DEG, "deg"),
+    "rad/s": (1.0 / _DEG, "deg/s"),
+    "rad/s/s": (100.0 / _DEG, "deg/s per 100 s"),
+    "rad/s/K": (1.0 / _DEG, "deg/s per K"),
+    "rad/s/K^2": (1.0 / _DEG, "deg/s per K^2"),
+    "rad/s/(m/s^2)": (_G / _DEG, "deg/s per g"),
+    "rad/s/(m/s^2)^2": (_G**2 / _DEG, "deg/s per g^2"),
+    "m/s^2": (1e3 / _G, "mg"),
+    "m/s^2/s": (1e5 / _G, "mg per 100 s"),
+    "m/s^2/K": (1e3 / _G, "mg per K"),
+    "m/s^2/K^2": (1e3 / _G, "mg per K^2"),
+    "1": (1e2, "%"),
+    "1/s": (1e8, "ppm per 100 s"),
+    "1/K": (1e6, "ppm per K"),
+    "1/(m/s^2)": (1e2 * _G, "% per g"),
+    "1/(m/s^2)^2": (1e2 * _G**2, "% per g^2"),
+    "s/rad": (1e4 * _DEG, "% per 100 deg/s"),
+    "s^2/rad^2": (1e6 * _DEG**2, "% per (100 deg/s)^2"),
+    "m": (1e3, "mm"),
+}
+
+
+def units_of(si_unit: str) -> dict[str, float]:
+    """The units in which a value of this SI unit may be given, and the SI units in one of each."""
+    return UNITS.get(si_unit, {si_unit: 1.0})
