@@ -493,7 +493,7 @@ def test_effects_lists_all_and_shows_one(capsys):
         "k_i dT + q_i dT^2, on the gyroscope",
         "x            0.000262 rad/s/K",
         "the plain form has the first 3",
-        "depends on temperature: the column temp_degc, counted from 25 degC",
+        "depends on temperature: the column temp_degc, relative to 25 degC",
         "easily mistaken for gyro_bias_drift; told apart by a run that heats and cools again",
         "--effect gyro_bias_temperature=typical --temperature cycle:10:40:320 -o run.csv",
         "imucal calibrate run.csv --effect gyro_bias_temperature\n",

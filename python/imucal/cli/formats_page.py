@@ -9,50 +9,52 @@ __all__ = ["page"]
 HEAD = """# Formats that are read
 
 `imucal.read(path, ...)`, every command that takes a recording, and `imucal convert FILE -o rec.csv` read
-these. The format is found out from the file; `--format` (`format=`) names it where it is not. Where a file
-holds several sensors, topics or groups, the error lists them with the option that chooses one. In Python
-the options have the same names, with underscores.
+these formats. The format is recognised from the file. `--format` (in Python `format=`) selects it
+explicitly. If a file contains several sensors, topics or groups, the error message lists them and the
+option that selects one. In Python the options have the same names, with underscores.
 
-Calibrate what the sensor measured: a calibration of data that somebody has corrected already comes on top
-of that correction.
+Calibrate uncorrected sensor data. If the data have already been corrected by another calibration, the new
+calibration is valid only after that correction.
 """
 
 FOOT = """## Arrays with names
 
-MATLAB, HDF5 and NumPy files hold arrays with names. An array is found by its canonical name, that of a
-column (`time_s`, `accel_x_mps2`, `temp_degc`) or of a whole triad of shape (N, 3) (`accel_mps2`,
-`gyro_radps`, `stand_rad`); further arrays beside them with a number for every sample become auxiliary
-inputs. `--columns` takes other names:
+MATLAB, HDF5 and NumPy files contain named arrays. An array is found by its canonical name: the name of a
+column (`time_s`, `accel_x_mps2`, `temp_degc`) or of a triad of shape (N, 3) (`accel_mps2`, `gyro_radps`,
+`stand_rad`). Further arrays with one number per sample become auxiliary inputs. `--columns` selects arrays
+with other names:
 
-* `--columns time_s=t,accel_g=imu/acc,gyro_dps=imu/gyr`: ours=theirs. Nothing else is read then. For a
-  CSV or Parquet file the same names columns; of the others those with names of ours stay.
-* `--columns time_s,accel_x_g,...,gyro_z_dps`: a name for every column of the one array of shape (N, k) that
-  has as many, `-` for one to leave out.
+* `--columns time_s=t,accel_g=imu/acc,gyro_dps=imu/gyr` assigns canonical names to the names in the file. No
+  other arrays are read. In a CSV or Parquet file the same syntax assigns names to columns, and the other
+  columns with canonical names are still read.
+* `--columns time_s,accel_x_g,...,gyro_z_dps` names the columns of the one array of shape (N, k) with this
+  number of columns; `-` skips a column.
 
-`--group` says where the arrays are, or which array is meant, if there are several.
+`--group` selects the group that contains the arrays, or one of several arrays.
 
-## Time stamps of their own
+## Separate time stamps
 
-Where accelerometer and gyroscope are recorded with different time stamps, they are brought onto one clock:
+If accelerometer and gyroscope are recorded with different time stamps, they are resampled to one clock:
 
-* The slower sensor is the clock, the gyroscope if both have the same rate (within 2 %).
-* At the same rate the other sensor is interpolated between its two neighbouring samples. They share noise
-  then: white noise per sample becomes up to 1.41 times smaller, the warning says by how much. A calibration
-  takes noise that samples share into account, its standard deviations stay what they were; `imucal noise`
-  shows the loss at times of a few samples.
-* A faster sensor is averaged over one interval of the clock, centred at the stamp: the angle that a
-  gyroscope turned through is kept.
-* Samples of the clock where the other sensor has none, before it, after it and in its gaps, are left out:
-  the gap stays visible.
-* Rates that differ by more than 10 times are refused, and so are stamps that go back, and values that are
-  not finite.
+* The clock is that of the slower sensor, or of the gyroscope if both have the same rate (within 2 %).
+* At the same rate, the other sensor is interpolated between its two neighbouring samples. Interpolated
+  samples share noise, and the white noise per sample is up to 1.41 times smaller; the warning gives the
+  factor. A calibration accounts for this correlation, so its standard deviations do not change.
+  `imucal noise` shows the loss at averaging times of a few samples.
+* A faster sensor is averaged over one interval of the clock, centred at the time stamp. This preserves the
+  angle integrated by a gyroscope.
+* Clock samples without a sample of the other sensor (before its start, after its end, and in its gaps) are
+  left out. The gap remains visible in the time stamps.
+* Rates that differ by more than a factor of 10, time stamps that decrease, and values that are not finite
+  are refused.
 
-`imucal convert` prints what was done; inspect, calibrate, evaluate and noise keep it among their findings.
+`imucal convert` prints these steps. The commands inspect, calibrate, evaluate and noise report them as
+findings.
 
 ## Libraries
 
-An extra is installed by its name, `pip install "imucal-rs[ros]"`, or all of them by `pip install
-"imucal-rs[all]"`. A library is imported when a file needs it.
+Each extra is installed by its name, for example `pip install "imucal-rs[ros]"`, and all extras by
+`pip install "imucal-rs[all]"`. A library is imported only when a file needs it.
 """
 
 
