@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import imucal
+from children import HANGS_S
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -37,7 +38,8 @@ def command():
     assert program.is_file(), f"{program} is missing: install the package"
 
     def run(*arguments):
-        return subprocess.run([program, *map(str, arguments)], capture_output=True, text=True, timeout=120)
+        words = [program, *map(str, arguments)]
+        return subprocess.run(words, capture_output=True, text=True, timeout=HANGS_S)
 
     return run
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import imucal
+from children import HANGS_S
 from imucal.cli import main
 from imucal.cli.app import app
 from imucal.cli.working import working
@@ -359,27 +360,31 @@ def test_shell_completion(typed, offered, monkeypatch, capsys):
 def test_a_stage_is_shown_on_a_terminal_when_it_takes_long(monkeypatch):
     import os
     import pty
-    import time
 
     terminal, stderr = pty.openpty()
+    shown = ""
+
+    def wait_for(text):
+        nonlocal shown
+        while text not in shown:
+            shown += os.read(terminal, 100_000).decode()
+
     monkeypatch.setenv("TERM", "xterm")
     with os.fdopen(stderr, "w") as stream:
         monkeypatch.setattr("sys.stderr", stream)
+        monkeypatch.setattr("imucal.cli.working.PATIENCE_S", HANGS_S)
         with working("soon done"):
             pass
         monkeypatch.setattr("imucal.cli.working.PATIENCE_S", 0.0)
         with working("reading", 3) as stage:
-            time.sleep(0.05)
+            wait_for("reading")
             stage.step()
+            wait_for("1/3")
             stage("judging")
-            time.sleep(0.3)
+            wait_for("judging")
+            wait_for("left")
         monkeypatch.undo()
-    shown = os.read(terminal, 100_000).decode()
     assert "soon done" not in shown
-    assert "reading" in shown
-    assert "judging" in shown
-    assert "1/3" in shown
-    assert "left" in shown
 
 
 def test_nothing_is_shown_in_a_pipe(stand_runs, command, tmp_path):

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from children import HANGS_S
+
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PROMISED = {
     "calibrate_arrays.py": ["verdict: good", "gyro_sensitivity_zz"],
@@ -29,7 +31,7 @@ def test_every_example_is_tested():
 @pytest.mark.parametrize("name", PROMISED)
 def test_example(name, tmp_path):
     done = subprocess.run(
-        [sys.executable, str(EXAMPLES / name)], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        [sys.executable, str(EXAMPLES / name)], cwd=tmp_path, capture_output=True, text=True, timeout=HANGS_S
     )
     assert done.returncode == 0, done.stderr
     for promised in PROMISED[name]:

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from children import HANGS_S
 from imucal.stand.packet import PacketFormat
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -46,7 +47,9 @@ def run_page(page, folder):
     environment = {**os.environ, "PATH": str(Path(sys.executable).parent) + os.pathsep + os.environ["PATH"]}
     ran = 0
     for step, shown in steps((ROOT / page).read_text(encoding="utf-8")):
-        done = subprocess.run(step, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
+        done = subprocess.run(
+            step, cwd=folder, env=environment, capture_output=True, text=True, timeout=HANGS_S
+        )
         assert done.returncode == 0, f"{step[-1]}\n{done.stdout}\n{done.stderr}"
         assert_prints(done.stdout, shown, f"{page}: {step[-1]}")
         ran += 1

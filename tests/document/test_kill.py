@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import imucal
-from children import heed_signals
+from children import HANGS_S, ended, heed_signals, stopped_while_writing
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 
@@ -126,20 +126,20 @@ def long_recording(tmp_path_factory):
 
 
 def writing(output, *words, before=heed_signals):
-    """The installed command at work, caught in the middle of its writing."""
-    process = subprocess.Popen(
-        [COMMAND, *map(str, words), "-o", str(output)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        preexec_fn=before,
-    )
-    patience = time.monotonic() + 30
-    while not any(path.stat().st_size for path in output.parent.glob(f".{output.name}.*.tmp")):
-        assert process.poll() is None, process.communicate()
-        assert time.monotonic() < patience
-        time.sleep(0.002)
-    return process
+    """The installed command, stopped in the middle of its writing."""
+
+    def start():
+        if output.exists():
+            output.write_text("old")
+        return subprocess.Popen(
+            [COMMAND, *map(str, words), "-o", str(output)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            preexec_fn=before,
+        )
+
+    return stopped_while_writing(start, output)
 
 
 def test_installed_command_killed_while_it_writes(long_recording, tmp_path):
@@ -173,8 +173,7 @@ def test_interrupted_while_it_writes(long_recording, tmp_path, command, name, co
     imucal.Calibration(triad, triad).save(unit)
     words = [command, *([unit] if command == "apply" else []), long_recording]
     process = writing(output, *words)
-    process.send_signal(name)
-    _, shown = process.communicate(timeout=30)
+    shown = ended(process, name)
     assert output.read_text() == "old"
     assert shown == f"imucal: {what}, no file is half written\n"
     assert process.returncode == code
@@ -190,8 +189,7 @@ def test_a_signal_that_is_ignored_stays_ignored(long_recording, tmp_path):
         long_recording,
         before=lambda: signal.signal(signal.SIGHUP, signal.SIG_IGN),
     )
-    process.send_signal(signal.SIGHUP)
-    _, shown = process.communicate(timeout=60)
+    shown = ended(process, signal.SIGHUP)
     assert (process.returncode, shown) == (0, "")
     assert len(imucal.read(output)) == 400_000
 
@@ -220,7 +218,7 @@ def test_interrupted_at_any_time(long_recording, tmp_path):
         process.stdout.readline()
         time.sleep(delay_s)
         process.send_signal(signal.SIGINT)
-        _, shown = process.communicate(timeout=60)
+        _, shown = process.communicate(timeout=HANGS_S)
         codes.add(process.returncode)
         assert "Traceback" not in shown
         assert [path for path in tmp_path.iterdir() if path != output] == []

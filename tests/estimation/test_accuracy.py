@@ -13,6 +13,7 @@ import pytest
 import accuracy.contaminated
 import accuracy.page
 import imucal
+from children import HANGS_S
 
 BENCHES = Path(__file__).resolve().parents[2] / "benches"
 RUNS = 40
@@ -251,7 +252,7 @@ def test_the_program_runs(tmp_path):
         env={**os.environ, "PYTHONPATH": str(BENCHES)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANGS_S,
     )
     assert done.returncode == 0, done.stderr
     text = page.read_text(encoding="utf-8")

@@ -12,6 +12,7 @@ import gap.case
 import gap.limits
 import gap.said
 import gap.suite
+from children import HANGS_S
 
 BENCHES = Path(__file__).resolve().parents[2] / "benches"
 
@@ -56,7 +57,7 @@ def test_the_quick_benchmark_runs():
         env={**os.environ, "PYTHONPATH": str(BENCHES)},
         capture_output=True,
         text=True,
-        timeout=300,
+        timeout=HANGS_S,
     )
     assert done.returncode == 0, done.stderr
     assert "## Gates" in done.stdout

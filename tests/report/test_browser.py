@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import imucal
+from children import HANGS_S
 from imucal.cli import main
 from imucal.document.plain import plain
 from imucal.plot.style import DARK, PAPER
@@ -76,6 +77,7 @@ def opened(browser, reports, heard):
     def open_it(name, scheme="light", device="desktop"):
         if (name, device) not in pages:
             page = browser.new_context(offline=True, color_scheme=scheme, **DEVICES[device]).new_page()
+            page.set_default_timeout(1000 * HANGS_S)
             page.on("console", lambda m: heard["errors"].append(m.text) if m.type == "error" else None)
             page.on("pageerror", lambda error: heard["errors"].append(str(error)))
             page.on("request", lambda request: heard["requests"].append(request.url))
@@ -291,7 +293,7 @@ def test_hovering_over_a_residual_tells_of_its_rest(opened, reports):
     open_tab(page, "Residuals")
     box = page.locator("#figure-control-rests .points path").nth(7).bounding_box()
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
-    words = page.locator("#figure-control-rests .hoverlayer .hovertext").text_content(timeout=10_000)
+    words = page.locator("#figure-control-rests .hoverlayer .hovertext").text_content()
     assert "rest 7 of control.parquet" in words
     assert f"{result['rests'][7]['start_s']:.1f} s to" in words
 
