@@ -11,6 +11,7 @@ mod clock;
 mod example;
 mod gains;
 mod kinematics;
+mod part;
 mod plateau;
 mod rails;
 mod repeats;
@@ -22,8 +23,6 @@ mod units;
 mod unsigned;
 mod values;
 
-use crate::finding::{Finding, Place};
-use crate::recording::{RawUnit, Recording};
 use survey::Survey;
 
 pub use gains::check_gains;
@@ -32,6 +31,9 @@ pub use rails::saturated_samples;
 pub use shared::check_shared;
 pub use units::check_rests;
 pub use unsigned::check_counts;
+
+use crate::finding::{Finding, Place};
+use crate::recording::{RawUnit, Recording};
 
 /// All that can be said before rests are known; no finding means that nothing was found wrong.
 ///
@@ -59,17 +61,17 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
         }];
     }
     let survey = Survey::of(recording);
-    let mut findings = values::check_finite(recording, &survey);
-    findings.extend(clock::check(recording, &survey));
-    findings.extend(stuck::check(recording, &survey));
-    findings.extend(repeats::check(recording, &survey));
+    let mut findings = values::check_finite(recording, &survey.not_finite);
+    findings.extend(clock::check(recording, &survey.steps));
+    findings.extend(stuck::check(recording, &survey.runs));
+    findings.extend(repeats::check(recording, &survey.repeats));
     let unsigned = unsigned::check(recording, &survey);
     let is_unsigned = |column: &String| unsigned.iter().any(|wrong| wrong.columns.contains(column));
     // What jumps at zero is at both ends of the numbers, which is no rail.
     findings
         .extend(rails::check(recording, &survey).into_iter().filter(|rails| !rails.columns.iter().any(is_unsigned)));
     findings.extend(unsigned);
-    findings.extend(units::check(recording, &survey));
+    findings.extend(units::check(recording, (&survey.lengths, &survey.extremes)));
     findings.extend(values::check_temperature(recording));
     findings
 }

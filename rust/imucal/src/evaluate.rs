@@ -12,12 +12,12 @@ use crate::joint::Misfit;
 use crate::numerics::stats::rms;
 use crate::preintegration::rotate_smoothly;
 use crate::recording::Recording;
-use crate::rests::moves::{
-    Directions, UnitRest, between, direction_error_rad, norm_error_mps2, rests_of, saturated_stretches,
-};
-use crate::rests::moves::{Ends, Move};
-use crate::rests::segment::{NoiseDensity, Segments};
+use crate::rests::moves::{Directions, Ends, Move, between, direction_error_rad, saturated_stretches};
+use crate::rests::noise_density::NoiseDensity;
+use crate::rests::rest::norm_error_mps2;
+use crate::rests::segment::Segments;
 use crate::rests::tremor::{self, Sensors};
+use crate::rests::unit_rest::{UnitRest, rests_of};
 
 /// How well a calibration explains recordings.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -7,7 +7,6 @@ use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use crate::error::Error;
-use crate::two_stage::ellipsoid::square_root;
 
 /// Index pairs of the six entries of a symmetric matrix, in the order of the parameters.
 pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
@@ -128,6 +127,20 @@ pub(crate) fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3
 
 fn inverse(matrix: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     matrix.try_inverse().ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular".into()))
+}
+
+/// The symmetric positive definite square root, or `None` if `matrix` is not positive definite.
+pub(crate) fn square_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
+    let eigen = SymmetricEigen::try_new(*matrix, f64::EPSILON, 200)?;
+    let largest = eigen.eigenvalues.max();
+    if !(largest.is_finite() && eigen.eigenvalues.min() > 1e-6 * largest) {
+        return None;
+    }
+    let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
+    let rough = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
+    // One step of Newton's method takes away the rounding of the eigenvectors.
+    let refined = (rough + matrix * rough.try_inverse()?) / 2.0;
+    Some((refined + refined.transpose()) / 2.0)
 }
 
 #[cfg(test)]

@@ -19,7 +19,6 @@ mod held_out;
 mod inside;
 mod insides;
 mod lanes;
-mod layout;
 mod linear;
 mod misfit;
 mod model;
@@ -41,13 +40,13 @@ mod derivatives;
 #[cfg(test)]
 mod tests;
 
+use crate::parameters::BASE;
 pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use fields::{Field, ways};
 pub(crate) use insides::Insides;
 pub(crate) use lanes::Lanes;
-pub(crate) use layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 pub(crate) use linear::{INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;

@@ -43,6 +43,7 @@ pub mod gap;
 pub mod joint;
 pub mod noise;
 pub mod numerics;
+mod parameters;
 pub mod plan;
 #[doc(hidden)] // for the benchmark of the kernels
 pub mod preintegration;

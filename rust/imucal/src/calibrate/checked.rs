@@ -188,7 +188,7 @@ mod tests {
             let fit = without.fit_jointly(&all, checked.triads(), &options, None).unwrap();
             for k in (0..data.rests.len()).filter(is_out) {
                 let own = fit.model.accelerometer.correct(data.rests[k].rest.specific_force.mean).norm() - 9.80665;
-                let sigma = crate::two_stage::accelerometer::sigma_norm(&data.rests[k].rest, &fit.model.accelerometer);
+                let sigma = crate::rests::rest::sigma_norm(&data.rests[k].rest, &fit.model.accelerometer);
                 assert!((found.norm_error_mps2[k] - own).abs() < 0.1 * sigma, "rest {k}: {own}");
             }
         }

@@ -16,8 +16,9 @@ use crate::frame::{self, Frame, Sensitivities};
 use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimate};
 use crate::numerics::lsq::FitReport;
 use crate::numerics::stats::median;
-use crate::rests::moves::{Unusable, variance_by_axis};
-use crate::rests::segment::{NoiseDensity, Threshold};
+use crate::rests::moves::Unusable;
+use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
+use crate::rests::segment::Threshold;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
 /// A calibration and all that is known about it.

@@ -13,13 +13,15 @@ use super::outcome::parameter_names;
 use super::unit_data::{FEWEST_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
 use crate::error::Error;
-use crate::joint::{BASE, BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms};
+use crate::joint::{BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms};
 use crate::numerics::derivative::Width;
 use crate::numerics::lsq;
+use crate::parameters::BASE;
 use crate::preintegration::kinematics::{rate_from_gravity, scale_from_gravity};
 use crate::preintegration::{rotate, turned_rad};
 use crate::recording::Recording;
-use crate::rests::moves::{Move, UnitRest, Unusable, between};
+use crate::rests::moves::{Move, Unusable, between};
+use crate::rests::unit_rest::UnitRest;
 use crate::two_stage::ellipsoid;
 use crate::two_stage::observability::{
     FARTHEST, LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2, missing_poses, missing_turns, too_few_poses,

@@ -1,11 +1,10 @@
 //! The time column: enough of it, in order, without gaps, regular, and in the right unit.
 
-use super::survey::{Part, Survey};
+use super::part::Part;
 use super::{Tally, bursts, names};
 use crate::finding::{Finding, Place};
-use crate::numerics::stats::quantile_of;
+use crate::numerics::stats::{quantile_of, steps_s};
 use crate::recording::Recording;
-use crate::rests::segment::steps_s;
 
 /// Fewer samples than this hold no rest, no move and no noise level.
 const MIN_SAMPLES: usize = 200;
@@ -33,8 +32,7 @@ pub(super) struct Steps {
     equal: Tally,
 }
 
-pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
-    let steps = &survey.steps;
+pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     let mut findings = Vec::new();
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
@@ -309,10 +307,11 @@ fn missing(recording: &Recording, median_s: f64, longest_usual_s: f64) -> Option
 mod tests {
     use super::super::example::Columns;
     use super::*;
+    use crate::check::survey::Survey;
     use crate::finding::Severity;
 
     fn found(recording: &Recording) -> Vec<Finding> {
-        check(recording, &Survey::of(recording))
+        check(recording, &Survey::of(recording).steps)
     }
 
     fn codes(time_s: &[f64]) -> Vec<(&'static str, Severity)> {

@@ -1,7 +1,7 @@
 //! Rows held or written again.
 
 use super::Tally;
-use super::survey::{ALL_EQUAL, Part, Survey};
+use super::part::{ALL_EQUAL, Part};
 use crate::finding::Finding;
 use crate::recording::Recording;
 
@@ -16,8 +16,8 @@ const FEWEST: usize = 5;
 /// ones: with a repeat rate q per channel, 6 q^5 (1 - q) against q^6. So repeats are counted only between rows that
 /// change (at most one value repeats), and only if they far outnumber such near repeats. A rest without noise is one
 /// long stretch of equal rows and is left out by its length.
-pub(super) fn check(recording: &Recording, survey: &Survey) -> Option<Finding> {
-    let Repeats { doubled, near, .. } = &survey.repeats;
+pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
+    let Repeats { doubled, near, .. } = repeats;
     if doubled.samples < FEWEST || doubled.samples <= 2 * near {
         return None;
     }
@@ -83,9 +83,10 @@ impl Repeats {
 mod tests {
     use super::super::example::Columns;
     use super::*;
+    use crate::check::survey::Survey;
 
     fn found(columns: &Columns) -> Option<Finding> {
-        check(&columns.recording(), &Survey::of(&columns.recording()))
+        check(&columns.recording(), &Survey::of(&columns.recording()).repeats)
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! Runs of equal samples in one channel: three or more, for two are nothing unusual.
 
+use super::part::Part;
 use super::plateau::PLATEAU;
-use super::survey::Part;
 use crate::recording::Recording;
 
 /// The runs of each channel, accelerometer first.

@@ -1,11 +1,11 @@
 //! Axes that hold one value.
 
-use super::survey::Survey;
+use super::runs::Runs;
 use super::values::{converter_step, extremes, range};
 use super::{ACCEL, GYRO, names, unit_name};
 use crate::finding::{Finding, Place};
+use crate::parameters::of_axes;
 use crate::recording::{Recording, Samples};
-use crate::two_stage::observability;
 
 /// Share of the recording over which an axis must stand still to be called stuck.
 const STUCK_SHARE: f64 = 0.5;
@@ -17,14 +17,14 @@ const MOVING_STEPS: f64 = 8.0;
 /// A rest without noise holds all axes, and a coarse converter moves them by single steps: neither is stuck. An axis is
 /// certainly stuck if its neighbours are noisy meanwhile, or if a whole triad is dead. Where the neighbours are as
 /// quiet (a coarse converter, a simulation without noise), it may as well be that nothing turned about it: a warning.
-pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
+pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [
         (0, recording.specific_force, recording.angular_rate, ACCEL, unit_name(recording.accel_unit, "m/s^2")),
         (3, recording.angular_rate, recording.specific_force, GYRO, unit_name(recording.gyro_unit, "rad/s")),
     ] {
         for axis in 0..3 {
-            let (first, last) = survey.runs.longest(first_channel + axis);
+            let (first, last) = runs.longest(first_channel + axis);
             let held = last + 1 - first;
             if (held as f64) < STUCK_SHARE * recording.len() as f64 || held < 3 {
                 continue;
@@ -63,7 +63,7 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
 fn undetermined(axes: &[Stuck]) -> String {
     let is_stuck = |name: &str| axes.iter().any(|axis| axis.column == name);
     let stuck = |names: [&str; 3]| names.map(is_stuck);
-    let open = |gyroscope: bool| observability::of_axes(gyroscope, stuck(if gyroscope { GYRO } else { ACCEL }));
+    let open = |gyroscope: bool| of_axes(gyroscope, stuck(if gyroscope { GYRO } else { ACCEL }));
     let (accelerometer, mut gyroscope) = (open(false), open(true));
     let mut parts = Vec::new();
     const WAY_OUT: &str = "check the wiring, the reader's column order and the sensor's axis enable bits";
@@ -72,7 +72,7 @@ fn undetermined(axes: &[Stuck]) -> String {
     }
     let mut needed = WAY_OUT;
     if stuck(ACCEL) == [true; 3] {
-        gyroscope = observability::of_axes(true, [true; 3]);
+        gyroscope = of_axes(true, [true; 3]);
         needed = "gravity, which they are seen by, is not measured";
     }
     if !gyroscope.is_empty() {
@@ -140,10 +140,11 @@ fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
 mod tests {
     use super::super::example::Columns;
     use super::*;
+    use crate::check::survey::Survey;
     use crate::finding::Severity;
 
     fn found(columns: &Columns) -> Vec<Finding> {
-        check(&columns.recording(), &Survey::of(&columns.recording()))
+        check(&columns.recording(), &Survey::of(&columns.recording()).runs)
     }
 
     #[test]

@@ -4,7 +4,8 @@ use std::ops::Range;
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
-use super::survey::{Part, Survey};
+use super::part::Part;
+use super::values::Extremes;
 use super::{ACCEL, GYRO, names};
 use crate::finding::{Finding, Place};
 use crate::numerics::stats::quantile;
@@ -24,18 +25,18 @@ const STAND_ZERO_RAD: f64 = 0.02;
 const NEARLY_UPRIGHT: f64 = 0.94;
 
 /// Units that are wrong by so much that no rest is needed to see it.
-pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
+pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extremes)) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
     let everything = std::slice::from_ref(&whole);
     if recording.accel_unit == RawUnit::Si
-        && !survey.lengths.have_median_within()
+        && !lengths.have_median_within()
         && let Some(norm) = median_norm(recording.specific_force, everything)
         && !within(norm / STANDARD_GRAVITY_MPS2, WITH_MOVES)
     {
         findings.push(wrong_accel_unit(recording, everything, norm, STANDARD_GRAVITY_MPS2));
     }
-    if survey.extremes.ends[1].iter().flatten().any(|rate| rate.abs() > FASTEST_RADPS) {
+    if extremes.ends[1].iter().flatten().any(|rate| rate.abs() > FASTEST_RADPS) {
         findings.extend(too_fast(recording));
     }
     findings
@@ -265,6 +266,7 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
 mod tests {
     use super::super::example::Columns;
     use super::*;
+    use crate::check::survey::Survey;
     use crate::finding::Severity;
 
     fn scaled(force: f64, rate: f64) -> Columns {
@@ -275,7 +277,8 @@ mod tests {
     }
 
     fn both(recording: &Recording) -> Vec<Finding> {
-        let mut findings = check(recording, &Survey::of(recording));
+        let survey = Survey::of(recording);
+        let mut findings = check(recording, (&survey.lengths, &survey.extremes));
         findings.extend(check_rests(recording, &Columns::rests(), STANDARD_GRAVITY_MPS2));
         findings
     }

@@ -1,6 +1,6 @@
 //! Single columns: numbers that are none, and temperature that jumps.
 
-use super::survey::{Part, Survey, all_finite};
+use super::part::{Part, all_finite};
 use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
 use crate::numerics::stats::quantile;
@@ -64,8 +64,8 @@ impl NotFinite {
 }
 
 /// NaN and infinity, by column; only effects of the encoders need the stand's columns, so there it is a warning.
-pub(super) fn check_finite(recording: &Recording, survey: &Survey) -> Vec<Finding> {
-    let NotFinite { bad, columns, bad_stand, stand_columns, .. } = &survey.not_finite;
+pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec<Finding> {
+    let NotFinite { bad, columns, bad_stand, stand_columns, alone, .. } = not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();
     let stand = ["stand_1", "stand_2", "stand_3"];
     let mut findings = Vec::new();
@@ -74,11 +74,11 @@ pub(super) fn check_finite(recording: &Recording, survey: &Survey) -> Vec<Findin
         (bad_stand, &stand[..], &stand_columns[..], Finding::warning),
     ] {
         if tally.samples > 0 {
-            findings.push(not_finite(recording, *tally, names, marked, kind("non_finite", recording.name)));
+            findings.push(missing_numbers(recording, *tally, names, marked, kind("non_finite", recording.name)));
         }
     }
-    if let Some(joined) = findings.first_mut().filter(|_| survey.not_finite.is_outer_join(recording.len())) {
-        let [rate, force] = survey.not_finite.alone;
+    if let Some(joined) = findings.first_mut().filter(|_| not_finite.is_outer_join(recording.len())) {
+        let [rate, force] = alone;
         joined.message = format!(
             "accelerometer and gyroscope have rows of their own: {force} samples hold NaN for the gyroscope alone, {rate} for \
              the accelerometer alone"
@@ -103,7 +103,7 @@ fn mark<const N: usize>(row: [f64; N], columns: &mut [bool; N]) -> bool {
     any
 }
 
-fn not_finite(recording: &Recording, tally: Tally, all: &[&str], marked: &[bool], kind: Finding) -> Finding {
+fn missing_numbers(recording: &Recording, tally: Tally, all: &[&str], marked: &[bool], kind: Finding) -> Finding {
     let columns = names(all.iter().zip(marked).filter(|(_, bad)| **bad).map(|(name, _)| name));
     let share = 100.0 * tally.samples as f64 / recording.len() as f64;
     let first = tally.first.map_or(0, |(first, _)| first);
@@ -231,10 +231,11 @@ pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
 mod tests {
     use super::super::example::Columns;
     use super::*;
+    use crate::check::survey::Survey;
     use crate::finding::Severity;
 
     fn not_finite(recording: &Recording) -> Vec<Finding> {
-        check_finite(recording, &Survey::of(recording))
+        check_finite(recording, &Survey::of(recording).not_finite)
     }
 
     #[test]

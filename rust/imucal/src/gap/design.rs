@@ -11,7 +11,8 @@ use super::evidence::{Column, Gram};
 use super::known::Known;
 use super::predict::Held;
 use crate::error::Error;
-use crate::joint::{BASE, INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
+use crate::joint::{INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND_MOVES, Source, Term, Terms};
+use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
 /// One effect in the design.

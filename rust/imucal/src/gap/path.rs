@@ -16,8 +16,8 @@ use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
 use crate::joint::{Kinds, Linear, Model, Near, Prepared};
+use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
-use crate::rests::segment::sample_interval_s;
 
 const MOST_EFFECTS: usize = 6;
 /// Width of the narrowest prior, in typical sizes.

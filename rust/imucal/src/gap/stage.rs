@@ -10,7 +10,8 @@ use super::evidence::Evidence;
 use super::path::Hunt;
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, BASE, Kinds, Linear, Model, Near, Prepared, SHAPE_SHARES, Term, Terms};
+use crate::joint::{self, Kinds, Linear, Model, Near, Prepared, SHAPE_SHARES, Term, Terms};
+use crate::parameters::BASE;
 
 pub(super) const NO_EVIDENCE: &str =
     "what is left of these recordings cannot be weighed: look for numbers that are not finite";

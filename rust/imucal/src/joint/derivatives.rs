@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use imucal_core::effects::{Effect, EffectSet, Need, Sensor};
 
-use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, STAND_PARAMETERS};
 use super::model::Model;
 use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::{EffectChoice, Kinds, Term, Terms, UserField};
 use super::tests::{Run, STAND_RAD};
 use crate::calibrate::prepare;
+use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY, STAND_PARAMETERS};
 use crate::simulate::motion::Motion;
 use crate::simulate::tumble::{HandMoves, Tumble};
 use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};

@@ -19,13 +19,14 @@ use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
 use super::at_move::EndDirection;
-use super::layout::{BASE, STAND_PARAMETERS};
 use super::terms::{Sample, Terms};
 use crate::error::Error;
 use crate::numerics::derivative::Derivative;
 use crate::numerics::stats::median;
+use crate::parameters::{BASE, STAND_PARAMETERS};
 use crate::recording::Recording;
-use crate::rests::moves::{Move, UnitRest, rows_across};
+use crate::rests::moves::{Move, rows_across};
+use crate::rests::unit_rest::UnitRest;
 use crate::simulate::stand::Stand;
 use directions::directions;
 

@@ -10,7 +10,6 @@ use super::at_move::{AtMove, EndDirection, move_direction};
 use super::attitude;
 use super::encoders::moves;
 use super::inside;
-use super::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::model::Model;
 use super::pass::{Asked, Route};
 use super::prepared::Prepared;
@@ -18,7 +17,9 @@ use super::rests::{Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
 use crate::error::Error;
 use crate::numerics::workers::{in_order, threads_for};
-use crate::rests::moves::{Carried, End, UnitRest, rows_across};
+use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use crate::rests::moves::{End, rows_across};
+use crate::rests::unit_rest::{Carried, UnitRest};
 
 /// A residual, its derivatives by the parameters and by the means of the rests.
 #[derive(Clone)]

@@ -6,13 +6,12 @@ use imucal_core::effects::Surroundings;
 use imucal_core::sensor::Triad;
 use nalgebra::{SMatrix, Vector3};
 
-use super::layout::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use super::terms::Terms;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
+use crate::parameters::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
-use crate::two_stage::accelerometer;
-use crate::two_stage::gyroscope;
+use crate::two_stage::{accelerometer, gyroscope};
 
 /// Both triads and the values of the terms.
 #[derive(Clone, Debug)]

@@ -11,8 +11,9 @@ use super::scatter::Modes;
 use super::wander::Wander;
 use crate::numerics::derivative::Width;
 use crate::recording::Recording;
-use crate::rests::moves::{End, Move, UnitRest};
-use crate::rests::segment::NoiseDensity;
+use crate::rests::moves::{End, Move};
+use crate::rests::noise_density::NoiseDensity;
+use crate::rests::unit_rest::UnitRest;
 
 /// What the fit is made of.
 pub(crate) struct Prepared<'a> {

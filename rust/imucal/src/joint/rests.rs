@@ -9,13 +9,14 @@ use imucal_core::effects::{Sensor, Surroundings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::at_move::EndDirection;
-use super::layout::{ACCEL, BASE, GYRO_BIAS};
 use super::model::{Model, force_by_parameters, moments};
 use super::prepared::Prepared;
 use super::settle::Still;
 use super::terms::{Term, Terms};
+use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 use crate::recording::Recording;
-use crate::rests::moves::{Carried, End, Move, UnitRest};
+use crate::rests::moves::{End, Move};
+use crate::rests::unit_rest::{Carried, UnitRest};
 
 /// The force at a rest.
 pub(super) struct Force {

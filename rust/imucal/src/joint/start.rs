@@ -3,10 +3,10 @@
 use imucal_core::sensor::Triad;
 
 use super::encoders;
-use super::layout::STAND_PARAMETERS;
 use super::model::Model;
 use super::prepared::Prepared;
 use super::terms::{Term, Terms};
+use crate::parameters::STAND_PARAMETERS;
 
 /// A model that other fits are near to: they end where they would without it, and sooner.
 #[derive(Clone)]

@@ -10,8 +10,8 @@
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
 
-use super::layout::{BASE, STAND_PARAMETERS};
 use crate::error::Error;
+use crate::parameters::{BASE, STAND_PARAMETERS};
 
 /// An effect of the catalogue that is to be estimated.
 #[derive(Clone, Copy, Debug)]

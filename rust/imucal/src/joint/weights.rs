@@ -20,8 +20,9 @@ use super::terms::Terms;
 use super::wander::Wander;
 use crate::numerics::lsq::{self, Solution, by_chance};
 use crate::numerics::stats::median;
-use crate::rests::moves::{FINEST_RAD, random_walk_rad, variance_per_axis};
-use crate::two_stage::accelerometer::FINEST_MPS2;
+use crate::rests::moves::FINEST_RAD;
+use crate::rests::noise_density::{random_walk_rad, variance_per_axis};
+use crate::rests::rest::FINEST_MPS2;
 use flicker::flicker_of_rests;
 use whiten::{Shares, Whitening};
 

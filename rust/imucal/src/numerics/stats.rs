@@ -213,6 +213,17 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
+/// Median time between samples, s; NaN for fewer than two.
+pub fn sample_interval_s(time_s: &[f64]) -> f64 {
+    quantile_of(time_s.len().saturating_sub(1), |k, to| steps_s(&time_s[k..], to), 0.5)
+}
+
+/// The first steps in time, s.
+pub(crate) fn steps_s(time_s: &[f64], to: &mut [f64]) {
+    let times = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
+    to.iter_mut().zip(times).for_each(|(to, (before, after))| *to = after - before);
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector3};
 use super::DIRECTION;
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
-use crate::joint::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
+use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::simulate::{Converter, Moment, Sensor, Unit};
 use crate::two_stage::observability::FARTHEST;
 

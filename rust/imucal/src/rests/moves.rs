@@ -7,10 +7,11 @@ use nalgebra::{Matrix2x3, Matrix3, Vector2, Vector3};
 
 use crate::check::saturated_samples;
 use crate::finding::Finding;
+use crate::numerics::stats::sample_interval_s;
 use crate::recording::Recording;
-use crate::rests::segment::{NoiseDensity, Rest, Segments, sample_interval_s};
+use crate::rests::noise_density::{NoiseDensity, random_walk_rad, variance_per_axis};
 use crate::rests::tremor::{Hand, Sensors};
-use crate::two_stage::accelerometer::sigma_norm;
+use crate::rests::unit_rest::{UnitRest, touches};
 
 /// A step in time of more than this many sample intervals inside a move loses too much of the rotation.
 const LONGEST_STEP: f64 = 2.5;
@@ -23,28 +24,6 @@ const TREMBLING: f64 = 1.5;
 const STILL_RADPS: f64 = 1e-3;
 /// The integration of a sampled rate is no finer than this; without noise it alone is left.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
-
-/// One rest of one of the recordings.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct UnitRest {
-    pub(crate) recording: usize,
-    pub(crate) rest: Rest,
-    /// Covariance of the mean rate, raw units squared.
-    pub(crate) rate_covariance: Matrix3<f64>,
-    /// What the gyroscope reads there without turning, as far as is known, raw units.
-    pub(crate) bias: Vector3<f64>,
-    /// Where a hand trembles.
-    pub(crate) carried: Option<Carried>,
-}
-
-/// How the samples of a rest were carried along the gyroscope to its ends.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Carried {
-    /// The mean time, s.
-    pub(crate) mean_s: f64,
-    /// The bias that all rests have in common, raw units.
-    pub(crate) bias: Vector3<f64>,
-}
 
 /// The way from one rest to the next, from the last sample of the one to the first sample of the other.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,37 +90,10 @@ pub(crate) struct Unusable {
     pub(crate) reason: &'static str,
 }
 
-/// All rests of all recordings, in order.
-pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
-    let of = |(recording, segments): (usize, &Segments)| {
-        let unit_rest = move |rest: &Rest| UnitRest {
-            recording,
-            rest: *rest,
-            rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
-            bias: rest.angular_rate.mean,
-            carried: None,
-        };
-        segments.rests.iter().map(unit_rest).collect::<Vec<_>>()
-    };
-    segments.iter().enumerate().flat_map(of).collect()
-}
-
 /// Saturated stretches of each recording; the samples are read again only where the checks have found some.
 pub(crate) fn saturated_stretches(recordings: &[Recording<'_>], findings: &[Finding]) -> Vec<Vec<Range<usize>>> {
     let found = findings.iter().any(Finding::is_saturation);
     recordings.iter().map(|recording| if found { saturated_samples(recording) } else { Vec::new() }).collect()
-}
-
-/// Whether any of the samples `range` of a recording is saturated.
-fn touches(saturated: &[Range<usize>], range: &Range<usize>) -> bool {
-    saturated.iter().any(|s| s.start < range.end && s.end > range.start)
-}
-
-impl UnitRest {
-    /// Whether any sample of the rest is saturated, given the stretches of each recording.
-    pub(crate) fn is_saturated(&self, saturated: &[Vec<Range<usize>>]) -> bool {
-        touches(&saturated[self.recording], &(self.rest.first..self.rest.end))
-    }
 }
 
 /// The moves between neighbouring usable rests, and those that a gap or saturated samples spoil.
@@ -297,30 +249,9 @@ impl Directions<'_> {
     }
 }
 
-/// Standard deviation of each direction component of a move that the gyroscope's white noise makes, rad.
-pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
-    (variance_per_axis(inverse, density) * duration_s).sqrt()
-}
-
-/// Variance along each body axis, in SI units, of noise with these standard deviations or densities in raw units.
-pub(crate) fn variance_by_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> Vector3<f64> {
-    (inverse * Matrix3::from_diagonal(raw)).map(|v| v * v).column_sum()
-}
-
-/// The mean of it over the axes.
-pub(crate) fn variance_per_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> f64 {
-    variance_by_axis(inverse, raw).mean()
-}
-
 /// Error of the gravity direction after a move: the angle between carried and measured, rad.
 pub(crate) fn direction_error_rad(ends: &Ends, rotation: &Matrix3<f64>) -> f64 {
     let carried: Vector3<f64> = rotation.tr_mul(&ends.before);
     // The arc tangent keeps its digits for small angles, unlike the arc cosine.
     carried.cross(&ends.after).norm().atan2(carried.dot(&ends.after))
-}
-
-/// Error of |f| at a rest and the standard deviation that noise explains, m/s^2.
-pub(crate) fn norm_error_mps2(rest: &Rest, accelerometer: &Triad<f64>, gravity_mps2: f64) -> (f64, f64) {
-    let error = accelerometer.correct(rest.specific_force.mean).norm() - gravity_mps2;
-    (error, sigma_norm(rest, accelerometer))
 }

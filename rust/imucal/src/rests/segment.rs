@@ -18,9 +18,10 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Vector3, Vector6};
 
 use crate::error::Error;
-use crate::numerics::stats::quantile_of;
+use crate::numerics::stats::sample_interval_s;
 use crate::recording::{RawUnit, Recording, Samples};
-use crate::rests::moves::variance_by_axis;
+use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
+use crate::rests::rest::{Rest, RestMean, UNSTEADY};
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
 use steadiness::{Steadiness, Stretch, wanders};
@@ -29,45 +30,6 @@ use threshold::{choose_threshold, still, window_statistic};
 /// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
 const BLOCK_S: f64 = 0.05;
 const WINDOW_BLOCKS: usize = 10;
-/// A rest whose scatter is this many times the noise floor (in variance) is held by a hand.
-const UNSTEADY: f64 = 2.0;
-
-/// Mean of a triad over a rest, in raw units.
-#[derive(Clone, Copy, Debug)]
-pub struct RestMean {
-    /// The mean.
-    pub mean: Vector3<f64>,
-    /// Variance of that mean, from this rest's own scatter and the correlation of the noise.
-    pub variance_of_mean: Vector3<f64>,
-}
-
-/// A stretch in which the unit stands still.
-#[derive(Clone, Copy, Debug)]
-pub struct Rest {
-    /// Index of the first sample.
-    pub first: usize,
-    /// Index after the last sample.
-    pub end: usize,
-    /// Time of the first sample, s.
-    pub start_s: f64,
-    /// Time of the last sample, s.
-    pub end_s: f64,
-    /// Scatter in half a second over the noise floor, or drift of gravity over what noise explains, whichever is more
-    /// (ratios of variances): near 1 on a table, more in a hand.
-    pub unsteadiness: f64,
-    /// Accelerometer.
-    pub specific_force: RestMean,
-    /// Gyroscope.
-    pub angular_rate: RestMean,
-}
-
-impl Rest {
-    /// Whether the unit lies on something firm; if not, a hand holds it, and its tremor is seen.
-    pub fn is_steady(&self) -> bool {
-        self.unsteadiness < UNSTEADY
-    }
-}
-
 /// The threshold that was chosen, and why.
 #[derive(Clone, Debug)]
 pub struct Threshold {
@@ -81,15 +43,6 @@ pub struct Threshold {
     pub noise_floor: Vector6<f64>,
     /// Length of a window, s.
     pub window_s: f64,
-}
-
-/// White-noise densities from the steady rests, or from the noise floor where a hand holds the unit throughout, in raw units per sqrt(Hz).
-#[derive(Clone, Copy, Debug)]
-pub struct NoiseDensity {
-    /// Accelerometer x, y, z.
-    pub specific_force: Vector3<f64>,
-    /// Gyroscope x, y, z.
-    pub angular_rate: Vector3<f64>,
 }
 
 /// What rest detection says about a recording.
@@ -211,17 +164,6 @@ impl Segments {
         noise.specific_force = turned(&calibration.accelerometer, noise.specific_force).map(f64::sqrt);
         noise.angular_rate = turned(&calibration.gyroscope, noise.angular_rate).map(f64::sqrt);
     }
-}
-
-/// Median time between samples, s; NaN for fewer than two.
-pub fn sample_interval_s(time_s: &[f64]) -> f64 {
-    quantile_of(time_s.len().saturating_sub(1), |k, to| steps_s(&time_s[k..], to), 0.5)
-}
-
-/// The first steps in time, s.
-pub(crate) fn steps_s(time_s: &[f64], to: &mut [f64]) {
-    let times = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
-    to.iter_mut().zip(times).for_each(|(to, (before, after))| *to = after - before);
 }
 
 /// From the end of the stretch before each to the start of the one after it.

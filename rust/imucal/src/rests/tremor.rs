@@ -15,11 +15,12 @@ use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::lsq::by_chance;
-use crate::numerics::stats::{median, quantile, random_effects_mean};
+use crate::numerics::stats::{median, quantile, random_effects_mean, sample_interval_s};
 use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};
-use crate::rests::moves::{Carried, UnitRest, variance_per_axis};
-use crate::rests::segment::{NoiseDensity, Rest, sample_interval_s};
+use crate::rests::noise_density::{NoiseDensity, variance_per_axis};
+use crate::rests::rest::Rest;
+use crate::rests::unit_rest::{Carried, UnitRest};
 
 /// Coefficients of the fourth difference and their sum of squares.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];

@@ -14,9 +14,8 @@ use nalgebra::{Matrix3, SVector, Vector3};
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
 use crate::numerics::lsq::{self, FitReport, Residuals, Solution, Termination};
-use crate::numerics::robust;
-use crate::numerics::stats;
-use crate::rests::segment::Rest;
+use crate::numerics::{robust, stats};
+use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
 use crate::two_stage::observability;
 
@@ -98,15 +97,6 @@ fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution
         }
     }
     Ok(AccelerometerFit { triad, used, gain, report: solution.report() })
-}
-
-/// No standard deviation of |f| is finer than this, m/s^2: a noise-free simulation has no scatter at all.
-pub(crate) const FINEST_MPS2: f64 = 1e-5;
-
-/// Standard deviation of |f| over one rest, from the scatter of its samples, m/s^2.
-pub(crate) fn sigma_norm(rest: &Rest, triad: &Triad<f64>) -> f64 {
-    let v = triad.inverse().tr_mul(&triad.correct(rest.specific_force.mean).normalize());
-    v.component_mul(&v).dot(&rest.specific_force.variance_of_mean).sqrt().max(FINEST_MPS2)
 }
 
 pub(crate) fn parameters_of(start: &Start) -> Vec<f64> {

@@ -8,9 +8,10 @@
 //! ```
 
 use faer::Mat;
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 use crate::error::Error;
+use crate::frame::square_root;
 use crate::numerics::lsq;
 
 /// A sensitivity (symmetric positive definite) and a bias, in raw units.
@@ -118,20 +119,6 @@ fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let radius_squared = solution[(3, 0)] + bias.norm_squared();
     Ok((radius_squared > 0.0)
         .then(|| Start { sensitivity: Matrix3::from_diagonal_element(radius_squared.sqrt()), bias }))
-}
-
-/// The symmetric positive definite square root, or `None` if `matrix` is not positive definite.
-pub(crate) fn square_root(matrix: &Matrix3<f64>) -> Option<Matrix3<f64>> {
-    let eigen = SymmetricEigen::try_new(*matrix, f64::EPSILON, 200)?;
-    let largest = eigen.eigenvalues.max();
-    if !(largest.is_finite() && eigen.eigenvalues.min() > 1e-6 * largest) {
-        return None;
-    }
-    let root = Matrix3::from_diagonal(&eigen.eigenvalues.map(f64::sqrt));
-    let rough = eigen.eigenvectors * root * eigen.eigenvectors.transpose();
-    // One step of Newton's method takes away the rounding of the eigenvectors.
-    let refined = (rough + matrix * rough.try_inverse()?) / 2.0;
-    Some((refined + refined.transpose()) / 2.0)
 }
 
 #[cfg(test)]

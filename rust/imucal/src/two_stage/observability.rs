@@ -12,8 +12,8 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use crate::error::Error;
-use crate::frame::SYMMETRIC;
 use crate::numerics::lsq;
+use crate::parameters::{self, ACCELEROMETER, WORDS};
 
 /// Unmodelled error of |f| at a rest, m/s^2.
 pub(crate) const REST_ERROR_MPS2: f64 = 0.005;
@@ -30,45 +30,6 @@ const TRADED: f64 = 0.1;
 /// An axis that no rest brings this close to the vertical is said to be missing.
 const FACE_LIMIT_DEG: f64 = 40.0;
 const AXES: [&str; 3] = ["x", "y", "z"];
-
-/// The eighteen parameters that rests and moves determine together: nine of the accelerometer in the order of the symmetric fit,
-/// nine entries of the gyroscope row by row. The gyroscope's bias is what it reads at rest.
-const WORDS: [&str; 18] = [
-    "bias x",
-    "bias y",
-    "bias z",
-    "scale x",
-    "scale y",
-    "scale z",
-    "misalignment xy",
-    "misalignment xz",
-    "misalignment yz",
-    "scale x",
-    "misalignment xy",
-    "misalignment xz",
-    "misalignment yx",
-    "scale y",
-    "misalignment yz",
-    "misalignment zx",
-    "misalignment zy",
-    "scale z",
-];
-const ACCELEROMETER: usize = 9;
-
-/// The nine parameters of a sensor in words.
-pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
-    if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
-}
-
-/// The parameters of a sensor that act on what these of its axes read.
-pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
-    let acts = |j: usize| match j {
-        _ if gyroscope => axes[j / 3],
-        0..6 => axes[j % 3],
-        _ => axes[SYMMETRIC[j - 3].0] || axes[SYMMETRIC[j - 3].1],
-    };
-    (0..9).filter(|&j| acts(j)).map(|j| words(gyroscope)[j]).collect()
-}
 
 /// What a design leaves open.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -186,7 +147,7 @@ pub(crate) fn check_gyroscope(design: &Mat<f64>, moves: usize) -> Result<(), Err
     if open.columns.is_empty() {
         return Ok(());
     }
-    let names: Vec<&str> = open.columns.iter().map(|&j| words(true)[j]).collect();
+    let names: Vec<&str> = open.columns.iter().map(|&j| parameters::words(true)[j]).collect();
     Err(Error::NotEnoughMotion(format!(
         "{moves} moves do not determine the gyroscope's {}: {OTHER_AXES}",
         names.join(", ")
@@ -200,7 +161,11 @@ fn in_hundredths(design: &Mat<f64>, typical_error: f64) -> Mat<f64> {
 
 /// The message for rests so few or so alike that no sphere passes through them.
 pub(crate) fn no_start(rests: usize) -> String {
-    format!("{rests} rests do not determine the accelerometer's {}: {}", words(false).join(", "), too_few_poses())
+    format!(
+        "{rests} rests do not determine the accelerometer's {}: {}",
+        parameters::words(false).join(", "),
+        too_few_poses()
+    )
 }
 
 /// What to add where rests do not even suggest the scale of an accelerometer in counts.

@@ -10,7 +10,7 @@ use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
 
 use crate::frame::SYMMETRIC;
 use crate::rests::moves::{Ends, Move};
-use crate::rests::segment::Rest;
+use crate::rests::rest::Rest;
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 

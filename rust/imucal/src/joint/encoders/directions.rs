@@ -14,8 +14,7 @@ use std::ops::Range;
 
 use nalgebra::{Matrix4, Vector3, Vector4};
 
-use crate::numerics::stats::{median, quantile};
-use crate::rests::segment::sample_interval_s;
+use crate::numerics::stats::{median, quantile, sample_interval_s};
 
 /// So many of the rests are ordinary ones.
 const ORDINARY: f64 = 0.9;

@@ -8,7 +8,7 @@ use crate::calibrate::{Options, Outcome, calibrate, prepare};
 use crate::evaluate::MoveReport;
 use crate::joint::EffectChoice;
 use crate::recording::Recording;
-use crate::rests::moves::UnitRest;
+use crate::rests::unit_rest::UnitRest;
 use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
 
 type Vector = nalgebra::Vector3<f64>;

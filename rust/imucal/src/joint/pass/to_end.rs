@@ -12,9 +12,9 @@ use super::corrected::Corrected;
 use super::stretches::Stretches;
 use super::turned::Turned;
 use super::{Asked, Pass, Route};
-use crate::joint::layout::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::joint::model::Model;
 use crate::joint::terms::SideBySide;
+use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::preintegration::{Sums, carry_smoothly};
 use crate::recording::Samples;
 

@@ -20,9 +20,9 @@ use super::corrected::Corrected;
 use super::stretches::Stretches;
 use super::turned::Turned;
 use super::{Asked, Route};
-use crate::joint::layout::{ACCEL, BASE, GYRO_BIAS};
 use crate::joint::model::{Model, force_by_parameters};
 use crate::joint::terms::SideBySide;
+use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
 /// The columns inside a move, block by block; their signs are those of what is taken off rate and force.
 pub(super) struct Turns<'a> {

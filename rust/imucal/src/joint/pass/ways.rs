@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::{Pass, Route};
-use crate::joint::layout::GYRO_BIAS;
 use crate::joint::model::Model;
+use crate::parameters::GYRO_BIAS;
 
 /// A short stretch of a move, as long as a block inside it.
 pub(crate) struct Stretch {

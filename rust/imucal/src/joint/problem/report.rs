@@ -8,7 +8,6 @@ use nalgebra::Matrix3;
 use super::Joint;
 use crate::error::Error;
 use crate::joint::at_move::AtMove;
-use crate::joint::layout::BASE;
 use crate::joint::linear::{Linear, Source};
 use crate::joint::model::Model;
 use crate::joint::prior::Prior;
@@ -16,6 +15,7 @@ use crate::joint::terms::Terms;
 use crate::joint::wander::UnitWander;
 use crate::joint::weights::Weights;
 use crate::numerics::lsq::{self, FitReport, Solution};
+use crate::parameters::BASE;
 use crate::rests::moves::Ends;
 
 /// The joint fit and what it leaves.
@@ -80,9 +80,7 @@ impl JointFit {
         let model = &linear.model;
         let covariance = lsq::covariance(&solution.jacobian);
         let mut norms = vec![None; problem.prepared.rests.len()];
-        let sigma = |k: usize| {
-            crate::two_stage::accelerometer::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer)
-        };
+        let sigma = |k: usize| crate::rests::rest::sigma_norm(&problem.prepared.rests[k].rest, &model.accelerometer);
         for line in &linear.lines {
             if let Source::Norm(k) = line.source {
                 norms[k] = Some((line.residual, sigma(k)));

@@ -6,7 +6,7 @@ use std::ops::Range;
 use nalgebra::{SMatrix, Vector3, Vector4};
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::rests::segment::sample_interval_s;
+use crate::numerics::stats::sample_interval_s;
 
 /// Boxes whose means give the polynomial.
 pub(super) const BOXES: usize = 5;

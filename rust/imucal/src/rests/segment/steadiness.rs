@@ -4,9 +4,10 @@ use std::ops::Range;
 
 use nalgebra::{Vector3, Vector6};
 
+use super::WINDOW_BLOCKS;
 use super::blocks::{Block, Colour, mean, merge};
-use super::{UNSTEADY, WINDOW_BLOCKS};
 use crate::numerics::stats::median;
+use crate::rests::rest::UNSTEADY;
 
 /// A rest and what its blocks say of it.
 #[derive(Clone)]

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
-use crate::rests::segment::Rest;
+use crate::rests::rest::Rest;
 
 /// A rest whose mean rate is further than this from the median, in robust standard deviations, is none.
 const LIMIT: f64 = 6.0;

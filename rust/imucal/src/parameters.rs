@@ -1,0 +1,55 @@
+//! Parameters of a unit: their order among all, and their names in words.
+//!
+//! The order is accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row by row),
+//! then the parameters of the effects, then those of the stand.
+
+use std::ops::Range;
+
+use crate::frame::SYMMETRIC;
+
+/// Number of base parameters.
+pub(crate) const BASE: usize = 21;
+pub(crate) const ACCEL: Range<usize> = 0..9;
+pub(crate) const GYRO_BIAS: Range<usize> = 9..12;
+pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
+/// Number of parameters of the stand, where it takes part: mount, tilt of the base, angles between its axes.
+pub(crate) const STAND_PARAMETERS: usize = 7;
+
+/// The eighteen parameters that rests and moves determine together: nine of the accelerometer in the order of the symmetric fit,
+/// nine entries of the gyroscope row by row. The gyroscope's bias is what it reads at rest.
+pub(crate) const WORDS: [&str; 18] = [
+    "bias x",
+    "bias y",
+    "bias z",
+    "scale x",
+    "scale y",
+    "scale z",
+    "misalignment xy",
+    "misalignment xz",
+    "misalignment yz",
+    "scale x",
+    "misalignment xy",
+    "misalignment xz",
+    "misalignment yx",
+    "scale y",
+    "misalignment yz",
+    "misalignment zx",
+    "misalignment zy",
+    "scale z",
+];
+pub(crate) const ACCELEROMETER: usize = 9;
+
+/// The nine parameters of a sensor in words.
+pub(crate) fn words(gyroscope: bool) -> &'static [&'static str] {
+    if gyroscope { &WORDS[ACCELEROMETER..] } else { &WORDS[..ACCELEROMETER] }
+}
+
+/// The parameters of a sensor that act on what these of its axes read.
+pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
+    let acts = |j: usize| match j {
+        _ if gyroscope => axes[j / 3],
+        0..6 => axes[j % 3],
+        _ => axes[SYMMETRIC[j - 3].0] || axes[SYMMETRIC[j - 3].1],
+    };
+    (0..9).filter(|&j| acts(j)).map(|j| words(gyroscope)[j]).collect()
+}
