@@ -1,4 +1,8 @@
-"""The command's frame: exit codes, messages without traceback, JSON for scripts."""
+"""The command's frame: exit codes, messages without traceback, JSON for scripts.
+
+The application object is searched for its commands, and functions are replaced by failing ones, because no
+input makes them fail.
+"""
 
 import contextlib
 import json

@@ -1,4 +1,8 @@
-"""The examples in the help of the commands run as they are printed."""
+"""The examples in the help of the commands run as they are printed.
+
+The application object gives the help of all commands; `limits_from` and `Journal` write files that the
+examples read.
+"""
 
 import contextlib
 import io

@@ -1,4 +1,8 @@
-"""The pages do what they say: their commands and programs run, and print what is shown below them."""
+"""The pages do what they say: their commands and programs run, and print what is shown below them.
+
+Reasons of a verdict are read from the docstring of `imucal.stand.verdict`, which lists them, and the packet
+format of a page is read by `PacketFormat`.
+"""
 
 import math
 import os

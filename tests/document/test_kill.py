@@ -1,4 +1,7 @@
-"""A process that dies while it writes leaves the old file or the new one, whole, and no broken one."""
+"""A process that dies while it writes leaves the old file or the new one, whole, and no broken one.
+
+`write_json` is called directly, because no command writes a document alone.
+"""
 
 import os
 import signal

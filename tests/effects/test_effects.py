@@ -1,4 +1,8 @@
-"""Effects through Python: the catalogue, one's own, and that a correction takes away what a sensor added."""
+"""Effects through Python: the catalogue, one's own, and that a correction takes away what a sensor added.
+
+Fields of effects are evaluated through `imucal._core`, because the public API evaluates them only as part of
+a correction.
+"""
 
 import dataclasses
 

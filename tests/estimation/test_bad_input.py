@@ -2,6 +2,8 @@
 
 Refused: the named error with its reason code, exit code 1, no calibration file. Poor: finished, exit code 2.
 Warned: the calibration is right and lists the code. A message says what, where, the number, and the way out.
+
+`with_own_names` is called directly, because names of recordings show only in messages.
 """
 
 import dataclasses

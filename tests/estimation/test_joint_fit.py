@@ -8,10 +8,10 @@ from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 import imucal
-from imucal.units import STANDARD_GRAVITY_MPS2
 
 # What no standard deviation is finer than, m/s^2 and rad.
 FINEST_NORM, FINEST_DIRECTION = 1e-5, 2e-5
+STANDARD_GRAVITY_MPS2 = 9.80665
 
 
 class Residuals:

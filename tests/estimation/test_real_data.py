@@ -12,9 +12,9 @@ import pytest
 from scipy.optimize import least_squares
 
 import imucal
-from imucal.units import STANDARD_GRAVITY_MPS2
 
 PADOVA_MPS2 = 9.81744
+STANDARD_GRAVITY_MPS2 = 9.80665
 MPU9150 = "accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"
 COUNTS = "accel_x_lsb,accel_y_lsb,accel_z_lsb,gyro_x_lsb,gyro_y_lsb,gyro_z_lsb"
 TIGHT = {"method": "lm", "xtol": 1e-15, "ftol": 1e-15, "gtol": 1e-15}

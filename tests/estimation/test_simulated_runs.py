@@ -1,4 +1,7 @@
-"""Simulated runs of the paper's unit: parameters are judged against the truth, in their own stated sigmas."""
+"""Simulated runs of the paper's unit: parameters are judged against the truth, in their own stated sigmas.
+
+`convert_frame` of `imucal._core` gives the truth in the frame of the calibration.
+"""
 
 import numpy as np
 import pytest

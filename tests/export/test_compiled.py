@@ -1,4 +1,8 @@
-"""The exports that are programs: C compiled by gcc, Rust by cargo, against `Calibration.apply`."""
+"""The exports that are programs: C compiled by gcc, Rust by cargo, against `Calibration.apply`.
+
+The derivative of the rate is taken from `imucal._core`, because the device gets it from its own
+differentiator.
+"""
 
 import ctypes
 import dataclasses

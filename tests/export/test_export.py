@@ -1,6 +1,9 @@
 """Exports against the consumers' own formulas, written here from their code, on raw samples.
 
 Where a consumer comes as a package it is run (imufusion); C and Rust are in test_compiled.py.
+
+`convert_frame` of `imucal._core` gives the reference for frames, and `xml_comment` is called directly,
+because no calibration has a comment with such text.
 """
 
 import dataclasses

@@ -1,4 +1,7 @@
-"""Faults of the data that only the fit shows, and what must not be taken for them."""
+"""Faults of the data that only the fit shows, and what must not be taken for them.
+
+`unit_of` is used, because the public API has no function that gives a unit by its name.
+"""
 
 from __future__ import annotations
 

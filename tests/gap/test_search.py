@@ -1,4 +1,7 @@
-"""The search for the missing effect, through the public API and the command."""
+"""The search for the missing effect, through the public API and the command.
+
+`unit_of` is used, because the public API has no function that gives a unit by its name.
+"""
 
 from __future__ import annotations
 

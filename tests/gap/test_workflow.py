@@ -11,7 +11,6 @@ import pytest
 import imucal
 from gap_runs import CONTROL_SEED, RATE_HZ, RUN_SEED, pair, simulated
 from imucal.report import write_gap_page
-from imucal.rig.motion import Step
 
 NEXT_SEED = 21
 
@@ -64,7 +63,7 @@ def test_what_acts_in_moves_alone_disagrees_there_alone():
 def test_the_axis_that_bad_moves_share_is_named():
     steps = [*imucal.Program.random(seed=5, moves=30, max_rate_dps=30.0).steps]
     for sign in (1.0, -1.0) * 8:
-        steps += [Step((0.0, 0.0, 170.0 * sign), 2.0, 3.0), Step((40.0, 55.0, 0.0), 8.0, 3.0)]
+        steps += [imucal.Step((0.0, 0.0, 170.0 * sign), 2.0, 3.0), imucal.Step((40.0, 55.0, 0.0), 8.0, 3.0)]
     run = simulated(
         RUN_SEED, imucal.Program(tuple(steps)), effects={"gyro_scale_quadratic": [0.0, 0.0, 1e-3]}
     ).recording

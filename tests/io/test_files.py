@@ -1,4 +1,7 @@
-"""Recordings: what the type takes, what the readers make of files, and what they say about bad ones."""
+"""Recordings: what the type takes, what the readers make of files, and what they say about bad ones.
+
+`columns_suggested` is called directly for many spellings; one message of the command shows the same text.
+"""
 
 import hashlib
 import os

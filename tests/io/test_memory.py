@@ -1,4 +1,8 @@
-"""Memory: reading a file takes what is read, once, and correcting one takes no more for a longer file."""
+"""Memory: reading a file takes what is read, once, and correcting one takes no more for a longer file.
+
+The application object is run in a process whose memory is measured, because the installed command cannot
+measure itself.
+"""
 
 import os
 import subprocess

@@ -1,4 +1,8 @@
-"""What readers share: the catalogue and its page, recognition, libraries, one clock for two sensors."""
+"""What readers share: the catalogue and its page, recognition, libraries, one clock for two sensors.
+
+`recording_from_streams` is called directly, because no file format can be written with every combination of
+clocks.
+"""
 
 import re
 import sys
@@ -9,7 +13,6 @@ import pytest
 
 import imucal
 from imucal.cli.formats_page import page
-from imucal.errors import ImucalError
 from imucal.io import FORMATS
 from imucal.io.streams import Stream, recording_from_streams
 
@@ -82,7 +85,7 @@ def test_missing_library_is_named_with_its_extra(tmp_path, monkeypatch, format, 
     monkeypatch.setitem(sys.modules, module, None)
     path = tmp_path / "run"
     path.write_bytes(b"\xa3\x95" + bytes(100))
-    with pytest.raises(ImucalError, match=re.escape(f'pip install "imucal-rs[{extra}]"')) as caught:
+    with pytest.raises(imucal.ImucalError, match=re.escape(f'pip install "imucal-rs[{extra}]"')) as caught:
         imucal.read(path, format=format)
     assert module.split(".")[0] in str(caught.value)
 

@@ -1,4 +1,7 @@
-"""Limits of a unit: every kind is kept and is not, what is missing fails, a bad file is refused by name."""
+"""Limits of a unit: every kind is kept and is not, what is missing fails, a bad file is refused by name.
+
+`limits_from` is called directly, so that the cases need no calibration files.
+"""
 
 import csv
 import dataclasses

@@ -1,4 +1,8 @@
-"""Noise of a unit at rest: Allan deviations as another program has them, figures as they were simulated."""
+"""Noise of a unit at rest: Allan deviations as another program has them, figures as they were simulated.
+
+The files of noise figures are made by functions (`kalibr_yaml`, `unit_of_noise`), because the command has no
+recording in memory.
+"""
 
 import dataclasses
 import json

@@ -2,6 +2,8 @@
 
 `no_std/` is a static library that fails to build when `imucal-core` pulls std or alloc. Linked into a
 shared one, with nothing but itself, it is called here through its C interface.
+
+The numbers to compare with come from `imucal._core`, because the public API does not integrate.
 """
 
 import ctypes

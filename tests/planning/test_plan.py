@@ -1,4 +1,8 @@
-"""Plans: predicted is what a calibration reaches; optimal programs run, keep their limits and are short."""
+"""Plans: predicted is what a calibration reaches; optimal programs run, keep their limits and are short.
+
+`unit_of` is used, because the public API has no function that gives a unit by its name, and `sigma_of`,
+because no plan shows whether one group took the target of another.
+"""
 
 import dataclasses
 import json
@@ -12,7 +16,6 @@ import pytest
 
 import imucal
 from imucal.cli import main
-from imucal.errors import FormatError, InputError, NotEnoughMotionError
 from imucal.rig.unit import unit_of
 
 SCHEMAS = Path(imucal.__file__).parent / "schema"
@@ -194,7 +197,7 @@ def test_targets_that_time_cannot_reach_are_not_reached():
     ],
 )
 def test_what_cannot_be_planned_is_refused(arguments, message):
-    with pytest.raises(InputError, match=message):
+    with pytest.raises(imucal.InputError, match=message):
         quick("optimal", **arguments)
 
 
@@ -203,12 +206,12 @@ def test_a_motion_without_turns_determines_the_bias_of_the_gyroscope_alone():
     assert {p.name for p in plan.parameters if p.std is not None} == {f"gyro_bias_{axis}" for axis in "xyz"}
     # White noise over the square root of the time.
     assert plan.worst["gyro_bias"]["value"] == pytest.approx(np.deg2rad(0.025) / np.sqrt(30.0), rel=0.01)
-    with pytest.raises(InputError, match="no program of a stand"):
+    with pytest.raises(imucal.InputError, match="no program of a stand"):
         _ = plan.program
 
 
 def test_too_little_time_is_said():
-    with pytest.raises(NotEnoughMotionError, match="give more time"):
+    with pytest.raises(imucal.NotEnoughMotionError, match="give more time"):
         quick("optimal", minutes=0.1)
 
 
@@ -235,7 +238,7 @@ def test_limits_file_round_trip_and_schema(tmp_path):
 def test_a_wrong_limits_file_names_its_field(tmp_path, change, message):
     document = {"schema": "imucal.stand-limits/1", "axes": [{}, {}, {}], **change}
     (tmp_path / "stand.json").write_text(json.dumps(document))
-    with pytest.raises(FormatError, match=message):
+    with pytest.raises(imucal.FormatError, match=message):
         imucal.StandLimits.read(tmp_path / "stand.json")
 
 

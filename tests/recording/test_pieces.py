@@ -1,4 +1,8 @@
-"""Recordings that are read, corrected and written piece by piece: the same numbers as of the whole."""
+"""Recordings that are read, corrected and written piece by piece: the same numbers as of the whole.
+
+`hold_temperature` and the readers of pieces are called directly, because the public API gives whole
+recordings only.
+"""
 
 import dataclasses
 import json

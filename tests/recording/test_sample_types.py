@@ -1,4 +1,7 @@
-"""Samples in float32 and int16: every answer is that for the same numbers in float64, bit for bit."""
+"""Samples in float32 and int16: every answer is that for the same numbers in float64, bit for bit.
+
+`to_json` is used, because equal text means equal bits.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,8 @@
-"""The reports in a browser: headless Chromium, network off, checked against the JSON of the same commands."""
+"""The reports in a browser: headless Chromium, network off, checked against the JSON of the same commands.
+
+The colours come from `imucal.plot.style` and the expected JSON from `plain`: what is tested is that the
+browser shows them.
+"""
 
 import json
 import shutil

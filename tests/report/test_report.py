@@ -1,3 +1,9 @@
+"""Reports as HTML pages: what they contain, and that they are safe, small and readable.
+
+Pages are also made from parts (`write_page`, tables, thinning of curves, the style), because no result has
+values that are hostile, empty or wide enough to test them.
+"""
+
 import html.parser
 import json
 import re
@@ -10,7 +16,6 @@ import pytest
 import imucal
 from imucal import plot, report
 from imucal.cli import main
-from imucal.errors import ImucalError, InputError
 from imucal.plot import style
 from imucal.plot.thinning import evenly, thinned
 from imucal.report.page import Tab, Verdict, write_page
@@ -215,7 +220,7 @@ def test_page_without_figures_needs_no_plotly(tmp_path, monkeypatch, capsys, res
     monkeypatch.setitem(sys.modules, "plotly.graph_objects", None)
     write_page(tmp_path / "short.html", "Short", [Tab("One", ("<p>Two.</p>",))], Verdict("good", "Good."))
     assert (tmp_path / "short.html").stat().st_size < 20_000
-    with pytest.raises(ImucalError, match=re.escape('pip install "imucal-rs[report]"')):
+    with pytest.raises(imucal.ImucalError, match=re.escape('pip install "imucal-rs[report]"')):
         report.write_calibration_page(tmp_path / "report.html", result)
     # It is said before any work is done: there is no such recording.
     for command in ("calibrate", "gap", "noise", "evaluate cal.json"):
@@ -253,13 +258,13 @@ def test_carried_gravity_is_that_of_the_axis(result, axis):
 
 
 def test_figures_say_what_they_cannot_show(result, gap):
-    with pytest.raises(InputError, match="there is no recording 1: 1 were judged"):
+    with pytest.raises(imucal.InputError, match="there is no recording 1: 1 were judged"):
         plot.carried_gravity(result.control, "x", 1)
-    with pytest.raises(InputError, match="axis is 'w': give x, y or z"):
+    with pytest.raises(imucal.InputError, match="axis is 'w': give x, y or z"):
         plot.carried_gravity(result.control, "w")
     refused = imucal.Gap("data_fault")
     for figure in (plot.ranking, plot.before_and_after, plot.disagreement):
-        with pytest.raises(InputError, match=r"faults of the data|recordings were refused"):
+        with pytest.raises(imucal.InputError, match=r"faults of the data|recordings were refused"):
             figure(refused)
 
 

@@ -1,4 +1,7 @@
-"""The unit files: valid, sourced, simulated, and drawn from as their spread says."""
+"""The unit files: valid, sourced, simulated, and drawn from as their spread says.
+
+`to_json` is used, because it is the text that documents are compared by.
+"""
 
 import json
 from importlib import resources

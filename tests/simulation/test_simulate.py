@@ -1,4 +1,8 @@
-"""The simulation as people use it: motions, effects, faults, places, temperatures, by API and by command."""
+"""The simulation as people use it: motions, effects, faults, places, temperatures, by API and by command.
+
+Fields of effects, the reference temperature and the number of threads are taken from `imucal._core` and
+`imucal.simulation.setup`, because the public API neither evaluates a field nor sets threads.
+"""
 
 import dataclasses
 import json

@@ -1,4 +1,7 @@
-"""One unit on the line: a good one passes and is exported, a hidden fault is named."""
+"""One unit on the line: a good one passes and is exported, a hidden fault is named.
+
+`calibrate_unit` and `assess` are called directly where equipment has to fail at a chosen moment.
+"""
 
 import dataclasses
 import errno

@@ -1,4 +1,7 @@
-"""G-code of a program: the controller comes to the program's poses, in the time that was foretold."""
+"""G-code of a program: the controller comes to the program's poses, in the time that was foretold.
+
+Blocks and durations are taken from `imucal.stand.gcode`, because the command writes the text only.
+"""
 
 import json
 

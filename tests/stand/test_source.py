@@ -1,4 +1,7 @@
-"""What a unit sends: packets and lines, over a serial port, TCP and a pipe; and a person who turns it."""
+"""What a unit sends: packets and lines, over a serial port, TCP and a pipe; and a person who turns it.
+
+Decoders, links and the manual driver are constructed here, because the command needs hardware for them.
+"""
 
 import json
 import socket
