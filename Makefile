@@ -1,6 +1,7 @@
 # Needs Python 3.10 or newer, a Rust toolchain with rustfmt and clippy, and make. Everything else goes into .venv.
 #
 #   make test      lint, Rust tests, the source distribution in an empty environment, Python tests, the pages
+#   make test-fast formatting, clippy, ruff, mypy, Rust tests, and the Python tests that are not marked slow
 #   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
 #   make bench     speed beside SciPy, of starting, growth and memory, of the simulation, and of Allan deviations
@@ -84,14 +85,17 @@ $(VENV)/.installed: dist/.wheel $(VENV)/.tools
 
 # --- lint --------------------------------------------------------------------------------------------------------
 
-.PHONY: lint lint-rust lint-python format
-lint: lint-rust lint-python
+.PHONY: lint lint-fast lint-rust lint-python lint-documentation lint-stub format
+lint: lint-fast lint-documentation lint-stub
+lint-fast: lint-rust lint-python
 
 lint-rust: rust-components $(VENV)/.tools
 	$(call say,Rust: formatting)
 	cargo fmt --all --check
 	$(call say,Rust: clippy)
 	cargo clippy --workspace --all-targets --locked -- -D warnings
+
+lint-documentation: rust-components $(VENV)/.tools
 	$(call say,Rust: documentation)
 	RUSTDOCFLAGS='-D warnings' cargo doc --workspace --no-deps --locked
 
@@ -103,6 +107,8 @@ lint-python: $(VENV)/.installed
 	$(BIN)/ruff check $(PYTHON_FILES)
 	$(call say,Python: types)
 	$(PY) -m mypy
+
+lint-stub: $(VENV)/.installed
 	$(call say,Python: the stub agrees with the extension)
 	$(PY) -m mypy.stubtest imucal._core
 
@@ -113,8 +119,9 @@ format: rust-components $(VENV)/.tools
 
 # --- tests -------------------------------------------------------------------------------------------------------
 
-.PHONY: test test-rust test-sdist test-python
+.PHONY: test test-fast test-rust test-sdist test-python test-python-fast
 test: lint test-rust test-sdist test-python docs
+test-fast: lint-fast test-rust test-python-fast
 
 test-rust: rust-components
 	$(call say,Rust: tests and documentation tests)
@@ -137,6 +144,10 @@ $(VENV)/.sdist: $(SOURCES) tests/package/sdist_smoke.py | $(VENV)/.tools
 test-python: $(VENV)/.installed
 	$(call say,Python: tests against the installed wheel)
 	$(PY) -m pytest --numprocesses auto --dist loadfile
+
+test-python-fast: $(VENV)/.installed
+	$(call say,Python: tests that are not slow)
+	$(PY) -m pytest --numprocesses auto --dist loadfile -m 'not slow'
 
 # --- pages -------------------------------------------------------------------------------------------------------
 
