@@ -25,7 +25,7 @@ def main() -> None:
         arguments = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"), args=arguments)
         for name, tab, scheme, device in (
-            ("report.png", "Carried gravity", "light", DESKTOP),
+            ("report.png", "Propagated gravity", "light", DESKTOP),
             ("report-phone.png", "Coverage", "dark", PHONE),
         ):
             page = browser.new_context(offline=True, color_scheme=scheme, **device).new_page()

@@ -224,14 +224,14 @@ def test_the_page_of_a_calibration_shows_its_json(opened, reports):
             trace = drawn(page, f"{of}-{items}")["used"]
             assert trace["x"] == [i for i, _ in used]
             assert trace["y"] == [item[key] for _, item in used]
-    open_tab(page, "Carried gravity")
+    open_tab(page, "Propagated gravity")
     carried = result["control"]["carried"][0]
     for column, axis in enumerate("xyz"):
         traces = drawn(page, f"carried-0-{axis}")
         for name, key in (
             ("measured", "measured"),
-            ("carried, uncalibrated", "uncalibrated"),
-            ("carried, calibrated", "calibrated"),
+            ("propagated, uncalibrated", "uncalibrated"),
+            ("propagated, calibrated", "calibrated"),
         ):
             assert traces[name]["x"] == carried["time_s"]
             assert traces[name]["y"] == [row[column] for row in carried[key]]
@@ -264,8 +264,8 @@ def test_limits_are_drawn_where_the_json_says(opened, reports):
     }
     assert all(same(row[1], checks[what]["value"]) for what, row in cells.items())
     traces = drawn(page, "limits")
-    assert traces["not kept"]["y"] == [what for what, check in checks.items() if not check["passed"]]
-    assert sorted(traces["kept"]["y"] + traces["not kept"]["y"]) == sorted(checks)
+    assert traces["failed"]["y"] == [what for what, check in checks.items() if not check["passed"]]
+    assert sorted(traces["passed"]["y"] + traces["failed"]["y"]) == sorted(checks)
     for trace in traces.values():
         for what, x, sigma in zip(trace["y"], trace["x"], trace["error"], strict=True):
             limit = checks[what]["limit"]
@@ -282,9 +282,9 @@ def test_the_page_of_an_evaluation_shows_its_json(opened, reports):
     page, result = opened("evaluate"), result_of(reports, "evaluate")
     table = {row[0]: row[1:] for row in rows(open_tab(page, "Summary"))}
     for words, key in (
-        ("direction of gravity carried over one move, rms error, deg", "gravity_direction_rms_deg"),
-        ("length of gravity at rest, rms error, m/s²", "gravity_norm_rms_mps2"),
-        ("χ² per degree of freedom (1 is noise alone)", "chi2_per_dof"),
+        ("gravity direction propagated over one move, rms error, deg", "gravity_direction_rms_deg"),
+        ("|f| − g at rest, rms, m/s²", "gravity_norm_rms_mps2"),
+        ("χ² per degree of freedom (1: noise only)", "chi2_per_dof"),
     ):
         for shown, when in zip(table[words], ("before", "after"), strict=True):
             assert float(shown) == pytest.approx(result["control_set"][when][key], rel=6e-4)
@@ -305,11 +305,11 @@ def test_hovering_over_a_residual_tells_of_its_rest(opened, reports):
 def test_the_page_of_a_gap_shows_its_json(opened, reports):
     page, result = opened("gap"), result_of(reports, "gap")
     assert result["verdict"] == "named"
-    assert "The model misses gyro_g_sensitivity." in page.locator(".verdict").text_content()
+    assert "Missing from the model: gyro_g_sensitivity." in page.locator(".verdict").text_content()
     ranked = {score["name"]: score["log_bayes_factor"] for score in result["ranking"]}
     assert [row[0] for row in rows(open_tab(page, "Evidence"))] == list(ranked)
     bars = drawn(page, "ranking")
-    assert bars["joined the model"]["y"] == ["gyro_g_sensitivity"]
+    assert bars["added to the model"]["y"] == ["gyro_g_sensitivity"]
     for bar in bars.values():
         assert bar["x"] == [ranked[name] for name in bar["y"]]
     open_tab(page, "Before and after")

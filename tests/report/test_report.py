@@ -102,7 +102,7 @@ def test_the_page_of_a_calibration_has_verdict_tables_and_figures(result, tmp_pa
     for words in (
         "Calibration of unit 0042",
         f"Poor: {result.reasons[0]}",
-        f"{result.control_set['gravity_direction_rms_deg']:.2g} deg rms",
+        f"rms error of {result.control_set['gravity_direction_rms_deg']:.2g} deg",
         f"gyro_bias_x{rounded_to(gyro.value, gyro.std)}",
     ):
         assert words in page.text
@@ -121,12 +121,12 @@ def test_known_truth_stands_beside_the_parameters(result, tmp_path):
 @pytest.mark.parametrize(
     ("verdict", "words"),
     [
-        ("named", "The model misses gyro_g_sensitivity. On the control recordings"),
-        ("ambiguous", "The model misses gyro_g_sensitivity, or earth_rate: these recordings do not tell"),
+        ("named", "Missing from the model: gyro_g_sensitivity. On the control recordings"),
+        ("ambiguous", "Missing from the model: gyro_g_sensitivity, or earth_rate; these recordings cannot"),
         ("unknown", "it is not in the catalogue. gyro_bias varies. What"),
-        ("stochastic", "A bias wanders at random"),
-        ("nothing_missing", "Nothing is missing from the model that these recordings could show."),
-        ("data_fault", "mend it and record again"),
+        ("stochastic", "A bias fluctuates randomly"),
+        ("nothing_missing", "No missing effect is detectable in these recordings."),
+        ("data_fault", "fix it and record again"),
     ],
 )
 def test_the_page_of_a_gap_says_its_verdict(gap, tmp_path, verdict, words):
@@ -167,10 +167,10 @@ def test_where_it_disagrees_is_shown_if_it_is_known(gap, tmp_path):
     where = {"channels": [channel], "rests": [rest], "moves": [move], "turns_about": "z", "depends": depends}
     object.__setattr__(shown, "where", where)
     page = page_of(report.write_gap_page, tmp_path / "gap.html", shown)
-    assert "rate at rest about x0.009270.000199rad/s46.70.906stands out" in page.text
+    assert "rate at rest about x0.009270.000199rad/s46.70.906significant" in page.text
     assert "run.csv, rest 32765.96e-05" in page.text
-    assert "Moves that stand out, all of them turns about z" in page.text
-    assert "run.csv, move 7, left out301.4" in page.text
+    assert "Moves with significant residuals, all of them rotations about z" in page.text
+    assert "run.csv, move 7, excluded301.4" in page.text
     assert "rate at rest about xgravity99 %1e-62" in page.text
     before, after = plot.disagreement(shown).data[:2]
     assert (list(before.x), list(after.x)) == ([46.7], [0.906])
@@ -195,10 +195,10 @@ def test_a_page_of_a_very_long_recording_stays_small(result, tmp_path):
     long = replace(result, rests=rests, moves=moves, control=control)
     page = page_of(report.write_calibration_page, tmp_path / "long.html", long)
     assert f"{plot.MOST} of {count} are drawn" in page.text
-    assert "a double click shows what was left out, too" in page.text
+    assert "a double click also shows the excluded ones" in page.text
     points = {trace.name: list(trace.x) for trace in plot.rest_residuals(long).data}
     assert 17_003 in points["used"]
-    assert points["left out"] == [9_001]
+    assert points["excluded"] == [9_001]
 
 
 def test_thinning_keeps_the_worst_and_spreads_the_others():
@@ -244,13 +244,15 @@ def test_text_from_outside_is_escaped(result, tmp_path):
 
 
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_carried_gravity_is_that_of_the_axis(result, axis):
+def test_propagated_gravity_is_that_of_the_axis(result, axis):
     carried, column = result.control.carried[0], "xyz".index(axis)
-    by_name = {trace.name: np.asarray(trace.y) for trace in plot.carried_gravity(result.control, axis).data}
+    by_name = {
+        trace.name: np.asarray(trace.y) for trace in plot.propagated_gravity(result.control, axis).data
+    }
     for name, key in (
         ("measured", "measured"),
-        ("carried, uncalibrated", "uncalibrated"),
-        ("carried, calibrated", "calibrated"),
+        ("propagated, uncalibrated", "uncalibrated"),
+        ("propagated, calibrated", "calibrated"),
     ):
         np.testing.assert_array_equal(by_name[name], np.asarray(carried[key])[:, column])
     difference = (np.asarray(carried["calibrated"]) - carried["measured"])[:, column]
@@ -258,10 +260,10 @@ def test_carried_gravity_is_that_of_the_axis(result, axis):
 
 
 def test_figures_say_what_they_cannot_show(result, gap):
-    with pytest.raises(imucal.InputError, match="there is no recording 1: 1 were judged"):
-        plot.carried_gravity(result.control, "x", 1)
+    with pytest.raises(imucal.InputError, match="there is no recording 1: 1 were evaluated"):
+        plot.propagated_gravity(result.control, "x", 1)
     with pytest.raises(imucal.InputError, match="axis is 'w': give x, y or z"):
-        plot.carried_gravity(result.control, "w")
+        plot.propagated_gravity(result.control, "w")
     refused = imucal.Gap("data_fault")
     for figure in (plot.ranking, plot.before_and_after, plot.disagreement):
         with pytest.raises(imucal.InputError, match=r"faults of the data|recordings were refused"):
@@ -270,7 +272,7 @@ def test_figures_say_what_they_cannot_show(result, gap):
 
 def test_every_series_has_a_colour_and_a_marker_of_its_own(result, gap, noise):
     for figure in (
-        plot.carried_gravity(result.control, "x"),
+        plot.propagated_gravity(result.control, "x"),
         plot.limits(result.judgement),
         plot.coverage(result),
         plot.before_and_after(gap),
@@ -319,7 +321,7 @@ def test_notebooks_show_verdict_and_numbers(result, gap, noise):
         (result, f"Poor: {result.reasons[0]}"),
         (result.calibration, "Calibration of unit 0042, symmetric frame"),
         (result.control, "Good: the calibration holds on these recordings."),
-        (gap, "The model misses gyro_g_sensitivity."),
+        (gap, "Missing from the model: gyro_g_sensitivity."),
         (noise, "gyro_x noise density"),
     ):
         page = Page(shown._repr_html_())
@@ -338,7 +340,7 @@ def test_the_json_of_a_calibration_has_what_its_page_shows(result):
 
 def test_a_figure_that_is_not_known_is_a_dash():
     page = Page(figures_table({"before": {}, "after": {"gravity_norm_rms_mps2": 0.00042}, "none": None}))
-    assert page.text.endswith("rms error, m/s²-0.00042")
+    assert page.text.endswith("rms, m/s²-0.00042")
 
 
 def test_parameter_without_a_sigma_has_none():
@@ -348,7 +350,7 @@ def test_parameter_without_a_sigma_has_none():
 
 def test_long_lists_are_cut_and_say_so():
     page = Page(item_list([f"item {k}" for k in range(100)]))
-    assert "item 38 item 39 and 60 more, which --json lists" in page.text
+    assert "item 38 item 39 and 60 more, see --json" in page.text
 
 
 @pytest.mark.parametrize(

@@ -225,7 +225,7 @@ def test_exports_that_raw_counts_do_not_allow_are_refused_before_anything_moves(
     columns = ("time_s", *(f"{sensor}_{axis}_lsb" for sensor in ("accel", "gyro") for axis in "xyz"))
     still = SimpleNamespace(columns=columns)
     order = Order(Program.random(seed=1), exports=("c-header", "kalibr"))
-    with pytest.raises(imucal.InputError, match=r"raw counts, and kalibr corrects .* one of c-header"):
+    with pytest.raises(imucal.InputError, match=r"raw counts, but kalibr only corrects .* one of c-header"):
         calibrate_unit(order, lambda *_: (still, still), tmp_path, view=nullcontext)
 
 

@@ -23,7 +23,7 @@ if sys.platform == "win32":
 from children import heed_signals, wait_until
 from grbl_controller import Controller
 from imucal.stand.grbl import GrblDriver
-from imucal.stand.grbl_talk import Patience
+from imucal.stand.grbl_session import Timeouts
 from imucal.stand.link import link_to
 from imucal.stand.packet import Field, PacketDecoder, PacketFormat
 from imucal.stand.recorder import record
@@ -36,7 +36,7 @@ TURNS = ((0, 0, 0), (40, 0, 0), (0, 60, -30), (-20, 0, 90), (35, -20, 10))
 PROGRAM = Program(tuple(Step(turn, 1.0 if any(turn) else 0.0, 1.0) for turn in TURNS))
 POSES = np.cumsum(TURNS, axis=0)
 # Longer than a busy computer may keep a thread waiting.
-ENDLESS = Patience(answer_s=60.0, stall_s=60.0, reconnect_s=600.0)
+ENDLESS = Timeouts(answer_s=60.0, stall_s=60.0, reconnect_s=600.0)
 UNIT_BAUD, UNIT_HZ = 921600, 500.0
 NAMES = (*(f"accel_{axis}_lsb" for axis in "xyz"), *(f"gyro_{axis}_lsb" for axis in "xyz"))
 PACKET = PacketFormat(
@@ -73,14 +73,14 @@ def bench(tmp_path):
     """Run the program with this controller and this unit in virtual time; the result of the run."""
 
     def run(
-        controller=None, program=PROGRAM, unit_damage=None, patience=None, latency_s=0.0, watch=None, **device
+        controller=None, program=PROGRAM, unit_damage=None, timeouts=None, latency_s=0.0, watch=None, **device
     ):
         clock = VirtualClock()
         line, unit_line = MemoryLine(115200, latency_s), MemoryLine(UNIT_BAUD)
         stand = ControllerDevice(line, controller or Controller(), **device)
         unit = UnitDevice(unit_line, packet, damage=unit_damage, rate_hz=UNIT_HZ)
         clock.devices += [stand, unit]
-        driver = GrblDriver(program, "memory", patience=patience, clock=clock, open_port=line.open_port)
+        driver = GrblDriver(program, "memory", timeouts=timeouts, clock=clock, open_port=line.open_port)
         source = StreamSource(unit_line, PacketDecoder(PACKET), clock=clock)
         output = tmp_path / "run.csv"
         try:
@@ -103,7 +103,7 @@ def terminals(tmp_path):
         stand = ControllerDevice(line, Controller(), scale=12.0, **device)
         unit = UnitDevice(unit_line, packet, rate_hz=UNIT_HZ)
         with RealTime(stand, unit):
-            driver = GrblDriver(PROGRAM, str(line.path), patience=ENDLESS)
+            driver = GrblDriver(PROGRAM, str(line.path), timeouts=ENDLESS)
             source = StreamSource(link_to(str(unit_line.path), UNIT_BAUD), PacketDecoder(PACKET))
             output = tmp_path / "run.csv"
             done = record(driver, source, output, steps=len(PROGRAM.steps), silent_s=600.0)
@@ -162,7 +162,7 @@ def test_a_run_without_trouble(bench):
     done, stand, unit, read, numbers = bench(latency_s=0.01)
     assert (done.state, codes(done)) == ("completed", [])
     assert stand.controller.overflowed == 0
-    # The poses, and back to zero.
+    # The poses, and the return to zero.
     dwelt = np.array([pose for pose, _ in stand.controller.dwelt])
     assert dwelt == pytest.approx(np.array([*POSES, (0, 0, 0)]), abs=1e-3)
     assert_every_intact_sample_once(unit, read, numbers)

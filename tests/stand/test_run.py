@@ -135,7 +135,7 @@ def test_a_unit_that_falls_silent_ends_the_run_and_keeps_what_it_sent(tmp_path):
     class Patient:
         """A driver whose program does not end."""
 
-        start, see, positions, events, close = (lambda *_: (),) * 5
+        start, observe, positions, events, close = (lambda *_: (),) * 5
         poll = staticmethod(lambda: imucal.stand.driver.Status("moving", 1))
 
     done = record(Patient(), Mute(), tmp_path / "run.csv", steps=3, silent_s=0.3, clock=clock)
@@ -158,7 +158,7 @@ def test_a_journal_that_is_there_is_never_overwritten(tmp_path, command):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no fcntl")
-def test_a_journal_that_is_being_written_is_not_called_broken_off(tmp_path, monkeypatch, capsys):
+def test_a_journal_that_is_being_written_is_not_called_interrupted(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = ["stand", "run", "random", "-o", "run.csv"]
     with Journal("run.csv.journal", ("time_s", "a"), {}) as journal:
@@ -171,7 +171,7 @@ def test_a_journal_that_is_being_written_is_not_called_broken_off(tmp_path, monk
         assert main(run) == 1
         assert "another process is recording into it" in capsys.readouterr().err
     assert main(run) == 1
-    assert "broken off" in capsys.readouterr().err
+    assert "belongs to an interrupted run" in capsys.readouterr().err
 
 
 def test_a_full_disk_says_how_the_recording_is_had(tmp_path, monkeypatch, capsys):
@@ -529,9 +529,9 @@ def test_a_terminal_shows_what_there_is(tmp_path):
     for expected in (
         "of 13",
         "per second",
-        "on the disk",
+        "on disk",
         "of all directions",
-        "gyroscope bias, expected sigma",
+        "gyroscope bias, predicted sigma",
     ):
         assert expected in text
 

@@ -224,7 +224,7 @@ class Idle:
     def __init__(self, count):
         self.count = count
 
-    def see(self, samples):
+    def observe(self, samples):
         self.count -= len(samples)
 
     def poll(self):
@@ -284,7 +284,7 @@ def test_a_person_is_told_and_believed(tmp_path):
     driver = ManualDriver(asked, ("time_s", *AXES))
     begun, said = {}, []
     for start in range(0, len(rows), 7):
-        driver.see(rows[start : start + 7])
+        driver.observe(rows[start : start + 7])
         status = driver.poll()
         if status.step not in begun:
             begun[status.step] = rows[start, 0]

@@ -1,4 +1,4 @@
-"""The parameters of a calibration, how well they are known, and where they are between their limits."""
+"""Plots of the parameters of a calibration, their standard deviations, and their limits."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ if TYPE_CHECKING:
 __all__ = ["limits", "parameters", "sigmas"]
 
 SENSORS: Final = {"accel": "Accelerometer", "gyro": "Gyroscope"}
+# Heights of a parameter, a check, the title and labels of a panel, and the margin, pixels.
 ROW_PX: Final = 24
 CHECK_PX: Final = 29
 PANEL_PX: Final = 62
 MARGIN_PX: Final = 40
-# Farther from its limit than this a value is drawn at the edge.
+# Values are clipped to this multiple of the limit.
 EDGE: Final = 1.5
 
 
 def parameters(result: CalibrationResult | Calibration) -> Figure:
-    """Every parameter with a bar of 1 sigma to both sides; kinds of different units have their own panels.
+    """Every parameter with an error bar of +-1 sigma; parameters with different units are in separate panels.
 
     Raises ImucalError without plotly.
     """
@@ -46,7 +47,7 @@ def parameters(result: CalibrationResult | Calibration) -> Figure:
 
 
 def sigmas(result: CalibrationResult | Calibration) -> Figure:
-    """Bars of 1 sigma of every parameter; kinds of different units have their own panels.
+    """The standard deviation of every parameter; parameters with different units are in separate panels.
 
     Raises ImucalError without plotly.
     """
@@ -67,16 +68,16 @@ def sigmas(result: CalibrationResult | Calibration) -> Figure:
 
 
 def limits(judgement: Judgement) -> Figure:
-    """Every check against its limits, with bars of 1 sigma: -1 and 1 are the ends of a range.
+    """Every check relative to its limits, with error bars of +-1 sigma; the allowed range is -1 to 1.
 
-    A largest value ends at 1, a least one that is kept is at 0. What is farther out than 1.5, or has no
-    value, is drawn at the edge. Raises ImucalError without plotly.
+    A one-sided maximum is at 1; a value that satisfies a one-sided minimum is drawn at 0. Values beyond 1.5,
+    and missing values, are drawn at the edge. Raises ImucalError without plotly.
     """
     go, _ = plotly()
     checks = judgement.checks
     figure = go.Figure()
     figure.add_vrect(x0=-1, x1=1, fillcolor=BAND, line={"color": GREY, "width": 1}, layer="below")
-    looks = (("kept", True, GREEN, "circle", 9), ("not kept", False, VERMILION, "x", 11))
+    looks = (("passed", True, GREEN, "circle", 9), ("failed", False, VERMILION, "x", 11))
     for name, passed, colour, symbol, size in looks:
         own = [check for check in checks if check.passed == passed]
         if not own:
@@ -95,7 +96,7 @@ def limits(judgement: Judgement) -> Figure:
     figure.update_yaxes(
         rows_of(order),
         tickvals=order,
-        # The figures of a set have long names, and a phone is narrow.
+        # Break the long names of figures of a set, so that they fit on the screen of a phone.
         ticktext=[what.replace("_set ", "_set<br>") for what in order],
         tickfont={"size": 11},
     )
@@ -104,7 +105,7 @@ def limits(judgement: Judgement) -> Figure:
 
 
 def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[Parameter]], Any]) -> Figure:
-    """One panel below the other, one for each kind of parameter."""
+    """One panel for each kind of parameter, stacked vertically."""
     from imucal.calibration.calibration import Calibration
 
     calibration = result if isinstance(result, Calibration) else result.calibration
@@ -117,7 +118,7 @@ def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[
     figure = make_subplots(
         rows=len(rows),
         row_heights=rows,
-        # Titles and tick labels stand between the panels.
+        # Titles and tick labels need space between the panels.
         vertical_spacing=PANEL_PX / height if len(rows) > 1 else 0.0,
         subplot_titles=list(kinds),
     )
@@ -130,7 +131,7 @@ def _panels(result: CalibrationResult | Calibration, trace: Callable[[Any, list[
 
 
 def _kind(parameter: Parameter, calibration: Calibration) -> str:
-    """Parameters of one kind share an axis."""
+    """Title of the panel of a parameter; parameters with the same title share an axis."""
     sensor, _, rest = parameter.name.partition("_")
     unit = f", {shown_unit(parameter.unit)}".removesuffix(", ")
     effect = next((e.name for e in calibration.effects if parameter.name.startswith(f"{e.name}_")), None)
@@ -144,19 +145,19 @@ def _kind(parameter: Parameter, calibration: Calibration) -> str:
 
 def _words(p: Parameter) -> str:
     unit = shown_unit(p.unit)
-    spread = "1 σ not known" if p.std is None else f"1 σ {p.std:.3g} {unit}"
+    spread = "1 σ unknown" if p.std is None else f"1 σ {p.std:.3g} {unit}"
     return f"{p.name}<br>{p.value:.7g} {unit}<br>{spread}"
 
 
 def _position(check: Check) -> float:
-    """The share of the limit that is used, negative in the lower half of a range."""
+    """Position on the axis: the used share of the limit, negative in the lower half of a range."""
     if check.value is not None and check.low is not None and check.high is not None:
         return check.used if 2 * check.value >= check.low + check.high else -check.used
     return check.used
 
 
 def _spread(check: Check) -> float:
-    """1 sigma in the same share."""
+    """Standard deviation as a share of half the range."""
     if not check.std or check.low is None or check.high is None:
         return 0.0
     return 2 * check.std / (check.high - check.low)

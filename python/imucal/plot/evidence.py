@@ -1,4 +1,4 @@
-"""The search for a missing effect: the candidates with their evidence, and what the pick changes."""
+"""Plots of a search for a missing effect: residuals, evidence of the candidates, figures before and after."""
 
 from __future__ import annotations
 
@@ -15,40 +15,41 @@ if TYPE_CHECKING:
 
 __all__ = ["before_and_after", "channel_name", "disagreement", "figure_sets", "ranking"]
 
+# Number of candidates shown in the ranking.
 CANDIDATES: Final = 15
 ROW_PX: Final = 26
 FIGURES: Final = {
-    "chi2_per_dof": "χ² per degree of freedom (1 is noise alone)",
-    "gravity_norm_rms_mps2": "length of gravity at rest, rms error, m/s²",
-    "gravity_direction_rms_deg": "direction of gravity per move, rms error, deg",
+    "chi2_per_dof": "χ² per degree of freedom (1: noise only)",
+    "gravity_norm_rms_mps2": "|f| − g at rest, rms, m/s²",
+    "gravity_direction_rms_deg": "gravity direction per move, rms error, deg",
 }
+# Names of the channels of residuals; the axis is appended.
 CHANNELS: Final = {
     "rest_norm": "|f| − g at rest",
     "rest_rate": "rate at rest about",
     "move_direction": "direction after moves about",
-    "move_force": "force in moves along",
+    "move_force": "force during moves along",
 }
 SETS: Final = {"control_set": "control", "held_out": "held out", "calibration_set": "calibration"}
 
 
 def disagreement(gap: Gap) -> Figure:
-    """Where simulation and measurement disagree: residuals of each channel over what noise explains.
+    """Residuals of each channel of `gap.where` relative to their noise, without and with the found effects.
 
-    Without effects, and with those that joined the model; 1 is noise alone. Channels are those of
-    `gap.where`.
+    A value of 1 means that noise explains the residuals.
 
-    Raises InputError if they are not known, ImucalError without plotly.
+    Raises InputError if there are no residuals, ImucalError without plotly.
     """
     where = getattr(gap, "where", None)
     if not where or not where["channels"]:
-        raise InputError("it is not known where simulation and measurement disagree: recordings were refused")
+        raise InputError("there are no residuals to show: the recordings were refused")
     go, _ = plotly()
     figure = go.Figure()
     rows = where["channels"]
     names = [channel_name(row) for row in rows]
     looks = [("without effects", "times_noise", VERMILION, "triangle-up", 11)]
     if gap.effects:
-        looks.append(("with what joined", "times_noise_after", GREEN, "circle", 9))
+        looks.append(("with the found effects", "times_noise_after", GREEN, "circle", 9))
     for name, key, colour, symbol, size in looks:
         figure.add_scatter(
             x=[row[key] for row in rows],
@@ -60,34 +61,34 @@ def disagreement(gap: Gap) -> Figure:
         )
     figure.add_vline(x=1, line={"color": GREY, "width": 1, "dash": "dash"}, layer="below")
     figure.update_yaxes(rows_of(names))
-    figure.update_xaxes(title_text="residuals, times noise", rangemode="tozero")
+    figure.update_xaxes(title_text="rms residual / noise", rangemode="tozero")
     return styled(figure, 110 + ROW_PX * len(rows))
 
 
 def channel_name(row: Mapping[str, Any]) -> str:
-    """What a channel of `gap.where` is called."""
+    """The name of a channel of `gap.where` with its axis."""
     name = CHANNELS.get(row["channel"], row["channel"].replace("_", " "))
     return name if row["axis"] is None else f"{name} {row['axis']}"
 
 
 def ranking(gap: Gap) -> Figure:
-    """Log Bayes factors of the candidates against the plain model, in nats, the best 15.
+    """Log Bayes factors, in nats, of the 15 best candidates relative to the model without effects.
 
-    Filled bars are what joined the model, striped ones its rivals.
+    Filled bars are effects added to the model, striped bars their rivals.
 
-    Raises InputError if nothing was ranked, ImucalError without plotly.
+    Raises InputError if there is no ranking, ImucalError without plotly.
     """
     if not gap.ranking:
         raise InputError(
-            "there is no ranking: faults of the data ended the search before any effect was tried"
+            "there is no ranking: faults of the data ended the search before candidates were scored"
         )
     go, _ = plotly()
     best = gap.ranking[:CANDIDATES]
     picked = {effect["name"] for effect in gap.effects}
     rivals = set(gap.ambiguous_with)
     looks = (
-        ("joined the model", picked, BLUE, ""),
-        ("rival of the pick", rivals, VERMILION, "/"),
+        ("added to the model", picked, BLUE, ""),
+        ("rival of the found effect", rivals, VERMILION, "/"),
         ("other candidate", {score["name"] for score in best} - picked - rivals, GREY, ""),
     )
     figure = go.Figure()
@@ -113,12 +114,12 @@ def ranking(gap: Gap) -> Figure:
 
 
 def figure_sets(gap: Gap) -> dict[str, Mapping[str, Any]]:
-    """Figures before and after by the name of what they are of, those that no fit has seen first."""
+    """Figures before and after by the name of the set; sets that the fit has not used come first."""
     return {word: getattr(gap, of) for of, word in SETS.items() if getattr(gap, of) is not None}
 
 
 def before_and_after(gap: Gap) -> Figure:
-    """Figures of control recordings, of what was held out and of the calibration, before and after.
+    """Figures of the control, held-out and calibration sets, before and after the effects were added.
 
     Raises InputError if there are none, ImucalError without plotly.
     """

@@ -1,4 +1,4 @@
-"""Allan plots."""
+"""Plots of the Allan deviation."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ LOOKS = (("x", VERMILION, "circle"), ("y", GREEN, "square"), ("z", BLUE, "diamon
 
 
 def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
-    """Allan deviation over averaging time of the three axes of a sensor.
+    """Allan deviation over averaging time for the three axes of a sensor.
 
-    Points with their 95 % bands are the recording's, lines are the identified noise.
+    Points with 95 % confidence intervals are measured, lines are the identified noise model.
 
     Raises ImucalError without plotly.
     """
@@ -50,7 +50,7 @@ def allan(noise: NoiseResult, sensor: Literal["accel", "gyro"]) -> Figure:
         figure.add_scatter(
             x=of_axis.taus_s, y=of_axis.model, mode="lines", line=line, showlegend=False, hoverinfo="skip"
         )
-    # The bands of the longest times reach far up; the points are what is looked at.
+    # The range of the axis is set by the points, because the intervals at the longest times are very wide.
     everything = np.concatenate([axis.deviations for axis in noise.triad(sensor)])
     positive = everything[everything > 0]
     axis_style: dict[str, Any] = {"type": "log", "dtick": 1}

@@ -1,4 +1,4 @@
-"""What the calibration leaves at each rest and after each move, beside what noise explains."""
+"""Plots of the residuals at rests and after moves, with the range that noise explains."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
 __all__ = ["move_residuals", "rest_residuals"]
 
-# Noise alone leaves 95 % of residuals below so many sigma: a normal one, and the length of two of them.
+# Bounds of 95 % of noise residuals in sigma: of a normal variable, and of the norm of two (Rayleigh).
 NORMAL_95: Final = 1.960
 LENGTH_95: Final = math.sqrt(-2.0 * math.log(0.05))
 
 
 def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
-    """|f| - g at each rest, m/s^2, over the number of the rest; a band holds 95 % of them if noise is all.
+    """|f| - g at each rest, m/s^2, over the number of the rest; the band contains 95 % of noise residuals.
 
     Raises ImucalError without plotly.
     """
@@ -40,9 +40,9 @@ def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
 
 
 def move_residuals(result: CalibrationResult | Evaluation) -> Figure:
-    """Angle between carried and measured gravity after each move, deg, over the number of the move.
+    """Angle between propagated and measured gravity after each move, deg, over the number of the move.
 
-    A band holds 95 % of them if noise is all. Raises ImucalError without plotly.
+    The band contains 95 % of noise residuals. Raises ImucalError without plotly.
     """
     moves = result.moves
     words = [
@@ -79,11 +79,11 @@ def _figure(
             line={"color": GREY, "width": 0, "shape": "hvh"},
             fill=None if edge == band[0] else "tonexty",
             fillcolor=BAND,
-            name="95 % of noise alone",
+            name="95 % of noise residuals",
             showlegend=edge != band[0],
             hoverinfo="skip",
         )
-    looks = ((~out, "used", BLUE, "circle", 7), (out, "left out", VERMILION, "x", 9))
+    looks = ((~out, "used", BLUE, "circle", 7), (out, "excluded", VERMILION, "x", 9))
     for chosen, label, colour, symbol, size in looks:
         own = kept[chosen[kept]]
         if len(own) == 0:
@@ -107,14 +107,14 @@ def _hover(words: str, item: Mapping[str, Any], sigma: float, unit: str) -> str:
     if np.isfinite(sigma):
         lines.append(f"1 σ of noise {sigma:.3g} {unit}")
     if item.get("p_value") is not None:
-        lines.append(f"noise alone explains it with p {item['p_value']:.2g}")
+        lines.append(f"p {item['p_value']:.2g} for noise only")
     if item["excluded"] is not None:
-        lines.append(f"left out: {item['excluded']}")
+        lines.append(f"excluded: {item['excluded']}")
     return "<br>".join(lines)
 
 
 def _range(errors: FloatArray, sigmas: FloatArray, band: tuple[float, float]) -> list[float] | None:
-    """Of what is used: something left out may be off by far, and a double click shows it."""
+    """Range of the used residuals; excluded ones can be far outside, and a double click shows them."""
     seen = np.concatenate([errors, band[0] * sigmas, band[1] * sigmas])
     seen = seen[np.isfinite(seen)]
     if seen.size == 0:

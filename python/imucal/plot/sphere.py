@@ -1,4 +1,4 @@
-"""In which poses the unit has been at rest: the directions of gravity on a sphere."""
+"""Plot of the poses at rest: the directions of gravity on a sphere."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ __all__ = ["coverage", "up_at_rests"]
 
 
 def coverage(result: CalibrationResult | Evaluation) -> Figure:
-    """A sphere that can be turned, with a point for each rest: which way was up, in the body frame.
+    """A sphere that can be rotated, with a point for the up direction of each rest in the body frame.
 
-    Poses far from all points are not covered: effects that show there are neither estimated nor judged.
+    Poses far from all points are not covered: effects that are only visible there are not estimated.
 
     Raises ImucalError without plotly.
     """
@@ -39,7 +39,7 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
             mode="markers",
             marker={"color": colour, "symbol": symbol, "size": size, "line": {"color": PAPER, "width": 0.5}},
             text=[words[i] for i in kept],
-            hovertemplate="%{text}<br>up is (%{x:.2f}, %{y:.2f}, %{z:.2f})<extra></extra>",
+            hovertemplate="%{text}<br>up (%{x:.2f}, %{y:.2f}, %{z:.2f})<extra></extra>",
         )
     nothing = {"visible": False, "showspikes": False, "range": [-1.3, 1.3]}
     figure.update_layout(
@@ -57,7 +57,7 @@ def coverage(result: CalibrationResult | Evaluation) -> Figure:
 
 
 def up_at_rests(result: CalibrationResult | Evaluation) -> FloatArray:
-    """(K, 3) unit vectors: which way was up at each rest, in the body frame."""
+    """The up direction at each rest in the body frame, unit vectors (K, 3)."""
     from imucal.estimation.evaluate import Evaluation
 
     if isinstance(result, Evaluation):
@@ -72,7 +72,7 @@ def up_at_rests(result: CalibrationResult | Evaluation) -> FloatArray:
 
 
 def _series(result: CalibrationResult | Evaluation) -> list[tuple[str, FloatArray, list[str], str, str, int]]:
-    """Name, directions, hover texts, colour, symbol and size of what is drawn."""
+    """Name, directions, hover texts, colour, symbol and size of each series of points."""
     from imucal.estimation.evaluate import Evaluation
 
     if isinstance(result, Evaluation):
@@ -81,11 +81,11 @@ def _series(result: CalibrationResult | Evaluation) -> list[tuple[str, FloatArra
     up = up_at_rests(result)
     words = [
         f"rest {number} of {rest['recording']}<br>{rest['start_s']:.1f} s to {rest['end_s']:.1f} s"
-        + (f"<br>left out: {rest['excluded']}" if rest["excluded"] else "")
+        + (f"<br>excluded: {rest['excluded']}" if rest["excluded"] else "")
         for number, rest in enumerate(result.rests)
     ]
     out = np.array([rest["excluded"] is not None for rest in result.rests], dtype=bool)
-    looks = (("rests", ~out, BLUE, "circle", 6), ("left out", out, VERMILION, "x", 6))
+    looks = (("rests", ~out, BLUE, "circle", 6), ("excluded", out, VERMILION, "x", 6))
     series = [
         (name, up[own], [words[i] for i in np.flatnonzero(own)], colour, symbol, size)
         for name, own, colour, symbol, size in looks
@@ -99,7 +99,7 @@ def _numbered(count: int, word: str) -> list[str]:
 
 
 def _ball(go: Any) -> Any:
-    """A ball that hides what lies behind it, a little smaller than the sphere of the points."""
+    """A ball slightly smaller than the sphere of the points, which hides the points on its far side."""
     polar, azimuth = np.meshgrid(np.linspace(0, np.pi, 25), np.linspace(0, 2 * np.pi, 49), indexing="ij")
     return go.Surface(
         x=0.97 * np.sin(polar) * np.cos(azimuth),
@@ -114,7 +114,7 @@ def _ball(go: Any) -> Any:
 
 
 def _circles(go: Any) -> Any:
-    """Circles of equal latitude and of equal longitude, 30 deg apart."""
+    """Circles of latitude and longitude, 30 deg apart."""
     turn = np.linspace(0, 2 * np.pi, 73)
     flat, up = np.cos(turn), np.sin(turn)
     circles = [
@@ -133,7 +133,7 @@ def _circles(go: Any) -> Any:
 
 
 def _axes(go: Any) -> list[Any]:
-    """The body axes, with their names at both ends."""
+    """The body axes, labelled at both ends."""
     ends = np.concatenate([np.eye(3), -np.eye(3)])
     names = [f"{sign}{axis}" for sign in "+−" for axis in "xyz"]
     spokes = np.concatenate([[end, 1.18 * end, np.full(3, np.nan)] for end in ends]).T

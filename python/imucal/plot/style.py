@@ -1,8 +1,8 @@
-"""How all figures look: their colours in the light and in the dark, and plotly itself.
+"""The style of all figures: colours for light and dark themes, layout, and the import of plotly.
 
-Data colours are near those of Okabe and Ito, which colour-blind readers tell apart; in the dark they are
-lighter. Every series also has a marker of its own, for paper without colour. Figures are made in the light; a
-page in the dark exchanges each colour of `DARK` by its counterpart.
+Data colours are based on those of Okabe and Ito, which are distinguishable for colour-blind readers. Every
+series also has its own marker, for prints without colour. Figures use the light colours; a page in the dark
+theme replaces each of them by its entry in `DARK`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ GREY: Final = "#6f7780"
 BLUE: Final = "#0072b2"
 VERMILION: Final = "#d55e00"
 GREEN: Final = "#008560"
-# Behind data: what noise explains, and where limits are kept.
+# Background of the range that noise explains, and of allowed ranges.
 BAND: Final = "rgba(111,119,128,0.18)"
 
 DARK: Final = {
@@ -41,7 +41,7 @@ FONT: Final = "system-ui, -apple-system, Segoe UI, Roboto, sans-serif"
 
 
 def styled(figure: Figure, height: int) -> Figure:
-    """The figure as all of them look, `height` in pixels; its width is that of the place where it stands."""
+    """Apply the common style; `height` in pixels. The width is that of the surrounding element."""
     figure.update_layout(
         template="none",
         height=height,
@@ -51,7 +51,7 @@ def styled(figure: Figure, height: int) -> Figure:
         plot_bgcolor=PAPER,
         font={"family": FONT, "size": 13, "color": INK},
         hoverlabel={"bgcolor": PAPER, "bordercolor": GREY, "font": {"color": INK}, "align": "left"},
-        # Another theme draws the figure again: what the reader has turned or zoomed stays.
+        # Keeps the rotation and zoom chosen by the reader when a change of theme redraws the figure.
         uirevision="kept",
     )
     axis = {
@@ -68,7 +68,7 @@ def styled(figure: Figure, height: int) -> Figure:
 
 
 def rows_of(names: list[str]) -> dict[str, Any]:
-    """A vertical axis with one row for each name, the first on top."""
+    """A vertical axis with one row per name, the first at the top."""
     return {
         "categoryorder": "array",
         "categoryarray": names[::-1],
@@ -80,18 +80,18 @@ def rows_of(names: list[str]) -> dict[str, Any]:
 
 
 def plotly() -> tuple[Any, Any]:
-    """The graph objects of plotly and `make_subplots`; ImucalError without plotly."""
+    """The modules plotly.graph_objects and `make_subplots`. Raises ImucalError if plotly is missing."""
     try:
         import plotly.graph_objects as go
         from plotly.subplots import make_subplots
     except ImportError as error:
         raise ImucalError(
             'figures need plotly, which is not installed: pip install "imucal-rs[report]", '
-            "or leave the report out"
+            "or run without the report"
         ) from error
     return go, make_subplots
 
 
 def shown_unit(unit: str) -> str:
-    """A unit as it is printed: m/s², and nothing for a pure number."""
+    """A unit as printed: m/s²; empty for a dimensionless number."""
     return "" if unit == "1" else unit.replace("^2", "²").replace("sqrt(Hz)", "√Hz")

@@ -1,4 +1,4 @@
-"""Which of many rests or moves are drawn: a report of hours must not grow with them."""
+"""Selection of rests or moves to draw, so that the size of a report does not grow with the recording."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ from imucal.arrays import FloatArray
 
 __all__ = ["MOST", "evenly", "numbers", "thinned"]
 
-# A figure holds no more points than this: the page of hours stays below 6 MB, 5 of which are plotly.
+# Maximum number of points of a figure. It keeps a page below 6 MB, 5 MB of which are plotly.
 MOST: Final = 400
 
 
 def numbers(items: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
-    """The field `name` of each item, (K,); NaN where it does not exist."""
+    """The field `name` of each item, (K,); NaN where it is None."""
     return np.array([np.nan if item[name] is None else item[name] for item in items], dtype=float)
 
 
 def evenly(count: int, most: int = MOST) -> list[int]:
-    """Indices, increasing, of at most `most` of `count` items, evenly spread."""
+    """At most `most` evenly spaced indices of `count` items, increasing."""
     indices: list[int] = np.linspace(0, count - 1, min(count, most)).round().astype(int).tolist()
     return indices
 
 
 def thinned(importance: FloatArray, most: int = MOST) -> list[int]:
-    """Indices, increasing, of at most `most` items: half are the most important, half are evenly spread.
+    """At most `most` indices, increasing: half are the most important items, half are evenly spaced.
 
-    importance  (K,); NaN is the least important
+    importance  (K,); NaN counts as the lowest importance
     """
     count = len(importance)
     if count <= most:

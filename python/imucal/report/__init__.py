@@ -1,9 +1,10 @@
-"""Reports: one self-contained HTML page, readable without network, on a phone, in the dark and on paper.
+"""Reports: one self-contained HTML page, readable offline, on a phone, in a dark theme and on paper.
 
     write_calibration_page("unit-0042.html", imucal.calibrate(run, control=control))
 
-A page shows what the command's JSON holds and estimates nothing. Its figures are those of `imucal.plot` and
-need plotly, an optional dependency: without it there is an `ImucalError` that says how to install it.
+A page shows the numbers of the command's JSON and computes no estimates of its own. Its figures are those of
+`imucal.plot`, which need the optional dependency plotly. Without it, an `ImucalError` gives the install
+command.
 """
 
 from imucal.report.calibration_page import write_calibration_page, write_evaluation_page

@@ -1,4 +1,4 @@
-"""The page of a calibration, and that of a calibration judged on further recordings."""
+"""The report of a calibration, and the report of an evaluation on further recordings."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from imucal import plot
 from imucal.report import sentences
-from imucal.report.blocks import carried_tab, coverage_tab, finding_texts, limits_tabs, residuals
+from imucal.report.blocks import coverage_tab, finding_texts, limits_tabs, propagated_tab, residuals
 from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import figures_table, heading, item_list, paragraph, parameter_table, table
 
@@ -27,11 +27,11 @@ def write_calibration_page(
     title: str | None = None,
     truth: Mapping[str, float] | None = None,
 ) -> None:
-    """Write the page of a calibration.
+    """Write the report of a calibration.
 
     path    the HTML file
-    title   heading of the page; without it the serial number, or the first recording
-    truth   true values by parameter name, of simulated recordings
+    title   heading of the page; by default the serial number, or the name of the first recording
+    truth   true parameter values by name, known for simulated recordings
 
     Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
@@ -45,7 +45,8 @@ def write_calibration_page(
                 Shown(
                     "parameters",
                     plot.parameters(result),
-                    "Every parameter with bars of 1 σ: ideal are bias 0, scale 1, misalignment 0.",
+                    "Every parameter with an error bar of ±1 σ. Ideal values: bias 0, scale 1, misalignment "
+                    "0.",
                 ),
                 Shown("sigmas", plot.sigmas(result), "Standard deviation of every parameter."),
                 parameter_table(result.parameters, truth),
@@ -55,7 +56,7 @@ def write_calibration_page(
         coverage_tab(result),
     ]
     if result.control is not None:
-        tabs.append(carried_tab(result.control))
+        tabs.append(propagated_tab(result.control))
     left: list[Shown | str] = [heading("Recordings of the calibration"), *residuals(result, "calibration")]
     if result.control is not None:
         left += [heading("Control recordings"), *residuals(result.control, "control")]
@@ -64,9 +65,9 @@ def write_calibration_page(
 
 
 def write_evaluation_page(
-    path: str | Path, judged: Evaluation, *, title: str = "Calibration judged on other recordings"
+    path: str | Path, judged: Evaluation, *, title: str = "Calibration evaluated on further recordings"
 ) -> None:
-    """Write the page of a calibration that is judged on recordings that it was not made of.
+    """Write the report of an evaluation on recordings that the calibration was not made from.
 
     Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
@@ -80,7 +81,7 @@ def write_evaluation_page(
             ),
         ),
         *limits_tabs(judged.judgement),
-        carried_tab(judged),
+        propagated_tab(judged),
         Tab("Residuals", tuple(residuals(judged, "control"))),
         coverage_tab(judged),
     ]
@@ -105,7 +106,7 @@ def _reasons(reasons: Sequence[str]) -> list[str]:
 
 
 def _remarks(remarks: Sequence[str]) -> list[str]:
-    return [heading("Worth knowing"), item_list(remarks)] if remarks else []
+    return [heading("Notes"), item_list(remarks)] if remarks else []
 
 
 def _provenance(calibration: Calibration) -> list[str]:
@@ -120,7 +121,7 @@ def _provenance(calibration: Calibration) -> list[str]:
         ["temperature", "" if temperature is None else f"{temperature[0]:.1f} to {temperature[1]:.1f} °C"],
         ["made", f"{origin.date}, imucal {origin.imucal_version}"],
     ]
-    return [heading("Where it comes from"), table(["", ""], [row for row in rows if row[1]], words=(1,))]
+    return [heading("Provenance"), table(["", ""], [row for row in rows if row[1]], words=(1,))]
 
 
 def _title(calibration: Calibration) -> str:

@@ -1,4 +1,4 @@
-"""The page of a search for the missing effect."""
+"""The report of a search for a missing effect."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ SIGNALS = {
     "angular_rate_rms_radps": "angular rate, rms, rad/s",
     "specific_force_rms_mps2": "specific force, rms, m/s²",
 }
-# Rests and moves that stand out are listed up to this number.
+# Number of rests and moves listed of those that exceed the threshold on residuals.
 MOST_WORST = 12
 
 __all__ = ["effects_table", "gap_figures_table", "write_gap_page"]
 
 
 def write_gap_page(path: str | Path, gap: Gap) -> None:
-    """Write the page of a search.
+    """Write the report of a search.
 
     Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
     tabs = [Tab("Summary", tuple(_summary(gap)))]
-    # Recordings that are refused are not compared with anything.
+    # There are no residuals if the recordings were refused.
     where = getattr(gap, "where", None)
     if where:
         tabs.append(Tab("Where", tuple(_where(gap, where))))
@@ -43,14 +43,14 @@ def write_gap_page(path: str | Path, gap: Gap) -> None:
     if gap.calibration_set is not None:
         tabs.append(Tab("Before and after", tuple(_change(gap))))
     if gap.smallest_visible or gap.not_observable:
-        tabs.append(Tab("What could be seen", tuple(_visible(gap))))
+        tabs.append(Tab("Detectable effects", tuple(_visible(gap))))
     if gap.next_motion is not None:
         tabs.append(Tab("Next motion", tuple(_next_motion(gap.next_motion))))
-    write_page(path, "What the model misses", tabs, sentences.of_gap(gap))
+    write_page(path, "Missing effects", tabs, sentences.of_gap(gap))
 
 
 def effects_table(gap: Gap) -> str:
-    """The parameters of what joined the model; empty if nothing did."""
+    """The parameters of the effects added to the model; empty if there are none."""
     rows = [
         [
             f"{effect['name']} {p['name']}",
@@ -65,7 +65,7 @@ def effects_table(gap: Gap) -> str:
 
 
 def gap_figures_table(gap: Gap) -> str:
-    """Figures of all sets, before and after; empty if there are none."""
+    """Figures of all sets before and after the effects were added; empty if there are none."""
     known = figure_sets(gap)
     header = ["", *(f"{name}, {when}" for name in known for when in ("before", "after"))]
     rows = [
@@ -78,16 +78,16 @@ def gap_figures_table(gap: Gap) -> str:
 def _summary(gap: Gap) -> Iterator[str]:
     parameters = effects_table(gap)
     if parameters:
-        yield heading("What joined the model")
+        yield heading("Effects added to the model")
         yield parameters
     if gap.resembles:
-        yield paragraph(f"It looks a little like {', '.join(gap.resembles)}.")
+        yield paragraph(f"The residuals weakly resemble {', '.join(gap.resembles)}.")
     if gap.ambiguous_with:
-        yield paragraph(f"It may as well be {' or '.join(gap.ambiguous_with)}.")
+        yield paragraph(f"Equally plausible: {' or '.join(gap.ambiguous_with)}.")
     yield gap_figures_table(gap)
     remarks = list(dict.fromkeys([*gap.notes, *finding_texts(gap.findings)]))
     if remarks:
-        yield heading("Worth knowing")
+        yield heading("Notes")
         yield item_list(remarks)
 
 
@@ -95,7 +95,7 @@ def _where(gap: Gap, where: Mapping[str, Any]) -> Iterator[Shown | str]:
     yield Shown(
         "where",
         plot.disagreement(gap),
-        "Residuals of the model over what noise explains, before any effect is named: 1 is noise alone.",
+        "Residuals of the model without effects, relative to their noise: 1 means that noise explains them.",
     )
     rows = [
         [
@@ -104,15 +104,15 @@ def _where(gap: Gap, where: Mapping[str, Any]) -> Iterator[Shown | str]:
             f"{row['noise_rms']:.3g}",
             shown_unit(row["unit"]),
             f"{row['times_noise']:.3g}",
-            # What acts on the stand's angles leaves no trace in the corrected signals.
+            # Effects on the stand's angles are not part of the corrected signals.
             "-" if row["times_noise_after"] is None else f"{row['times_noise_after']:.3g}",
-            "stands out" if row["stands_out"] else "",
+            "significant" if row["stands_out"] else "",
         ]
         for row in where["channels"]
     ]
-    yield table(["channel", "rms", "noise alone", "unit", "times noise", "after", ""], rows)
+    yield table(["channel", "rms", "noise", "unit", "rms / noise", "after", ""], rows)
     if where["depends"]:
-        yield heading("What it goes with")
+        yield heading("Correlations of the residuals")
         rows = [
             [
                 channel_name(row),
@@ -122,34 +122,34 @@ def _where(gap: Gap, where: Mapping[str, Any]) -> Iterator[Shown | str]:
             ]
             for row in where["depends"]
         ]
-        yield table(["channel", "goes with", "share of squares", "by chance"], rows, words=(1,))
+        yield table(["channel", "correlated with", "explained variance", "p"], rows, words=(1,))
     for kind, key, unit in (
         ("rests", "norm_error_mps2", "|f| − g, m/s²"),
         ("moves", "direction_error_deg", "direction error, deg"),
     ):
         if where[kind]:
             axis = where.get("turns_about") if kind == "moves" else None
-            about = f", all of them turns about {axis}" if axis else ""
-            yield heading(f"{kind.capitalize()} that stand out{about}")
+            about = f", all of them rotations about {axis}" if axis else ""
+            yield heading(f"{kind.capitalize()} with significant residuals{about}")
             worst = sorted(where[kind], key=lambda item: -item["times_noise"])[:MOST_WORST]
             rows = [
                 [
                     f"{item['recording']}, {kind[:-1]} {item['index']}"
-                    + (", left out" if item.get("left_out") else ""),
+                    + (", excluded" if item.get("left_out") else ""),
                     f"{item['times_noise']:.2g}",
                     f"{item[key]:.3g}",
                 ]
                 for item in worst
             ]
-            yield table([f"the worst {len(worst)} of {len(where[kind])}", "times noise", unit], rows)
+            yield table([f"the worst {len(worst)} of {len(where[kind])}", "residual / noise", unit], rows)
 
 
 def _evidence(gap: Gap) -> Iterator[Shown | str]:
     yield Shown(
         "ranking",
         plot.ranking(gap),
-        "Evidence for each candidate by itself against the model without it. An effect leaves traces that "
-        "others explain too: what counts is what is left when the best one has joined.",
+        "Evidence for each single candidate relative to the model without it. Effects with similar "
+        "signatures score similarly; the search therefore adds the best one and scores the others again.",
     )
     rows = [
         [
@@ -166,8 +166,8 @@ def _evidence(gap: Gap) -> Iterator[Shown | str]:
 
 def _change(gap: Gap) -> Iterator[Shown | str]:
     *unseen, seen = figure_sets(gap)
-    but = f" and not what is called {' or '.join(unseen)}" if unseen else ""
-    words = f"Without and with what was found. The fits have seen what is called {seen}{but}."
+    but = f" but not the sets named {' or '.join(unseen)}" if unseen else ""
+    words = f"Figures without and with the found effects. The fits have used the set named {seen}{but}."
     yield Shown("change", plot.before_and_after(gap), words)
     yield gap_figures_table(gap)
     error = getattr(gap, "corrected_error", None)
@@ -177,22 +177,23 @@ def _change(gap: Gap) -> Iterator[Shown | str]:
         rows = [
             [words, *(f"{error[name][figure]:.3g}" for figure in figures)] for name, words in SIGNALS.items()
         ]
-        yield table(["", "before", "after", "times less", "95 % interval from", "to"], rows)
+        yield table(["", "before", "after", "improvement factor", "95 % interval from", "to"], rows)
 
 
 def _visible(gap: Gap) -> Iterator[str]:
     if gap.smallest_visible:
         yield paragraph(
-            "The smallest size, rms over its parameters, at which these recordings show an effect."
+            "The smallest size of each effect, rms over its parameters, that is detectable in these "
+            "recordings."
         )
         rows = [
             [name, f"{size['value']:.2g}", shown_unit(size["unit"]) or "1"]
             for name, size in gap.smallest_visible.items()
         ]
-        yield table(["effect", "seen from", "unit"], rows)
+        yield table(["effect", "detectable from", "unit"], rows)
     if gap.not_observable:
-        yield heading("Not to be seen in these recordings")
-        yield table(["effect", "it needs"], [[e["name"], e["needs"]] for e in gap.not_observable], words=(1,))
+        yield heading("Not observable in these recordings")
+        yield table(["effect", "requires"], [[e["name"], e["needs"]] for e in gap.not_observable], words=(1,))
 
 
 def _next_motion(motion: Any) -> Iterator[str]:

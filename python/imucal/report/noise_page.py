@@ -1,4 +1,4 @@
-"""The page of a unit's noise: Allan plots and figures."""
+"""The report of a unit's noise: Allan plots and noise figures."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["noise_table", "write_noise_page"]
 
 
 def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
-    """Write the page of one recording's noise.
+    """Write the report of the noise in one recording.
 
     Raises ImucalError without plotly, and InputError if the file cannot be written.
     """
@@ -28,15 +28,15 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
         "Figures",
         (
             paragraph(
-                "A kind of noise that the recording does not show has no value: the band ends where the "
-                "recording excludes it. The Allan deviation of a bias instability is flat at 0.664 of it."
+                "A kind of noise that is not detectable in the recording has no value; its interval ends at "
+                "the upper bound. The Allan deviation of bias instability is flat at 0.664 times its value."
             ),
             noise_table(noise),
-            heading("Worth knowing") if remarks else "",
+            heading("Notes") if remarks else "",
             item_list(remarks),
         ),
     )
-    caption = "Overlapping Allan deviation with 95 % bands; lines: the identified noise."
+    caption = "Overlapping Allan deviation with 95 % confidence intervals; lines: the identified noise model."
     plots = (
         Tab("Accelerometer", (Shown("allan-accel", plot.allan(noise, "accel"), caption),)),
         Tab("Gyroscope", (Shown("allan-gyro", plot.allan(noise, "gyro"), caption),)),
@@ -45,7 +45,7 @@ def write_noise_page(path: str | Path, noise: NoiseResult) -> None:
 
 
 def noise_table(noise: NoiseResult) -> str:
-    """Every figure with its 95 % band."""
+    """Every figure with its 95 % confidence interval."""
     rows = [
         [f"{name} {kind.replace('_', ' ')}", *_cells(figure)]
         for name, axis in noise.axes.items()
@@ -58,5 +58,5 @@ def noise_table(noise: NoiseResult) -> str:
 def _cells(figure: NoiseFigure) -> list[str]:
     band = [f"{figure.low:.3g}", f"{figure.high:.3g}", shown_unit(figure.unit)]
     if figure.value is None or figure.std is None:
-        return ["not seen", "-", *band]
+        return ["not detected", "-", *band]
     return [rounded_to(figure.value, figure.std), f"{figure.std:.2g}", *band]

@@ -1,4 +1,4 @@
-"""What notebooks show of a result: its verdict and tables; figures are those of `imucal.plot`."""
+"""HTML that notebooks show for a result: verdict and tables. Figures come from `imucal.plot`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def of_calibration(calibration: Calibration) -> str:
-    """The parameters."""
+    """The parameters of a calibration."""
     unit = f" of unit {calibration.serial_number}" if calibration.serial_number else ""
     return paragraph(f"Calibration{unit}, {calibration.frame} frame") + parameter_table(
         calibration.parameters
@@ -28,7 +28,7 @@ def of_calibration(calibration: Calibration) -> str:
 
 
 def of_calibration_result(result: CalibrationResult) -> str:
-    """Verdict, figures, checks against limits, parameters, and what is worth knowing."""
+    """Verdict, figures, checks against limits, parameters, and notes."""
     sets = {
         "control, uncalibrated": result.control_before,
         "control, calibrated": result.control_set,
@@ -52,12 +52,12 @@ def of_evaluation(judged: Evaluation) -> str:
 
 
 def of_noise(noise: NoiseResult) -> str:
-    """Verdict and figures."""
+    """Verdict and noise figures."""
     return _lead(sentences.of_noise(noise)) + noise_table(noise)
 
 
 def of_gap(gap: Gap) -> str:
-    """Verdict, what joined the model, figures before and after, and what is worth knowing."""
+    """Verdict, effects added to the model, figures before and after, and notes."""
     return _lead(sentences.of_gap(gap)) + effects_table(gap) + gap_figures_table(gap) + item_list(gap.notes)
 
 

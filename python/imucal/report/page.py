@@ -1,8 +1,8 @@
 """One self-contained HTML file.
 
-Everything the page needs is inside it, plotly.js included, and its content security policy forbids the
-browser to load anything else: a page mailed to a supplier looks the same there, and tells nobody that it was
-opened. Without JavaScript it still shows its text and tables, one tab below the other, as on paper.
+The page contains everything it needs, including plotly.js. Its content security policy forbids the browser to
+load anything else, so it looks the same for every recipient and does not reveal that it was opened. Without
+JavaScript the text and tables of all tabs are shown one after the other, as on paper.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ MARKS = {"good": "✔", "poor": "✘", "open": "?"}
 
 @dataclass(frozen=True)
 class Verdict:
-    """What a hurried reader needs.
+    """The verdict at the top of a page.
 
-    mood       "good", "poor", or "open": its mark and colour
+    mood       "good", "poor", or "open" (no clear verdict); selects mark and colour
     sentence   the verdict in one sentence
-    beside     what supports it
+    beside     supporting numbers
     """
 
     mood: str
@@ -40,7 +40,7 @@ class Verdict:
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """A figure with its caption in plain text, and a name of its own in the page."""
+    """A figure with its caption in plain text, and an identifier that is unique in the page."""
 
     name: str
     figure: Figure
@@ -49,24 +49,24 @@ class Shown:
 
 @dataclass(frozen=True)
 class Tab:
-    """One tab: its heading, and what stands below it: figures, and HTML of `imucal.report.tables`."""
+    """A tab: its heading, and its content of figures and HTML from `imucal.report.tables`."""
 
     heading: str
     content: tuple[Shown | str, ...]
 
 
 def require_plotly() -> None:
-    """Raise ImucalError without plotly: before the work is done, not after it."""
+    """Raises ImucalError without plotly; called before a computation whose report will need it."""
     from imucal.plot.style import plotly
 
     plotly()
 
 
 def write_page(path: str | Path, title: str, tabs: Sequence[Tab], verdict: Verdict) -> None:
-    """Write the page, whole or not at all.
+    """Write the page atomically.
 
     path     the HTML file
-    title    heading of the page, and its name in the browser
+    title    heading of the page and title of the browser window
     """
     from imucal.plot.style import DARK
 
@@ -115,12 +115,12 @@ def _figure_html(shown: Shown) -> str:
 
 
 def _json(text: str | None) -> str:
-    # Text from outside must not end the script element.
+    # Text from recordings must not close the script element.
     return (text or "").replace("<", "\\u003c")
 
 
 def _plotly_script() -> str:
-    # The caller holds a figure, so plotly is installed.
+    # The caller has a figure, so plotly is installed.
     from plotly.offline import get_plotlyjs
 
     return f"<script>{get_plotlyjs()}</script>"

@@ -1,4 +1,4 @@
-"""The verdict of each kind of result in one sentence, and what supports it."""
+"""The verdict of each kind of result in one sentence, with supporting numbers."""
 
 from __future__ import annotations
 
@@ -15,35 +15,35 @@ if TYPE_CHECKING:
 
 METRICS = {
     "chi2_per_dof": "χ² per degree of freedom",
-    "held_out_gravity_direction_rms_deg": "the rms error of the direction of gravity, deg,",
-    "held_out_gravity_norm_rms_mps2": "the rms error of the length of gravity, m/s²,",
+    "held_out_gravity_direction_rms_deg": "the rms error of the gravity direction, deg,",
+    "held_out_gravity_norm_rms_mps2": "the rms error of |f| at rest, m/s²,",
 }
-# What the page says of a verdict that names no effect.
+# Mood and sentence for verdicts that name no effect.
 NO_NAME = {
-    "nothing_missing": ("good", "Nothing is missing from the model that these recordings could show."),
-    "stochastic": ("poor", "A bias wanders at random by more than the noise of the unit explains."),
-    "unknown": ("poor", "Something is missing from the model, and it is not in the catalogue."),
-    "data_fault": ("poor", "The data have a fault: mend it and record again."),
+    "nothing_missing": ("good", "No missing effect is detectable in these recordings."),
+    "stochastic": ("poor", "A bias fluctuates randomly by more than the unit's noise explains."),
+    "unknown": ("poor", "An effect is missing from the model, and it is not in the catalogue."),
+    "data_fault": ("poor", "The data have a fault: fix it and record again."),
 }
 
 
 def of_calibration(result: CalibrationResult) -> Verdict:
-    """Whether the calibration is good, and by how much it helps on recordings that the fit never saw."""
+    """Whether the calibration is good, and its improvement on control recordings."""
     used = [sum(item["excluded"] is None for item in items) for items in (result.rests, result.moves)]
     beside = f"{used[0]} of {len(result.rests)} rests and {used[1]} of {len(result.moves)} moves are used."
     if result.control is None:
-        beside += " No control recording judges it: give one with --control."
-        sentence = "Good, judged by its own recordings alone."
+        beside += " There is no control recording to verify it: give one with --control."
+        sentence = "Good on its own recordings; not verified on others."
     else:
         beside = f"{_better(result.control)} {beside}".strip()
-        sentence = "Good: the calibration holds on recordings that the fit never saw."
+        sentence = "Good: the calibration holds on recordings that the fit has not used."
     if result.judgement is not None:
         beside += f" {result.judgement.count}."
     return _judged(result, sentence, beside)
 
 
 def of_evaluation(judged: Evaluation) -> Verdict:
-    """Whether the calibration holds on these recordings."""
+    """Whether the calibration holds on the evaluated recordings."""
     beside = _better(judged)
     if judged.judgement is not None:
         beside += f" {judged.judgement.count}."
@@ -51,21 +51,23 @@ def of_evaluation(judged: Evaluation) -> Verdict:
 
 
 def of_noise(found: NoiseResult) -> Verdict:
-    """Whether the figures can be relied on."""
+    """Whether the noise figures are reliable."""
     sentence = f"Good: noise figures from {found.duration_s:.5g} s at rest."
     return _judged(found, sentence, found.heading() + ".")
 
 
 def of_gap(gap: Gap) -> Verdict:
-    """What is missing from the model, and how much of the gap it closes."""
+    """The effects missing from the model, and the share of the gap that they close."""
     names = " and ".join(effect["name"] for effect in gap.effects)
     beside = _closed(gap)
     if gap.verdict == "named":
-        return Verdict("good", f"The model misses {names}.", beside)
+        return Verdict("good", f"Missing from the model: {names}.", beside)
     if gap.verdict == "ambiguous":
         rivals = " or ".join(gap.ambiguous_with)
         return Verdict(
-            "open", f"The model misses {names}, or {rivals}: these recordings do not tell them apart.", beside
+            "open",
+            f"Missing from the model: {names}, or {rivals}; these recordings cannot distinguish them.",
+            beside,
         )
     mood, sentence = NO_NAME[gap.verdict]
     if gap.generic is not None:
@@ -84,14 +86,14 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
 
 
 def _better(judged: Evaluation) -> str:
-    """The one figure that tells most, if it is known."""
+    """The most informative figure in a sentence; empty if it is unknown."""
     key = "gravity_direction_rms_deg"
     uncalibrated, calibrated = judged.before.get(key), judged.figures.get(key)
     if uncalibrated is None or calibrated is None:
         return ""
     return (
-        f"On the control recordings the direction of gravity carried over a move is off by {calibrated:.2g} "
-        f"deg rms, without calibration by {uncalibrated:.2g} deg."
+        "On the control recordings, the gravity direction propagated over a move has an rms error of "
+        f"{calibrated:.2g} deg, compared to {uncalibrated:.2g} deg without calibration."
     )
 
 
@@ -99,10 +101,10 @@ def _closed(gap: Gap) -> str:
     if gap.gap is None or gap.verdict not in ("named", "ambiguous"):
         return ""
     figure: Mapping[str, Any] = gap.gap
-    where = "On the control recordings" if gap.control_set is not None else "On rests and moves held out"
+    where = "On the control recordings" if gap.control_set is not None else "On held-out rests and moves"
     metric = METRICS.get(figure["metric"], figure["metric"])
     closed = min(100.0, max(0.0, 100 * figure["closed"]))
     return (
-        f"{where} {metric} goes from {figure['before']:.4g} to {figure['after']:.4g}: "
-        f"{closed:.0f} % of the gap to its floor of {figure['floor']:.3g} is closed."
+        f"{where} {metric} decreases from {figure['before']:.4g} to {figure['after']:.4g}, which closes "
+        f"{closed:.0f} % of the gap to its noise floor of {figure['floor']:.3g}."
     )

@@ -1,4 +1,4 @@
-"""Tables, lists and paragraphs as HTML: what stands between the figures of a page, and in notebooks."""
+"""Tables, lists and paragraphs as HTML, for pages and notebooks."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
 
 FIGURES = {
-    "gravity_direction_rms_deg": "direction of gravity carried over one move, rms error, deg",
-    "gravity_norm_rms_mps2": "length of gravity at rest, rms error, m/s²",
-    "chi2_per_dof": "χ² per degree of freedom (1 is noise alone)",
-    "rests": "rests judged",
-    "moves": "moves judged",
+    "gravity_direction_rms_deg": "gravity direction propagated over one move, rms error, deg",
+    "gravity_norm_rms_mps2": "|f| − g at rest, rms, m/s²",
+    "chi2_per_dof": "χ² per degree of freedom (1: noise only)",
+    "rests": "rests evaluated",
+    "moves": "moves evaluated",
 }
-# A list on a page holds so many items; the JSON holds all.
+# Maximum number of items of a list on a page; the JSON contains all.
 MOST_ITEMS = 40
 
 
@@ -35,17 +35,17 @@ def heading(text: str) -> str:
 
 
 def item_list(items: Sequence[str]) -> str:
-    """A list of plain texts, cut to `MOST_ITEMS`; empty without any."""
+    """A list of plain texts with at most `MOST_ITEMS` items; an empty string without items."""
     if not items:
         return ""
     shown = [f"<li>{escape(item)}</li>" for item in items[:MOST_ITEMS]]
     if len(items) > MOST_ITEMS:
-        shown.append(f"<li>and {len(items) - MOST_ITEMS} more, which --json lists</li>")
+        shown.append(f"<li>and {len(items) - MOST_ITEMS} more, see --json</li>")
     return "<ul>\n" + "\n".join(shown) + "\n</ul>"
 
 
 def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[int] = ()) -> str:
-    """A table of plain text cells: the first column is words, and so are those in `words`."""
+    """A table of plain text. The first column and the columns `words` contain words, the others numbers."""
 
     def kind(column: int, cell: str) -> str:
         return ' class="words"' if column in words else (' class="fail"' if cell == "FAIL" else "")
@@ -53,7 +53,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[
     head = "".join(f"<th scope=col{kind(i, cell)}>{escape(cell)}</th>" for i, cell in enumerate(header))
     head = f"<thead><tr>{head}</tr></thead>\n" if any(header) else ""
     body = "\n".join(
-        # Names of parameters are long, and a phone is narrow.
+        # Long parameter names may break after an underscore, to fit on the screen of a phone.
         f"<tr><th scope=row>{escape(first).replace('_', '_<wbr>')}</th>"
         + "".join(f"<td{kind(i, cell)}>{escape(cell)}</td>" for i, cell in enumerate(rest, start=1))
         + "</tr>"
@@ -63,7 +63,7 @@ def table(header: Sequence[str], rows: Iterable[Sequence[str]], words: Sequence[
 
 
 def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] | None = None) -> str:
-    """Value, 1 sigma and unit of every parameter; beside its true value, by name, where that is known."""
+    """Value, standard deviation and unit of every parameter, with true value and error if known."""
     header = ["parameter", "value", "1 σ", "unit", *(["truth", "error / σ"] if truth else [])]
     rows = []
     for p in parameters:
@@ -81,7 +81,7 @@ def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] 
 
 
 def figures_table(columns: Mapping[str, Mapping[str, Any] | None]) -> str:
-    """Figures of sets of recordings, one column for each set; a set that is None is left out."""
+    """Figures of sets of recordings, one column per set; sets that are None are omitted."""
     sets = {name: figures for name, figures in columns.items() if figures is not None}
     keys = [key for key in FIGURES if any(key in figures for figures in sets.values())]
     rows = [[FIGURES[key], *(_figure(figures.get(key)) for figures in sets.values())] for key in keys]
@@ -89,7 +89,7 @@ def figures_table(columns: Mapping[str, Mapping[str, Any] | None]) -> str:
 
 
 def checks_table(judgement: Judgement) -> str:
-    """Every check beside its limit, the worst first."""
+    """Every check with its limit, in descending order of the used share of the limit."""
     rows = [
         [c.what, c.value_text, c.limit_text, shown_unit(c.unit), "pass" if c.passed else "FAIL"]
         for c in judgement.by_use
@@ -98,7 +98,7 @@ def checks_table(judgement: Judgement) -> str:
 
 
 def rounded_to(value: float, std: float) -> str:
-    """`value` with as many decimals as two significant digits of `std` need."""
+    """`value` with the decimals needed to show two significant digits of `std`."""
     if not (math.isfinite(value) and math.isfinite(std) and std > 0.0):
         return f"{value:.6g}"
     decimals = 1 - math.floor(math.log10(std))
@@ -116,7 +116,7 @@ def _figure(value: float | None) -> str:
 
 
 def file_button(name: str, file: str, text: str) -> str:
-    """A text to be read on the page, and a button that saves it as a file."""
+    """A text shown on the page with a button that saves it to a file."""
     return (
         f'<button type="button" hidden data-from="{escape(name)}" data-file="{escape(file)}">'
         f'Save {escape(file)}</button>\n<pre id="{escape(name)}">{escape(text)}</pre>'

@@ -1,4 +1,4 @@
-"""What moves a stand, behind one interface, and what brings the samples of the unit."""
+"""Interfaces of a run: the driver that moves a stand, and the source of the unit's samples."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from imucal.arrays import FloatArray
 
 __all__ = ["Driver", "Event", "Position", "Source", "Status"]
 
-# The host's time, s, and the angles of the three motors, deg.
+# Host time, s, and the angles of the three motors, deg.
 Position: TypeAlias = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True)
 class Event:
-    """What happened, for the journal and for people; `code` is a stable word."""
+    """An event of a run, for the journal and for people; `code` is a stable identifier."""
 
     code: str
     message: str
@@ -24,12 +24,12 @@ class Event:
 
 @dataclass(frozen=True)
 class Status:
-    """Where a driver is.
+    """State of a driver.
 
-    state    moving or holding, finished (the program is through), or failed
-    step     step of the program, from 0
-    code     of a failure: a stable word
-    message  what is to be known, of a failure the reason and the way out
+    state    moving or holding a pose, finished (all steps done), or failed
+    step     current step of the program, from 0
+    code     stable identifier of the cause of a failure
+    message  information for the operator; for a failure its cause and remedy
     """
 
     state: Literal["moving", "holding", "finished", "failed"]
@@ -39,49 +39,49 @@ class Status:
 
 
 class Driver(Protocol):
-    """Takes a stand through a program, from all motors at zero.
+    """Runs a program on a stand, starting with all motors at zero.
 
-    Nothing blocks but `start`: the recording calls `poll` some fifty times a second.
+    Only `start` may block. The recorder calls `poll` about fifty times a second.
     """
 
     def start(self) -> None:
-        """Come to terms with the stand; ImucalError if it does not answer as it should."""
+        """Connect to the stand. Raises ImucalError if it does not answer correctly."""
 
     def poll(self) -> Status:
-        """Do what is due, and say where the stand is."""
+        """Do the work that is due, without blocking, and return the state of the stand."""
 
-    def see(self, samples: FloatArray) -> None:
-        """New samples of the unit, for a driver that goes by them; rows of the source's columns."""
+    def observe(self, samples: FloatArray) -> None:
+        """Receive new samples of the unit, (N, columns of the source); for drivers that need them."""
 
     def positions(self) -> Sequence[Position]:
-        """Readings of the motors' angles since the last call."""
+        """Readings of the motor angles since the last call."""
 
     def events(self) -> Sequence[Event]:
-        """What happened since the last call."""
+        """Events since the last call."""
 
     def close(self) -> None:
-        """Bring the stand to a stop, if it moves, and let go of it. Must not fail."""
+        """Stop the stand if it moves, and disconnect. Must not raise."""
 
 
 class Source(Protocol):
-    """The samples of a unit as they arrive.
+    """A stream of samples of a unit.
 
-    columns  canonical names of the columns of a sample (imucal.io)
+    columns  canonical column names of a sample (see imucal.io)
     """
 
     columns: tuple[str, ...]
 
     def start(self) -> None:
-        """Begin; ImucalError if the unit cannot be heard."""
+        """Connect to the unit. Raises ImucalError if that fails."""
 
     def read(self, wait_s: float) -> FloatArray:
-        """Samples since the last call, (N, columns); waits no longer than `wait_s` for the first."""
+        """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first one."""
 
     def events(self) -> Sequence[Event]:
-        """What happened since the last call."""
+        """Events since the last call."""
 
     def counts(self) -> dict[str, int]:
-        """What arrived and what did not, by stable names, such as packets_damaged."""
+        """Counts of received, lost and damaged data by stable names, such as packets_damaged."""
 
     def close(self) -> None:
-        """Let go of the unit. Must not fail."""
+        """Disconnect from the unit. Must not raise."""

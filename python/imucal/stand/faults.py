@@ -1,10 +1,10 @@
-"""Hidden faults of a simulated stand or unit: what a line must find, and nothing but the simulation knows.
+"""Faults of a simulated stand or unit, for tests of the production line: each must be detected from the data.
 
-slip         the unit slips on its mount by 1 to 3 deg about any axis, once in the middle of each run
-loose-mount  the unit has play on its mount: after every move it sits another way, 0.5 deg (1 sigma) about
-             each motor's axis
-clipping     the range of the gyroscope ends at 0.4 to 0.8 of the highest rate of the run
-dead-axis    one of the six axes does not feel: its noise goes on, or it stands at one value
+slip         the unit slips on its mount by 1 to 3 deg about a random axis, once in the middle of each run
+loose-mount  the mount has play: after every move the unit's attitude changes by a random rotation of 0.5 deg
+             (1 sigma) about each motor's axis
+clipping     the gyroscope saturates at 0.4 to 0.8 of the highest rate of the run
+dead-axis    one of the six axes outputs only its bias, with or without noise
 """
 
 from __future__ import annotations
@@ -26,19 +26,23 @@ from imucal.simulation.simulate import simulate
 __all__ = ["FAULTS", "SimulatedUnit"]
 
 FAULTS: Final = ("slip", "loose-mount", "clipping", "dead-axis")
+# Angle of a slip, deg, and its time as a share of the run's duration.
 SLIP_DEG: Final = (1.0, 3.0)
 SLIP_SHARE: Final = (0.15, 0.85)
+# Standard deviation of the attitude change by play in the mount, deg about each motor's axis.
 PLAY_DEG: Final = 0.5
+# Range of a clipping gyroscope, as a share of the highest rate of the run.
 RANGE_SHARE: Final = (0.4, 0.8)
 
 
 @dataclass(frozen=True)
 class SimulatedUnit:
-    """A unit on a simulated stand, the same one in every run.
+    """A unit on a simulated stand. All runs have the same unit, stand and unit faults.
 
-    unit, stand  as `imucal.simulate` takes them; without a stand it is the program's own
+    unit, stand  arguments of `imucal.simulate`; without a stand, the program's stand is used
+    rate_hz      sampling rate, Hz
     fault        one of `FAULTS`, or None
-    fault_seed   of the size and place of the fault
+    fault_seed   seed of the fault's size, axis and time
     """
 
     unit: Unit | str = "paper"
@@ -52,9 +56,10 @@ class SimulatedUnit:
             raise InputError(f"there is no fault {self.fault!r}: give one of {', '.join(FAULTS)}")
 
     def run(self, program: Program, seed: int) -> Recording:
-        """What the unit records of a program; `seed` is that of the noise."""
+        """The recording of a program; `seed` is the seed of the noise."""
         random = np.random.default_rng([self.fault_seed, seed])
-        # A dead axis and a range are the unit's, and the same in every run.
+        # A dead axis and a reduced range are properties of the unit, so their seed does not depend on the
+        # run.
         of_unit = np.random.default_rng(self.fault_seed)
         unit = unit_of(self.unit)
         stand = (program.stand or Stand()) if self.stand is None else stand_from_name(self.stand)
@@ -67,16 +72,16 @@ class SimulatedUnit:
             unit = self._clipped(unit, motion, seed, float(of_unit.uniform(*RANGE_SHARE)))
         recording = simulate(motion, seed=seed, unit=unit, rate_hz=self.rate_hz).recording
         if self.fault == "loose-mount":
-            # The motors do what they are told: their encoders know nothing of the play.
-            told = dataclasses.replace(program, stand=stand)
-            encoders = simulate(told, seed=seed, unit=unit, rate_hz=self.rate_hz).recording.stand_rad
+            # The encoders measure the commanded motor angles, which do not include the play of the mount.
+            commanded = dataclasses.replace(program, stand=stand)
+            encoders = simulate(commanded, seed=seed, unit=unit, rate_hz=self.rate_hz).recording.stand_rad
             recording = dataclasses.replace(recording, stand_rad=encoders)
         if self.fault == "dead-axis":
             recording = _with_dead_axis(recording, unit, of_unit)
         return recording
 
     def _clipped(self, unit: Unit, program: Program, seed: int, share: float) -> Unit:
-        """The unit with a gyroscope whose range is a share of what the program asks of it."""
+        """The unit with a gyroscope range of `share` times the highest rate of the program."""
         whole = simulate(program, seed=seed, unit=unit, rate_hz=self.rate_hz).recording
         highest_radps = float(np.abs(whole.angular_rate).max())
         return dataclasses.replace(unit, gyroscope=unit.gyroscope.with_range(share * highest_radps))
@@ -91,7 +96,7 @@ def _slipping(stand: Stand, program: Program, random: np.random.Generator) -> St
 
 
 def _with_play(program: Program, random: np.random.Generator) -> Program:
-    """The program as the unit undergoes it: every move ends somewhere else, and the next one starts there."""
+    """The program as the unit experiences it, with the attitude change by play added to every move."""
     steps, before = [], np.zeros(3)
     for step in program.steps:
         moves = any(step.turn_deg)

@@ -1,12 +1,13 @@
-"""A program as G-code for GRBL 1.1, and the time that the controller takes.
+"""A program as G-code for GRBL 1.1, and the time that the controller needs for it.
 
-One line moves all motors to absolute angles, one line holds: `G4` waits until the motors stand, so that every
-move starts and ends at rest, a trapezoid of speed (GRBL's planner.c): with the length d of the turn of all
-motors together, the feed v and the acceleration a along it,
+Each step is one line that moves all motors to absolute angles, and one that holds: `G4` waits until the
+motors are at rest. Every move therefore starts and ends at rest, with a trapezoidal rate profile (GRBL's
+planner.c). With the combined rotation d of all motors, deg, the feed v, deg/s, and the acceleration a,
+deg/s^2, along it, the duration is
 
     t = d / v + v / a    if v^2 / a <= d,    2 sqrt(d / a)    if the feed is not reached
 
-GRBL knows rotary axes as linear ones: a degree is its millimetre. A dwell is a whole number of 50 ms.
+GRBL treats rotary axes as linear axes, with 1 mm for 1 deg. The resolution of a dwell is 50 ms.
 """
 
 from __future__ import annotations
@@ -23,22 +24,23 @@ from imucal.rig.motion import Program, Step
 
 __all__ = ["Axes", "Block", "MotorLimits", "blocks_of", "gcode"]
 
+# Resolution of GRBL's dwell time, s.
 DWELL_STEP_S: Final = 0.05
-# GRBL reads eight digits of a number.
+# Decimals of angles and feeds; GRBL reads at most eight digits of a number.
 ANGLE_DECIMALS: Final = 4
 FEED_DECIMALS: Final = 2
-# A feed of less is raised to it.
+# Lowest feed that GRBL accepts, deg/min; it raises lower ones to this value.
 LEAST_FEED_DPM: Final = 1.0
-# By so much a move may take longer than the program says before it is told.
+# A move that takes longer than in the program by more than this time is reported as late, s.
 LATE_S: Final = 0.01
 
 
 @dataclass(frozen=True)
 class MotorLimits:
-    """What the controller lets each motor do.
+    """Limits of the three motors in the controller's settings.
 
-    max_rate_dps       highest rate, deg/s: $110 to $112, deg/min, over 60
-    acceleration_dps2  deg/s^2: $120 to $122
+    max_rate_dps       highest rate, deg/s (settings $110 to $112, which are in deg/min)
+    acceleration_dps2  acceleration, deg/s^2 (settings $120 to $122)
     """
 
     max_rate_dps: tuple[float, float, float] = (360.0, 360.0, 360.0)
@@ -51,7 +53,7 @@ class MotorLimits:
                 raise InputError(f"{name} is {values}: three positive numbers are needed")
 
     def along(self, turn_deg: Sequence[float]) -> tuple[float, float]:
-        """The highest rate and the acceleration along a turn: no motor does more than it may."""
+        """Highest rate, deg/s, and acceleration, deg/s^2, along a combined rotation of the motors."""
         length = math.hypot(*turn_deg)
 
         def most(limits: Sequence[float]) -> float:
@@ -64,7 +66,7 @@ class MotorLimits:
 
 @dataclass(frozen=True)
 class Axes:
-    """The letters of the three motors, outer motor first."""
+    """The axis letters of the three motors, outermost motor first."""
 
     letters: str = "XYZ"
 
@@ -75,7 +77,7 @@ class Axes:
             )
 
     def words(self, angles_deg: Sequence[float]) -> str:
-        """The words of a position: X12.5Y-3Z0."""
+        """The G-code words of a position, such as X12.5Y-3Z0."""
         return "".join(
             f"{letter}{_number(angle, ANGLE_DECIMALS)}"
             for letter, angle in zip(self.letters, angles_deg, strict=True)
@@ -84,13 +86,13 @@ class Axes:
 
 @dataclass(frozen=True)
 class Block:
-    """One step of a program for the controller.
+    """One step of a program in the terms of the controller.
 
-    angles_deg  where the motors go, from all at zero
-    feed_dpm    how fast, deg/min along the turn of all together; None where nothing turns
-    dwell_s     how long they then stand
-    move_s      how long the controller takes to get there
-    late_s      by how much that is longer than the program says
+    angles_deg  target angles of the motors, from all motors at zero
+    feed_dpm    feed along the combined rotation, deg/min; None if no motor moves
+    dwell_s     requested dwell after the move, s
+    move_s      duration of the move on the controller, s
+    late_s      `move_s` minus the duration in the program, s
     """
 
     angles_deg: tuple[float, float, float]
@@ -100,22 +102,22 @@ class Block:
     late_s: float
 
     def dwell_line(self) -> str:
-        """The line that waits for the motors, and then holds."""
+        """The line that waits for the end of the move and then dwells."""
         return f"G4P{_number(self.dwell_s, 3)}"
 
     def move_line(self, axes: Axes, words: str = "G1", shift_deg: Sequence[float] = (0.0, 0.0, 0.0)) -> str:
-        """The line that moves; `shift_deg` is where the controller sees the stand's zero."""
+        """The line of the move; `shift_deg` is the controller's position of the stand's zero, deg."""
         angles = [angle + shift for angle, shift in zip(self.angles_deg, shift_deg, strict=True)]
         return f"{words}{axes.words(angles)}F{_number(self.feed_dpm or LEAST_FEED_DPM, FEED_DECIMALS)}"
 
     @property
     def hold_s(self) -> float:
-        """How long the controller dwells."""
+        """Actual dwell of the controller, s: `dwell_s` rounded up to its resolution, computed as in GRBL."""
         return DWELL_STEP_S * float(np.ceil(np.float32(1.0 / DWELL_STEP_S) * np.float32(self.dwell_s)))
 
 
 def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
-    """The steps of a program for a controller with these limits; numbers are rounded as they are written."""
+    """The steps of a program for a controller with these limits, with numbers rounded as in the G-code."""
     blocks, before = [], (0.0, 0.0, 0.0)
     exact = np.cumsum([step.turn_deg for step in program.steps], axis=0)
     for step, sum_deg in zip(program.steps, exact, strict=True):
@@ -127,7 +129,7 @@ def blocks_of(program: Program, limits: MotorLimits) -> list[Block]:
 
 
 def gcode(blocks: Sequence[Block], axes: Axes, title: str) -> str:
-    """The file; its zero is where the motors stand when it starts."""
+    """The G-code file. Zero is the position of the motors at its start."""
     angles = np.array([block.angles_deg for block in blocks])
     ranges = [
         f"({letter} from {low:.1f} to {high:.1f} deg)"
@@ -151,12 +153,12 @@ def gcode(blocks: Sequence[Block], axes: Axes, title: str) -> str:
 
 
 def duration_s(blocks: Sequence[Block]) -> float:
-    """How long the controller takes."""
+    """Duration of the program on the controller, s."""
     return sum(block.move_s + block.hold_s for block in blocks)
 
 
 def late(blocks: Sequence[Block]) -> list[int]:
-    """The steps whose move takes longer than the program says."""
+    """Numbers of the steps whose move takes longer than in the program."""
     return [number for number, block in enumerate(blocks) if block.late_s > LATE_S]
 
 
@@ -168,7 +170,7 @@ def _block(
 ) -> Block:
     dwell_s = round(step.hold_s, 3)
     if not any(turn_deg):
-        # GRBL drops a move to where it is; the program means this time to pass.
+        # GRBL ignores a move to the current position, so the time of the move is added to the dwell.
         return Block(angles_deg, None, round(step.hold_s + step.move_s, 3), 0.0, 0.0)
     length = math.hypot(*turn_deg)
     max_rate, acceleration = limits.along(turn_deg)
@@ -179,7 +181,7 @@ def _block(
 
 
 def _rate(length: float, move_s: float, acceleration: float) -> float:
-    """The feed with which a move takes `move_s`, or the highest that is reached if that is too short."""
+    """The rate, deg/s, at which a move takes `move_s`, or the highest reachable rate if it cannot."""
     root = (acceleration * move_s) ** 2 - 4.0 * acceleration * length
     if root < 0.0:
         return math.sqrt(acceleration * length)
@@ -193,11 +195,11 @@ def _move_s(length: float, rate: float, acceleration: float) -> float:
 
 
 def _number(value: float, decimals: int) -> str:
-    """As short as it can be: every character counts against the 128 of the controller."""
+    """The shortest text of a number, because the controller's buffer holds only 128 characters."""
     text = f"{value:.{decimals}f}".rstrip("0").rstrip(".")
     return "0" if text in ("", "-0") else text
 
 
 def _comment(text: str) -> str:
-    """A comment of G-code holds no brackets, and GRBL takes ASCII."""
+    """Text valid as a G-code comment: printable ASCII without parentheses, at most 60 characters."""
     return "".join(c if c.isascii() and c.isprintable() and c not in "()" else "_" for c in text)[:60]

@@ -1,15 +1,15 @@
-"""The journal of a run: everything is on the disk as it arrives, and what is damaged is known.
+"""The journal of a run: all data are written to disk as they arrive, with checksums that detect damage.
 
-A file of blocks. Each is a head (magic, kind, number, length, CRC-32 of all three and of the payload) and a
-payload, little-endian:
+A journal is a sequence of blocks. Each block has a head (magic, kind, number, length, and the CRC-32 of these
+and the payload) and a payload, little-endian:
 
-    H  the header, JSON: schema, names of the columns of a sample, and what is known at the start
-    S  samples: rows of float64, the columns of the header and after them the host's time of arrival, s
-    P  positions of the motors: rows of float64, the host's time, s, and three angles, deg
-    E  an event, JSON
+    H  header, JSON: schema, column names of a sample, and information about the run
+    S  samples: rows of float64, the columns of the header followed by the host time of arrival, s
+    P  motor positions: rows of float64, host time, s, and three angles, deg
+    E  event, JSON
 
-Blocks are only ever appended, each by one write: a killed process leaves whole blocks and at most one part
-of a block. `sync` asks the disk; what it returns survives a power cut.
+Blocks are only appended, each with one write. If the process is killed, the file ends with complete blocks
+and at most one partial block. Data written before the last `sync` survive a power failure.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ POSITION_COLUMNS: Final = 4
 
 
 class Journal:
-    """A journal being written; use it in a `with` block. It is locked, so that others know that it is.
+    """A journal open for writing, for use in a `with` block. The file is locked while it is open.
 
-    Raises InputError if the file is there already, as it may be all that is left of a run, or cannot be
-    written.
+    Raises InputError if the file exists, because it may hold the only samples of an interrupted run, or if it
+    cannot be written.
     """
 
     def __init__(
@@ -61,14 +61,14 @@ class Journal:
         except OSError as error:
             raise self._unwritable(error) from error
         try:
-            # Some network drives have no locks.
+            # Some network file systems do not support locks.
             with suppress(OSError):
                 _lock(self._file)
             header = {"schema": SCHEMA, "columns": list(self.columns), **about}
             self._append(HEADER, json.dumps(header).encode())
             self.sync()
         except BaseException:
-            # Without its header it is no journal, and would stand in the way of the next run.
+            # A file without a header is useless and would block the next run.
             os.close(self._file)
             self.path.unlink(missing_ok=True)
             raise
@@ -80,7 +80,7 @@ class Journal:
         os.close(self._file)
 
     def samples(self, rows: FloatArray, host_s: float) -> None:
-        """Append samples, (N, columns), that have arrived by `host_s`."""
+        """Append samples, (N, columns), that arrived by the host time `host_s`."""
         if len(rows) == 0:
             return
         stamped = np.column_stack([rows, np.full(len(rows), host_s)])
@@ -88,16 +88,16 @@ class Journal:
         self.written += len(rows)
 
     def positions(self, rows: Sequence[Sequence[float]]) -> None:
-        """Append positions of the motors: the host's time, s, and three angles, deg, each."""
+        """Append motor positions, (N, 4): host time, s, and three angles, deg."""
         if rows:
             self._append(POSITIONS, np.asarray(rows, dtype="<f8").tobytes())
 
     def event(self, host_s: float, code: str, message: str) -> None:
-        """Append what happened; `code` is a stable word."""
+        """Append an event; `code` is a stable identifier."""
         self._append(EVENT, json.dumps({"host_s": host_s, "code": code, "message": message}).encode())
 
     def sync(self) -> int:
-        """Put all on the disk; returns how many samples are acknowledged by that."""
+        """Flush all data to the disk; returns the number of samples that are safe by then."""
         try:
             os.fsync(self._file)
         except OSError as error:
@@ -117,30 +117,30 @@ class Journal:
     def _there_already(self) -> InputError:
         if _is_locked(self.path):
             return InputError(
-                f"{self.path} is there already, another process is recording into it: wait for its end, or "
-                "give another file (-o)"
+                f"{self.path} exists, and another process is recording into it: wait until it ends, or give "
+                "another file (-o)"
             )
         return InputError(
-            f"{self.path} is there already, of a run that was broken off: keep its samples with "
+            f"{self.path} exists and belongs to an interrupted run: save its samples with "
             f"`imucal stand recover {self.path} -o FILE`, then remove it"
         )
 
     def _unwritable(self, error: OSError) -> InputError:
-        return InputError(f"{self.path} cannot be written: {error.strerror}; what it has is kept")
+        return InputError(f"{self.path} cannot be written: {error.strerror}; earlier samples are kept")
 
 
 @dataclass(frozen=True, eq=False)
 class Logged:
-    """What a journal holds.
+    """The contents of a journal.
 
-    header      the header's fields
-    columns     names of the columns of a sample
-    samples     (N, columns), NaN where the unit gave no number
-    host_s      (N,)    the host's time at which each sample had arrived, s
-    positions   (M, 4)  the host's time, s, and the motors' angles, deg
-    events      what happened: host_s, code, message
-    blocks_lost how many blocks are missing between others
-    tail_bytes  length of what stands after the last whole block: a block that was being written
+    header      fields of the header
+    columns     column names of a sample
+    samples     (N, columns), NaN for missing numbers
+    host_s      (N,)    host time of arrival of each sample, s
+    positions   (M, 4)  host time, s, and motor angles, deg
+    events      events with host_s, code and message
+    blocks_lost number of blocks that are missing between others
+    tail_bytes  number of bytes after the last complete block: a block that was being written
     """
 
     path: str
@@ -155,9 +155,9 @@ class Logged:
 
 
 def read_journal(path: str | os.PathLike[str]) -> Logged:
-    """Read every whole block of a journal; a damaged one is skipped and counted.
+    """Read all complete blocks of a journal; damaged blocks are skipped and counted.
 
-    Raises InputError if it cannot be read, FormatError if it is no journal or has no header.
+    Raises InputError if the file cannot be read, FormatError if it is no journal or has no header.
     """
     try:
         content = Path(path).read_bytes()
@@ -165,7 +165,7 @@ def read_journal(path: str | os.PathLike[str]) -> Logged:
         raise InputError(f"{os.fspath(path)} cannot be read: {error.strerror}") from error
     blocks, end = _blocks(content)
     if not blocks or blocks[0][0] != HEADER:
-        raise FormatError(f"{os.fspath(path)} is no journal of a run: it does not start with a whole header")
+        raise FormatError(f"{os.fspath(path)} is no journal of a run: it does not start with a header")
     header = json.loads(blocks[0][2])
     if header.get("schema") != SCHEMA:
         raise FormatError(f"{os.fspath(path)} has the schema {header.get('schema')!r}, {SCHEMA!r} is needed")
@@ -190,17 +190,17 @@ def read_journal(path: str | os.PathLike[str]) -> Logged:
 
 
 def _lock(file: int) -> None:
-    """Lock an open file for as long as it is open; BlockingIOError if another process has it locked."""
+    """Lock an open file until it is closed. Raises BlockingIOError if another process holds the lock."""
     try:
         import fcntl
     except ImportError:
-        # Windows: who else records is not known there.
+        # Windows has no fcntl; another recording process is not detected there.
         return
     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
 
 
 def _is_locked(path: Path) -> bool:
-    """Whether another process writes this journal."""
+    """Whether another process is writing this journal."""
     try:
         file = os.open(path, os.O_RDONLY)
     except OSError:
@@ -222,7 +222,7 @@ def _block(kind: bytes, number: int, payload: bytes) -> bytes:
 
 
 def _blocks(content: bytes) -> tuple[list[tuple[bytes, int, bytes]], int]:
-    """The whole blocks, in order and none twice, and where the last one ends."""
+    """The complete blocks in ascending order of their numbers, and the position after the last one."""
     found: list[tuple[bytes, int, bytes]] = []
     at = end = 0
     while (at := content.find(MAGIC, at)) >= 0 and at + HEAD.size <= len(content):
@@ -234,6 +234,6 @@ def _blocks(content: bytes) -> tuple[list[tuple[bytes, int, bytes]], int]:
             found.append((kind, number, payload))
             at = end = stop
         else:
-            # The magic may stand in numbers by chance: the next one may be the head.
+            # The magic may occur by coincidence inside a payload, so the search continues at the next byte.
             at += 1
     return found, end

@@ -1,4 +1,4 @@
-"""One unit on the line: run, control run, calibration, verdict, export, in a folder of its own."""
+"""A unit on the production line: run, control run, calibration, verdict and export, in its own folder."""
 
 from __future__ import annotations
 
@@ -30,21 +30,24 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 __all__ = ["Order", "Outcome", "calibrate_unit"]
 
 SCHEMA: Final = "imucal.stand-result/1"
+# Largest number of folders for one serial number.
 MOST_FOLDERS: Final = 10_000
 
 
 @dataclass(frozen=True)
 class Order:
-    """What is to be done with a unit.
+    """The task for one unit.
 
-    program       what the run is made of, and its name for the result
-    seed          of the program, if it was drawn
-    control_seed  of the control program, if it was drawn
-    exports       names of formats
-    control       what the control run is made of; None: the poses of `program` in an order that
-                  `control_seed` draws, along the path of `program`, for no other is known to be free
-    control_name  the name of `control` for the result
-    driver        what moves the stand, for the result
+    program       motion of the run
+    program_name  name of the program in the result
+    seed          seed of the program, if it is random
+    control_seed  seed of the control program, if it is random
+    exports       names of export formats
+    gravity_mps2  local gravity
+    control       motion of the control run; None: the poses of `program` in an order drawn with
+                  `control_seed`, along the path of `program`, the only one known to be free of obstacles
+    control_name  name of the control program in the result
+    driver        name of the driver in the result
     """
 
     program: Program
@@ -62,7 +65,7 @@ class Order:
 
     @property
     def programs(self) -> dict[str, Program]:
-        """What the stand runs, by the names of the runs: run, control."""
+        """The programs by the names of the runs: run, control."""
         control = self.control or in_another_order(self.program, self.control_seed)
         return {"run": self.program, "control": control}
 
@@ -71,22 +74,24 @@ class Order:
         for name in self.exports:
             if find_format(name).needs_noise:
                 raise InputError(
-                    f"{name} is about noise, which a stand does not measure: record the unit at rest for "
-                    "an hour, and use `imucal export --noise`"
+                    f"{name} needs noise figures, which a run on a stand does not provide: record the unit "
+                    "at rest for an hour, and use `imucal export --noise`"
                 )
 
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What came of it.
+    """The result for one unit.
 
     verdict  passed, failed or no_result
-    reasons  why it is not passed, by name
-    folder   where everything is
-    exports  what was written, by format
-    not_written  why a file that the verdict allows could not be written, by its format or its name
-    sha256   of the recordings, by their paths
-    date     when it was judged, ISO 8601
+    reasons  reasons for a verdict other than passed
+    folder   folder of all files
+    calibration  path of the saved calibration, None if there is none
+    exports  exported files by format
+    not_written  error message for each file that the verdict allows but that could not be written, by format
+                 or file name
+    sha256   hashes of the recordings by path
+    date     time of the verdict, ISO 8601
     """
 
     order: Order
@@ -102,7 +107,7 @@ class Outcome:
     date: str = dataclasses.field(default_factory=now)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `imucal stand calibrate --json`, and result.json in the folder."""
+        """The document of `imucal stand calibrate --json` and of result.json in the folder."""
         result = self.assessment.result if self.assessment else None
         return {
             "schema": SCHEMA,
@@ -138,15 +143,15 @@ def calibrate_unit(
     *,
     view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
 ) -> Outcome:
-    """Take a unit through its programs and judge it.
+    """Run a unit's programs, calibrate it, and judge it.
 
-    equipment  the driver and the source for a program and the seed of simulated noise
-    folder     a folder for each unit is made in it; one that is there is left alone, and another one made
-    view       a live view of the run that is written to a file, run.csv or control.csv
+    equipment  returns the driver and the source for a program and the seed of simulated noise
+    folder     parent of the unit's new folder; existing folders are not changed
+    view       live view of a run that is written to a given file, run.csv or control.csv
 
-    Raises ImucalError if the equipment cannot start, InputError for a program that does not determine all
-    parameters and for exports that the unit's data do not allow. What fails once there is a recording is in
-    the outcome, and in result.json after an interrupt, too.
+    Raises ImucalError if the equipment cannot start, and InputError for a program that does not determine all
+    parameters and for exports that do not accept the unit's data. Failures after the first sample are
+    reported in the outcome and in result.json; the latter also after an interrupt.
     """
     require_determined(order.program, order.program_name)
     own = _folder_for(order, Path(folder))
@@ -154,7 +159,7 @@ def calibrate_unit(
     try:
         return _kept(_taken_through(order, equipment, own, runs, view))
     except (ImucalError, KeyboardInterrupt) as error:
-        # The folder of a unit that has sent nothing would only be in the way of the next try.
+        # Remove the folder if no sample has arrived, so that the next attempt gets the same name.
         if not any(own.iterdir()):
             own.rmdir()
             raise
@@ -171,7 +176,7 @@ def _taken_through(
     runs: dict[str, Done],
     view: Callable[[Path], AbstractContextManager[Callable[[Moment], None] | None]],
 ) -> Outcome:
-    """The runs, into `runs` as they are done, and the verdict."""
+    """Do the runs, adding them to `runs` as they end, and judge the unit."""
     programs = order.programs
     assessment: Assessment | None = None
     for name, seed in (("run", order.seed), ("control", order.control_seed)):
@@ -194,7 +199,7 @@ def _taken_through(
             serial_number=order.serial_number,
             limits=order.limits if len(recordings) > 1 else None,
         )
-        # A unit that gives no calibration needs no control run.
+        # Without a calibration there is nothing to evaluate on a control run.
         if assessment.result is None:
             break
     assert assessment is not None
@@ -202,7 +207,7 @@ def _taken_through(
 
 
 def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[str, Done]) -> Outcome:
-    """The verdict, and the files that it allows."""
+    """Save the calibration and the exports that the verdict allows."""
     passed = assessment.judged and not assessment.reasons
     verdict = "passed" if passed else "failed" if assessment.judged else "no_result"
     if assessment.result is None:
@@ -211,7 +216,7 @@ def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[s
         assessment.result.calibration,
         provenance=dataclasses.replace(assessment.result.calibration.provenance, operator=order.operator),
     )
-    # Nobody must take the calibration of a unit that failed for that of one to be shipped.
+    # The file name shows that the unit failed, so that its calibration is not delivered by mistake.
     path = own / ("calibration.json" if passed else "rejected.json")
     not_written: dict[str, str] = {}
     try:
@@ -233,21 +238,21 @@ def _with_files(order: Order, assessment: Assessment, own: Path, runs: Mapping[s
 
 
 def _require_exports(order: Order, columns: Sequence[str]) -> None:
-    """Refuse formats that take no raw counts for a unit that sends them: before it is run, not after it."""
+    """Refuse exports without raw counts for a unit that sends raw counts, before the run."""
     if not any(column.endswith("_lsb") for column in columns):
         return
     unfit = [name for name in order.exports if not find_format(name).takes_counts]
     if unfit:
         fit = [name for name, form in FORMATS.items() if form.takes_counts]
         raise InputError(
-            f"the unit sends raw counts, and {' and '.join(unfit)} "
-            f"{'corrects' if len(unfit) == 1 else 'correct'} samples that are in SI units already: leave it "
-            f"out, or export to one of {', '.join(fit)}"
+            f"the unit sends raw counts, but {' and '.join(unfit)} only "
+            f"{'corrects' if len(unfit) == 1 else 'correct'} samples in SI units: leave it out, or export to "
+            f"one of {', '.join(fit)}"
         )
 
 
 def _kept(outcome: Outcome) -> Outcome:
-    """The outcome, with result.json in its folder; a verdict is not lost where that cannot be written."""
+    """Write result.json; if that fails, the verdict is still returned, with the error in `not_written`."""
     paths = [done.output for done in outcome.runs.values() if done.output is not None]
     digests = {path: open_large(path).sha256 for path in paths}
     outcome = dataclasses.replace(outcome, sha256=digests)
@@ -259,7 +264,7 @@ def _kept(outcome: Outcome) -> Outcome:
 
 
 def _folder_for(order: Order, folder: Path) -> Path:
-    """A new folder, by the serial number; a second try of a unit gets one of its own."""
+    """Create a folder named by the serial number, with a number appended if it exists already."""
     name = re.sub(r"[^\w.+-]", "_", order.serial_number or "unit").lstrip(".") or "unit"
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -274,8 +279,8 @@ def _folder_for(order: Order, folder: Path) -> Path:
                 if error.errno != errno.ENAMETOOLONG:
                     raise
                 raise InputError(
-                    f"the serial number has {len(name)} characters, which is too long for the folder that is "
-                    "named by it: give a shorter one"
+                    f"the serial number has {len(name)} characters, which is too long for a folder name: "
+                    "give a shorter one"
                 ) from error
     except OSError as error:
         raise InputError(f"{folder} cannot be written: {error.strerror}: give another folder (-o)") from error

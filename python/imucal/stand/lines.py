@@ -1,9 +1,9 @@
-"""A unit's lines of text: numbers in the order of a template, with a checksum if the template ends with `*`.
+"""Decoder for text lines: numbers in the order of a template, with a checksum if the template ends with `*`.
 
     time_us,accel_x_lsb,accel_y_lsb,accel_z_lsb,gyro_x_lsb,gyro_y_lsb,gyro_z_lsb,-,temp_degc*
 
-`-` leaves a column out. The checksum is that of NMEA 0183: after `*` two hexadecimal digits, the exclusive or
-of all characters before it, without a leading `$`.
+`-` marks a number to ignore. The checksum is that of NMEA 0183: `*` and two hexadecimal digits, the exclusive
+or of all characters before the `*`, without a leading `$`.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from imucal.io.vocabulary import SKIP
 __all__ = ["LineDecoder"]
 
 SEPARATOR: Final = re.compile(r"[,;\s]+")
-# A line that never ends is none.
+# Length above which text without a line end is discarded as damaged, characters.
 LONGEST: Final = 4096
 
 
 class LineDecoder:
-    """From bytes to rows of numbers, one for each line that is as the template says.
+    """Decodes bytes to rows of numbers, one for each line that matches the template.
 
-    columns  names of the columns that are kept
+    columns  names of the columns that are not ignored
     """
 
     def __init__(self, template: str) -> None:
         self._has_checksum = template.rstrip().endswith("*")
         names = column_list(template.rstrip().removesuffix("*"))
         if not all(names):
-            raise InputError(f"the columns {template!r} have an empty name: give - for one to leave out")
+            raise InputError(f"the columns {template!r} contain an empty name: give - for a column to ignore")
         self._kept = [i for i, name in enumerate(names) if name not in SKIP]
         self.columns = tuple(names[i] for i in self._kept)
-        self.turns_over: tuple[float | None, ...] = (None,) * len(self.columns)
+        self.wraps_at: tuple[float | None, ...] = (None,) * len(self.columns)
         self.damaged = 0
         self._width = len(names)
         self._left = b""
         self._is_first = True
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
-        """The rows of the lines that end with these bytes."""
+        """The rows of the lines that these bytes complete."""
         *lines, self._left = (self._left + data).split(b"\n")
         if len(self._left) > LONGEST:
             self._left = b""
@@ -53,13 +53,13 @@ class LineDecoder:
             if row is not None:
                 rows.append(row)
             elif line.strip():
-                # The first one may have begun before we listened.
+                # The first line may be partial, as reading can start within it.
                 self.damaged += not self._is_first
             self._is_first = False
         return rows
 
     def counts(self) -> dict[str, int]:
-        """What was no line of numbers."""
+        """Number of lines that did not match the template."""
         return {"lines_damaged": self.damaged}
 
     def _row(self, line: bytes) -> tuple[float, ...] | None:

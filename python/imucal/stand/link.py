@@ -1,4 +1,4 @@
-"""The bytes of a unit: a serial port, a TCP server, or standard input."""
+"""Byte streams from a unit: a serial port, a TCP server, or standard input."""
 
 from __future__ import annotations
 
@@ -12,34 +12,37 @@ from imucal.io.extra import library
 
 __all__ = ["Link", "LinkLostError", "link_to", "serial_port"]
 
+# Longest time that `read` waits for data, s.
 WAIT_S: Final = 0.05
+# Timeout of a TCP connection, s.
 CONNECT_S: Final = 5.0
+# Largest number of bytes per read.
 AT_ONCE: Final = 65536
 
 
 class LinkLostError(Exception):
-    """The other end is gone, or this one cannot be opened; what is recorded is not touched by that."""
+    """The connection was lost or could not be opened."""
 
 
 class Link(Protocol):
-    """Bytes as they arrive."""
+    """A source of bytes."""
 
     name: str
-    # Whether it can be opened again once it is lost.
+    # Whether a lost connection can be opened again.
     comes_back: bool
 
     def open(self) -> None:
-        """Open it; LinkLostError with the reason if that fails."""
+        """Open the connection. Raises LinkLostError with the reason if that fails."""
 
     def read(self) -> bytes:
-        """What is there, after a short wait perhaps nothing; LinkLostError if nothing will come any more."""
+        """Bytes that arrive within a short wait, possibly none. Raises LinkLostError at the end."""
 
     def close(self) -> None:
-        """Close it; does nothing the second time."""
+        """Close the connection; a second call does nothing."""
 
 
 def serial_port(port: str, baud: int) -> Any:
-    """An open port of pyserial that no other program shares; LinkLostError with the reason if that fails."""
+    """An exclusively opened port of pyserial. Raises LinkLostError with the reason if that fails."""
     serial = library("serial", "stand", "Serial ports")
     try:
         return serial.Serial(port, baud, timeout=0, write_timeout=1.0, exclusive=os.name == "posix" or None)
@@ -48,7 +51,7 @@ def serial_port(port: str, baud: int) -> Any:
 
 
 def link_to(address: str, baud: int) -> Link:
-    """The link of an address: `-` for standard input, `tcp://HOST:PORT`, else a serial port."""
+    """The link for an address: `-` for standard input, `tcp://HOST:PORT`, or the name of a serial port."""
     if address == "-":
         return _Stdin()
     if address.startswith("tcp://"):
@@ -70,14 +73,14 @@ class _Serial:
 
     def open(self) -> None:
         self._port = serial_port(self.name, self._baud)
-        # A byte is enough to wake up; what else is there comes with it.
+        # `read` waits for one byte and then takes all that are available.
         self._port.timeout = WAIT_S
 
     def read(self) -> bytes:
         try:
             first: bytes = self._port.read(1)
             return first + self._port.read(self._port.in_waiting) if first else b""
-        # pyserial lets errors of termios, and of a port that is closed meanwhile, through.
+        # pyserial passes on other exceptions for a lost or closed port, such as those of termios.
         except Exception as error:
             raise LinkLostError(f"{self.name} is lost: {error}") from None
 

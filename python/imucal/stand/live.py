@@ -1,4 +1,4 @@
-"""The live view of a run in a terminal; in a pipe nothing is shown."""
+"""The live view of a run in a terminal; nothing is shown without one."""
 
 from __future__ import annotations
 
@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 
 __all__ = ["live_view", "recoverable"]
 
+# Interval between two updates of the view, s.
 EVERY_S: Final = 0.2
-# Groups of parameters, and the unit in which the largest standard deviation of each is shown.
+# Groups of parameters; the view shows the largest standard deviation in each, in this unit.
 GROUPS: Final = {
     "accel_bias_": ("accelerometer bias", "m/s^2"),
     "accel_sensitivity_": ("accelerometer sensitivity", ""),
@@ -27,13 +28,13 @@ GROUPS: Final = {
 
 
 @contextmanager
-def live_view(name: str, says: bool = False) -> Iterator[Callable[[Moment], None] | None]:
-    """A function that shows a moment of the run; None where there is no terminal.
+def live_view(name: str, prints_steps: bool = False) -> Iterator[Callable[[Moment], None] | None]:
+    """A function that shows the state of a run; None without a terminal.
 
-    says  somebody must hear what comes next, terminal or not: a line for each step
+    prints_steps  without a terminal, print a line for each step, because a person needs the instructions
     """
     if not sys.stderr.isatty():
-        yield _Steps().say if says else None
+        yield _Steps().say if prints_steps else None
         return
     from rich.console import Console
     from rich.live import Live
@@ -52,17 +53,17 @@ def live_view(name: str, says: bool = False) -> Iterator[Callable[[Moment], None
 
 @contextmanager
 def recoverable(output: Path) -> Iterator[None]:
-    """Say how the recording of a run that is interrupted in this block, or ends by a bug, can be had."""
+    """On an interrupt or internal error inside the block, print the command that recovers the data."""
     from imucal.errors import ImucalError
     from imucal.stand.recorder import journal_of
 
     journal = journal_of(output)
-    # That of another run says so itself.
+    # A journal that existed before belongs to another run, whose error message already explains it.
     was_there = journal.exists()
     try:
         yield
     except ImucalError:
-        # It is in the message.
+        # The error message already contains the command.
         raise
     except BaseException:
         if journal.exists() and not was_there:
@@ -74,7 +75,7 @@ def recoverable(output: Path) -> Iterator[None]:
 
 
 class _Steps:
-    """A line for each step of the program, as it begins."""
+    """Prints a line at the start of each step of the program."""
 
     def __init__(self) -> None:
         self._step = -1
@@ -96,17 +97,17 @@ def _table(name: str, moment: Moment) -> Table:
     )
     table.add_row(
         "samples",
-        f"{moment.samples}, {moment.arrival_rate_hz:.0f} per second, {moment.acknowledged} on the disk",
+        f"{moment.samples}, {moment.arrival_rate_hz:.0f} per second, {moment.acknowledged} on disk",
     )
     bad = {what: count for what, count in moment.counts.items() if count and what != "samples"}
     if bad:
         table.add_row("link", ", ".join(f"{what} {count}" for what, count in bad.items()))
     table.add_row(
-        "rests", f"{prospect.rests}, {prospect.coverage:.0%} of all directions within 30 deg of one"
+        "rests", f"{prospect.rests}, covering {prospect.coverage:.0%} of all directions within 30 deg"
     )
     for prefix, (group, unit) in GROUPS.items():
         sigma = [std for parameter, std in prospect.sigma.items() if parameter.startswith(prefix)]
         known = [std for std in sigma if std is not None]
         text = f"{max(known):.1e} {unit}" if sigma and len(known) == len(sigma) else "not determined yet"
-        table.add_row(f"{group}, expected sigma", text)
+        table.add_row(f"{group}, predicted sigma", text)
     return table

@@ -1,8 +1,9 @@
-"""A person as the driver: which pose comes next is said, and that it is held is seen in the samples.
+"""A person as the driver: instructions name the next pose, and the samples show when it was held.
 
-A pose is known by the direction that points up in it, for a hand does not turn about the vertical by degrees.
-It counts once the unit has moved since the one before, is within 25 deg of what was asked for, and has kept
-still for the time that the program holds. Nothing is asked of the sensors but that they are roughly right.
+A pose is defined by the body direction that points up, because the rotation about the vertical is hard to
+control by hand. A pose is done when the unit has moved since the previous pose, is within 25 deg of the
+requested direction, and has been at rest for the hold time of the program. Sensors with uncalibrated errors
+of a few per cent are good enough for this.
 """
 
 from __future__ import annotations
@@ -21,18 +22,20 @@ from imucal.stand.stream import TICKS_PER_S
 
 __all__ = ["ManualDriver"]
 
+# Largest angle between requested and measured up direction for a pose to count, deg.
 NEAR_DEG: Final = 25.0
-# Still is: means over so long stray from that of the whole hold by no more than so much, and the rates by no
-# more than this share of the most that they have ever changed.
+# Averaging time of the samples in the test for rest, s.
 BIN_S: Final = 0.2
+# At rest, averaged up directions deviate from their mean by at most this angle, deg.
 STILL_DEG: Final = 2.0
+# At rest, averaged rates deviate from their mean by at most this share of the largest change seen in a move.
 STILL_SHARE: Final = 0.15
-# Words for a pose: an axis that is so near to the vertical is named alone.
+# An axis within this angle of the vertical names the pose by itself, deg.
 ALONE_DEG: Final = 12.0
 
 
 class ManualDriver:
-    """Goes through the poses of a program by what the unit shows; `columns` are those of its source."""
+    """Guides a person through the poses of a program; `columns` are those of the unit's samples."""
 
     def __init__(self, program: Program, columns: Sequence[str]) -> None:
         self._holds = [(up, step.hold_s) for up, step in zip(_ups(program), program.steps, strict=True)]
@@ -56,10 +59,10 @@ class ManualDriver:
         self._off_deg = 180.0
 
     def start(self) -> None:
-        """A person needs no handshake."""
+        """Does nothing: a person needs no connection."""
 
     def poll(self) -> Status:
-        """The pose that is asked for, and how far the unit is from it."""
+        """The requested pose, and the angle of the unit from it."""
         if self._step == len(self._holds):
             return Status("finished", len(self._holds) - 1)
         up, hold_s = self._holds[self._step]
@@ -68,21 +71,21 @@ class ManualDriver:
             f"hold it still for {hold_s:.0f} s" if near else f"turn the unit, {self._off_deg:.0f} deg to go"
         )
         if near and not self._moved:
-            what = "take it up and turn it first"
+            what = "move the unit away and back first"
         message = f"{pose_text(up)}: {what}"
         return Status("holding" if near and self._still else "moving", self._step, message=message)
 
-    def see(self, samples: FloatArray) -> None:
-        """New samples: is it still, and where."""
+    def observe(self, samples: FloatArray) -> None:
+        """Update the state of the current pose with new samples."""
         rows = samples[:, self._picked].copy()
         rows[:, 0] /= self._ticks_per_s
-        # A link that was busy gives much at once, and a hold may begin and end in it.
+        # After a delay many samples can arrive at once, and may contain a whole hold, so they are split.
         pieces = np.flatnonzero(np.diff(rows[:, 0] // BIN_S)) + 1
         for piece in np.split(rows, pieces):
             if len(piece) and self._step < len(self._holds):
-                self._see(piece)
+                self._observe(piece)
 
-    def _see(self, rows: FloatArray) -> None:
+    def _observe(self, rows: FloatArray) -> None:
         self._window = np.concatenate([self._window, rows])
         up, hold_s = self._holds[self._step]
         now_s = self._window[-1, 0]
@@ -97,18 +100,18 @@ class ManualDriver:
             self._window = self._window[-1:]
 
     def positions(self) -> Sequence[Position]:
-        """A hand has no encoders."""
+        """No readings, as there are no encoders."""
         return ()
 
     def events(self) -> Sequence[Event]:
-        """What a person does is in the samples."""
+        """No events: the samples show what the person does."""
         return ()
 
     def close(self) -> None:
-        """Nothing turns any more."""
+        """Does nothing: there are no motors."""
 
     def _bins(self) -> FloatArray:
-        """Means of the window over short times, (B, 6)."""
+        """Means of the window over intervals of `BIN_S`, (B, 6): specific force and angular rate."""
         number = ((self._window[:, 0] - self._window[0, 0]) / BIN_S).astype(int)
         counts = np.bincount(number)
         sums = np.stack([np.bincount(number, column) for column in self._window[:, 1:].T], axis=1)
@@ -125,7 +128,7 @@ class ManualDriver:
         return not strays and (self._rates_span == 0.0 or rates <= STILL_SHARE * self._rates_span)
 
     def _is_moving(self) -> bool:
-        """Whether rates change as they do in a move; the largest change so far is the measure."""
+        """Whether the up direction turns, or rates change by half of the largest change in a move."""
         bins = self._bins()
         span = float(np.ptp(bins[:, 3:], axis=0).max())
         turned = max(_angle_deg(row[:3], bins[0, :3]) for row in bins) > 2 * STILL_DEG
@@ -145,7 +148,7 @@ def pose_text(up: FloatArray) -> str:
 
 
 def _ups(program: Program) -> list[FloatArray]:
-    """The direction in the body that points up at the end of each step."""
+    """The body direction, unit vector (3,), that points up at the end of each step."""
     ends_s = np.cumsum([step.move_s + step.hold_s for step in program.steps])
     truth = simulate(program, unit="ideal", seed=0, rate_hz=50.0).truth
     rows = np.minimum(np.searchsorted(truth.time_s, ends_s - 1e-9), len(truth.time_s)) - 1

@@ -1,4 +1,4 @@
-"""A unit's binary packets, described in a file of schema imucal.packet/1.
+"""Decoder for binary packets, whose layout is described in a file of schema imucal.packet/1.
 
     {"schema": "imucal.packet/1",
      "sync": "aa55", "byte_order": "little",
@@ -7,8 +7,9 @@
                 {"name": "temp_degc", "type": "int16", "scale": 0.01}],
      "checksum": {"kind": "crc16-ccitt", "over": "all"}}
 
-A packet is the sync bytes, the fields one after the other, and the checksum in the same byte order, over all
-before it or over the fields alone. What does not match is skipped byte by byte, counted, and never a sample.
+A packet consists of the sync bytes, the fields, and the checksum in the same byte order. The checksum is
+computed over everything before it, or over the fields only. Bytes that match no packet are skipped and
+counted.
 """
 
 from __future__ import annotations
@@ -31,12 +32,13 @@ TYPES: Final = {
     **{"int8": "b", "uint8": "B", "int16": "h", "uint16": "H", "int32": "i", "uint32": "I"},
     **{"int64": "q", "uint64": "Q", "float32": "f", "float64": "d"},
 }
+# Field name of a number to ignore.
 SKIP: Final = "-"
 
 
 @dataclass(frozen=True)
 class Field:
-    """One number of a packet: its name (`-` is left out), its type, and value = scale raw + offset."""
+    """One number of a packet: name (`-` to ignore it), type, and conversion value = scale raw + offset."""
 
     name: str
     type: str
@@ -44,15 +46,15 @@ class Field:
     offset: float = 0.0
 
     @property
-    def turns_over(self) -> float | None:
-        """Where a counter starts again at zero, in its own unit; None for what is no counter."""
+    def wraps_at(self) -> float | None:
+        """The value at which an unsigned field wraps to zero, in its unit; None for other types."""
         size = struct.calcsize(f"<{TYPES[self.type]}")
         return self.scale * 2.0 ** (8 * size) if self.type.startswith("uint") else None
 
 
 @dataclass(frozen=True)
 class PacketFormat:
-    """What a packet looks like."""
+    """The layout of a packet."""
 
     sync: bytes
     byte_order: str
@@ -62,7 +64,7 @@ class PacketFormat:
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> PacketFormat:
-        """Read the file that describes a packet; FormatError names the field that is wrong."""
+        """Read the description of a packet. Raises FormatError with the name of an invalid field."""
         node = read_json(path)
         node.require_schema(SCHEMA)
         sync = node.get("sync")
@@ -84,33 +86,33 @@ class PacketFormat:
 
     @property
     def layout(self) -> struct.Struct:
-        """The fields as struct has them."""
+        """The struct layout of the fields."""
         order = "<" if self.byte_order == "little" else ">"
         return struct.Struct(order + "".join(TYPES[field.type] for field in self.fields))
 
     def sum_of(self, packet: bytes) -> bytes:
-        """The checksum of a packet without it."""
+        """The checksum for a packet that does not contain it yet."""
         size, of = CHECKSUMS[self.checksum]
         body = packet[len(self.sync) :] if self.over_fields_alone else packet
         return of(body).to_bytes(size, "little" if self.byte_order == "little" else "big")
 
     def pack(self, *raw: float) -> bytes:
-        """The packet of these numbers, one for each field as it is sent: for units and for trying."""
+        """A packet with these raw numbers, one per field; for test programs."""
         packet = self.sync + self.layout.pack(*raw)
         return packet + self.sum_of(packet)
 
 
 class PacketDecoder:
-    """From bytes to rows of numbers, one for each packet whose checksum is right.
+    """Decodes bytes to rows of numbers, one for each packet with a correct checksum.
 
-    columns  names of the fields that are kept
+    columns  names of the fields that are not ignored
     """
 
     def __init__(self, form: PacketFormat) -> None:
         self.form = form
         kept = [(i, field) for i, field in enumerate(form.fields) if field.name != SKIP]
         self.columns = tuple(field.name for _, field in kept)
-        self.turns_over = tuple(field.turns_over for _, field in kept)
+        self.wraps_at = tuple(field.wraps_at for _, field in kept)
         self.damaged = 0
         self.skipped_bytes = 0
         self._kept = [(i, field.scale, field.offset) for i, field in kept]
@@ -118,17 +120,17 @@ class PacketDecoder:
         self._size = len(form.sync) + self._layout.size
         self._whole = self._size + CHECKSUMS[form.checksum][0]
         self._left = b""
-        # Bytes before the first packet are those of one that began before we listened.
+        # Bytes before the first packet are not counted as skipped: reading can start within a packet.
         self._found = False
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]:
-        """The rows of the packets that are whole with these bytes."""
+        """The rows of the packets that these bytes complete."""
         data = self._left + data
         rows, at = [], 0
         while True:
             start = data.find(self.form.sync, at)
             if start < 0:
-                # The sync bytes may come in two pieces.
+                # The sync bytes may be split between two calls.
                 start = max(at, len(data) - len(self.form.sync) + 1)
                 self._skip(start - at)
                 at = start
@@ -141,8 +143,8 @@ class PacketDecoder:
             is_whole = self._is_whole(data, at)
             inner = data.find(self.form.sync, at + 1, at + self._whole) if is_whole else -1
             if inner >= 0:
-                # One in 65536 wrong ones has a right CRC of 16 bits: a packet that begins inside has, too, if
-                # this is the rest of one and the beginning of the next.
+                # A wrong packet passes a 16-bit CRC with a probability of 1/65536. If another packet starts
+                # inside and is valid, this match was part of one packet joined to the start of the next.
                 if len(data) - inner < self._whole:
                     break
                 is_whole = not self._is_whole(data, inner)
@@ -163,7 +165,7 @@ class PacketDecoder:
         return self.form.sum_of(packet) == data[at + self._size : at + self._whole]
 
     def counts(self) -> dict[str, int]:
-        """What was no packet."""
+        """Numbers of damaged packets and skipped bytes."""
         return {"packets_damaged": self.damaged, "bytes_skipped": self.skipped_bytes}
 
     def _skip(self, count: int) -> None:
@@ -187,7 +189,7 @@ def _remainder(byte: int, step: Callable[[int], int]) -> int:
     return byte
 
 
-# The polynomial 8005, lowest bit first, and 07, highest bit first.
+# CRC tables for polynomial 8005 with the lowest bit first, and for 07 with the highest bit first.
 MODBUS: Final = [_remainder(b, lambda crc: crc >> 1 ^ (0xA001 if crc & 1 else 0)) for b in range(256)]
 CRC8: Final = [_remainder(b, lambda crc: crc << 1 & 0xFF ^ (0x07 if crc & 0x80 else 0)) for b in range(256)]
 
@@ -213,7 +215,7 @@ def _xor(data: bytes) -> int:
     return result
 
 
-# Name -> length in bytes, and the function. Check values of "123456789": 29b1, 31c3, 4b37, f4.
+# Size in bytes and function of each checksum. CRC check values for "123456789": 29b1, 31c3, 4b37, f4.
 CHECKSUMS: Final[dict[str, tuple[int, Callable[[bytes], int]]]] = {
     "crc32": (4, zlib.crc32),
     "crc16-ccitt": (2, lambda data: binascii.crc_hqx(data, 0xFFFF)),

@@ -1,4 +1,4 @@
-"""Programs by the names that people give them."""
+"""Programs by name, and the control program made from a program's own poses."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from imucal.rig.motion import Program, Step
 
 __all__ = ["PROGRAMS", "in_another_order", "program_named", "ranges_deg", "require_determined"]
 
-# The choice of `imucal stand`: a name, and a program for a seed.
+# Built-in programs of `imucal stand`, as functions of the seed.
 PROGRAMS: Final[dict[str, Callable[[int], Program]]] = {
     "random": lambda seed: Program.random(seed=seed),
     "grid": lambda _: Program.grid(),
@@ -25,22 +25,22 @@ PROGRAMS: Final[dict[str, Callable[[int], Program]]] = {
 
 
 def program_named(name: str | os.PathLike[str], seed: int) -> Program:
-    """One of `PROGRAMS`, or the program of a file; FormatError names the field of a file that is wrong."""
+    """A program of `PROGRAMS`, or one read from a file. Raises FormatError for an invalid file."""
     made = PROGRAMS.get(os.fspath(name))
     return Program.read(name) if made is None else made(seed)
 
 
 def in_another_order(program: Program, seed: int) -> Program:
-    """The poses of a program in another order, along its own path: some are held on the way out, others back.
+    """The poses of a program in another order on the same path, some held on the way out, others on return.
 
-    Of the stand no more is known than that it can run the program: the motors turn as they do in it, forward
-    and back, and so neither reach an end stop nor cross a forbidden zone. It ends where the first step leads.
+    The motors follow the path of the program forward and then backward, because no other path is known to be
+    free of end stops and obstacles. The program ends in the pose of the first step.
 
-    seed  draws which poses are held on the way out; the others are passed there
+    seed  seed of the choice of the poses held on the way out; the motors pass the others without a hold
     """
     check_seed(seed)
     steps = program.steps
-    # One of each two neighbours: a move that passes many poses would be long, and drift in it large.
+    # Hold one of each two neighbouring poses, to keep moves short: gyroscope drift grows with their duration.
     first = np.random.default_rng(seed).random(len(steps)) < 0.5
     on_way_out = np.ones(len(steps), dtype=bool)
     on_way_out[1::2] = first[1::2]
@@ -53,25 +53,25 @@ def in_another_order(program: Program, seed: int) -> Program:
     back = []
     for number in range(len(steps) - 1, 0, -1):
         x, y, z = (-turn for turn in steps[number].turn_deg)
-        # A rest at the end is needed for the last move to count.
+        # The last move needs a rest at its end to be used.
         held = number == 1 or not on_way_out[number - 1]
         back.append(Step((x, y, z), steps[number].move_s, steps[number - 1].hold_s if held else 0.0))
     return dataclasses.replace(program, steps=(*out, *back))
 
 
 def ranges_deg(program: Program) -> list[list[float]]:
-    """The least and the largest angle of each motor, deg, from all motors at zero."""
+    """The smallest and the largest angle of each motor, deg, from all motors at zero."""
     angles = np.cumsum([(0.0, 0.0, 0.0), *(step.turn_deg for step in program.steps)], axis=0)
     ranges: list[list[float]] = np.stack([angles.min(axis=0), angles.max(axis=0)], axis=1).tolist()
     return ranges
 
 
 def require_determined(program: Program, name: str) -> None:
-    """Refuse, with InputError and names, a program that does not determine all parameters of a unit."""
+    """Raises InputError, with parameter names, if a program does not determine all parameters of a unit."""
     planned = plan(program, detection_limits=False)
     if planned.undetermined is not None:
         unknown = [parameter.name for parameter in planned.parameters if parameter.std is None]
         raise InputError(
-            f"the program {name} does not determine {', '.join(unknown) or 'the parameters'}, and no unit "
-            f"could be judged by it: {planned.undetermined}; or give another program, such as random"
+            f"the program {name} does not determine {', '.join(unknown) or 'the parameters'}, so it cannot "
+            f"be used to judge a unit: {planned.undetermined}; or give another program, such as random"
         )

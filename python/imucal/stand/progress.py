@@ -1,4 +1,4 @@
-"""What a run has so far: rate, rests, coverage of the sphere, and the standard deviations to be expected."""
+"""Progress of a run: rate, rests, coverage of directions, and predicted standard deviations."""
 
 from __future__ import annotations
 
@@ -19,25 +19,27 @@ from imucal.stand.rows import recording_of
 
 __all__ = ["Progress", "Prospect", "parse_target"]
 
-# Directions on a sphere, and how near to one of them a rest must be.
+# Number of directions on the sphere for which coverage is evaluated.
 DIRECTIONS: Final = 200
+# A direction is covered if a rest has its vertical within this angle, deg.
 NEAR_DEG: Final = 30.0
-# Predictions take at most this share of one processor.
+# Largest share of one processor that the evaluation of samples may use.
 SHARE: Final = 0.2
-# Shortest time between two predictions, s: the live view is not refreshed more often.
+# Shortest time between two evaluations, s: the live view is not refreshed more often.
 EVERY_S: Final = 0.2
+# Number of latest chunks over which the arrival rate is computed.
 RATE_OVER: Final = 50
 
 
 @dataclass(frozen=True)
 class Prospect:
-    """What the samples so far promise.
+    """Evaluation of the samples so far.
 
-    rests     how many were found
-    coverage  share of all directions that are within 30 deg of the vertical of a rest
-    sigma     the standard deviation expected of each parameter, None if it is not determined
-    units     of the parameters
-    missing   what the samples so far do not determine, in words
+    rests     number of rests
+    coverage  share of all directions within 30 deg of the vertical of a rest
+    sigma     predicted standard deviation of each parameter, None if it is not determined
+    units     units of the parameters
+    missing   what the recording needs to determine the undetermined parameters, in words
     """
 
     rests: int = 0
@@ -47,7 +49,7 @@ class Prospect:
     missing: str | None = None
 
     def reaches(self, targets: Sequence[ParameterLimit]) -> bool:
-        """Whether every parameter that a target covers is expected to keep it."""
+        """Whether the predicted standard deviation of every targeted parameter is within its target."""
         if not targets or not self.sigma:
             return False
         kept = [
@@ -60,15 +62,15 @@ class Prospect:
 
 
 def parse_target(text: str) -> ParameterLimit:
-    """The target of `gyro_bias_*=5e-5`: a parameter or a group, and the largest standard deviation, SI units.
+    """Parse `gyro_bias_*=5e-5`: a parameter or a group, and its largest standard deviation in SI units.
 
-    Raises InputError, with an example, for anything else.
+    Raises InputError, with an example, for other text.
     """
     from imucal.calibration.calibration import ACCEL_ENTRIES, GYRO_ENTRIES
 
     name, _, value = text.partition("=")
     try:
-        # The unit is not asked for: a prediction is in the units of the parameters.
+        # The unit is empty because predictions are in the units of the parameters.
         target = ParameterLimit(name.strip(), "", max_std=float(value))
     except (ValueError, InputError):
         raise InputError(
@@ -78,12 +80,12 @@ def parse_target(text: str) -> ParameterLimit:
     names += [f"accel_sensitivity_{entry}" for entry in ACCEL_ENTRIES["symmetric"]]
     names += [f"gyro_sensitivity_{entry}" for entry in GYRO_ENTRIES]
     if not any(target.covers(known) for known in names):
-        raise InputError(f"the target {text!r} is for no parameter: there are {', '.join(names)}")
+        raise InputError(f"the target {text!r} matches no parameter: give one of {', '.join(names)}")
     return target
 
 
 class Progress:
-    """Keeps the samples of a run and looks at them in another thread, now and then."""
+    """Collects the samples of a run and evaluates them from time to time in a background thread."""
 
     def __init__(self, columns: Sequence[str], clock: Clock = SYSTEM_CLOCK) -> None:
         self.columns = tuple(columns)
@@ -92,11 +94,11 @@ class Progress:
         self.prospect = Prospect()
         self._chunks: list[FloatArray] = []
         self._arrivals: list[tuple[float, int]] = []
-        self._looking: threading.Thread | None = None
+        self._evaluating: threading.Thread | None = None
         self._next_s = 0.0
 
-    def see(self, rows: FloatArray) -> None:
-        """New samples."""
+    def add(self, rows: FloatArray) -> None:
+        """Add new samples, (N, columns)."""
         if len(rows) == 0:
             return
         self._chunks.append(rows)
@@ -105,30 +107,30 @@ class Progress:
 
     @property
     def arrival_rate_hz(self) -> float:
-        """Samples per second of the host's time, over the last chunks; 0 without any."""
+        """Samples per second of host time, over the latest chunks; 0 if there are fewer than two."""
         if len(self._arrivals) < 2:
             return 0.0
         (start_s, first), (end_s, last) = self._arrivals[0], self._arrivals[-1]
         return (last - first) / (end_s - start_s) if end_s > start_s else 0.0
 
-    def look(self, finally_too: bool = False) -> None:
-        """Bring `prospect` up to date: at once if that is asked for, else later and not too often."""
-        if self._looking is not None and self._looking.is_alive():
-            if not finally_too:
+    def update(self, wait: bool = False) -> None:
+        """Update `prospect`: now, waiting for the result, if `wait`; otherwise in the background."""
+        if self._evaluating is not None and self._evaluating.is_alive():
+            if not wait:
                 return
-            self._looking.join()
-        if not finally_too and (self._clock.now_s() < self._next_s or not self._chunks):
+            self._evaluating.join()
+        if not wait and (self._clock.now_s() < self._next_s or not self._chunks):
             return
-        # Here, where samples are added, and not in the other thread.
+        # Concatenated in this thread, which also appends to the list.
         self._chunks = [np.concatenate(self._chunks)] if self._chunks else []
         rows = self._chunks[0] if self._chunks else np.zeros((0, len(self.columns)))
-        if finally_too:
-            self._look(rows)
+        if wait:
+            self._evaluate(rows)
         else:
-            self._looking = threading.Thread(target=self._look, args=(rows,), daemon=True)
-            self._clock.start_work(self._looking)
+            self._evaluating = threading.Thread(target=self._evaluate, args=(rows,), daemon=True)
+            self._clock.start_work(self._evaluating)
 
-    def _look(self, rows: FloatArray) -> None:
+    def _evaluate(self, rows: FloatArray) -> None:
         start_s = self._clock.now_s()
         try:
             recording = recording_of(self.columns, rows, "the run so far")
@@ -139,21 +141,22 @@ class Progress:
         self._next_s = max(end_s + (end_s - start_s) * (1 / SHARE - 1), start_s + EVERY_S)
 
 
-def _prospect(recording: Recording, seen: Inspection) -> Prospect:
-    predicted: Sequence[Mapping[str, Any]] = seen.predicted_sigma
+def _prospect(recording: Recording, inspection: Inspection) -> Prospect:
+    predicted: Sequence[Mapping[str, Any]] = inspection.predicted_sigma
     return Prospect(
-        rests=len(seen.rests),
-        coverage=_coverage(recording, seen),
+        rests=len(inspection.rests),
+        coverage=_coverage(recording, inspection),
         sigma={item["name"]: item["std"] for item in predicted},
         units={item["name"]: item["unit"] for item in predicted},
-        missing=seen.missing,
+        missing=inspection.missing,
     )
 
 
-def _coverage(recording: Recording, seen: Inspection) -> float:
-    """Share of all directions that are near the vertical of a rest."""
+def _coverage(recording: Recording, inspection: Inspection) -> float:
+    """Share of all directions within `NEAR_DEG` of the vertical of a rest."""
     ups = [
-        recording.between(rest["start_s"], rest["end_s"]).specific_force.mean(axis=0) for rest in seen.rests
+        recording.between(rest["start_s"], rest["end_s"]).specific_force.mean(axis=0)
+        for rest in inspection.rests
     ]
     if not ups:
         return 0.0
@@ -162,7 +165,7 @@ def _coverage(recording: Recording, seen: Inspection) -> float:
 
 
 def _sphere() -> FloatArray:
-    """Directions spread evenly, (N, 3), on a spiral with the golden angle."""
+    """Evenly distributed unit vectors, (N, 3), on a spiral with the golden angle."""
     k = np.arange(DIRECTIONS) + 0.5
     z = 1.0 - 2.0 * k / DIRECTIONS
     turn = np.pi * (3.0 - 5.0**0.5) * k

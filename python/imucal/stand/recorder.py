@@ -1,9 +1,10 @@
-"""One run: the driver moves, the source brings samples, the journal keeps them, and a file comes out.
+"""One run: the driver moves the stand, samples from the source go to a journal, and a recording is written.
 
     done = record(driver, source, "run.csv", steps=len(program.steps))
     done.state, done.samples
 
-Whatever ends a run, what had arrived is in the file; after a crash it is in the journal beside it.
+However a run ends, the samples received until then are in the recording; after a crash they are in the
+journal next to it.
 """
 
 from __future__ import annotations
@@ -26,17 +27,21 @@ from imucal.stand.recovery import write_recording
 
 __all__ = ["Done", "Moment", "journal_of", "record"]
 
-# How often the disk is asked, and how long one turn waits for samples.
+# Interval between two flushes of the journal to disk, s.
 SYNC_S: Final = 0.5
+# Longest wait for samples in one iteration, s.
 WAIT_S: Final = 0.02
+# Time without samples after which the unit counts as lost, s.
 SILENT_S: Final = 10.0
+# Time for which samples are still read after the end of the program, s.
 TAIL_S: Final = 0.2
+# States of a run that ended as intended.
 GOOD: Final = ("completed", "target_reached")
 
 
 @dataclass(frozen=True)
 class Moment:
-    """What there is to see of a run while it goes on."""
+    """The state of a run while it goes on; `acknowledged` samples are on disk and survive a crash."""
 
     status: Status
     steps: int
@@ -49,14 +54,17 @@ class Moment:
 
 @dataclass(frozen=True)
 class Done:
-    """How a run ended.
+    """The result of a run.
 
-    state      completed, target_reached, unit_silent, or the code of what made the driver fail
-    message    why, and the way out; empty for a run that went to its end
-    step       the last step of the program that was begun, from 0, of `steps`
-    samples    how many are in `output`; None is written without any
-    counts     what arrived and what did not
-    prospect   what the samples promise
+    state      completed, target_reached, unit_silent, or the code of the driver's failure
+    message    cause and remedy; empty if the run was completed
+    step       last step of the program that was started, from 0
+    steps      number of steps of the program
+    samples    number of samples in `output`
+    output     path of the recording, None if there are no samples
+    counts     counts of received, lost and damaged data
+    events     events of the run
+    prospect   evaluation of the samples
     """
 
     state: str
@@ -71,7 +79,7 @@ class Done:
 
     @property
     def good(self) -> bool:
-        """Whether the run went as far as it should."""
+        """Whether the run was completed or reached its targets."""
         return self.state in GOOD
 
     def to_dict(self) -> dict[str, Any]:
@@ -81,7 +89,7 @@ class Done:
 
 
 def journal_of(output: str | os.PathLike[str]) -> Path:
-    """The journal of a run, beside its file."""
+    """Path of the journal of a run, next to its output file."""
     return Path(f"{os.fspath(output)}.journal")
 
 
@@ -97,16 +105,17 @@ def record(
     silent_s: float = SILENT_S,
     clock: Clock = SYSTEM_CLOCK,
 ) -> Done:
-    """Run a program to its end and write the recording, .csv or .parquet.
+    """Run a program and write the recording, .csv or .parquet.
 
-    steps     how many the program has
-    about     what else the journal should say of the run
-    targets   end early when every parameter is expected to be known so well
-    watch     is told of every moment; `acknowledged` samples of it survive a crash
-    silent_s  a unit that sends nothing for so long is lost
+    steps     number of steps of the program
+    about     further fields for the header of the journal
+    targets   end the run early when the predicted standard deviations reach these targets
+    watch     called with the state of the run in every iteration
+    silent_s  time without samples, s, after which the unit counts as lost
 
-    Raises ImucalError if driver or source cannot start or the disk fails. The journal is removed once
-    `output` is written, and stays after an interrupt or a failure, whose message says how it is used.
+    Raises ImucalError if driver or source cannot start, or if the disk fails. The journal is removed once
+    `output` is written. It stays after an interrupt or a failure, whose message tells how to recover the
+    samples.
     """
     require_ending(output)
     path = journal_of(output)
@@ -114,7 +123,7 @@ def record(
         run = _Run(driver, source, journal, steps, targets, watch, silent_s, clock)
         try:
             try:
-                run.to_the_end()
+                run.execute()
             finally:
                 driver.close()
                 source.close()
@@ -146,11 +155,11 @@ def record(
 
 
 def _recoverable(error: ImucalError, samples: str, output: str | os.PathLike[str]) -> ImucalError:
-    """The error of a run whose samples are kept, with the way to them."""
+    """The error with the command that recovers the samples of the run."""
     journal = journal_of(output)
     return type(error)(
-        f"{error}; {samples} are safe in {journal}: once that is mended (a full disk: make room), make the "
-        f"recording of them with `imucal stand recover {journal} -o {os.fspath(output)}`",
+        f"{error}; {samples} are safe in {journal}: after solving the problem (for a full disk: make room), "
+        f"write the recording with `imucal stand recover {journal} -o {os.fspath(output)}`",
         error.findings,
     )
 
@@ -176,60 +185,61 @@ class _Run:
         self.status = Status("moving", 0)
         self.state, self.message = "", ""
         self.acknowledged = 0
-        self.synced_s = self.heard_s = self.clock.now_s()
+        self.synced_s = self.last_sample_s = self.clock.now_s()
 
-    def to_the_end(self) -> None:
-        """Until the program is through, a target is reached, or something fails."""
+    def execute(self) -> None:
+        """Run until the program is done, the targets are reached, or something fails."""
         self.source.start()
         self.driver.start()
-        self.heard_s = self.clock.now_s()
+        self.last_sample_s = self.clock.now_s()
         while not self.state:
-            self.take()
+            self.read_samples()
             self.status = self.driver.poll()
-            self.keep_what_happened()
-            # It costs a fifth of a processor: for somebody who watches, or waits for a target.
+            self.log_events()
+            # Uses up to a fifth of a processor, so only if someone watches or there are targets.
             if self.watch is not None or self.targets:
-                self.progress.look()
-            self.judge()
+                self.progress.update()
+            self.update_state()
             if self.watch is not None:
                 self.watch(self.moment())
-        # What was on its way when the motors stopped.
+        # Samples that were still in transmission when the motors stopped.
         tail_s = self.clock.now_s() + TAIL_S
         while self.clock.now_s() < tail_s:
-            self.take()
-        self.keep_what_happened()
-        self.progress.look(finally_too=True)
+            self.read_samples()
+        self.log_events()
+        self.progress.update(wait=True)
         if self.state == "completed" and self.targets and not self.progress.prospect.reaches(self.targets):
             message = (
-                "the program ended before the standard deviations asked for could be expected: make it longer"
+                "the program ended before the targets for the standard deviations were reached: make it "
+                "longer"
             )
-            self.keep(Event("target_missed", message))
+            self.log(Event("target_missed", message))
 
-    def take(self) -> None:
-        """Samples into the journal, and from time to time onto the disk."""
+    def read_samples(self) -> None:
+        """Move samples to the journal, and flush it from time to time."""
         rows = self.source.read(WAIT_S)
         now_s = self.clock.now_s()
         if len(rows):
-            self.heard_s = now_s
+            self.last_sample_s = now_s
             self.journal.samples(rows, now_s)
-            self.progress.see(rows)
-            self.driver.see(rows)
+            self.progress.add(rows)
+            self.driver.observe(rows)
         if now_s - self.synced_s >= SYNC_S:
             self.acknowledged = self.journal.sync()
             self.synced_s = now_s
 
-    def keep_what_happened(self) -> None:
-        """Positions and events into the journal."""
+    def log_events(self) -> None:
+        """Write positions and events to the journal."""
         self.journal.positions(self.driver.positions())
         for event in (*self.driver.events(), *self.source.events()):
-            self.keep(event)
+            self.log(event)
 
-    def keep(self, event: Event) -> None:
+    def log(self, event: Event) -> None:
         self.journal.event(self.clock.now_s(), event.code, event.message)
 
-    def judge(self) -> None:
-        """Whether the run is over, and why."""
-        silent_s = self.clock.now_s() - self.heard_s
+    def update_state(self) -> None:
+        """Set `state` and `message` if the run is over."""
+        silent_s = self.clock.now_s() - self.last_sample_s
         if self.status.state == "failed":
             self.state, self.message = self.status.code, self.status.message
         elif self.status.state == "finished":
@@ -238,12 +248,12 @@ class _Run:
             self.state = "unit_silent"
             self.message = (
                 f"the unit has sent no sample for {silent_s:.0f} s: check its supply, its cable, the baud "
-                "rate, and that the columns or the packet file describe what it sends"
+                "rate, and that the columns or the packet file match the data it sends"
             )
         elif self.status.state == "holding" and self.progress.prospect.reaches(self.targets):
             self.state = "target_reached"
         if self.state not in ("", "completed"):
-            self.keep(Event(self.state, self.message))
+            self.log(Event(self.state, self.message))
 
     def moment(self) -> Moment:
         return Moment(

@@ -1,4 +1,4 @@
-"""From a journal to a recording's file: the same after a good run and after a crash."""
+"""Conversion of a journal to a recording, used after a completed run and after a crash."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ STAND: Final = ("stand_1_deg", "stand_2_deg", "stand_3_deg")
 
 
 def recover(journal: str | os.PathLike[str], output: str | os.PathLike[str]) -> Logged:
-    """Write what is whole in a journal as a recording, .csv or .parquet; returns what was read.
+    """Write the complete samples of a journal as a recording, .csv or .parquet, and return its contents.
 
-    Raises FormatError if it is no journal, InputError if it has no sample or a file cannot be used.
+    Raises FormatError if the file is no journal, InputError if it has no samples or a file cannot be used.
     """
     logged = read_journal(journal)
     if len(logged.samples) == 0:
         raise InputError(
-            f"{os.fspath(journal)} holds no sample: the run ended before the unit sent any; record again"
+            f"{os.fspath(journal)} contains no samples: the run ended before the unit sent any; record again"
         )
     write_recording(logged, output)
     return logged
 
 
 def write_recording(logged: Logged, output: str | os.PathLike[str]) -> None:
-    """Write the samples under their own names, and the positions of the motors at their instants."""
+    """Write the samples with their column names, and the motor positions interpolated to the sample times."""
     columns = [(name, logged.samples[:, i]) for i, name in enumerate(logged.columns)]
-    # A unit's own encoders are read with its samples and need no joining.
+    # If the unit's samples include encoder columns, the positions are not added.
     if len(logged.positions) and not any(name.startswith("stand_") for name in logged.columns):
         at_s = _host_instants(logged)
         columns += [
@@ -46,10 +46,10 @@ def write_recording(logged: Logged, output: str | os.PathLike[str]) -> None:
 
 
 def _host_instants(logged: Logged) -> FloatArray:
-    """The host's time at which each sample was taken.
+    """The host time at which each sample was taken, (N,), s.
 
-    Arrival is late by what lies in buffers, now more, now less: the unit's clock is even, and the straight
-    line through arrivals, lowered to the earliest of them, has the least delay.
+    Arrival times are delayed by a varying time in buffers, while the unit's clock is regular. So a straight
+    line is fitted to arrival time over unit time, and lowered to the sample with the smallest delay.
     """
     name = next((column for column in logged.columns if column in TICKS_PER_S), None)
     if name is None or len(logged.samples) < 2:

@@ -1,4 +1,4 @@
-"""Samples of a run as they are kept, rows of numbers under the names of columns, as a recording."""
+"""Conversion of the samples of a run, rows of numbers with column names, to a recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["recording_of"]
 
 
 def recording_of(columns: Sequence[str], rows: FloatArray, name: str) -> Recording:
-    """The recording of rows (N, columns); InputError if the columns are none of a recording."""
+    """The recording of samples (N, columns). Raises InputError if columns of a recording are missing."""
     import pyarrow as pa
 
     table = Table(name, list(columns), [pa.array(column) for column in rows.T], lambda row: f"row {row + 1}")

@@ -1,4 +1,4 @@
-"""A simulated stand with a unit on it: driver and source at once, in real time or faster."""
+"""A simulated stand with a unit, driver and source in one object, in real time or faster."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ from imucal.stand.faults import SimulatedUnit
 
 __all__ = ["SimulatedStand"]
 
-NAP_S: Final = 0.002
+# Pause between two checks of the clock, s.
+PAUSE_S: Final = 0.002
 
 
 class SimulatedStand:
-    """Runs a program with a simulated unit; use it as the driver and as the source of a recording.
+    """Runs a program with a simulated unit; used as the driver and as the source of a recording.
 
-    speed   how many times faster than real time; the samples are the same
-    seed    of the noise
+    speed   factor on real time; the samples do not depend on it
+    seed    seed of the noise
 
-    Its encoders are read with the samples: the columns stand_1_deg, stand_2_deg, stand_3_deg.
+    The encoder readings are columns of the samples: stand_1_deg, stand_2_deg, stand_3_deg.
     """
 
     def __init__(
@@ -57,24 +58,24 @@ class SimulatedStand:
         self._given = 0
 
     def start(self) -> None:
-        """Start the motors' clock; the unit's and the stand's are one."""
+        """Start the common clock of the stand and the unit; a second call does nothing."""
         if self._started_s is None:
             self._started_s = self._clock.now_s()
 
     def read(self, wait_s: float) -> FloatArray:
-        """What the unit has sent by now."""
+        """Samples up to the current time that were not read yet, (N, columns)."""
         until_s = self._clock.now_s() + wait_s
         while True:
             end = int(np.searchsorted(self._time_s, self._now_s(), side="right"))
             if end > self._given or self._clock.now_s() >= until_s:
                 break
-            self._clock.sleep(NAP_S)
+            self._clock.sleep(PAUSE_S)
         rows: FloatArray = self._rows[self._given : max(end, self._given)]
         self._given += len(rows)
         return rows
 
     def poll(self) -> Status:
-        """The phase of the program at this moment; it is through when its last sample is read."""
+        """The phase of the program at this time; finished once the last sample is read."""
         now_s = self._now_s()
         phase = int(np.searchsorted(self._ends_s, now_s, side="right"))
         if phase >= len(self._ends_s):
@@ -82,23 +83,23 @@ class SimulatedStand:
             return Status("finished" if self._given == len(self._rows) else "holding", last)
         return Status("holding" if phase % 2 else "moving", phase // 2)
 
-    def see(self, samples: FloatArray) -> None:
-        """The motors go by the clock."""
+    def observe(self, samples: FloatArray) -> None:
+        """Not needed: the motion depends on time only."""
 
     def positions(self) -> Sequence[Position]:
-        """None: they are columns of the samples."""
+        """No readings: encoder readings are columns of the samples."""
         return ()
 
     def events(self) -> Sequence[Event]:
-        """Nothing happens here that is not in the samples."""
+        """No events."""
         return ()
 
     def counts(self) -> dict[str, int]:
-        """The samples that were given."""
+        """Number of samples read."""
         return {"samples": self._given}
 
     def close(self) -> None:
-        """The unit sends no more."""
+        """Stop sending samples."""
         self._rows = self._rows[: self._given]
         self._time_s = self._time_s[: self._given]
 

@@ -1,4 +1,4 @@
-"""The samples of a real unit: bytes of a link, decoded, in time, and counted."""
+"""The samples of a real unit: received in a thread, decoded, given continuous times, and counted."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ from imucal.stand.link import Link, LinkLostError
 
 __all__ = ["StreamSource"]
 
-TRY_AGAIN_S: Final = 0.3
+# Pause before a lost link is opened again, s.
+REOPEN_S: Final = 0.3
 TICKS_PER_S: Final = {f"time_{unit}": ticks for unit, ticks in units.TICKS_PER_S.items()}
+# Column name of a packet counter.
 SEQUENCE: Final = "sequence"
-# A counter that falls from this share of its range, or above, to the rest of it below has turned over.
-TURNED: Final = 0.9
+# A counter has wrapped if it falls from above this share of its range to below one minus this share.
+WRAP_SHARE: Final = 0.9
 
 
 class Decoder(Protocol):
-    """From bytes to rows of numbers."""
+    """Converts bytes to rows of numbers; `wraps_at` is the value at which each column wraps, or None."""
 
     columns: tuple[str, ...]
-    turns_over: tuple[float | None, ...]
+    wraps_at: tuple[float | None, ...]
 
     def feed(self, data: bytes) -> list[tuple[float, ...]]: ...
 
@@ -38,11 +40,12 @@ class Decoder(Protocol):
 
 
 class StreamSource:
-    """Reads a link in a thread of its own, so that nothing is lost while the disk is slow.
+    """Reads a link in a separate thread, so that no bytes are lost while the disk is slow.
 
-    rate_hz  sample rate, for a unit that sends no time: with a column `sequence` lost samples leave gaps
+    rate_hz  sampling rate, Hz, for a unit that sends no time; with a column `sequence`, lost samples leave
+             gaps in time
 
-    Counters that turn over go on. Raises InputError if there is no way to know the time of a sample.
+    Counters that wrap are continued. Raises InputError if the time of a sample cannot be determined.
     """
 
     def __init__(
@@ -63,7 +66,7 @@ class StreamSource:
                 + (
                     "name a column time_s, time_ms, time_us or time_ns, or give --sample-rate"
                     if rate_hz is None
-                    else "there is a time in it, so leave the sample rate out"
+                    else "the data contain a time, so leave the sample rate out"
                 )
             )
         if rate_hz is not None and not rate_hz > 0:
@@ -72,7 +75,7 @@ class StreamSource:
         self._kept = [i for i in range(len(names)) if i != self._sequence]
         self.columns = (*(() if rate_hz is None else ("time_s",)), *(names[i] for i in self._kept))
         self._before: tuple[float, ...] | None = None
-        self._heard_s = 0.0
+        self._last_sample_s = 0.0
         self._numbered = 0
         self._shift = [0.0] * len(names)
         self._count = {
@@ -82,27 +85,27 @@ class StreamSource:
             "unit_restarts": 0,
             "counters_not_finite": 0,
         }
-        self._happened: list[Event] = []
+        self._events: list[Event] = []
         self._arrived: queue.SimpleQueue[bytes | Event] = queue.SimpleQueue()
         self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread = threading.Thread(target=self._receive, daemon=True)
 
     def start(self) -> None:
-        """Open the link; ImucalError if that fails."""
+        """Open the link. Raises ImucalError if that fails."""
         try:
             self._link.open()
         except LinkLostError as error:
-            raise ImucalError(f"the unit cannot be heard: {error}") from None
+            raise ImucalError(f"cannot connect to the unit: {error}") from None
         self._thread.start()
 
     def read(self, wait_s: float) -> FloatArray:
-        """Samples since the last call, (N, columns)."""
+        """Samples since the last call, (N, columns). Waits at most `wait_s` seconds for the first one."""
         rows: list[list[float]] = []
         try:
             arrived = self._clock.next_item(self._arrived, wait_s)
             while True:
                 if isinstance(arrived, Event):
-                    self._happened.append(arrived)
+                    self._events.append(arrived)
                 else:
                     rows += [row for raw in self._decoder.feed(arrived) if (row := self._sample(raw))]
                 arrived = self._arrived.get_nowait()
@@ -112,22 +115,22 @@ class StreamSource:
         return np.array(rows, dtype=np.float64).reshape(-1, len(self.columns))
 
     def events(self) -> Sequence[Event]:
-        """What happened since the last call."""
-        happened, self._happened = self._happened, []
-        return happened
+        """Events since the last call."""
+        events, self._events = self._events, []
+        return events
 
     def counts(self) -> dict[str, int]:
-        """What arrived and what did not."""
+        """Counts of received, lost and damaged data by stable names."""
         return {**self._count, **self._decoder.counts()}
 
     def close(self) -> None:
-        """Stop listening."""
+        """Stop reading and close the link."""
         self._closed.set()
         if self._thread.is_alive() and self._link.comes_back:
             self._thread.join(timeout=1.0)
         self._link.close()
 
-    def _listen(self) -> None:
+    def _receive(self) -> None:
         while not self._closed.is_set():
             try:
                 data = self._link.read()
@@ -148,11 +151,11 @@ class StreamSource:
                 self._link.open()
                 return True
             except LinkLostError:
-                self._closed.wait(TRY_AGAIN_S)
+                self._closed.wait(REOPEN_S)
         return False
 
     def _sample(self, raw: tuple[float, ...]) -> list[float] | None:
-        """The columns of a sample, counters going on; None if it came twice, or a counter is no number."""
+        """A sample with continued counters; None for a repeated packet or a counter that is NaN."""
         now_s = self._clock.now_s()
         if not all(math.isfinite(raw[i]) for i in (self._time, self._sequence) if i is not None):
             self._count["counters_not_finite"] += 1
@@ -160,14 +163,14 @@ class StreamSource:
         row = list(raw)
         for i in (self._time, self._sequence):
             if i is not None:
-                row[i] = self._going_on(i, raw[i], now_s)
+                row[i] = self._continued(i, raw[i], now_s)
         if self._sequence is not None and self._before is not None:
             step = row[self._sequence] - self._before[self._sequence]
             if step == 0:
                 self._count["packets_repeated"] += 1
                 return None
             self._count["packets_missing"] += max(int(step) - 1, 0)
-        self._before, self._heard_s = tuple(row), now_s
+        self._before, self._last_sample_s = tuple(row), now_s
         kept = [row[i] for i in self._kept]
         if self._rate_hz is None:
             return kept
@@ -175,22 +178,22 @@ class StreamSource:
         self._numbered += 1
         return [number / self._rate_hz, *kept]
 
-    def _going_on(self, i: int, raw: float, now_s: float) -> float:
-        """A counter without its falls: where it turns over, and where the unit has started anew."""
+    def _continued(self, i: int, raw: float, now_s: float) -> float:
+        """The value of a counter, continued across wraps and restarts of the unit."""
         value = raw + self._shift[i]
         if self._before is None or value >= self._before[i]:
             return value
-        last, turn = self._before[i], self._decoder.turns_over[i]
-        if turn is not None and last - self._shift[i] >= TURNED * turn and raw <= (1 - TURNED) * turn:
+        last, turn = self._before[i], self._decoder.wraps_at[i]
+        if turn is not None and last - self._shift[i] >= WRAP_SHARE * turn and raw <= (1 - WRAP_SHARE) * turn:
             self._shift[i] += turn
             return raw + self._shift[i]
-        # By the host's clock: the unit's says nothing of the time between.
+        # The host clock gives the duration of a restart, during which the unit's clock did not run.
         if i == self._time:
             self._count["unit_restarts"] += 1
-            self._happened.append(
-                Event("unit_restarted", f"the unit's clock fell from {last:g} to {value:g}: it started anew")
+            self._events.append(
+                Event("unit_restarted", f"the unit's clock fell from {last:g} to {value:g}: it has restarted")
             )
-            elapsed = (now_s - self._heard_s) * TICKS_PER_S[self._decoder.columns[i]]
+            elapsed = (now_s - self._last_sample_s) * TICKS_PER_S[self._decoder.columns[i]]
         else:
             elapsed = 1.0
         self._shift[i] = last + elapsed - raw

@@ -1,17 +1,18 @@
-"""The verdict on a unit of the line, with reasons by name.
+"""The verdict on a unit of the production line, with a code for each reason.
 
-dead_axis           an axis does not feel: it stands at one value, or shows nothing but noise
-clipping            a sensor is at the end of its range in the moves
+dead_axis           the output of an axis is constant, or contains only noise, although the unit was moved
+clipping            a sensor saturates during moves
 mount_slip          the unit has slipped on its mount
-loose_mount         the unit is loose on its mount
-poor_calibration    figures of the run, or too many rests or moves that contradict the others
-poor_control        figures of the control run
-limit               a limit of the limits file is not kept
-no_motion           no axis feels anything: the stand stood still, or the data are frozen: no result
-stand_mismatch      the unit was far from where the stand's angles say, by a motor or its mount: no result
-data_NAME           a check of the recording has refused it, by the name of the check
-run_NAME            a run did not go to its end, by its state: no result
-not_determined      the run does not determine the parameters: no result
+loose_mount         the mount has play
+poor_calibration    a figure of the run is poor, or too many rests or moves were rejected as outliers
+poor_control        a figure of the control run is poor
+limit               a limit of the limits file is exceeded
+no_motion           all axes contain only noise: the stand did not move, or the data are frozen; no result
+stand_mismatch      the attitude differs by several degrees from the stand's angles, because of a motor or the
+                    mount; no result
+data_NAME           the check NAME has refused the recording
+run_NAME            a run ended early with the state NAME; no result
+not_determined      the run does not determine all parameters; no result
 """
 
 from __future__ import annotations
@@ -34,33 +35,37 @@ from imucal.simulation.simulate import simulate
 
 __all__ = ["Assessment", "Reason", "assess"]
 
-# Checks that speak of the unit, under the names of the line.
+# Checks whose errors are faults of the unit, and the codes of the reasons.
 OF_THE_UNIT: Final = {
     "stuck_axis": "dead_axis",
     "accel_saturation": "clipping",
     "gyro_saturation": "clipping",
 }
-# An axis that feels changes in moves by hundreds of times its noise; one that does not changes by that alone.
-FEELS: Final = 4.0
-# Of the absolute values of normal numbers a quarter is below 0.3186.
+# An axis is dead if its standard deviation over the run is below this multiple of its noise. In moves a
+# working axis changes by hundreds of times its noise.
+DEAD_FACTOR: Final = 4.0
+# The noise is estimated from the lower quartile of absolute differences, which is 0.3186 sigma for normal
+# noise.
 QUIET_SHARE: Final = 0.25
 QUIET_QUANTILE: Final = 0.3186
-# More than any play: a motor is wrong, or the unit came off; and more than raw samples err.
+# Attitude difference to the stand's angles above which a motor is wrong or the unit came off, deg: larger
+# than any play of a mount, and for raw samples larger than their errors.
 GROSS_DEG: Final = 5.0
 GROSS_RAW_DEG: Final = 15.0
 MOTORS: Final = (
-    "a motor may be stuck, lose steps, turn the wrong way round, or have its cables exchanged with those of "
-    "another, or the unit came off its mount: turn each motor by itself, fasten the unit, and record again"
+    "a motor may be stuck, lose steps, turn in the wrong direction, or have its cable exchanged with that of "
+    "another, or the unit came off its mount: turn each motor separately, fasten the unit, and record again"
 )
-# The variance along the least excited direction, as a share of that along the most.
-LEAST_SHARE: Final = 0.01
+# A program excites all axes if its smallest principal variance is at least this share of the largest.
+LEAST_EXCITATION: Final = 0.01
+# Sampling rate of the simulation that evaluates the excitation, Hz.
 IDEAL_HZ: Final = 50.0
 AXES: Final = ("accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z")
 
 
 @dataclass(frozen=True)
 class Reason:
-    """Why a unit does not pass; `code` is a stable word."""
+    """A reason why a unit does not pass; `code` is a stable identifier."""
 
     code: str
     message: str
@@ -68,11 +73,11 @@ class Reason:
 
 @dataclass(frozen=True, eq=False)
 class Assessment:
-    """What the recordings of a unit say.
+    """The evaluation of a unit's recordings.
 
-    reasons  why it does not pass, the gravest first; empty for one that does
-    judged   whether the reasons are the unit's (or its mount's); False if there is no result
-    result   the calibration, None if the recordings give none
+    reasons  reasons why the unit does not pass, the gravest first; empty if it passes
+    judged   whether the unit was judged; False if the reasons concern the stand or the run (no result)
+    result   the calibration, None if there is none
     """
 
     reasons: tuple[Reason, ...]
@@ -89,9 +94,9 @@ def assess(
     serial_number: str | None = None,
     limits: Limits | None = None,
 ) -> Assessment:
-    """Calibrate a unit from its run, judge it on its control run, and name what is wrong.
+    """Calibrate a unit from its run, evaluate it on its control run, and name its faults.
 
-    programs  that of the run and, if there is one, that of the control run
+    programs  program of the run and, if there is one, of the control run
     """
     recordings = [run, *([] if control is None else [control])]
     pairs = zip(recordings, programs, strict=False)
@@ -112,8 +117,8 @@ def assess(
     for finding in found:
         if finding.value > GROSS_DEG:
             message = (
-                f"{finding.recording}: the unit was {finding.value:.0f} deg from where the stand's angles "
-                f"say; {MOTORS}"
+                f"{finding.recording}: the attitude of the unit differs by {finding.value:.0f} deg from the "
+                f"stand's angles; {MOTORS}"
             )
             return Assessment((Reason("stand_mismatch", message),), judged=False)
     reasons = [Reason(finding.code, str(finding)) for finding in found]
@@ -126,76 +131,76 @@ def assess(
 
 
 def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
-    """Axes, of the six, that show nothing but their own noise in a program that every axis must feel."""
+    """Axes of the six that contain only noise, in a program that excites every axis."""
     columns = np.hstack([recording.specific_force, recording.angular_rate]).astype(np.float64)
     if len(columns) < 2 or not np.isfinite(columns).all():
         return {}
     spread = np.std(columns, axis=0)
-    # Motion is too slow to show in the difference of neighbours, white noise shows in full; the quiet quarter
-    # is at rest, where the stand does not vibrate.
+    # Differences of consecutive samples contain all of white noise but little motion. Their lower quartile is
+    # from rests, where the stand does not vibrate.
     quiet = np.quantile(np.abs(np.diff(columns, axis=0)), QUIET_SHARE, axis=0)
     noise = quiet / QUIET_QUANTILE / np.sqrt(2.0)
-    dead = (spread <= FEELS * noise) & np.repeat(_excites(program), 3)
+    dead = (spread <= DEAD_FACTOR * noise) & np.repeat(_excites(program), 3)
     return {
         int(axis): Reason(
             "dead_axis",
-            f"{recording.name}: {AXES[axis]} changes by {spread[axis]:.3g} (1 sigma) over the run, little "
-            f"more than its noise of {noise[axis]:.3g}, in a motion that every axis feels",
+            f"{recording.name}: {AXES[axis]} has a standard deviation of {spread[axis]:.3g} over the run, "
+            f"which is little more than its noise of {noise[axis]:.3g}, although every axis was excited",
         )
         for axis in np.flatnonzero(dead)
     }
 
 
 def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
-    """Why axes show nothing though they may be sound: they were not moved."""
+    """The reason if the dead axes may be sound because they were not moved; None if they are dead."""
     if len(dead) == len(AXES):
         return Reason(
             "no_motion",
-            f"{recording.name}: no axis shows more than its noise: the stand did not move, or the data of "
-            "the unit are frozen: see that the motors are powered and turn, and that the unit sends new "
+            f"{recording.name}: all axes contain only noise, so the stand did not move, or the data of the "
+            "unit are frozen: check that the motors are powered and turn, and that the unit sends new "
             "samples, and record again",
         )
-    # A motor that stands still keeps gyroscope axes still; the accelerometer knows, if it feels itself.
-    missed_deg = None if min(dead) < 3 else _missed_deg(recording)
-    if missed_deg is not None and missed_deg > GROSS_RAW_DEG:
+    # Gyroscope axes do not move if a motor is stuck. The accelerometer shows that, unless it is dead itself.
+    mismatch_deg = None if min(dead) < 3 else _mismatch_deg(recording)
+    if mismatch_deg is not None and mismatch_deg > GROSS_RAW_DEG:
         axes = " and ".join(AXES[axis] for axis in dead)
         return Reason(
             "stand_mismatch",
-            f"{recording.name}: {axes} did not turn, and gravity misses the stand's angles by "
-            f"{missed_deg:.0f} deg; {MOTORS}",
+            f"{recording.name}: {axes} did not turn, and the direction of gravity differs by "
+            f"{mismatch_deg:.0f} deg from the stand's angles; {MOTORS}",
         )
     return None
 
 
-def _missed_deg(recording: Recording) -> float | None:
-    """How far gravity in raw samples is from where the stand's angles say, deg; None without angles."""
+def _mismatch_deg(recording: Recording) -> float | None:
+    """Median angle between gravity in raw samples and by the stand's angles, deg; None without them."""
     if recording.stand_rad is None:
         return None
     known = np.isfinite(recording.stand_rad).all(axis=1)
     if not known.any():
         return None
-    told = vertical(np.zeros(7), recording.stand_rad[known])
+    commanded = vertical(np.zeros(7), recording.stand_rad[known])
     force = recording.specific_force[known]
     up = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-30)
-    cosine = np.clip(np.sum(up * (told @ best_mount(told, up)), axis=1), -1.0, 1.0)
-    # The median: in moves the force is not gravity alone.
+    cosine = np.clip(np.sum(up * (commanded @ best_mount(commanded, up)), axis=1), -1.0, 1.0)
+    # The median suppresses samples in moves, whose specific force is not only gravity.
     return float(np.degrees(np.median(np.arccos(cosine))))
 
 
 def _excites(program: Program) -> list[bool]:
-    """Whether a program moves the accelerometer and the gyroscope along every axis, however it is mounted."""
+    """Whether a program excites all axes of the accelerometer and of the gyroscope, for any mounting."""
     ideal = simulate(program, unit="ideal", seed=0, rate_hz=IDEAL_HZ).recording
     spreads = [np.linalg.eigvalsh(np.cov(rows.T)) for rows in (ideal.specific_force, ideal.angular_rate)]
-    return [bool(least > LEAST_SHARE * most) for least, _, most in spreads]
+    return [bool(least > LEAST_EXCITATION * most) for least, _, most in spreads]
 
 
 def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
-    """A slip, or play; a slip alone would pass for play, too."""
+    """Findings of a slip, otherwise of play: a slip would also appear as play."""
     return [*mount_slips(result, [recording])] or [*loose_mounts(result, [recording])]
 
 
 def _refused(error: InputError) -> Assessment:
-    """The checks of the recordings have refused them: for what the unit does, or for how it was recorded."""
+    """Reasons from the checks that refused the recordings, separated into faults of the unit and others."""
     grave = [finding for finding in error.findings if finding.severity == "error"]
     unit = [Reason(OF_THE_UNIT[f.code], str(f)) for f in grave if f.code in OF_THE_UNIT]
     other = [Reason(f"data_{f.code}", str(f)) for f in grave if f.code not in OF_THE_UNIT]

@@ -83,7 +83,10 @@ def run(
     with working("preparing the run"):
         driver, source = equipment.open(wanted, seed)
     about = {"program": program, "seed": seed, "driver": equipment.driver}
-    with recoverable(output), live_view(Path(program).name, says=equipment.driver == "manual") as watch:
+    with (
+        recoverable(output),
+        live_view(Path(program).name, prints_steps=equipment.driver == "manual") as watch,
+    ):
         done = record(
             driver,
             source,

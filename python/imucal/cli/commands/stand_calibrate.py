@@ -115,7 +115,7 @@ def calibrate(
     @contextmanager
     def view(recording: Path) -> Iterator[Callable[[Moment], None] | None]:
         says = equipment.driver == "manual"
-        with recoverable(recording), live_view(recording.stem, says=says) as watch:
+        with recoverable(recording), live_view(recording.stem, prints_steps=says) as watch:
             yield watch
 
     outcome = calibrate_unit(order, equipment.open, folder, view=view)

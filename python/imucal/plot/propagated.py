@@ -1,4 +1,4 @@
-"""Gravity carried by the gyroscope through a run: figures 2 to 4 of the paper."""
+"""Gravity propagated by the gyroscope through a run: figures 2 to 4 of the paper."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ if TYPE_CHECKING:
 
     from imucal.estimation.evaluate import Evaluation
 
-__all__ = ["carried_gravity"]
+__all__ = ["propagated_gravity"]
 
 
-def carried_gravity(judged: Evaluation, axis: Literal["x", "y", "z"], recording: int = 0) -> Figure:
-    """Gravity along one body axis at the rests of a recording that the fit never saw.
+def propagated_gravity(judged: Evaluation, axis: Literal["x", "y", "z"], recording: int = 0) -> Figure:
+    """Gravity along one body axis at the rests of a control recording.
 
-    Above: gravity as the accelerometer measures it at each rest, and as the gyroscope carries it there from
-    the first rest, uncalibrated and calibrated, m/s^2. Below: carried minus measured after calibration, which
-    is too small to be seen above.
+    The upper plot shows gravity at each rest, m/s^2: measured by the accelerometer, and propagated from the
+    first rest with the gyroscope's rates, uncalibrated and calibrated. The lower plot shows propagated minus
+    measured gravity after calibration, which is too small to be visible in the upper plot.
 
-    judged     `CalibrationResult.control`, or what `imucal.evaluate` gives
-    axis       the body axis shown
+    judged     `CalibrationResult.control`, or the result of `imucal.evaluate`
+    axis       body axis
     recording  index of the recording
 
     Raises InputError if there is no such recording or axis, ImucalError without plotly.
     """
     if not 0 <= recording < len(judged.carried):
-        raise InputError(f"there is no recording {recording}: {len(judged.carried)} were judged")
+        raise InputError(f"there is no recording {recording}: {len(judged.carried)} were evaluated")
     if axis not in ("x", "y", "z"):
         raise InputError(f"axis is {axis!r}: give x, y or z")
     column = "xyz".index(axis)
@@ -67,9 +67,9 @@ def carried_gravity(judged: Evaluation, axis: Literal["x", "y", "z"], recording:
             col=1,
         )
 
-    curve("carried, uncalibrated", uncalibrated, VERMILION, "triangle-up", "dot", 7, 1)
+    curve("propagated, uncalibrated", uncalibrated, VERMILION, "triangle-up", "dot", 7, 1)
     curve("measured", gravity, BLUE, "circle-open", None, 11, 1)
-    curve("carried, calibrated", calibrated, GREEN, "cross", "solid", 6, 1)
+    curve("propagated, calibrated", calibrated, GREEN, "cross", "solid", 6, 1)
     curve("calibrated minus measured", difference, GREEN, "diamond", "solid", 6, 2)
     figure.update_yaxes(title_text=f"gravity along {axis}, m/s²", row=1, col=1)
     figure.update_yaxes(title_text="difference", row=2, col=1)
