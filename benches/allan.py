@@ -58,8 +58,8 @@ samples at the same {len(factors)} averaging times, medians of {ROUNDS} interlea
 |---|---:|---:|
 {chr(10).join(rows)}
 
-The largest relative difference of any deviation is {apart:.0e}. The aim is {AIM:.0f} times on one thread:
-{"met" if single >= AIM else "missed"}.
+The largest relative difference of any deviation is {apart:.0e}. The aim on one thread,
+{AIM:.0f} times as fast, is {"met" if single >= AIM else "missed"}.
 """
     write_section(REPORT, "Noise", SECTION, body)
 

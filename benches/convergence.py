@@ -94,32 +94,35 @@ def page(found: dict[str, Convergence]) -> str:
     return f"""# Integrated and analytic attitude
 
 Written by `make docs-figures`. The simulated motion is an exact function of time: its attitude, rate and
-angular acceleration are closed forms, and nothing is integrated. Here the rate of a perfect unit, sampled at
-each rate, is integrated by `imucal_core::integrate` and compared with the attitude: the largest error at
-the {MOVES} rests after the first, rad, carried from the start of the run.
+angular acceleration have closed forms and are not integrated numerically. This page integrates the rate of a perfect unit with
+`imucal_core::integrate` at several sampling rates and compares the result with the exact attitude. The
+tables give the largest attitude error, in rad, at the {MOVES} rests after the first, integrated from the
+start of the run.
 
-The integrator takes the rate to be linear between samples. What it leaves is of third order in a step and so
-of second order in a run: the error falls by 4 when the rate doubles.
+The integrator assumes that the rate is linear between samples. Its error is of third order in a step and
+therefore of second order over a run: it falls by a factor of 4 if the sampling rate doubles.
 
 | rate, Hz | {heading} |
 |---:|{"---:|" * len(found)}
 {rows}
 | **order** | {orders} |
 
-The order is the slope from {ASYMPTOTIC_HZ} Hz on. The bad stand shakes at 20 Hz, which 50 Hz hardly sample.
+The order is the slope from {ASYMPTOTIC_HZ} Hz upwards. The bad stand vibrates at 20 Hz, which is close to
+the Nyquist frequency of 50 Hz sampling.
 
 ![Largest error over sample rate: straight lines of slope -2](convergence.svg)
 
 ## Midpoint
 
-`Order::Midpoint` leaves out the coning between two samples, `h^2/12 (w0 x w1)`, and saves a cross product:
+`Order::Midpoint` omits the coning term between two samples, `h^2/12 (w0 x w1)`, and saves a cross product:
 
 | rate, Hz, midpoint | {heading} |
 |---:|{"---:|" * len(found)}
 {cheap}
 
-The dashed lines are the midpoint's. Both are of second order for rates that are not straight between samples;
-for a rate that is, `Order::Magnus4` is of fourth order and the midpoint still of second.
+The dashed lines in the figure belong to the midpoint rule. Both methods are of second order if the rate
+is not linear between samples. If it is linear, `Order::Magnus4` is of fourth order and the midpoint rule
+of second order.
 """
 
 

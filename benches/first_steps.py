@@ -54,8 +54,8 @@ def page(rows: list[tuple[str, float]], total_s: float) -> str:
     verdict = "met" if total_s <= LIMIT_S else "missed"
     return f"""# From a clone to a C header
 
-Written by `make first-steps`: what a newcomer's machine with {os.cpu_count()} cores does on
-[the first page](../index.md). The clone is compiled; packages come from the caches of pip and cargo.
+Written by `make first-steps`: the time that a machine with {os.cpu_count()} cores takes for the commands
+of [First steps](../index.md). The clone is compiled; packages come from the caches of pip and cargo.
 
 | command | s |
 | --- | ---: |

@@ -155,23 +155,23 @@ def main() -> None:
     share = 100 * judge.held / judge.bands
     body = f"""
 Written by `make accuracy`: {given.runs} simulated units at rest of each kind, {DURATION_S / 3600:g} h
-at {RATE_HZ:g} Hz, in counts, with the white noise of the datasheet, and flicker noise and random walk as in
-the table; three axes each.
+at {RATE_HZ:g} Hz, in counts. The white noise is that of the datasheet, and flicker noise and
+random walk are those of the table. Each unit has three axes per sensor.
 
-* seen: share of the axes with a value, %. The others have the end of a band. What is not there (truth 0) may
-  be seen 5 times of 100.
-* σ: the stated standard deviation, % of the truth, where all are seen; error / σ: root mean square, 1 if σ is
-  true.
-* 95 %: share of the bands that hold the truth. Of {trials} perfect bands {band} % do,
-  {of_hundred} times of 100; figures outside are bold. A figure that is not seen on every axis may be held
-  more often: its band begins at zero.
+* seen: share of the axes on which the process is detected, %. The other axes have an upper bound. A
+  process that is absent (truth 0) may be detected in 5 of 100 cases.
+* σ: the reported standard deviation in % of the truth, if the process is detected on all axes. error / σ:
+  root mean square; 1 if σ is correct.
+* 95 %: share of the bands that contain the truth. For {trials} perfect bands this share is {band} % with
+  a probability of {of_hundred} %; figures outside this range are bold. The share may be larger if a
+  process is not detected on every axis, because its band then begins at zero.
 
 | unit, sensor, figure | truth, SI | seen | σ, % | error / σ | 95 % |
 |---|---:|---:|---:|---:|---:|
 {chr(10).join(judge.rows)}
 
-{judge.misses} of {judge.checked} figures are outside; of perfect ones {expected:.1f} would be.
-Of all {judge.bands} bands of noise that is there {share:.2f} % hold the truth.
+{judge.misses} of {judge.checked} figures are outside; {expected:.1f} are expected for perfect bands. Of
+all {judge.bands} bands of processes that are present, {share:.2f} % contain the truth.
 """
     write_section(REPORT, "Noise", SECTION, body)
 

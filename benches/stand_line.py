@@ -73,22 +73,23 @@ def row(fault: str, trials: list[Trial]) -> str:
 
 def page(found: dict[str, list[Trial]], seeds: int, speed: float) -> str:
     rows = "\n".join(row(fault, trials) for fault, trials in found.items())
-    return f"""# The line
+    return f"""# Production line
 
-What `imucal stand calibrate` makes of good units and of hidden faults, on a simulated stand. Written by
-`make stand`: {seeds} seeds for each row, `--speed {speed:g}`; units drawn from the spread of the BMI088's
-datasheet, a cheap stand of its own for each (mount, tilt, angles, flexure, vibration, 12-bit encoders with
-eccentricity, backlash and a time offset), 200 Hz, a random program and a random control program. Nothing but
-the simulation knows the fault.
+This page, written by `make stand`, reports the verdicts of `imucal stand calibrate` for good units and
+for hidden faults on a simulated stand. Each row has {seeds} seeds, with `--speed {speed:g}`. The units
+are drawn from the tolerances of the BMI088 datasheet. Each is on a different cheap stand with errors of
+mount, tilt, axis angles, flexure and vibration, and with 12-bit encoders with eccentricity, backlash and
+a time offset. The sampling rate is 200 Hz, and program and control program are random. The faults are
+known to the simulation only.
 
 | hidden fault | size | units | passed, exported | failed | named first | named besides |
 |---|---|---|---|---|---|---|
 {rows}
 
-A slip shows as a step between the unit's attitude at rest and the angles of the motors, play as a scatter of
-both from rest to rest; without encoders, and without a controller that reports its angles, neither shows. A
-saturated sensor and an axis that stands at one value are refused by the checks of the recording; an axis that
-shows nothing but noise is known by that.
+A slip appears as a step between the attitude of the unit at rest and the angles of the motors, and play
+as a scatter of their difference from rest to rest. Neither can be detected without encoders or a
+controller that reports its angles. The checks of the recording refuse a saturated sensor and an axis with
+a constant value. An axis that contains only noise is detected by its lack of response to the motion.
 """
 
 

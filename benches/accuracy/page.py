@@ -13,32 +13,32 @@ from gate import Gate
 
 INTRODUCTION = """# Accuracy
 
-Written by `make accuracy`: simulated runs of the paper's unit with datasheet white noise and counts, each
-seed with its own moves and its own noise.
+Written by `make accuracy`. The runs are simulated with the paper's unit, the white noise and the counts
+of its datasheets. Each seed has its own moves and its own noise.
 
-* paper: its gyroscope program, 45 moves of 2 s, holds of 5 s, 200 Hz. hand-held: 40 poses of 4 s, moves of
-  2 s in a cube of 30 cm, by a hand that trembles by 0.05 deg about each axis all the time. The conditions
-  change one thing in the paper run.
-* bound: standard deviation at the Cramér-Rao bound of the same runs,
-  [from the truth alone](../../benches/accuracy/bound.py). In the hand-held run nothing is known of the
-  tremor, nor of the way from pose to pose.
-* RMSE and σ are root mean squares over the runs; ± is one standard deviation by chance.
-* 68 %, 95 %, 99.7 %: share of the runs with the truth inside the stated interval. Where the bias wanders
-  (flicker), the truth is its mean over the record, and there is no bound.
-* bold: outside what 99 of 100 perfect estimators give. A gate asks for what 999 of 1000 give in all
+* paper: the paper's gyroscope program with 45 moves of 2 s, rests of 5 s, at 200 Hz. hand-held: 40 poses
+  of 4 s and moves of 2 s within a cube of 30 cm, with a tremor of 0.05 deg about each axis throughout.
+  Each of the other conditions changes one property of the paper run.
+* bound: standard deviation at the Cramér-Rao bound of the same runs, [computed from the
+  truth](../../benches/accuracy/bound.py). In the hand-held run neither the tremor nor the path between
+  poses is assumed to be known.
+* RMSE and σ are root mean squares over the runs; ± is one standard deviation of their sampling error.
+* 68 %, 95 %, 99.7 %: share of the runs in which the reported interval contains the truth. If the bias
+  wanders (flicker), the truth is its mean over the record, and there is no bound.
+* bold: outside the range of 99 of 100 perfect estimators. The gates use the range of 999 of 1000, for all
   figures of a table together (Bonferroni).
 """
-CONDITIONS = """Efficiency: bound over mean square error, over all parameters. (error / σ)²: mean over all
-parameters, 1 if the stated σ are true. Reduced chi2: by noise alone, nothing being widened.
-Coverages: lowest and highest of all parameters. Outside: how many of
-the {figures} coverages are outside the band of one; of a perfect estimator's it would be {expected:.1f}.
-In brackets: outside the band of all together. Named: rests and moves that were left out or down-weighted
-though nothing was wrong.
+CONDITIONS = """Efficiency: squared bound divided by mean square error, over all parameters. (error / σ)²: mean over all
+parameters; 1 if the reported σ are correct. Reduced chi2: with the noise as predicted, without widening.
+Coverages: lowest and highest of all parameters. Outside: number of the {figures} coverages outside the 99
+% band of a single coverage; {expected:.1f} are expected for a perfect estimator. In brackets: number
+outside the joint band of all coverages. Named: rests and moves that were excluded or down-weighted
+although they were correct.
 """
-CONTAMINATED = """RMSE over the bound of the rests and moves that are left: of all parameters, and of the
-worst one. Worst run: largest root mean square over the parameters of error / bound. Files that say
-[what is wrong](../../benches/accuracy/faults.py) and
-[when it is named](../../benches/accuracy/naming.py).
+CONTAMINATED = """RMSE divided by the bound of the rests and moves that remain: of all parameters, and of the worst
+parameter. Worst run: largest root mean square of error / bound over the parameters of one run.
+[faults.py](../../benches/accuracy/faults.py) defines the faults, and
+[naming.py](../../benches/accuracy/naming.py) defines when a fault counts as named.
 """
 
 
@@ -50,11 +50,11 @@ def page(scenes: Sequence[SceneFigures], contaminations: Sequence[Contamination]
         sections += ["## Conditions\n", conditions_table(scenes)]
     if contaminations:
         sections += ["## Contaminated runs\n", contaminated_table(contaminations), CONTAMINATED]
-    sections += [f"## Gates\n\n{missed} of {len(gates)} are missed.\n", gates_table(gates)]
+    sections += [f"## Gates\n\n{missed} of {len(gates)} gates are missed.\n", gates_table(gates)]
     for one in scenes:
         if one.scene.is_main:
             sections += [f"## Parameter by parameter: {one.scene.name}\n", parameters_table(one)]
-    return "\n".join([*sections, f"All of it took {seconds / 60.0:.0f} min.\n"])
+    return "\n".join([*sections, f"The whole benchmark took {seconds / 60.0:.0f} min.\n"])
 
 
 def table(heading: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
