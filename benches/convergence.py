@@ -94,8 +94,9 @@ def page(found: dict[str, Convergence]) -> str:
     return f"""# Integrated and analytic attitude
 
 Written by `make docs-figures`. The simulated motion is an exact function of time: its attitude, rate and
-angular acceleration have closed forms and are not integrated numerically. This page integrates the rate of a perfect unit with
-`imucal_core::integrate` at several sampling rates and compares the result with the exact attitude. The
+angular acceleration have closed forms and are not integrated numerically. This page integrates the
+rate of a perfect unit with `imucal_core::integrate` at several sampling rates and
+compares the result with the exact attitude. The
 tables give the largest attitude error, in rad, at the {MOVES} rests after the first, integrated from the
 start of the run.
 

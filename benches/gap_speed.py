@@ -216,8 +216,9 @@ def scoring_lines() -> list[str]:
                 f"| {PASSES[kind]}: {verdict} |"
             )
     return [
-        "Scoring all candidates beside the model without effects, beside one pass of the integration kernel "
-        "with its 12 sums over the same record (benches/scoring.rs, one thread):",
+        "The next table compares the time for scoring all candidates, relative to the model without effects, "
+        "with the time of one pass of the integration kernel with its 12 sums over the same record "
+        "(benches/scoring.rs, one thread).",
         "",
         "| data | processors | a pass, ms | scoring, ms | passes | aim |",
         "|---|---:|---:|---:|---:|---|",
@@ -241,24 +242,25 @@ def lines() -> list[str]:
         "",
         f"{machine_name()}. One `find_gap` of {len(sample)} samples, {sample.duration_s:.0f} s "
         f"at {RATE_HZ:.0f} Hz with 46 rests: all candidates, refits, generic hypotheses and the verdict, in "
-        "process, beside SciPy fits of the nine numbers of the gyroscope to the same moves. Medians of "
-        f"{ROUNDS} interleaved rounds; NumPy's linear algebra has one thread. At most "
+        "one process. It is compared with SciPy fits of the nine sensitivity entries of the gyroscope to the "
+        f"same moves. Medians of {ROUNDS} interleaved rounds; NumPy's linear algebra has one thread. The aim "
+        "is at most "
         + " and ".join(f"{aim:.2f} ({kind})" for kind, aim in AIM.items())
-        + " of the plain fit are wanted.",
+        + " times the plain fit.",
         "",
         f"On one processor: {said(alone)}",
         "",
         *header,
         *rows(alone),
         "",
-        f"On {processors} processors, all that there are, which SciPy makes no use of: {said(together)}",
+        f"On {processors} processors, all of the machine (SciPy uses one): {said(together)}",
         "",
         *header,
         *rows(together),
         "",
-        f"SciPy, plain, is the gyroscope's stage of {OTHERS.name}, which is not in this repository; it takes "
-        "five to eight iterations, as the last digits of its start will have it, and starts elsewhere by a "
-        "thousandth in each round. The product tree is that of [scipy_peer.py](../../benches/scipy_peer.py).",
+        f"SciPy, plain, is the gyroscope stage of {OTHERS.name}, which is not in this repository. Its start "
+        "value differs by 0.1 % in each round, and the number of iterations varies from five to eight with "
+        "it. The product tree is that of [scipy_peer.py](../../benches/scipy_peer.py).",
         "",
         *scoring_lines(),
         "Stages of a search with a control record, on one processor:",

@@ -205,7 +205,8 @@ def hour() -> str:
     arrow_s, read_s, took = median_of(peer, "s"), median_of(ours, "read_s"), median_of(ours, "s")
     memory = most_of(ours, "memory")
     return f"""
-An hour at 8 kHz ({HOUR[0]:,} samples) from a Parquet file of {megabytes:.0f} MB, on all processors.
+The last table is for one hour at 8 kHz ({HOUR[0]:,} samples) from a Parquet file of {megabytes:.0f}
+MB, on all processors.
 
 | | s | times pyarrow | peak, times the data |
 |---|---:|---:|---:|
@@ -213,8 +214,8 @@ An hour at 8 kHz ({HOUR[0]:,} samples) from a Parquet file of {megabytes:.0f} MB
 | `imucal.read`, with the file's hash | {read_s:.2f} | {read_s / arrow_s:.1f} | |
 | `imucal.calibrate(imucal.read(...))`, jointly | {took:.2f} | {took / arrow_s:.1f} | {memory:.2f} |
 
-At most {MOST_READ:g} times the time: {verdict(took / arrow_s, MOST_READ)}; at most {MOST_READ_MEMORY:g} times
-the memory: {verdict(memory, MOST_READ_MEMORY)}.
+The aim of at most {MOST_READ:g} times the time is {verdict(took / arrow_s, MOST_READ)}. The aim of at
+most {MOST_READ_MEMORY:g} times the memory is {verdict(memory, MOST_READ_MEMORY)}.
 """
 
 
@@ -231,22 +232,23 @@ def main() -> None:
     first, _ = calibrations(*SMALL)
     once_mb = most_of(first, "beyond_mb")
     body = f"""
-{machine_name()}. Arrays in memory to 21 parameters with standard deviations, in two stages: ten times as
-much motion each time, at the end the same motion at a higher rate. Medians of the times of {ROUNDS}
-processes, in which it is the first calibration. The peak, the largest of {ROUNDS} processes, is that of the
-first calibration, and that of one after a small one, which has brought the pages of the library's code.
+{machine_name()}. The times are those from arrays in memory to 21 parameters with standard deviations,
+by the two-stage fit. Each row has ten times the samples of the previous one: more moves, and in the
+last row a higher sampling rate. Times are medians over {ROUNDS} processes, for the first calibration of a process. Peak memory is
+the maximum over {ROUNDS} processes, for the first calibration, and for a later one after a small
+calibration has loaded the code of the library.
 
 | samples | Hz | moves | ms | times above | peak, times the data | of a later one | beyond the data, MB | |
 |---:|---:|---:|---:|---:|---:|---:|---:|---|
 {growth(options.most)}
 
-Ten times the samples are to take at most {MOST_TIMES:g} times the time, and the peak of a later calibration
-is to be at most {MOST_MEMORY:g} times the data. What each process needs once is in the peak of the first,
-the pages of the library's code above all: one of {SMALL[0]:.0e} samples, {56e-6 * SMALL[0]:.1f} MB, takes
-{once_mb:.1f} MB beyond the data.
+The aims are at most {MOST_TIMES:g} times the time for ten times the samples, and a peak of a later
+calibration of at most {MOST_MEMORY:g} times the data. The peak of the first calibration includes memory
+that each process needs once, mostly for the code of the library: a calibration of {SMALL[0]:.0e} samples,
+{56e-6 * SMALL[0]:.1f} MB, needs {once_mb:.1f} MB beyond the data.
 
-The same with {OF_TYPES[0]:.0e} samples whose force and rate are in a smaller type. There is no copy in
-float64; what is taken beyond the data is for the blocks of 50 ms in which rests are looked for.
+The next table is for {OF_TYPES[0]:.0e} samples with force and rate in a smaller type. No float64 copy is
+made. The memory beyond the data is for the statistics of the 50 ms blocks of rest detection.
 
 | type | ms | peak, times the data | beyond the data, MB |
 |---|---:|---:|---:|

@@ -57,14 +57,14 @@ def simulation_lines() -> list[str]:
     met = "met" if worst <= LIMIT else "missed"
     return [
         f"The paper's random program for an hour at 1 kHz ({samples} samples) on a perfect stand, with a",
-        "temperature that changes: from the setup to recording and truth in memory.",
+        "changing temperature. The time is that from the setup to recording and truth in memory.",
         "",
         "| | ms | times NumPy |",
         "|---|---:|---:|",
         *rows,
         "",
-        f"The aim is at most {LIMIT:.0f} times the time of NumPy with ten effects: {met}. imucal uses all",
-        "processors, NumPy one. The result does not depend on how many there are.",
+        f"The aim, at most {LIMIT:.0f} times the time of NumPy with ten effects, is {met}. imucal uses all",
+        "processors, NumPy one. The result does not depend on the number of processors.",
     ]
 
 

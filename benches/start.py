@@ -78,7 +78,8 @@ def main() -> None:
             ]
         rows.append(f"| {process.name} | {ms[process.name]:.0f} | {' | '.join(cells)} |")
     body = f"""
-{machine_name()}, one used. Whole processes, with the interpreter; medians of {ROUNDS} interleaved rounds.
+{machine_name()}, one used. Times of whole processes, including the interpreter; medians of {ROUNDS}
+interleaved rounds.
 
 | | ms | is | at most | |
 |---|---:|---|---:|---|

@@ -28,15 +28,17 @@ of its datasheets. Each seed has its own moves and its own noise.
 * bold: outside the range of 99 of 100 perfect estimators. The gates use the range of 999 of 1000, for all
   figures of a table together (Bonferroni).
 """
-CONDITIONS = """Efficiency: squared bound divided by mean square error, over all parameters. (error / σ)²: mean over all
-parameters; 1 if the reported σ are correct. Reduced chi2: with the noise as predicted, without widening.
+CONDITIONS = """Efficiency: squared bound divided by mean square error, over all parameters.
+(error / σ)²: mean over all parameters; 1 if the reported σ are correct. Reduced chi2: with the noise as
+predicted, without widening.
 Coverages: lowest and highest of all parameters. Outside: number of the {figures} coverages outside the 99
 % band of a single coverage; {expected:.1f} are expected for a perfect estimator. In brackets: number
 outside the joint band of all coverages. Named: rests and moves that were excluded or down-weighted
 although they were correct.
 """
-CONTAMINATED = """RMSE divided by the bound of the rests and moves that remain: of all parameters, and of the worst
-parameter. Worst run: largest root mean square of error / bound over the parameters of one run.
+CONTAMINATED = """RMSE divided by the bound of the rests and moves that remain: of all parameters,
+and of the worst parameter. Worst run: largest root mean square of error / bound over the parameters of
+one run.
 [faults.py](../../benches/accuracy/faults.py) defines the faults, and
 [naming.py](../../benches/accuracy/naming.py) defines when a fault counts as named.
 """

@@ -18,18 +18,21 @@ from gap.worth import rows as rows_of_worth
 LEVELS = ("1x", "2x", "5x", "10x", "typical")
 INTRODUCTION = """# Finding hidden effects
 
-Written by `make gap-benchmark`: {cases} in which something was hidden, or nothing, by named seeds. The
-tool gets a recording and a control recording, which has other moves and other noise; the answer is sealed
-until it has spoken. Unit, noise and program are the paper's: 46 rests, 320 s, 100 Hz.
+Written by `make gap-benchmark`: {cases} with an effect or fault hidden in simulated data, or with none.
+All seeds are fixed. The search gets a recording and a control recording with different moves and noise.
+The truth is compared only after the search has returned its result. Unit, noise and program are those of
+the paper: 46 rests, 320 s, 100 Hz.
 
-* Data: A turned by hand, A' turned on a stand (the accelerometer within the moves counts), C with encoders;
-  T with a temperature that goes up and down by 30 K.
+* Data: A is rotated by hand, A' on a stand (the force inside moves takes part), and C has encoders. T has
+  a temperature that rises and falls by 30 K.
 * Limit: the smallest root mean square of the parameters that one recording shows with 90 % power at a
-  family-wise alpha of 0.01, [predicted without the tool](../../benches/gap/limits.py) for A and A', taken
-  from an earlier study for C. Hidden effects have multiples of it, in a random direction of their parameters.
+  family-wise alpha of 0.01. For A and A' it is [predicted independently of the
+  search](../../benches/gap/limits.py); for C it comes from an earlier study. Hidden effects have
+  multiples of this limit, in a random direction of their parameters.
 * Rates are followed by counts and their 95 % interval (Clopper and Pearson).
-* Gap closed: of the chi2 of the control recording, as `imucal.evaluate` sees it, the share that the tool
-  takes away of what a fit with the true effects takes away; where that is a third of it at least.
+* Gap closed: a fit with the true effects reduces chi2 of the control recording, computed by
+  `imucal.evaluate`. The figure is the share of this reduction that the result of the search achieves. It
+  is given if the reduction is at least a third of chi2.
 """
 
 
@@ -90,10 +93,11 @@ def _tools(marks: Sequence[Mark]) -> str:
         "false alarms", "outside: unknown",
     )  # fmt: skip
     words = (
-        "The same cases, whitened residuals and columns. The textbook ways cannot say that an effect is\n"
-        "unknown or that two are alike; wrong is an answer with a name in it that is not hidden.\n\n"
+        "All methods get the same cases, whitened residuals and Jacobian columns. The textbook methods\n"
+        "cannot report that an effect is unknown or that two effects are equivalent. A wrong answer\n"
+        "contains a name that was not hidden.\n\n"
     )
-    return "## Beside the textbook ways\n\n" + words + table(heading, rows)
+    return "## Comparison with textbook methods\n\n" + words + table(heading, rows)
 
 
 def _short(flags: Sequence[bool | None]) -> str:
@@ -124,16 +128,17 @@ def _worth(marks: Sequence[Mark]) -> str:
     if not rows:
         return ""
     words = (
-        "Rms error of the corrected control recording against the truth of the simulation, means over 1 s,\n"
-        "of the signal that the effect disturbs, SI units; at 5 and 10 times the limit, where something was\n"
-        "named. The factor is the error with the plain calibration over that with the improved one; the\n"
-        "tool claims one, and an interval that is to hold the true one in 95 %.\n\n"
+        "The errors are root mean squares of the corrected control recording minus the simulated truth, for\n"
+        "means over 1 s of the signal that the effect disturbs, in SI units. The cases are those at 5 and\n"
+        "10 times the limit in which an effect was named. The factor is the error with the plain\n"
+        "calibration divided by that with the improved one. The search reports a factor and an interval\n"
+        "that should contain the true factor in 95 %.\n\n"
     )
     heading = (
         "", "claims", "true error, median", "true factor, median", "claimed / true, median", "5 % to 95 %",
         "within 10 %", "interval holds",
     )  # fmt: skip
-    return "## What the correction is worth\n\n" + words + table(heading, rows)
+    return "## Predicted error of the correction\n\n" + words + table(heading, rows)
 
 
 def _limit(marks: Sequence[Mark], name: str, kind: str) -> str:

@@ -59,55 +59,58 @@ def page(
 ) -> str:
     checked = gates(agreements, durations)
     missed = sum(not met for *_, met in checked)
-    return f"""# Planned and reached
+    return f"""# Planned and achieved accuracy
 
-Written by `make plan`. The unit is the paper's, its white noise that of the data sheets. What is predicted
-comes from the model and the noise alone ([how](../plan.md)); nothing of it is fitted to the runs below.
+Written by `make plan`. The unit is that of the paper, with the white noise of its datasheets. The
+predictions use only the model and the noise ([how](../plan.md)) and are not fitted to the runs below.
 
 ## Gates
 
-{"None" if missed == 0 else missed} of {len(checked)} are missed.
+{"None" if missed == 0 else missed} of {len(checked)} gates are missed.
 
 | | aim | found | |
 | --- | ---: | ---: | ---: |
 {_rows(checked, lambda row: (*row[:3], "met" if row[3] else "**missed**"))}
 
-An error of a ratio that chance explains is no miss: what 999 of 1000 perfect predictions keep in all ratios
-of the table together is allowed beyond the aim. The standard deviations that calibrations state hardly
-scatter, and have no such allowance.
+A ratio may deviate from its aim by its sampling error: the allowance is the range that 999 of 1000
+perfect predictions keep for all ratios of the table together. The standard deviations reported by
+calibrations hardly scatter and have no such allowance.
 
-The aims of the minutes are a seventh and three quarters of {PAPER_MINUTES} min; the paper's two programs take
-{_both(visible)} here, and predicted of them together is more than the fine targets ask for.
+The aims for the duration are a seventh and three quarters of {PAPER_MINUTES} min. The paper's two
+programs take {_both(visible)} here. Together they are predicted to be more accurate than the fine
+targets.
 
-## Predicted and reached standard deviations
+## Predicted and achieved standard deviations
 
-Each program is run with as many seeds of the noise, and by hand of tremor and random poses, at
-{RATE_HZ:.0f} Hz, and calibrated. Ratio: root mean square error over the runs / predicted standard deviation,
-lowest and highest of the 21 parameters; ± is one standard deviation of each by chance. Stated: root mean
-square of the standard deviations that the calibrations state / predicted. Rests: share of the runs in which
-every rest of the program was found. The grid alone does not determine the gyroscope, so it is calibrated
-together with the random program. The hand trembles by {HAND_TREMOR_DEG} deg about each axis; what its tremor
-tells of the gyroscope's bias, for the hand goes nowhere, is not predicted.
+Each program is simulated with different seeds for the noise, at {RATE_HZ:.0f} Hz, and calibrated.
+Hand-held runs also have different tremor and poses. Ratio: root mean square error over the runs divided
+by the predicted standard deviation, lowest and highest of the 21 parameters; ± is one standard deviation
+of its sampling error. Stated: root mean square of the standard deviations reported by the calibrations,
+divided by the predicted one. Rests: share of the runs in which every rest of the program was found. The
+grid alone does not determine the gyroscope, so it is calibrated together with the random program. The
+hand trembles by {HAND_TREMOR_DEG} deg about each axis. The prediction neglects that the mean rate of a
+tremor is zero, which gives additional information about the gyroscope bias.
 
 | program | minutes | runs | ratio | ± | mean ratio | stated | rests |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |
 {_rows(agreements, _agreement)}
 
-## How long it takes
+## Duration
 
-Shortest programs that were found for the paper's three motors at 120 deg/s, mean over a turn, 480 deg/s^2,
-with {PROPOSALS} proposals and {len(durations[0].plans)} seeds. Coarse: 50 ppm and 50 ug of the accelerometer,
-200 ppm and 50 urad/s of the gyroscope, 1 sigma of the worst parameter. Fine: 11 ppm, 10 ug, 130 ppm and
-28 urad/s.
+The table gives the shortest programs found for the paper's three motors with a mean rate of 120 deg/s and
+480 deg/s^2, with {PROPOSALS} proposals and {len(durations[0].plans)} seeds. The coarse targets are 50 ppm
+and 50 ug for the accelerometer and 200 ppm and 50 urad/s for the gyroscope, 1 sigma of the worst
+parameter. The fine targets are 11 ppm, 10 ug, 130 ppm and 28 urad/s.
 
 | targets | minutes: best | middle | worst | best / {PAPER_MINUTES} min | moves | rests |
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
 {_rows(durations, _duration)}
 
-## Worst standard deviation over minutes
+## Worst standard deviation by duration
 
-Grid: the paper's, with steps of 60 to 20 deg. Random: the paper's, with 8 to 160 moves. Optimal: most
-information in the time (D-optimal), on the same motors. 1 sigma of the worst parameter of each group.
+Grid is the paper's grid with steps of 60 to 20 deg. Random is the paper's random program with 8 to 160
+moves. Optimal has the most information for its duration (D-optimal), on the same motors. The values are 1
+sigma of the worst parameter of each group.
 
 ![Worst standard deviation of four groups over minutes, for the three kinds of program](plan.svg)
 
@@ -117,10 +120,10 @@ information in the time (D-optimal), on the same motors. 1 sigma of the worst pa
 
 ## Detection limits
 
-The smallest size of each effect that `imucal gap` would find with 90 % probability: root mean square over its
-parameters, SI units. A dash: such a run does not show it, or not in two recordings. Temperature was not
-recorded, so that its effects are not there. Drifts and encoders are seen the better the longer
-a run is.
+The table gives the smallest size of each effect that `imucal gap` would find with 90 % probability: the
+root mean square over its parameters, in SI units. A dash means that such a run, or two such recordings
+together, do not show the effect. Temperature was not recorded, so temperature effects are not listed.
+Longer runs have lower limits for drifts and encoder effects.
 
 | effect | {" | ".join(visible)} | unit |
 | --- |{" ---: |" * (len(visible) + 1)}
