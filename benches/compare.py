@@ -236,11 +236,11 @@ def main() -> None:
             "",
             *calibration_lines(a_run()),
             "",
-            "[scipy_peer.py](../../benches/scipy_peer.py) is optimised as far as possible: it uses a product",
-            "tree over all moves at once, an analytic Jacobian for the accelerometer, and a start value",
-            "within 0.2 %, which imucal does not need. scipy_calibration.py, which is not in this repository,",
-            "makes the same two fits with Runge-Kutta steps, nine trial thresholds for the rests, and a",
-            "start value with an error of 30 %.",
+            "[scipy_peer.py](../../benches/scipy_peer.py) is optimised as far as possible: it uses a",
+            "product tree over all moves at once, an analytic Jacobian for the accelerometer, and a start",
+            "value within 0.2 %, which imucal does not need. scipy_calibration.py, which is not in this",
+            "repository, makes the same two fits with Runge-Kutta steps, nine trial thresholds for the",
+            "rests, and a start value with an error of 30 %.",
         ]
     )
     write_section(REPORT, "Speed", "Calibration", calibration)

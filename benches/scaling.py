@@ -234,9 +234,9 @@ def main() -> None:
     body = f"""
 {machine_name()}. The times are those from arrays in memory to 21 parameters with standard deviations,
 by the two-stage fit. Each row has ten times the samples of the previous one: more moves, and in the
-last row a higher sampling rate. Times are medians over {ROUNDS} processes, for the first calibration of a process. Peak memory is
-the maximum over {ROUNDS} processes, for the first calibration, and for a later one after a small
-calibration has loaded the code of the library.
+last row a higher sampling rate. Times are medians over {ROUNDS} processes, for the first calibration of a
+process. Peak memory is the maximum over {ROUNDS} processes, for the first calibration, and for a later one
+after a small calibration has loaded the code of the library.
 
 | samples | Hz | moves | ms | times above | peak, times the data | of a later one | beyond the data, MB | |
 |---:|---:|---:|---:|---:|---:|---:|---:|---|
