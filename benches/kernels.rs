@@ -1,7 +1,7 @@
-//! Time of the integration kernels beside a plain sum of the same array, which is as fast as the memory delivers it.
+//! Time of the integration kernels compared with a plain sum of the same array, which shows the memory bandwidth.
 //!
-//! `cargo bench --bench kernels` shows the throughput of each; with `--table` it prints what docs/results/speed.md shows (see
-//! kernels.py), with `--once NAME SAMPLES` it runs one kernel once, for instructions to be counted.
+//! `cargo bench --bench kernels` prints the throughput of each kernel. `--table` prints the rows that kernels.py writes
+//! to docs/results/speed.md. `--once NAME SAMPLES` runs one kernel once, so that its instructions can be counted.
 
 use std::env;
 use std::hint::black_box;

@@ -1,8 +1,9 @@
-//! What it costs to score all candidates, beside integration passes over the same record.
+//! Time for scoring all candidate effects, compared with integration passes over the same record.
 //!
-//! The record is that of gap_speed.py: the paper's run at 200 Hz, by hand (A) and on a stand (A', where the accelerometer inside the
-//! moves takes part). Scoring is what all candidates cost beyond none. `cargo bench --bench scoring` prints for each kind the
-//! milliseconds of a pass and of scoring, tab separated; gap_speed.py runs it for docs/results/speed.md.
+//! The record is that of gap_speed.py: the paper's run at 200 Hz, by hand (A) and on a stand (A', where the force
+//! inside moves takes part). The scoring time is the difference between a search with all candidates and one without.
+//! `cargo bench --bench scoring` prints, for each kind of record, the milliseconds of a pass and of scoring, separated
+//! by tabs; gap_speed.py runs it for docs/results/speed.md.
 
 use std::hint::black_box;
 use std::process::ExitCode;
