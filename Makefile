@@ -2,7 +2,7 @@
 #
 #   make test      lint, Rust tests, the source distribution in an empty environment, Python tests, the pages
 #   make test-fast formatting, clippy, ruff, mypy, Rust tests, and the Python tests that are not marked slow
-#   make lint      formatting, clippy, rustdoc, ruff, mypy, stubtest
+#   make lint      formatting, clippy, rustdoc, ruff, import-linter, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
 #   make bench     speed beside SciPy, of starting, growth and memory, of the simulation, and of Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
@@ -105,6 +105,8 @@ lint-python: $(VENV)/.installed
 	$(call say,Python: formatting and lint)
 	$(BIN)/ruff format --check $(PYTHON_FILES)
 	$(BIN)/ruff check $(PYTHON_FILES)
+	$(call say,Python: layers)
+	$(BIN)/lint-imports --no-cache
 	$(call say,Python: types)
 	$(PY) -m mypy
 

@@ -6,7 +6,7 @@ import dataclasses
 from dataclasses import dataclass
 
 import imucal
-from imucal.planning.targets import GROUPS
+from imucal.planning.groups import GROUPS
 from plan.agreement import COARSE, FINE, planned
 
 PROPOSALS = 12_000

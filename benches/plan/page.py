@@ -9,7 +9,7 @@ from statistics import NormalDist
 import numpy as np
 
 from imucal.effects import catalogue
-from imucal.planning.targets import GROUPS
+from imucal.planning.groups import GROUPS
 from plan.agreement import HAND_TREMOR_DEG, RATE_HZ, Agreement
 from plan.duration import PROPOSALS, Duration, Point
 

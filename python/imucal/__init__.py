@@ -10,6 +10,10 @@ SI units, rows are samples, a still sensor reads +g on the axis that points up, 
 
 import lazy_loader
 
+import imucal.notebook as _notebook
+
 # `import imucal` loads no array, file or command library: a name is loaded when it is used. The stub lists
 # each name once, for this call and for type checkers.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+_notebook.register("imucal.report.notebook")

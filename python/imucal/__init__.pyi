@@ -2,13 +2,10 @@
 
 from . import effects as effects, io as io, plot as plot, report as report, stand as stand
 from ._core import __version__ as __version__
-from .calibration.calibration import (
-    Calibration as Calibration,
-    Parameter as Parameter,
-    Provenance as Provenance,
-    Triad as Triad,
-)
+from .calibration.calibration import Calibration as Calibration
 from .calibration.difference import Change as Change, Difference as Difference, diff as diff
+from .calibration.provenance import Provenance as Provenance
+from .calibration.triad import Parameter as Parameter, Triad as Triad
 from .document.source import Source as Source
 from .effects.effect import (
     Effect as Effect,
@@ -33,7 +30,8 @@ from .finding import Finding as Finding, Place as Place
 from .gap import Gap as Gap, find_gap as find_gap
 from .io import read as read, write as write
 from .limits.judgement import Check as Check, Judgement as Judgement
-from .limits.limits import FigureLimit as FigureLimit, Limits as Limits, ParameterLimit as ParameterLimit
+from .limits.limit import FigureLimit as FigureLimit, ParameterLimit as ParameterLimit
+from .limits.limits import Limits as Limits
 from .noise_analysis.allan import allan_deviation as allan_deviation
 from .noise_analysis.noise import (
     AxisNoise as AxisNoise,
@@ -41,7 +39,9 @@ from .noise_analysis.noise import (
     NoiseResult as NoiseResult,
     noise as noise,
 )
-from .planning.plan import Plan as Plan, PlannedParameter as PlannedParameter, plan as plan
+from .planning.groups import PlannedParameter as PlannedParameter
+from .planning.plan import plan as plan
+from .planning.result import Plan as Plan
 from .recording.recording import Recording as Recording
 from .rig.motion import Program as Program, Static as Static, Step as Step, Tumble as Tumble
 from .rig.stand import Stand as Stand

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from imucal.finding import Finding
+from imucal.finding import Finding
 
 __all__ = ["FitError", "FormatError", "ImucalError", "InputError", "NotEnoughMotionError"]
 
@@ -23,14 +22,12 @@ class ImucalError(Exception):
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `--json`, schema imucal.error/1, of a command that came to no result."""
-        from imucal.document.plain import without_nan
-
         return {
             "schema": "imucal.error/1",
             "verdict": "no_result",
             "error": type(self).__name__,
             "reasons": [str(self)],
-            "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "findings": [finding.to_dict() for finding in self.findings],
         }
 
 

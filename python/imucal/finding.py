@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -46,5 +47,13 @@ class Finding:
         return f"{self.severity}: {self}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The fields as a dictionary that JSON can hold."""
-        return {**asdict(self), "columns": list(self.columns)}
+        """The fields as a dictionary that JSON can hold; numbers that are not finite become None."""
+        place = None if self.place is None else _finite(asdict(self.place))
+        return {**_finite(asdict(self)), "columns": list(self.columns), "place": place}
+
+
+def _finite(fields: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: None if isinstance(value, float) and not math.isfinite(value) else value
+        for name, value in fields.items()
+    }

@@ -12,7 +12,7 @@ import pytest
 import imucal
 import imucal._core as _core
 from imucal import effects
-from imucal.calibration.calibration import MAX_EFFECTS
+from imucal.calibration.model import MAX_EFFECTS
 from imucal.effects.disturbance import disturbances
 
 # Sampling of the true motion, and a unit in counts with axes that are far from perfect.

@@ -1,91 +1,109 @@
-"""What a correction needs to know of the surroundings, and how it takes a user's own effects away.
+"""Correction of recordings by a sensor model.
 
     seen = T^-1 (measured - bias)
     true <- seen - effects(true),  starting at seen          docs/model.md (16)
 
-The compiled library does this sample by sample for the effects of the catalogue. A user's field is a function
-of whole arrays, so its passes are made here, around the library's.
+The compiled library iterates this sample by sample for the effects of the catalogue. The field of a
+user-defined effect is a Python function of whole arrays, so its iteration is in this file, around that of the
+library.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 import numpy.typing as npt
+from numpy.typing import ArrayLike
 
 import imucal._core as _core
-from imucal.arrays import FloatArray, SampleArray
-from imucal.effects.effect import Effect, EffectValues, State, UserEffect
+from imucal.arrays import FloatArray, SampleArray, as_rows
+from imucal.calibration.model import SensorModel
+from imucal.calibration.triad import Triad
+from imucal.effects.effect import EffectValues, State, UserEffect
 from imucal.errors import InputError
 from imucal.recording.recording import Recording
 
-if TYPE_CHECKING:
-    from imucal.calibration.calibration import Calibration, Triad
+__all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
-__all__ = [
-    "empty_samples",
-    "left_in_data",
-    "remove_user_effects",
-    "require_no_surroundings",
-    "require_surroundings",
-    "takes_pieces",
-]
-
-# Those of the library's own passes.
+# Iterations of the library for the effects of the catalogue.
 MAX_PASSES: Final = 32
+# The iteration has settled once a sample changes by less than this multiple of its rounding error.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 
-# What a field may need, and the column of a recording that gives it.
+# Inputs of a field besides rate and force, and the column of a recording that gives each.
 COLUMNS: Final = {"time": "time_s", "angular_acceleration": "time_s", "temperature": "temperature_degc"}
+
+
+def correct(
+    model: SensorModel, angular_rate: ArrayLike, specific_force: ArrayLike
+) -> tuple[FloatArray, FloatArray]:
+    """Corrected rate and force of raw samples, (N, 3) each; see `Calibration.apply`."""
+    _require_rate_and_force_only(model)
+    rate = as_rows(angular_rate, "angular_rate", 3)
+    force = as_rows(specific_force, "specific_force", 3, len(rate))
+    corrected: tuple[FloatArray, FloatArray] = _core.correct(model, rate, force)
+    return corrected
+
+
+def correct_recording(model: SensorModel, recording: Recording, start_s: float | None = None) -> Recording:
+    """The corrected recording; see `Calibration.apply_recording`."""
+    for effect in model.user_effects:
+        effect.required_field()
+    if start_s is not None and not takes_pieces(model):
+        raise InputError(f"{recording.name}: the effects of this calibration need the whole recording")
+    model.require_raw_units(recording)
+    _require_columns(model, recording)
+    without = _remove_user_effects(model, recording)
+    rate, force = _core.correct_recording(model.without_user_effects(), without, start_s)
+    return replace(recording, angular_rate=rate, specific_force=force, accel_unit="m/s^2", gyro_unit="rad/s")
 
 
 def empty_samples(
     raw: Recording, corrected: Recording
 ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.bool_]]:
-    """Which samples have no rate or no force, and which have both and no correction."""
+    """Masks of the samples that lack a rate or a force, and of complete samples without a correction."""
 
-    def is_whole(recording: Recording) -> npt.NDArray[np.bool_]:
+    def is_complete(recording: Recording) -> npt.NDArray[np.bool_]:
         columns = np.hstack((recording.angular_rate, recording.specific_force))
         return np.asarray(np.isfinite(columns).all(axis=1))
 
-    complete = is_whole(raw)
-    return np.logical_not(complete), complete & np.logical_not(is_whole(corrected))
+    complete = is_complete(raw)
+    return np.logical_not(complete), complete & np.logical_not(is_complete(corrected))
 
 
-def left_in_data(calibration: Calibration) -> tuple[str, ...]:
-    """Names of the effects whose needs no recording gives, or that act on the stand."""
+def left_in_data(model: SensorModel) -> tuple[str, ...]:
+    """Names of the effects that no correction removes: they act on the stand or depend on the attitude."""
     return tuple(
         effect.name
-        for effect in _of_catalogue(calibration)
+        for effect in model.catalogue_effects()
         if effect.sensor == "encoder" or not set(effect.needs) <= set(COLUMNS)
     )
 
 
-def takes_pieces(calibration: Calibration) -> bool:
-    """Whether each sample is corrected without its neighbours, and no user's field takes whole columns."""
-    needs = {need for effect in _of_catalogue(calibration) for need in effect.needs}
-    return not calibration.user_effects and "angular_acceleration" not in needs
+def takes_pieces(model: SensorModel) -> bool:
+    """Whether each sample is corrected independently of its neighbours."""
+    needs = {need for effect in model.catalogue_effects() for need in effect.needs}
+    return not model.user_effects and "angular_acceleration" not in needs
 
 
-def require_no_surroundings(calibration: Calibration) -> None:
-    """Refuse effects that depend on more than rate and force, with InputError."""
-    for effect in _of_catalogue(calibration):
+def _require_rate_and_force_only(model: SensorModel) -> None:
+    """Raise InputError for effects that depend on more than rate and force."""
+    for effect in model.catalogue_effects():
         for need in effect.needs:
             if need in COLUMNS:
                 raise InputError(
                     f"{effect.name} depends on {need.replace('_', ' ')}: use apply_recording, with a "
                     f"recording that has {COLUMNS[need]}"
                 )
-    for own in calibration.user_effects:
+    for own in model.user_effects:
         raise InputError(f"{own.name} is a user's effect, its field takes whole columns: use apply_recording")
 
 
-def require_surroundings(calibration: Calibration, recording: Recording) -> None:
-    """Refuse a recording that lacks what an effect depends on, with InputError."""
-    for effect in _of_catalogue(calibration):
+def _require_columns(model: SensorModel, recording: Recording) -> None:
+    """Raise InputError if the recording lacks a column on which an effect depends."""
+    for effect in model.catalogue_effects():
         if "temperature" in effect.needs and recording.temperature_degc is None:
             raise InputError(
                 f"{recording.name} has no temperature_degc (temp_degc in a file) and {effect.name} depends "
@@ -108,36 +126,36 @@ def _require_derivative(recording: Recording, name: str) -> None:
         )
 
 
-# An effect that runs away ends at infinity; it is refused with a message of its own.
+# A diverging iteration overflows to infinity; it ends in the InputError below.
 @np.errstate(over="ignore", invalid="ignore")
-def remove_user_effects(calibration: Calibration, recording: Recording) -> Recording:
-    """The raw recording of the same unit without the user's own effects; all else stays in it.
+def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
+    """The raw recording without the contributions of the user-defined effects.
 
-    The angular acceleration in the State that their fields get is the derivative of the rate without the
-    effects of the catalogue.
+    The State that a field receives has the derivative of the rate that is corrected for the effects of the
+    catalogue as its angular acceleration.
 
-    Raises InputError without a definition, and if the passes do not settle.
+    Raises InputError without a definition, and if the iteration does not settle.
     """
-    own = list(_own(calibration))
+    own = list(model.own_effects())
     if not own:
         return recording
-    others = calibration.without_user_effects()
+    others = model.without_user_effects()
     size = np.hstack(
         (
-            _size(calibration.gyroscope, recording.angular_rate),
-            _size(calibration.accelerometer, recording.specific_force),
+            _rounded_size(model.gyroscope, recording.angular_rate),
+            _rounded_size(model.accelerometer, recording.specific_force),
         )
     )
     rate, force = _core.correct_recording(others, recording)
-    # Taken once: from pass to pass it would add noise.
+    # Differentiated once: differentiating in each iteration would add noise.
     acceleration = State.of(recording, rate, force).angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
     for _ in range(MAX_PASSES):
         on_rate, on_force = _added(own, State.of(recording, rate, force, acceleration))
         without = replace(
             recording,
-            angular_rate=recording.angular_rate - on_rate @ calibration.gyroscope.sensitivity.T,
-            specific_force=recording.specific_force - on_force @ calibration.accelerometer.sensitivity.T,
+            angular_rate=recording.angular_rate - on_rate @ model.gyroscope.sensitivity.T,
+            specific_force=recording.specific_force - on_force @ model.accelerometer.sensitivity.T,
         )
         before = np.hstack((rate, force))
         rate, force = _core.correct_recording(others, without)
@@ -154,7 +172,7 @@ def remove_user_effects(calibration: Calibration, recording: Recording) -> Recor
 
 
 def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[FloatArray, FloatArray]:
-    """What the user's effects add to the true rate and force."""
+    """Contributions of the user-defined effects to the true rate and force."""
     on_rate, on_force = np.zeros_like(state.angular_rate), np.zeros_like(state.specific_force)
     for effect, values in own:
         target = on_rate if effect.sensor == "gyroscope" else on_force
@@ -162,28 +180,14 @@ def _added(own: list[tuple[UserEffect, EffectValues]], state: State) -> tuple[Fl
     return on_rate, on_force
 
 
-def _size(triad: Triad, raw: SampleArray) -> FloatArray:
-    """How large the numbers are whose rounding is in a corrected sample, (N, 3) in SI units."""
+def _rounded_size(triad: Triad, raw: SampleArray) -> FloatArray:
+    """Magnitude of the terms whose rounding errors enter a corrected sample, (N, 3) in SI units."""
     inverse = np.abs(np.linalg.inv(triad.sensitivity))
-    # As numbers: the lowest count of 16 bits has no positive counterpart among them.
+    # Converted to float64 first: the lowest 16-bit count has no positive counterpart.
     size = np.abs(raw.astype(np.float64, copy=False))
     return _largest((size + np.abs(triad.bias)) @ inverse.T)
 
 
 def _largest(rows: FloatArray) -> FloatArray:
-    """The largest magnitude of each row, in all three places."""
+    """The largest magnitude of each row, repeated for its three axes."""
     return np.repeat(np.abs(rows).max(axis=1, keepdims=True), 3, axis=1)
-
-
-def _own(calibration: Calibration) -> Iterator[tuple[UserEffect, EffectValues]]:
-    for values in calibration.effects:
-        effect = calibration.definition(values)
-        if isinstance(effect, UserEffect):
-            yield effect, values
-
-
-def _of_catalogue(calibration: Calibration) -> Iterator[Effect]:
-    for values in calibration.effects:
-        effect = calibration.definition(values)
-        if isinstance(effect, Effect):
-            yield effect

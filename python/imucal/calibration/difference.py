@@ -19,7 +19,8 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.arrays import FloatArray
-from imucal.calibration.calibration import Calibration, Provenance
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.provenance import Provenance
 from imucal.document.plain import plain
 from imucal.errors import InputError
 

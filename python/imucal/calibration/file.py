@@ -1,7 +1,7 @@
 """The file of a calibration, schema imucal.calibration/1.
 
-It holds every number in full: reading gives the same bits. A user's own effect is in it with names, units and
-numbers; its field is code, and is given again on reading.
+Every number is written in full, so reading gives the same bits. A user-defined effect is stored with names,
+units and values. Its field is code, which the user passes again on reading.
 """
 
 from __future__ import annotations
@@ -12,15 +12,17 @@ from typing import Any, Final, get_args
 import numpy as np
 
 import imucal._core as _core
-from imucal.calibration.calibration import FRAMES, Calibration, Provenance, Triad, as_frame
+from imucal.calibration.model import SensorModel
+from imucal.calibration.provenance import Provenance
+from imucal.calibration.triad import FRAMES, Parameter, Triad, as_frame
 from imucal.document.json_document import Node
 from imucal.document.plain import plain
 from imucal.document.source import Source
-from imucal.effects.effect import Effect, EffectParameter, EffectValues, UserEffect, by_name, catalogue
-from imucal.errors import FormatError, InputError
+from imucal.effects.effect import Effect, EffectParameter, EffectValues, UserEffect, catalogue
+from imucal.errors import FormatError
 from imucal.recording.recording import AccelUnit, GyroUnit
 
-__all__ = ["calibration_of", "document_of"]
+__all__ = ["document_of", "fields_of", "require_same_parameters"]
 
 SCHEMA: Final = "imucal.calibration/1"
 MODEL: Final = (
@@ -32,51 +34,61 @@ BODY_FRAME: Final[dict[str, str]] = {
     "triangular": "right-handed orthogonal frame with x along the accelerometer's x axis and y in its x-y "
     "plane: its T is lower triangular; a still sensor reads +g on the axis that points up",
 }
+# Fields of a Calibration that the file has under the same name, in the order of the file.
+OTHERS: Final = (
+    "noise",
+    "temperature_range_degc",
+    "fit",
+    "calibration_set",
+    "control_set",
+    "provenance",
+)
 
 
-def document_of(calibration: Calibration) -> dict[str, Any]:
-    """The fields of the file."""
+def document_of(
+    model: SensorModel, parameters: Sequence[Parameter], others: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The fields of the file.
+
+    parameters  those of the model, with standard deviations
+    others      the fields of a Calibration that are not in its model, by name
+    """
     document: dict[str, Any] = plain(
         {
             "schema": SCHEMA,
-            "serial_number": calibration.serial_number,
+            "serial_number": others["serial_number"],
             "model": MODEL,
-            "body_frame": BODY_FRAME[calibration.frame],
-            "raw_units": {"accelerometer": calibration.accel_unit, "gyroscope": calibration.gyro_unit},
-            "gravity_mps2": calibration.gravity_mps2,
+            "body_frame": BODY_FRAME[model.frame],
+            "raw_units": {"accelerometer": model.accel_unit, "gyroscope": model.gyro_unit},
+            "gravity_mps2": model.gravity_mps2,
             "accelerometer": {
-                "T": calibration.accelerometer.sensitivity,
-                "bias": calibration.accelerometer.bias,
-                "frame": calibration.frame,
+                "T": model.accelerometer.sensitivity,
+                "bias": model.accelerometer.bias,
+                "frame": model.frame,
             },
-            "gyroscope": {"T": calibration.gyroscope.sensitivity, "bias": calibration.gyroscope.bias},
+            "gyroscope": {"T": model.gyroscope.sensitivity, "bias": model.gyroscope.bias},
             "reference_temperature_degc": _core.REFERENCE_TEMPERATURE_DEGC,
-            "effects": _effects_table(calibration),
-            "parameters": calibration.parameters,
+            "effects": _effects_table(model, parameters),
+            "parameters": parameters,
             "covariance": None
-            if calibration.covariance is None
-            else {"names": calibration.covariance_names, "matrix": calibration.covariance},
-            "noise": calibration.noise,
-            "temperature_range_degc": calibration.temperature_range_degc,
-            "fit": calibration.fit,
-            "calibration_set": calibration.calibration_set,
-            "control_set": calibration.control_set,
-            "provenance": calibration.provenance,
+            if others["covariance"] is None
+            else {"names": others["covariance_names"], "matrix": others["covariance"]},
+            **{name: others[name] for name in OTHERS},
         }
     )
     return document
 
 
-def _effects_table(calibration: Calibration) -> list[dict[str, Any]]:
-    std = {parameter.name: parameter.std for parameter in calibration.parameters}
+def _effects_table(model: SensorModel, parameters: Sequence[Parameter]) -> list[dict[str, Any]]:
+    std = {parameter.name: parameter.std for parameter in parameters}
 
     def number(values: EffectValues, parameter: EffectParameter, value: float) -> dict[str, Any]:
         full_name = f"{values.name}_{parameter.name}"
         return {"name": parameter.name, "value": value, "std": std[full_name], "unit": parameter.unit}
 
     table = []
-    for values in calibration.effects:
-        effect = calibration.definition(values)
+    for values in model.effects:
+        effect = model.definition(values)
         entry: dict[str, Any] = {
             "name": effect.name,
             "sensor": effect.sensor,
@@ -89,7 +101,7 @@ def _effects_table(calibration: Calibration) -> list[dict[str, Any]]:
             else number(values, effect.shape, float(values.shape)),
         }
         if isinstance(effect, UserEffect):
-            # The file is the only place from which these can be known without the user's program.
+            # Without the user's program the file is the only source of the typical sizes.
             for item, parameter in zip(entry["parameters"], effect.parameters, strict=True):
                 item["typical"] = parameter.typical
             entry["user_defined"] = True
@@ -97,17 +109,11 @@ def _effects_table(calibration: Calibration) -> list[dict[str, Any]]:
     return table
 
 
-def calibration_of(node: Node, user_effects: Sequence[UserEffect]) -> Calibration:
-    """The calibration of a document; FormatError names the field that is wrong."""
-    own = by_name(user_effects)
-    # What the fields contradict among themselves is a fault of the file.
-    try:
-        return _from_node(node, own)
-    except InputError as error:
-        raise FormatError(f"{node.file}: {error}") from None
+def fields_of(node: Node, user_effects: Mapping[str, UserEffect]) -> dict[str, Any]:
+    """The fields of the Calibration in a document, by name.
 
-
-def _from_node(node: Node, user_effects: Mapping[str, UserEffect]) -> Calibration:
+    Raises FormatError that names a wrong field, and InputError for values that Triad or UserEffect refuses.
+    """
     node.require_schema(SCHEMA)
     _require_reference_temperature(node)
     effects = [_effect(item, user_effects) for item in node.get("effects").items()]
@@ -118,31 +124,46 @@ def _from_node(node: Node, user_effects: Mapping[str, UserEffect]) -> Calibratio
     if covariance.value is not None:
         names = tuple(item.text() for item in covariance.get("names").items())
     temperature = node.get("temperature_range_degc")
-    calibration = Calibration(
-        accelerometer=_triad(node.get("accelerometer")),
-        gyroscope=_triad(node.get("gyroscope")),
-        frame=as_frame(frame),
-        accel_unit="lsb" if units.get("accelerometer").text(get_args(AccelUnit)) == "lsb" else "m/s^2",
-        gyro_unit="lsb" if units.get("gyroscope").text(get_args(GyroUnit)) == "lsb" else "rad/s",
-        gravity_mps2=node.get("gravity_mps2").number(),
-        effects=tuple(values for values, _ in effects),
-        user_effects=tuple(effect for _, effect in effects if isinstance(effect, UserEffect)),
-        covariance=covariance.get("matrix").array(len(names), len(names)) if names else None,
-        covariance_names=names,
-        noise={name: node.get("noise").get(name).number() for name in node.get("noise").mapping()},
-        temperature_range_degc=None if temperature.value is None else _pair(temperature),
-        fit=node.get("fit").mapping(),
-        calibration_set=_figures(node.get("calibration_set")),
-        control_set=_figures(node.get("control_set")),
-        provenance=_provenance(node.get("provenance")),
-        serial_number=None if node.get("serial_number").value is None else node.get("serial_number").text(),
-    )
-    _require_same_parameters(node.get("parameters"), calibration)
-    return calibration
+    return {
+        "accelerometer": _triad(node.get("accelerometer")),
+        "gyroscope": _triad(node.get("gyroscope")),
+        "frame": as_frame(frame),
+        "accel_unit": units.get("accelerometer").text(get_args(AccelUnit)),
+        "gyro_unit": units.get("gyroscope").text(get_args(GyroUnit)),
+        "gravity_mps2": node.get("gravity_mps2").number(),
+        "effects": tuple(values for values, _ in effects),
+        "user_effects": tuple(effect for _, effect in effects if isinstance(effect, UserEffect)),
+        "covariance": covariance.get("matrix").array(len(names), len(names)) if names else None,
+        "covariance_names": names,
+        "noise": {name: node.get("noise").get(name).number() for name in node.get("noise").mapping()},
+        "temperature_range_degc": None if temperature.value is None else _pair(temperature),
+        "fit": node.get("fit").mapping(),
+        "calibration_set": _figures(node.get("calibration_set")),
+        "control_set": _figures(node.get("control_set")),
+        "provenance": _provenance(node.get("provenance")),
+        "serial_number": None
+        if node.get("serial_number").value is None
+        else node.get("serial_number").text(),
+    }
+
+
+def require_same_parameters(node: Node, parameters: Sequence[Parameter]) -> None:
+    """Raise FormatError if the table of parameters differs from the matrices that it repeats for readers."""
+    items = node.items()
+    if len(items) != len(parameters):
+        raise FormatError(f"{node.file}: {node.path} has {len(items)} items, {len(parameters)} are needed")
+    for item, parameter in zip(items, parameters, strict=True):
+        if item.get("name").text() != parameter.name:
+            raise FormatError(f"{node.file}: {item.path}.name must be {parameter.name}")
+        if item.get("value").number() != parameter.value:
+            raise FormatError(
+                f"{node.file}: {item.path}.value ({parameter.name}) is {item.get('value').number()} but the "
+                f"matrix or bias has {parameter.value}: correct one of them"
+            )
 
 
 def _require_reference_temperature(node: Node) -> None:
-    """Files from before there were effects of temperature do not say from where these count."""
+    """Raise FormatError for another reference temperature. Files of older versions have none."""
     if "reference_temperature_degc" in node.mapping():
         reference = node.get("reference_temperature_degc")
         if reference.number() != _core.REFERENCE_TEMPERATURE_DEGC:
@@ -226,20 +247,3 @@ def _provenance(node: Node) -> Provenance:
         # Older files have none.
         node.get("operator").text() if "operator" in node.mapping() else "",
     )
-
-
-def _require_same_parameters(node: Node, calibration: Calibration) -> None:
-    """The table repeats the matrices for readers; a file in which they differ was edited by halves."""
-    items = node.items()
-    if len(items) != len(calibration.parameters):
-        raise FormatError(
-            f"{node.file}: {node.path} has {len(items)} items, {len(calibration.parameters)} are needed"
-        )
-    for item, parameter in zip(items, calibration.parameters, strict=True):
-        if item.get("name").text() != parameter.name:
-            raise FormatError(f"{node.file}: {item.path}.name must be {parameter.name}")
-        if item.get("value").number() != parameter.value:
-            raise FormatError(
-                f"{node.file}: {item.path}.value ({parameter.name}) is {item.get('value').number()} but the "
-                f"matrix or bias has {parameter.value}: correct one of them"
-            )

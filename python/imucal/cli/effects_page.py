@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from imucal.cli.commands.effects import NEEDS, size
-from imucal.effects.disturbance import disturbances
+from imucal.effects.disturbance import DisturbanceParameter, disturbances
 from imucal.effects.effect import Effect, EffectParameter, catalogue
 
-__all__ = ["page"]
+__all__ = ["NEEDS", "page", "size"]
+
+NEEDS = {
+    "time": "relative to the first sample",
+    "temperature": "the column temp_degc, relative to 25 degC",
+    "angular_acceleration": "the derivative of the rate, smoothed as the motion permits (model.md (16))",
+    "attitude": "unknown to a correction, so the effect stays in the data; it is not a sensor error",
+    "stand": "the motors that rotate the unit; not part of the correction of the sensors",
+}
 
 HEAD = """# Effects
 
@@ -161,3 +168,9 @@ def _code(name: str) -> str:
 def _cell(text: str) -> str:
     """Text in a table, where a bar would end the cell."""
     return text.replace("|", "\\|")
+
+
+def size(parameter: EffectParameter | DisturbanceParameter) -> str:
+    """The typical size with its unit."""
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    return f"{parameter.typical:.3g}{unit}"

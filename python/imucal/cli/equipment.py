@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.options import options_of
 from imucal.errors import InputError
 

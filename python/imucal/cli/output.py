@@ -14,7 +14,7 @@ import typer
 from imucal.errors import InputError
 
 if TYPE_CHECKING:
-    from imucal.calibration.calibration import Parameter
+    from imucal.calibration.triad import Parameter
     from imucal.finding import Finding
     from imucal.limits.judgement import Judgement
 
@@ -172,7 +172,7 @@ class Output:
 
     def figures(self, rows: Mapping[str, Mapping[str, Any] | None]) -> None:
         """The figures of merit, one line for each set."""
-        from imucal.estimation.evaluate import figures_text
+        from imucal.calibration.figures import figures_text
 
         for name, figures in rows.items():
             if figures is not None:

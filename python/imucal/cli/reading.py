@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.options import options_of
 from imucal.errors import InputError
 

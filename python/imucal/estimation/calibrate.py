@@ -11,26 +11,22 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.arrays import FloatArray
-from imucal.calibration.calibration import (
-    Calibration,
-    Frame,
-    Provenance,
-    Triad,
-    as_frame,
-    require_serial_number,
-)
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.figures import poor_figures
+from imucal.calibration.provenance import Provenance, require_serial_number
+from imucal.calibration.triad import Frame, Triad, as_frame
 from imucal.document.json_document import now
 from imucal.document.plain import without_nan
 from imucal.document.source import Source
 from imucal.document.whole import is_whole
 from imucal.effects.effect import EffectValues, State, UserEffect
 from imucal.errors import FitError, InputError
-from imucal.estimation.evaluate import MIN_REST_S, evaluate, poor_figures
+from imucal.estimation.evaluate import evaluate
 from imucal.estimation.options import Options, UserField, asked_for, wander_of
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.recording.one_unit import of_one_unit, require_other_data
-from imucal.recording.recording import Recording, as_recordings
+from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
 from imucal.rig.unit import Unit
 from imucal.units import STANDARD_GRAVITY_MPS2
 

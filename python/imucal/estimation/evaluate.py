@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
@@ -10,15 +9,19 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 import imucal._core as _core
-from imucal.calibration.calibration import Calibration, Provenance, Triad
+from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.correction import empty_samples
+from imucal.calibration.figures import figures_text, poor_figures, used_of
+from imucal.calibration.provenance import Provenance
+from imucal.calibration.triad import Triad
 from imucal.document.json_document import now
 from imucal.document.plain import plain, without_nan
 from imucal.errors import InputError
 from imucal.finding import Finding
 from imucal.limits.judgement import Judgement
+from imucal.notebook import html_of
 from imucal.recording.one_unit import require_different
-from imucal.recording.recording import Recording, as_recordings
+from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
 
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
@@ -26,18 +29,8 @@ if TYPE_CHECKING:
 __all__ = ["Evaluation", "evaluate"]
 
 SCHEMA: Final = "imucal.evaluation/1"
-MIN_REST_S: Final = 1.0
-
-# Residuals ten times what noise explains: then something else than noise rules the result.
-POOR_CHI2_PER_DOF: Final = 100.0
 
 CARRIED: Final = ("time_s", "measured", "uncalibrated", "calibrated")
-
-FIGURE_TEXT: Final = {
-    "gravity_norm_rms_mps2": ("|f| - g", "m/s^2 rms"),
-    "gravity_direction_rms_deg": ("gravity direction per move", "deg rms"),
-    "chi2_per_dof": ("chi2 per degree of freedom", ""),
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,11 +80,9 @@ class Evaluation:
         used = f"{used_of(self.rests)} rests and {used_of(self.moves)} moves judged"
         return f"Evaluation({self.verdict}: {used}; {figures_text(self.figures) or 'no figures'})"
 
-    def _repr_html_(self) -> str:
-        """What notebooks show."""
-        from imucal.report.notebook import of_evaluation
-
-        return of_evaluation(self)
+    def _repr_html_(self) -> str | None:
+        """The HTML of notebooks."""
+        return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal evaluate --json`."""
@@ -104,7 +95,7 @@ class Evaluation:
             "rests": without_nan(self.rests),
             "moves": without_nan(self.moves),
             "carried": without_nan(self.carried),
-            "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "findings": [finding.to_dict() for finding in self.findings],
             "judgement": None if self.judgement is None else self.judgement.to_dict(),
             "recordings": plain(self.recordings),
             "imucal_version": str(_core.__version__),
@@ -199,23 +190,6 @@ def _not_corrected(
     return "; ".join(said)
 
 
-def require_calibration(given: Calibration) -> None:
-    """Refuse what is no Calibration, with InputError and the way out."""
-    if isinstance(given, Calibration):
-        return
-    if isinstance(given, (str, os.PathLike)):
-        path = os.fspath(given)
-        raise InputError(
-            f"{path!r} is the path of a file: give a Calibration, imucal.Calibration.load({path!r})"
-        )
-    hint = "imucal.calibrate makes one, imucal.Calibration.load reads one"
-    if isinstance(given, Recording):
-        hint = "give the calibration first and the recordings after it"
-    elif isinstance(getattr(given, "calibration", None), Calibration):
-        hint = "give its `calibration`"
-    raise InputError(f"a {type(given).__name__} is given where a Calibration is needed: {hint}")
-
-
 def as_it_comes(calibration: Calibration) -> Calibration:
     """The unit without a calibration, for comparison.
 
@@ -236,61 +210,3 @@ def as_it_comes(calibration: Calibration) -> Calibration:
         effects=(),
         user_effects=(),
     )
-
-
-def poor_figures(name: str, figures: Mapping[str, Any], not_corrected: str = "") -> list[str]:
-    """Why these figures make a verdict poor; empty if they do not.
-
-    not_corrected  which samples have no correction, and why, if that is known
-    """
-    if not figures["moves"]:
-        return [
-            f"{name}: {figures['rests']} usable rests and no usable move: the gyroscope is not judged, "
-            "record rests in different poses with moves between them"
-        ]
-    chi2 = figures["chi2_per_dof"]
-    if chi2 is None:
-        why = not_corrected or "some of its samples have no correction"
-        return [f"{name}: chi2 per degree of freedom has no value, nothing is judged: {why}"]
-    if chi2 <= POOR_CHI2_PER_DOF:
-        return []
-    other = (
-        ", or the calibration is another unit's, or the recording is in wrong units"
-        if name == "control set"
-        else ""
-    )
-    return [
-        f"{name}: residuals are {chi2**0.5:.3g} times what noise explains (more than "
-        f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion{other}"
-    ]
-
-
-def saved_reasons(calibration: Calibration) -> list[str]:
-    """Why the figures that a calibration file keeps make it poor; empty if they do not."""
-    needed = ("rests", "moves", "chi2_per_dof")
-    # Files hold figures as they were written, by whatever program.
-    return [
-        reason
-        for name, figures in (
-            ("calibration set", calibration.calibration_set),
-            ("control set", calibration.control_set),
-        )
-        if figures is not None
-        and all(name in figures and isinstance(figures[name], (int, float, type(None))) for name in needed)
-        for reason in poor_figures(name, figures)
-    ]
-
-
-def used_of(items: Sequence[Mapping[str, Any]]) -> str:
-    """How many rests or moves are used, of how many."""
-    return f"{sum(item['excluded'] is None for item in items)} of {len(items)}"
-
-
-def figures_text(figures: Mapping[str, Any]) -> str:
-    """Figures in words, with their units."""
-    parts = [
-        f"{words} {figures[name]:.4g} {unit}".rstrip()
-        for name, (words, unit) in FIGURE_TEXT.items()
-        if figures.get(name) is not None
-    ]
-    return ", ".join(parts)

@@ -10,14 +10,14 @@ from typing import Any
 import numpy as np
 
 import imucal._core as _core
-from imucal.calibration.calibration import Calibration, Triad
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
 from imucal.document.plain import without_nan
 from imucal.errors import ImucalError
 from imucal.estimation.calibrate import calibrate
-from imucal.estimation.evaluate import MIN_REST_S
 from imucal.estimation.options import Options
 from imucal.finding import Finding
-from imucal.recording.recording import Recording, as_recording
+from imucal.recording.recording import MIN_REST_S, Recording, as_recording
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Inspection", "inspect"]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from imucal.arrays import FloatArray
-from imucal.calibration.calibration import Frame
+from imucal.calibration.triad import Frame
 from imucal.effects.effect import UserEffect, find
 from imucal.errors import InputError
 from imucal.rig.unit import Unit, unit_of

@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
-from imucal.calibration.calibration import Calibration, Parameter
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.figures import figures_text, used_of
+from imucal.calibration.triad import Parameter
 from imucal.document.plain import without_nan
-from imucal.estimation.evaluate import Evaluation, figures_text, used_of
+from imucal.estimation.evaluate import Evaluation
 from imucal.finding import Finding
 from imucal.limits.judgement import Judgement
+from imucal.notebook import html_of
 
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
@@ -180,11 +183,9 @@ class CalibrationResult:
     def _used(self) -> str:
         return f"{used_of(self.rests)} rests and {used_of(self.moves)} moves used"
 
-    def _repr_html_(self) -> str:
-        """What notebooks show."""
-        from imucal.report.notebook import of_calibration_result
-
-        return of_calibration_result(self)
+    def _repr_html_(self) -> str | None:
+        """The HTML of notebooks."""
+        return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal calibrate --json`."""
@@ -200,7 +201,7 @@ class CalibrationResult:
             "held_out": without_nan(self.held_out),
             "rests": without_nan(self.rests),
             "moves": without_nan(self.moves),
-            "findings": without_nan([finding.to_dict() for finding in self.findings]),
+            "findings": [finding.to_dict() for finding in self.findings],
             "diagnosis": without_nan(self.diagnosis),
             "judgement": None if self.judgement is None else self.judgement.to_dict(),
             "provenance": document["provenance"],

@@ -17,10 +17,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration.calibration import Calibration
+from imucal.calibration.figures import figures_text
 from imucal.document.atomic import write_text
 from imucal.document.plain import without_nan
 from imucal.errors import InputError
-from imucal.estimation.evaluate import MIN_REST_S, Evaluation, evaluate, figures_text
+from imucal.estimation.evaluate import Evaluation, evaluate
 from imucal.exporting.ardupilot import ARDUPILOT
 from imucal.exporting.basalt import BASALT
 from imucal.exporting.c_header import C_HEADER
@@ -33,7 +34,7 @@ from imucal.exporting.px4 import PX4
 from imucal.exporting.realsense import REALSENSE
 from imucal.exporting.ros import ROS
 from imucal.exporting.rust import RUST
-from imucal.recording.recording import Recording
+from imucal.recording.recording import MIN_REST_S, Recording
 
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult

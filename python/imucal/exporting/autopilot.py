@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 
 from imucal.arrays import FloatArray
-from imucal.calibration.calibration import Calibration, Triad
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
 from imucal.effects.effect import EffectValues
 from imucal.exporting.model import lost_effects, misalignment, off_scale, per_axis, rotated
 

@@ -10,7 +10,8 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.arrays import FloatArray
-from imucal.calibration.calibration import Calibration, Frame, Triad
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Frame, Triad
 from imucal.effects.effect import EffectValues, UserEffect
 from imucal.errors import InputError
 

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from imucal.calibration.calibration import Calibration, Triad
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
 from imucal.exporting.format import SI, Format, Written, line_comments, number
 from imucal.exporting.model import FRAMES, inverse, linear, lost_effects, misalignment, off_scale
 

@@ -16,14 +16,13 @@ from dataclasses import replace
 import numpy as np
 
 import imucal._core as _core
-from imucal.calibration.calibration import Calibration
+from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.effects.effect import UserEffect, by_name, catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
-from imucal.estimation.evaluate import MIN_REST_S, require_calibration
 from imucal.gap.outcome import data_fault, outcome
 from imucal.gap.result import Gap
 from imucal.gap.trial import Trial
-from imucal.recording.recording import Recording, as_recordings
+from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["find_gap"]

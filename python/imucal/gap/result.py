@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from imucal.calibration.calibration import Calibration
 from imucal.document.plain import plain, without_nan
 from imucal.finding import Finding
+from imucal.notebook import html_of
 
 if TYPE_CHECKING:
     from imucal.effects.effect import UserEffect
@@ -83,11 +84,9 @@ class Gap:
         figures = f"{self.gap['metric']} {self.gap['before']:.4g} -> {self.gap['after']:.4g}"
         return f"Gap({names}; {figures} on what no fit has seen)"
 
-    def _repr_html_(self) -> str:
-        """What notebooks show."""
-        from imucal.report.notebook import of_gap
-
-        return of_gap(self)
+    def _repr_html_(self) -> str | None:
+        """The HTML of notebooks."""
+        return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal gap --json`."""
@@ -111,7 +110,7 @@ class Gap:
             "notes",
         )
         document = {"schema": SCHEMA, **{name: without_nan(getattr(self, name)) for name in names}}
-        document["findings"] = without_nan([finding.to_dict() for finding in self.findings])
+        document["findings"] = [finding.to_dict() for finding in self.findings]
         document["provenance"] = None if self.calibration is None else self.calibration.provenance
         return dict(plain(document))
 

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import imucal._core as _core
+from imucal.calibration.figures import poor_figures
 from imucal.effects.disturbance import disturbances
-from imucal.estimation.evaluate import poor_figures
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.rules import faults_without_effect, mount_slips

@@ -10,9 +10,10 @@ from imucal.document.source import require_file
 from imucal.errors import InputError
 from imucal.io.canonical import write_columns, write_parts
 from imucal.io.formats import FORMATS, Format
+from imucal.io.names import NAMES
 from imucal.io.recognition import recognise
 from imucal.io.text import NotInPartsError
-from imucal.io.vocabulary import NAMES, column_names
+from imucal.io.vocabulary import column_names
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 
 __all__ = [

@@ -14,9 +14,10 @@ from imucal.document.atomic import write_atomically
 from imucal.document.source import first_bytes, open_file, open_large
 from imucal.errors import FormatError, InputError
 from imucal.io.columns import mapping_of
+from imucal.io.names import is_canonical
 from imucal.io.table import ROWS_AT_ONCE, Stored, Table
 from imucal.io.text import read_headed
-from imucal.io.vocabulary import is_canonical, recording_from_table
+from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
 __all__ = [

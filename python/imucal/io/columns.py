@@ -7,8 +7,9 @@ from collections.abc import Sequence
 
 from imucal.document.source import open_file
 from imucal.errors import InputError
+from imucal.io.names import NAMES, SKIP, is_canonical
 from imucal.io.text import read_headerless
-from imucal.io.vocabulary import NAMES, SKIP, is_canonical, recording_from_table
+from imucal.io.vocabulary import recording_from_table
 from imucal.recording.recording import Recording
 
 __all__ = ["column_list", "mapping_of", "read_columns"]

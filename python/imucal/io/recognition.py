@@ -15,11 +15,11 @@ from imucal.io.dataflash import DATAFLASH_MAGIC
 from imucal.io.euroc import is_euroc
 from imucal.io.formats import FORMATS
 from imucal.io.matlab import MATLAB_MAGIC
+from imucal.io.names import NAMES, is_canonical
 from imucal.io.ros import ROS1_MAGIC
 from imucal.io.suggestion import columns_suggested
 from imucal.io.text import first_fields, is_number
 from imucal.io.ulog import ULOG_MAGIC
-from imucal.io.vocabulary import NAMES, is_canonical
 
 __all__ = ["recognise"]
 

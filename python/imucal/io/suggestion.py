@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable
 from typing import Final
 
-from imucal.io.vocabulary import is_canonical
+from imucal.io.names import is_canonical
 
 __all__ = ["columns_suggested"]
 

@@ -11,7 +11,6 @@ since some epoch, is counted from the first sample in integer arithmetic, so tha
 from __future__ import annotations
 
 import math
-import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -22,25 +21,13 @@ from numpy.typing import NDArray
 
 from imucal.document.source import Source
 from imucal.errors import FormatError, InputError
+from imucal.io.names import AXES, SKIP, is_canonical, time_unit, triad_part
+from imucal.io.suggestion import columns_suggested
 from imucal.io.table import Table, parts
 from imucal.recording.recording import Recording
 from imucal.units import COLUMN_UNITS, TICKS_PER_S
 
-__all__ = ["NAMES", "SKIP", "Clock", "column_names", "is_canonical", "recording_from_table"]
-
-NAMES = (
-    "time_{s,ms,us,ns}, accel_{x,y,z}_{mps2,g,mg,lsb}, gyro_{x,y,z}_{radps,dps,mdps,lsb}, temp_degc, "
-    "stand_{1,2,3}_{rad,deg}"
-)
-SKIP = ("-", "skip")
-
-AXES = {"accel": "xyz", "gyro": "xyz", "stand": "123"}
-TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
-
-
-def is_canonical(name: str) -> bool:
-    """Whether `name` is a canonical name; columns with other names become auxiliary inputs."""
-    return _triad_part(name) is not None or name == "temp_degc" or _time_unit(name) is not None
+__all__ = ["Clock", "column_names", "recording_from_table"]
 
 
 def column_names(recording: Recording) -> list[tuple[str, NDArray[Any]]]:
@@ -90,7 +77,7 @@ def recording_from_table(
     gyro, gyro_unit = _triad(wanted, "gyro", used)
     time_s = _time(wanted, used, rate_hz)
     stand = None
-    if any(name.startswith("stand_") and _triad_part(name) for name in table.names):
+    if any(name.startswith("stand_") and triad_part(name) for name in table.names):
         stand, _ = _triad(wanted, "stand", used)
     temperature = None
     if "temp_degc" in table.names:
@@ -114,20 +101,6 @@ def recording_from_table(
         name=table.file,
         sources=sources,
     )
-
-
-def _triad_part(name: str) -> tuple[str, str, str] | None:
-    """("accel", "x", "mps2") for accel_x_mps2; None for a name that is no triad column."""
-    match = TRIAD_NAME.fullmatch(name)
-    if match is None:
-        return None
-    triad, axis, unit = match[1] or match[3], match[2] or match[4], match[5]
-    return (triad, axis, unit) if unit in COLUMN_UNITS[triad] else None
-
-
-def _time_unit(name: str) -> str | None:
-    unit = name.removeprefix("time_")
-    return unit if unit != name and unit in TICKS_PER_S else None
 
 
 def _refuse_duplicates(table: Table) -> None:
@@ -204,7 +177,7 @@ class _Wanted:
 
     def _want(self, name: str, take: Callable[[slice, Any], None]) -> None:
         column = self.table.column(name)
-        if not _is_numeric(column) and not (_time_unit(name) and _ticks_per_s(column)):
+        if not _is_numeric(column) and not (time_unit(name) and _ticks_per_s(column)):
             _refuse_text(self.table, name, column)
         self._columns.append(column)
         self._takers.append(take)
@@ -221,7 +194,7 @@ def _triad(wanted: _Wanted, triad: str, used: set[str]) -> tuple[NDArray[Any], s
     table = wanted.table
     found: dict[str, list[tuple[str, str]]] = {axis: [] for axis in AXES[triad]}
     for name in table.names:
-        part = _triad_part(name)
+        part = triad_part(name)
         if part is not None and part[0] == triad:
             found[part[1]].append((name, part[2]))
     for axis, names in found.items():
@@ -263,7 +236,7 @@ def _fits_float32(column: Any) -> bool:
 
 def _time(wanted: _Wanted, used: set[str], rate_hz: float | None) -> NDArray[np.float64]:
     table = wanted.table
-    names = [name for name in table.names if _time_unit(name) is not None]
+    names = [name for name in table.names if time_unit(name) is not None]
     if len(names) > 1:
         raise FormatError(
             f"{table.file}: there are {len(names)} time columns ({', '.join(names)}): remove one"
@@ -300,8 +273,6 @@ def _ticks_per_s(column: Any) -> float | None:
 
 def _found(table: Table) -> str:
     """A list of the column names, with a proposal for --columns if they are not canonical."""
-    from imucal.io.suggestion import columns_suggested
-
     return f"found: {', '.join(table.names)}. {columns_suggested(table.names)}"
 
 

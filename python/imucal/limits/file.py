@@ -6,24 +6,29 @@ import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from imucal.calibration.calibration import ACCEL_ENTRIES, GYRO_ENTRIES
+from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES
 from imucal.document.json_document import Node
-from imucal.document.source import Source
 from imucal.effects.effect import UserEffect, definitions
 from imucal.errors import FormatError, InputError
-from imucal.limits.limits import COUNTS, FIGURES, FigureLimit, Limits, ParameterLimit
+from imucal.limits.limit import COUNTS, FIGURES, FigureLimit, ParameterLimit
 
-__all__ = ["document_of", "limits_of"]
+__all__ = ["NO_LIMIT", "document_of", "fields_of"]
 
 SCHEMA: Final = "imucal.limits/1"
 FIELDS: Final = ("schema", "description", "parameters", *FIGURES, "effects")
+NO_LIMIT: Final = "there is no limit, so every unit would pass: give at least one"
 PARAMETER_FIELDS: Final = ("unit", "min", "max", "max_std")
 
 
-def document_of(limits: Limits) -> dict[str, Any]:
-    """The fields of the file; what there is no limit for is left out."""
-    document: dict[str, Any] = {"schema": SCHEMA, "description": limits.description}
-    if limits.parameters:
+def document_of(
+    parameters: Sequence[ParameterLimit],
+    figures: Sequence[FigureLimit],
+    effects: Sequence[str] | None,
+    description: str,
+) -> dict[str, Any]:
+    """The fields of the file; a quantity without a limit has no field."""
+    document: dict[str, Any] = {"schema": SCHEMA, "description": description}
+    if parameters:
         document["parameters"] = {
             limit.name: {
                 field: value
@@ -32,32 +37,34 @@ def document_of(limits: Limits) -> dict[str, Any]:
                 )
                 if value is not None
             }
-            for limit in limits.parameters
+            for limit in parameters
         }
-    for limit in limits.figures:
+    for limit in figures:
         number = int(limit.limit) if limit.figure in COUNTS else limit.limit
         document.setdefault(limit.of, {})[limit.figure] = {_side(limit.figure): number}
-    if limits.effects is not None:
-        document["effects"] = list(limits.effects)
+    if effects is not None:
+        document["effects"] = list(effects)
     return document
 
 
-def limits_of(node: Node, user_effects: Sequence[UserEffect], source: Source | None) -> Limits:
-    """The limits of a document; FormatError names the field that is wrong."""
+def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
+    """The fields of Limits in a document, by name; FormatError names a field that is wrong."""
     node.require_schema(SCHEMA)
     _require_known(node, FIELDS)
     given = node.mapping()
-    # What the numbers contradict among themselves is a fault of the file.
+    # Numbers in a file that contradict each other are an error of the file.
     try:
-        return Limits(
-            _parameters(node.get("parameters"), user_effects) if "parameters" in given else (),
-            tuple(limit for of in FIGURES if of in given for limit in _figures(node.get(of), of)),
-            _effects(node.get("effects"), user_effects) if "effects" in given else None,
-            node.get("description").text() if "description" in given else "",
-            source,
-        )
+        fields = {
+            "parameters": _parameters(node.get("parameters"), user_effects) if "parameters" in given else (),
+            "figures": tuple(limit for of in FIGURES if of in given for limit in _figures(node.get(of), of)),
+            "effects": _effects(node.get("effects"), user_effects) if "effects" in given else None,
+            "description": node.get("description").text() if "description" in given else "",
+        }
     except InputError as error:
         raise FormatError(f"{node.file}: {error}") from None
+    if not fields["parameters"] and not fields["figures"] and fields["effects"] is None:
+        raise FormatError(f"{node.file}: {NO_LIMIT}")
+    return fields
 
 
 def _parameters(node: Node, user_effects: Sequence[UserEffect]) -> tuple[ParameterLimit, ...]:

@@ -10,136 +10,33 @@ there is a limit not kept.
 
 from __future__ import annotations
 
-import math
 import os
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Protocol
 
-from imucal.calibration.calibration import Calibration, Parameter
+from imucal.calibration.calibration import Calibration
 from imucal.document.json_document import read_json, write_json
 from imucal.document.source import Source, open_file
 from imucal.effects.effect import UserEffect
 from imucal.errors import InputError
-from imucal.estimation.result import CalibrationResult
+from imucal.limits.file import NO_LIMIT, document_of, fields_of
 from imucal.limits.judgement import Check, Judgement
+from imucal.limits.limit import FigureLimit, ParameterLimit
 
-__all__ = ["FigureLimit", "Limits", "ParameterLimit"]
-
-# Figures that have a largest value, with their units, and those that have a least one.
-FIGURE_UNITS: Final = {
-    "chi2_per_dof": "",
-    "gravity_norm_rms_mps2": "m/s^2",
-    "gravity_direction_rms_deg": "deg",
-}
-COUNTS: Final = ("rests", "moves")
-# Set of recordings -> the figures that a limit can be for.
-FIGURES: Final[dict[str, tuple[str, ...]]] = {
-    "calibration_set": (*FIGURE_UNITS, *COUNTS),
-    "control_set": (*FIGURE_UNITS, *COUNTS),
-    "held_out": ("gravity_direction_rms_deg",),
-}
-# Why a set is not there.
-MISSING: Final = {
-    "calibration_set": "the calibration has no figures of the recordings it was made of",
-    "control_set": "there is no control recording: give one with --control",
-    "held_out": "there is no held-out figure: give --folds to calibrate; calibration files do not keep it",
-}
+__all__ = ["Limits"]
 
 
-@dataclass(frozen=True)
-class ParameterLimit:
-    """A range, a largest standard deviation, or both, for one parameter or a group.
+class CalibrationRun(Protocol):
+    """What limits read of the result of `calibrate`."""
 
-    name       a parameter, such as gyro_bias_x; `*` stands for any part without an underscore: gyro_bias_*
-    unit       of the numbers; a parameter in another unit does not keep the limit
-    low, high  least and largest value, both or neither
-    """
+    @property
+    def calibration(self) -> Calibration:
+        """The calibration."""
 
-    name: str
-    unit: str
-    low: float | None = None
-    high: float | None = None
-    max_std: float | None = None
-
-    def __post_init__(self) -> None:
-        if (self.low is None) != (self.high is None):
-            raise InputError(f"the limit of {self.name} has one end of its range: give min and max")
-        if self.low is None and self.max_std is None:
-            raise InputError(f"the limit of {self.name} asks for nothing: give min and max, or max_std")
-        if self.low is not None and self.high is not None and not self.low < self.high:
-            raise InputError(
-                f"the limit of {self.name} has min {self.low} and max {self.high}: min must be the smaller"
-            )
-        if self.max_std is not None and not self.max_std > 0:
-            raise InputError(f"the limit of {self.name} has max_std {self.max_std}: it must be positive")
-
-    def covers(self, name: str) -> bool:
-        """Whether this limit is for the parameter of that name."""
-        # gyro_bias_* is the bias and not gyro_bias_temperature_x.
-        return re.fullmatch(re.escape(self.name).replace(r"\*", "[^_]+"), name) is not None
-
-    def checks(self, calibration: Calibration) -> list[Check]:
-        """The checks of every parameter that the limit covers."""
-        covered = [parameter for parameter in calibration.parameters if self.covers(parameter.name)]
-        if not covered:
-            carried = ", ".join(values.name for values in calibration.effects) or "none"
-            problem = (
-                f"the calibration has no parameter {self.name} (frame {calibration.frame}, effects {carried})"
-            )
-            most = self.max_std if self.low is None else self.high
-            return [Check(self.name, None, self.low, most, self.unit, problem=problem)]
-        return [check for parameter in covered for check in self._of(parameter)]
-
-    def _of(self, parameter: Parameter) -> list[Check]:
-        name, std = parameter.name, parameter.std
-        same_unit = parameter.unit == self.unit
-        other_unit = "" if same_unit else f"{name} is in {parameter.unit}, its limit in {self.unit}"
-        checks = []
-        if self.low is not None:
-            checks.append(
-                Check(name, parameter.value, self.low, self.high, parameter.unit, std, problem=other_unit)
-            )
-        if self.max_std is not None:
-            problem = other_unit or (f"the std of {name} is not known" if std is None else "")
-            checks.append(Check(f"std of {name}", std, None, self.max_std, parameter.unit, problem=problem))
-        return checks
-
-
-@dataclass(frozen=True)
-class FigureLimit:
-    """A largest figure of a set of recordings, or a least number of its rests or moves.
-
-    of      "calibration_set", "control_set" or "held_out"
-    figure  one of `FIGURES[of]`
-    limit   the least number for "rests" and "moves", the largest value for all others
-    """
-
-    of: str
-    figure: str
-    limit: float
-
-    def __post_init__(self) -> None:
-        if self.figure not in FIGURES.get(self.of, ()):
-            raise InputError(f"{self.of} has no figure {self.figure} that a limit could be for")
-        if not (math.isfinite(self.limit) and self.limit > 0):
-            raise InputError(f"the limit of {self.of} {self.figure} is {self.limit}: it must be positive")
-        if self.figure in COUNTS and self.limit != int(self.limit):
-            raise InputError(
-                f"the limit of {self.of} {self.figure} is {self.limit}: a whole number is needed"
-            )
-
-    def check(self, figures: Mapping[str, Any] | None) -> Check:
-        """The check of these figures, None if there are none."""
-        value = None if figures is None else figures.get(self.figure)
-        exists = isinstance(value, (int, float)) and not isinstance(value, bool)
-        what = f"{self.of} {self.figure}"
-        problem = MISSING[self.of] if figures is None else "" if exists else f"{what} does not exist"
-        low, high = (self.limit, None) if self.figure in COUNTS else (None, self.limit)
-        number = float(value) if exists and value is not None else None
-        unit = FIGURE_UNITS.get(self.figure, "")
-        return Check(what, number, low, high, unit, problem=problem)
+    @property
+    def held_out(self) -> Mapping[str, Any] | None:
+        """Figures on held-out rests and moves; None without folds."""
 
 
 @dataclass(frozen=True)
@@ -159,21 +56,20 @@ class Limits:
 
     def __post_init__(self) -> None:
         if not self.parameters and not self.figures and self.effects is None:
-            raise InputError("there is no limit, so every unit would pass: give at least one")
+            raise InputError(NO_LIMIT)
 
     def judge(
-        self, unit: CalibrationResult | Calibration, *, control_set: Mapping[str, Any] | None = None
+        self, unit: CalibrationRun | Calibration, *, control_set: Mapping[str, Any] | None = None
     ) -> Judgement:
         """Check a calibration, or the result of `calibrate`, which knows held-out figures besides.
 
         control_set  figures on other recordings than the calibration's own control set
         """
-        result = unit if isinstance(unit, CalibrationResult) else None
-        calibration = unit.calibration if isinstance(unit, CalibrationResult) else unit
+        calibration = unit if isinstance(unit, Calibration) else unit.calibration
         sets = {
             "calibration_set": calibration.calibration_set,
             "control_set": calibration.control_set if control_set is None else control_set,
-            "held_out": result.held_out if result else None,
+            "held_out": None if isinstance(unit, Calibration) else unit.held_out,
         }
         checks = [check for limit in self.parameters for check in limit.checks(calibration)]
         checks += [limit.check(sets[limit.of]) for limit in self.figures]
@@ -192,9 +88,7 @@ class Limits:
 
         Raises InputError if it cannot be read, and FormatError, naming the field, if it is not a limits file.
         """
-        from imucal.limits.file import limits_of
-
-        return limits_of(read_json(path), user_effects, open_file(path).source)
+        return Limits(**fields_of(read_json(path), user_effects), source=open_file(path).source)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the limits file, whole or not at all; InputError if it cannot be written."""
@@ -202,6 +96,4 @@ class Limits:
 
     def to_dict(self) -> dict[str, Any]:
         """The fields of the file."""
-        from imucal.limits.file import document_of
-
-        return document_of(self)
+        return document_of(self.parameters, self.figures, self.effects, self.description)

@@ -13,9 +13,10 @@ from typing import Any, Final
 import numpy as np
 
 from imucal.calibration.calibration import Calibration
+from imucal.calibration.figures import saved_reasons
 from imucal.errors import InputError
-from imucal.estimation.evaluate import saved_reasons
-from imucal.limits.limits import COUNTS, FIGURES, FigureLimit, Limits, ParameterLimit
+from imucal.limits.limit import COUNTS, FIGURES, FigureLimit, ParameterLimit
+from imucal.limits.limits import Limits
 
 __all__ = ["DEVIATIONS", "limits_from"]
 
@@ -60,7 +61,7 @@ def limits_from(calibrations: Sequence[Calibration], deviations: float = DEVIATI
             f"the serial number {twice[0]} comes {serials[twice[0]]} times: give every unit once"
         )
     for number, calibration in enumerate(calibrations, start=1):
-        if reasons := saved_reasons(calibration):
+        if reasons := saved_reasons(calibration.calibration_set, calibration.control_set):
             raise InputError(
                 f"unit {number} is no good unit, {reasons[0]}: limits are made of units that are"
             )

@@ -10,9 +10,9 @@ import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.document.plain import without_nan
 from imucal.document.whole import check_threads
-from imucal.estimation.evaluate import MIN_REST_S
 from imucal.finding import Finding
-from imucal.recording.recording import Recording, as_recording
+from imucal.notebook import html_of
+from imucal.recording.recording import MIN_REST_S, Recording, as_recording
 
 __all__ = ["AxisNoise", "NoiseFigure", "NoiseResult", "noise"]
 
@@ -144,11 +144,9 @@ class NoiseResult:
                     lines.append(f"{name} {figure} {estimate}")
         return "\n".join([*lines, *(finding.line for finding in self.findings)])
 
-    def _repr_html_(self) -> str:
-        """What notebooks show."""
-        from imucal.report.notebook import of_noise
-
-        return of_noise(self)
+    def _repr_html_(self) -> str | None:
+        """The HTML of notebooks."""
+        return html_of(self)
 
     def to_dict(self) -> dict[str, Any]:
         """The document of `imucal noise --json`."""

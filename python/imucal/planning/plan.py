@@ -19,13 +19,15 @@ from typing import Any, Final
 import numpy as np
 
 import imucal._core as _core
-from imucal.calibration.calibration import Calibration, Triad
-from imucal.document.plain import without_nan
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
 from imucal.document.whole import check_count, check_seed
 from imucal.effects.effect import catalogue, find
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.options import Options
-from imucal.planning.targets import sigma_of, targets_of, worst_of
+from imucal.planning.groups import PlannedParameter, worst_of
+from imucal.planning.result import Plan
+from imucal.planning.targets import sigma_of, targets_of
 from imucal.recording.recording import Recording
 from imucal.rig.motion import Motion, Program, Tumble, motion_of
 from imucal.rig.stand import Stand
@@ -34,7 +36,7 @@ from imucal.rig.unit import Unit, unit_of
 from imucal.simulation.simulate import simulate
 from imucal.units import STANDARD_GRAVITY_MPS2
 
-__all__ = ["Plan", "PlannedParameter", "plan"]
+__all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
@@ -44,74 +46,6 @@ FEW_PROPOSALS: Final = 300
 TREMOR_DEG: Final = 0.05
 # A goal that is missed by less is rounding.
 ROUNDING: Final = 1.001
-
-
-@dataclass(frozen=True)
-class PlannedParameter:
-    """Predicted standard deviation of a parameter, SI units; None where the motion does not determine it."""
-
-    name: str
-    std: float | None
-    unit: str
-
-
-@dataclass(frozen=True, eq=False)
-class Plan:
-    """A motion, and what it will determine.
-
-    kind              "optimal", "random", "grid", "tumble" or "program"
-    motion            the motion; `program` is it where a stand runs it
-    minutes           how long it takes on the stand
-    moves, rests      how many; rests that are too short to be found do not count
-    parameters        the 21 parameters, then those of the effects asked for
-    worst             largest standard deviation of each group, {"accel_bias": {value, unit}, ...}; None where
-                      one of the group is not determined
-    targets           what was wished for, by group, SI units
-    reached           whether all targets, and the time allowed, are kept
-    detection_limits  by effect: the smallest size that `imucal gap` would find with 90 % probability
-    not_observable    effects that such a run cannot show: {name, needs}
-    undetermined      what the motion does not determine and what would, in words; None if nothing is open
-    comparison        the paper's programs with this unit: {name, minutes, worst} of each, and of both
-    notes             what the figures leave out
-    """
-
-    kind: str
-    motion: Motion
-    minutes: float
-    moves: int
-    rests: int
-    parameters: tuple[PlannedParameter, ...]
-    worst: Mapping[str, Any]
-    targets: Mapping[str, float]
-    reached: bool
-    detection_limits: Mapping[str, Mapping[str, Any]]
-    not_observable: tuple[Mapping[str, str], ...]
-    undetermined: str | None
-    comparison: tuple[Mapping[str, Any], ...]
-    notes: tuple[str, ...]
-    unit: str
-    seed: int
-
-    @property
-    def program(self) -> Program:
-        """The program of the stand; InputError for a motion that has none."""
-        if not isinstance(self.motion, Program):
-            raise InputError(f"a {self.kind} is no program of a stand: plan grid, random or optimal")
-        return self.motion
-
-    def to_dict(self) -> dict[str, Any]:
-        """The document of `imucal plan --json` (schema imucal.plan/1)."""
-        fields = {field.name: getattr(self, field.name) for field in dataclasses.fields(self)}
-        del fields["motion"]
-        program = self.motion.to_dict() if isinstance(self.motion, Program) else None
-        document: dict[str, Any] = without_nan({"schema": "imucal.plan/1", **fields, "program": program})
-        return document
-
-    def summary(self) -> str:
-        """For people: time, the worst standard deviation of each group, and what is missing."""
-        from imucal.planning.text import summary
-
-        return summary(self)
 
 
 def plan(

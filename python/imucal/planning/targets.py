@@ -5,24 +5,15 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Final
 
 from imucal.effects.effect import find
 from imucal.errors import InputError
+from imucal.planning.groups import GROUPS, is_of
 from imucal.units import units_of
 
-if TYPE_CHECKING:
-    from imucal.planning.plan import PlannedParameter
+__all__ = ["sigma_of", "targets_of"]
 
-__all__ = ["GROUPS", "sigma_of", "targets_of", "worst_of"]
-
-# The group is the start of its parameters' names; its SI unit.
-GROUPS: Final = {
-    "accel_sensitivity": "1",
-    "accel_bias": "m/s^2",
-    "gyro_sensitivity": "1",
-    "gyro_bias": "rad/s",
-}
 NUMBER: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
 
 
@@ -45,13 +36,6 @@ def targets_of(given: Mapping[str, float | str], effects: Sequence[str]) -> dict
     return wishes
 
 
-def _is_of(name: str, group: str) -> bool:
-    """Whether a parameter is one of a group: effects may have names that begin as those of a group do."""
-    if group in GROUPS:
-        return re.fullmatch(f"{group}_[xyz]+", name) is not None
-    return name.startswith(f"{group}_")
-
-
 def _value(group: str, wish: float | str, unit: str) -> float:
     if not isinstance(wish, str):
         return float(wish)
@@ -65,19 +49,6 @@ def _value(group: str, wish: float | str, unit: str) -> float:
 def sigma_of(wishes: Mapping[str, float], parameters: Sequence[tuple[str, str]]) -> list[float]:
     """The wish for each parameter; infinite where there is none."""
     return [
-        next((wish for group, wish in wishes.items() if _is_of(name, group)), math.inf)
+        next((wish for group, wish in wishes.items() if is_of(name, group)), math.inf)
         for name, _ in parameters
     ]
-
-
-def worst_of(
-    parameters: Sequence[PlannedParameter], effects: Sequence[str]
-) -> dict[str, dict[str, Any] | None]:
-    """The largest standard deviation of each group; None where one of them is not determined."""
-    worst: dict[str, dict[str, Any] | None] = {}
-    for group in (*GROUPS, *effects):
-        members = [p for p in parameters if _is_of(p.name, group)]
-        sizes = [p.std for p in members if p.std is not None]
-        complete = members and len(sizes) == len(members)
-        worst[group] = {"value": max(sizes), "unit": members[0].unit} if complete else None
-    return worst

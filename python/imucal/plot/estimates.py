@@ -10,7 +10,8 @@ from imucal.plot.style import BAND, BLUE, GREEN, GREY, VERMILION, plotly, rows_o
 if TYPE_CHECKING:
     from plotly.graph_objects import Figure
 
-    from imucal.calibration.calibration import Calibration, Parameter
+    from imucal.calibration.calibration import Calibration
+    from imucal.calibration.triad import Parameter
     from imucal.estimation.result import CalibrationResult
     from imucal.limits.judgement import Check, Judgement
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Literal
 
-from imucal import plot
+import imucal.plot as plot
 from imucal.plot.sphere import up_at_rests
 from imucal.report.page import Shown, Tab
 from imucal.report.tables import checks_table, heading, item_list, paragraph, table

@@ -6,8 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imucal import plot
-from imucal.report import sentences
+import imucal.plot as plot
+import imucal.report.sentences as sentences
 from imucal.report.blocks import coverage_tab, finding_texts, limits_tabs, propagated_tab, residuals
 from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import figures_table, heading, item_list, paragraph, parameter_table, table

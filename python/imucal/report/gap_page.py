@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from imucal import plot
+import imucal.plot as plot
+import imucal.report.sentences as sentences
 from imucal.document.json_document import to_json
 from imucal.plot.evidence import FIGURES, channel_name, figure_sets
 from imucal.plot.style import shown_unit
-from imucal.report import sentences
 from imucal.report.blocks import finding_texts
 from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import file_button, heading, item_list, paragraph, rounded_to, table

@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from imucal import plot
+import imucal.plot as plot
+import imucal.report.sentences as sentences
 from imucal.plot.style import shown_unit
-from imucal.report import sentences
 from imucal.report.blocks import finding_texts
 from imucal.report.page import Shown, Tab, write_page
 from imucal.report.tables import heading, item_list, paragraph, rounded_to, table

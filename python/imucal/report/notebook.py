@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+from functools import singledispatch
 from html import escape
-from typing import TYPE_CHECKING
+from typing import Any
 
-from imucal.report import sentences
+import imucal.report.sentences as sentences
+from imucal.calibration.calibration import Calibration
+from imucal.estimation.evaluate import Evaluation
+from imucal.estimation.result import CalibrationResult
+from imucal.gap import Gap
+from imucal.noise_analysis.noise import NoiseResult
 from imucal.report.gap_page import effects_table, gap_figures_table
 from imucal.report.noise_page import noise_table
 from imucal.report.page import MARKS, Verdict
 from imucal.report.tables import checks_table, figures_table, item_list, paragraph, parameter_table
 
-if TYPE_CHECKING:
-    from imucal.calibration.calibration import Calibration
-    from imucal.estimation.evaluate import Evaluation
-    from imucal.estimation.result import CalibrationResult
-    from imucal.gap import Gap
-    from imucal.noise_analysis.noise import NoiseResult
+
+@singledispatch
+def html_of(result: Any) -> str:
+    """The HTML that a notebook shows of a result."""
+    raise TypeError(f"a {type(result).__name__} has no page")
 
 
+@html_of.register
 def of_calibration(calibration: Calibration) -> str:
     """The parameters of a calibration."""
     unit = f" of unit {calibration.serial_number}" if calibration.serial_number else ""
@@ -27,6 +33,7 @@ def of_calibration(calibration: Calibration) -> str:
     )
 
 
+@html_of.register
 def of_calibration_result(result: CalibrationResult) -> str:
     """Verdict, figures, checks against limits, parameters, and notes."""
     sets = {
@@ -44,6 +51,7 @@ def of_calibration_result(result: CalibrationResult) -> str:
     )
 
 
+@html_of.register
 def of_evaluation(judged: Evaluation) -> str:
     """Verdict, figures, and checks against limits."""
     checks = "" if judged.judgement is None else checks_table(judged.judgement)
@@ -51,11 +59,13 @@ def of_evaluation(judged: Evaluation) -> str:
     return _lead(sentences.of_evaluation(judged)) + figures_table(sets) + checks
 
 
+@html_of.register
 def of_noise(noise: NoiseResult) -> str:
     """Verdict and noise figures."""
     return _lead(sentences.of_noise(noise)) + noise_table(noise)
 
 
+@html_of.register
 def of_gap(gap: Gap) -> str:
     """Verdict, effects added to the model, figures before and after, and notes."""
     return _lead(sentences.of_gap(gap)) + effects_table(gap) + gap_figures_table(gap) + item_list(gap.notes)

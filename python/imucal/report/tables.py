@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from imucal.plot.style import shown_unit
 
 if TYPE_CHECKING:
-    from imucal.calibration.calibration import Parameter
+    from imucal.calibration.triad import Parameter
     from imucal.limits.judgement import Judgement
 
 FIGURES = {

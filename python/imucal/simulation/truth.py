@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from imucal.arrays import FloatArray
-from imucal.calibration.calibration import Calibration, Triad
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
 from imucal.document.json_document import read_json
 from imucal.recording.recording import Recording
 from imucal.simulation.setup import Setup

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import imucal._core as _core
-from imucal.calibration.calibration import require_serial_number
+from imucal.calibration.provenance import require_serial_number
 from imucal.document.json_document import now, write_json
 from imucal.document.source import open_large
 from imucal.errors import ImucalError, InputError

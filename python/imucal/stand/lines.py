@@ -13,7 +13,7 @@ from typing import Final
 
 from imucal.errors import InputError
 from imucal.io.columns import column_list
-from imucal.io.vocabulary import SKIP
+from imucal.io.names import SKIP
 
 __all__ = ["LineDecoder"]
 

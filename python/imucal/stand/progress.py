@@ -12,7 +12,7 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.inspection import Inspection, inspect
-from imucal.limits.limits import ParameterLimit
+from imucal.limits.limit import ParameterLimit
 from imucal.recording.recording import Recording
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.rows import recording_of
@@ -66,7 +66,7 @@ def parse_target(text: str) -> ParameterLimit:
 
     Raises InputError, with an example, for other text.
     """
-    from imucal.calibration.calibration import ACCEL_ENTRIES, GYRO_ENTRIES
+    from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES
 
     name, _, value = text.partition("=")
     try:

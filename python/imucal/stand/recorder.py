@@ -18,7 +18,7 @@ from typing import Any, Final
 from imucal.document.plain import plain
 from imucal.errors import ImucalError
 from imucal.io.canonical import require_ending
-from imucal.limits.limits import ParameterLimit
+from imucal.limits.limit import ParameterLimit
 from imucal.stand.clock import SYSTEM_CLOCK, Clock
 from imucal.stand.driver import Driver, Event, Source, Status
 from imucal.stand.journal import Journal, read_journal

@@ -10,7 +10,7 @@ from typing import Final, Protocol
 
 import numpy as np
 
-from imucal import units
+import imucal.units as units
 from imucal.arrays import FloatArray
 from imucal.errors import ImucalError, InputError
 from imucal.stand.clock import SYSTEM_CLOCK, Clock

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.decisions import show_fit, show_rests_and_moves
 from imucal.cli.output import (
     Control,
@@ -88,7 +88,7 @@ def calibrate(
     Example: imucal calibrate run.csv --control control.csv -o unit-0042.json --limits limits.json
     """
     import imucal
-    from imucal.estimation.evaluate import used_of
+    from imucal.calibration.figures import used_of
 
     require_apart(
         [*recordings, *(control or ()), unit, limits],

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import demo_gap
+import imucal.cli.demo_gap as demo_gap
 from imucal.cli.demo_folder import prepare_folder
 from imucal.cli.group import group
 from imucal.cli.output import JsonPath, Output

@@ -7,22 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.output import JsonPath, Output, require_apart
 
 if TYPE_CHECKING:
-    from imucal.effects.disturbance import Disturbance, DisturbanceParameter
-    from imucal.effects.effect import Effect, EffectParameter
+    from imucal.effects.disturbance import Disturbance
+    from imucal.effects.effect import Effect
 
-__all__ = ["NEEDS", "effects", "size"]
-
-NEEDS = {
-    "time": "relative to the first sample",
-    "temperature": "the column temp_degc, relative to 25 degC",
-    "angular_acceleration": "the derivative of the rate, smoothed as the motion permits (model.md (16))",
-    "attitude": "unknown to a correction, so the effect stays in the data; it is not a sensor error",
-    "stand": "the motors that rotate the unit; not part of the correction of the sensors",
-}
+__all__ = ["effects"]
 
 
 def effects(
@@ -64,12 +56,6 @@ def effects(
         _show(out, find(name))
 
 
-def size(parameter: EffectParameter | DisturbanceParameter) -> str:
-    """The typical size with its unit."""
-    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
-    return f"{parameter.typical:.3g}{unit}"
-
-
 def _plain(row: Effect | Disturbance) -> dict[str, Any]:
     from imucal.document.plain import plain
 
@@ -78,6 +64,8 @@ def _plain(row: Effect | Disturbance) -> dict[str, Any]:
 
 
 def _list(out: Output, rows: tuple[Effect, ...], others: tuple[Disturbance, ...]) -> None:
+    from imucal.cli.effects_page import size
+
     out.line("effects: parameters of the plain form, formula; typical size of the first; what shows it")
     for row in rows:
         full = f" ({len(row.parameters)} in full)" if row.plain < len(row.parameters) else ""
@@ -93,6 +81,8 @@ def _list(out: Output, rows: tuple[Effect, ...], others: tuple[Disturbance, ...]
 
 
 def _show(out: Output, row: Effect) -> None:
+    from imucal.cli.effects_page import NEEDS, size
+
     out.line(f"{row.name}: {row.formula}, on the {row.sensor}")
     numbers = [(parameter.name, size(parameter)) for parameter in row.parameters]
     if row.shape is not None:
@@ -116,6 +106,8 @@ def _show(out: Output, row: Effect) -> None:
 
 
 def _show_disturbance(out: Output, row: Disturbance) -> None:
+    from imucal.cli.effects_page import size
+
     what = "noise" if row.kind == "noise" else "a fault"
     out.line(f"{row.name}: {what}, {row.sensor}")
     out.table(["parameter", "typical"], [(parameter.name, size(parameter)) for parameter in row.parameters])

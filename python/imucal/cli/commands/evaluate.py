@@ -68,7 +68,7 @@ def evaluate(
 
 
 def _judged(items: Sequence[Mapping[str, Any]], what: str) -> str:
-    from imucal.estimation.evaluate import used_of
+    from imucal.calibration.figures import used_of
 
     all_used = all(item["excluded"] is None for item in items)
     return f"{len(items)} {what}" if all_used else f"{used_of(items)} {what} judged"

@@ -59,7 +59,7 @@ def export(
     Example: imucal export unit-0042.json --to c-header -o calibration.h
     """
     import imucal
-    from imucal.estimation.evaluate import saved_reasons
+    from imucal.calibration.figures import saved_reasons
     from imucal.exporting import FORMATS, find_format
 
     if show_formats:
@@ -89,7 +89,7 @@ def export(
     form = find_format(to)
     with working("reading"):
         unit = imucal.Calibration.load(calibration)
-        poor = saved_reasons(unit)
+        poor = saved_reasons(unit.calibration_set, unit.control_set)
         judges = reading.each(control or [])
         figures = None if noise is None else _noise(unit, reading, noise, min_rest_s)
     with working("exporting"):

@@ -146,7 +146,7 @@ def check(
 
 def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:
     """One unit in the table of the day; without a judgement `unit` is what is wrong with the file."""
-    from imucal.estimation.evaluate import saved_reasons
+    from imucal.calibration.figures import saved_reasons
 
     row: dict[str, Any] = {
         "serial_number": None,
@@ -165,7 +165,7 @@ def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | Non
     }
     if isinstance(unit, ImucalError) or judgement is None:
         return row
-    reasons = [*saved_reasons(unit), *judgement.reasons]
+    reasons = [*saved_reasons(unit.calibration_set, unit.control_set), *judgement.reasons]
     worst = judgement.by_use[0]
     return row | {
         "serial_number": unit.serial_number,

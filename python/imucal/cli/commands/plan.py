@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.output import POOR_VERDICT, JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
@@ -134,7 +134,7 @@ def plan(
     """
     import imucal
     from imucal.planning.card import write_card
-    from imucal.planning.text import headline, worst_rows
+    from imucal.planning.result import headline, worst_rows
     from imucal.rig.stand_limits import stand_limits_of
 
     options = {

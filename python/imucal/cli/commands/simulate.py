@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.output import JsonPath, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError

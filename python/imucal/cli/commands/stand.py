@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.commands import stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.group import group

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from imucal.cli import completion
+import imucal.cli.completion as completion
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.output import NO_RESULT, POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output, require_apart
 

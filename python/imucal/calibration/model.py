@@ -1,0 +1,141 @@
+"""The sensor model of one unit: two triads and the effects of both.
+
+    measured = T (true + effects(true)) + bias
+
+T is the `sensitivity` of a triad. Most units have no effects (`imucal.effects`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Final, TypeVar
+
+import numpy as np
+
+from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES, Frame, Parameter, Triad, as_frame
+from imucal.effects.effect import (
+    Effect,
+    EffectValues,
+    UserEffect,
+    check_values,
+    definitions,
+    find,
+    named_numbers,
+)
+from imucal.errors import InputError
+from imucal.recording.recording import AccelUnit, GyroUnit, Recording
+from imucal.units import STANDARD_GRAVITY_MPS2
+
+__all__ = ["SensorModel"]
+
+# Fixed memory of imucal-core; user-defined effects are not stored there.
+MAX_EFFECTS: Final = 12
+
+Model = TypeVar("Model", bound="SensorModel")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class SensorModel:
+    """The parameters of the sensor model, without their uncertainty.
+
+    accelerometer, gyroscope  the two triads, raw unit -> SI
+    frame                     the body frame, "symmetric" or "triangular"
+    accel_unit, gyro_unit     raw units of the recordings: SI units or "lsb"
+    gravity_mps2              local gravity in the calibration, m/s^2
+    effects                   effects from the catalogue and user-defined effects, with their values
+    user_effects              definitions of the user-defined effects
+    """
+
+    accelerometer: Triad
+    gyroscope: Triad
+    frame: Frame = "symmetric"
+    accel_unit: AccelUnit = "m/s^2"
+    gyro_unit: GyroUnit = "rad/s"
+    gravity_mps2: float = STANDARD_GRAVITY_MPS2
+    effects: tuple[EffectValues, ...] = ()
+    user_effects: tuple[UserEffect, ...] = ()
+
+    def __post_init__(self) -> None:
+        as_frame(self.frame)
+        if not (np.isfinite(self.gravity_mps2) and self.gravity_mps2 > 0):
+            raise InputError(f"gravity_mps2 is {self.gravity_mps2}: a positive number is needed")
+        object.__setattr__(self, "effects", tuple(self.effects))
+        names = {values.name for values in self.effects}
+        if len(names) < len(self.effects):
+            raise InputError(f"an effect stands twice among {[values.name for values in self.effects]}")
+        known = definitions(self.user_effects)
+        for values in self.effects:
+            check_values(known.get(values.name) or find(values.name), values)
+        used = tuple(effect for effect in self.user_effects if effect.name in names)
+        of_catalogue = len(self.effects) - len(used)
+        if of_catalogue > MAX_EFFECTS:
+            raise InputError(
+                f"a calibration carries at most {MAX_EFFECTS} effects, {of_catalogue} were given: leave "
+                "out those that matter least"
+            )
+        object.__setattr__(self, "user_effects", used)
+        parameters = [parameter.name for parameter in self.parameters]
+        twice = next((name for name in parameters if parameters.count(name) > 1), None)
+        if twice is not None:
+            raise InputError(f"two parameters have the name {twice}: give your effect another name")
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """All parameters: the 21 of the triads in their fixed order, then those of each effect.
+
+        A parameter of an effect is named <effect>_<parameter>; the shape of an effect comes last.
+        """
+        found: list[Parameter] = []
+        for sensor, triad, entries, raw_unit, si_unit in (
+            ("accel", self.accelerometer, ACCEL_ENTRIES[self.frame], self.accel_unit, "m/s^2"),
+            ("gyro", self.gyroscope, GYRO_ENTRIES, self.gyro_unit, "rad/s"),
+        ):
+            scale_unit = f"lsb/({si_unit})" if raw_unit == "lsb" else "1"
+            for i, axis in enumerate("xyz"):
+                found.append(Parameter(f"{sensor}_bias_{axis}", float(triad.bias[i]), None, raw_unit))
+            for entry in entries:
+                row, column = ("xyz".index(axis) for axis in entry)
+                value = float(triad.sensitivity[row, column])
+                found.append(Parameter(f"{sensor}_sensitivity_{entry}", value, None, scale_unit))
+        for effect in self.effects:
+            for parameter, number in named_numbers(self.definition(effect), effect):
+                found.append(Parameter(f"{effect.name}_{parameter.name}", number, None, parameter.unit))
+        return tuple(found)
+
+    def definition(self, values: EffectValues) -> Effect | UserEffect:
+        """The definition of one of `effects`: its row of the catalogue, or the user's definition."""
+        return definitions(self.user_effects)[values.name]
+
+    def catalogue_effects(self) -> Iterator[Effect]:
+        """The definitions of the effects that are in the catalogue."""
+        for values in self.effects:
+            effect = self.definition(values)
+            if isinstance(effect, Effect):
+                yield effect
+
+    def own_effects(self) -> Iterator[tuple[UserEffect, EffectValues]]:
+        """The user-defined effects with their values."""
+        for values in self.effects:
+            effect = self.definition(values)
+            if isinstance(effect, UserEffect):
+                yield effect, values
+
+    def without_user_effects(self: Model) -> Model:
+        """The model with only the effects of the catalogue, which are those that the library implements."""
+        own = {effect.name for effect in self.user_effects}
+        return replace(
+            self, effects=tuple(values for values in self.effects if values.name not in own), user_effects=()
+        )
+
+    def require_raw_units(self, recording: Recording) -> None:
+        """Raise InputError for a recording whose raw units differ from those of this model."""
+        for sensor, expected, found in (
+            ("accelerometer", self.accel_unit, recording.accel_unit),
+            ("gyroscope", self.gyro_unit, recording.gyro_unit),
+        ):
+            if expected != found:
+                raise InputError(
+                    f"{recording.name}: the {sensor} is in {found} but the calibration expects {expected}: "
+                    "give the recording in the units that the unit was calibrated in"
+                )

@@ -1,0 +1,42 @@
+"""The canonical column names.
+
+time_s | _ms | _us | _ns            accel_{x,y,z}_{mps2,g,mg,lsb}     gyro_{x,y,z}_{radps,dps,mdps,lsb}
+temp_degc                           stand_{1,2,3}_{rad,deg}
+"""
+
+from __future__ import annotations
+
+import re
+
+from imucal.units import COLUMN_UNITS, TICKS_PER_S
+
+__all__ = ["AXES", "NAMES", "SKIP", "is_canonical", "time_unit", "triad_part"]
+
+NAMES = (
+    "time_{s,ms,us,ns}, accel_{x,y,z}_{mps2,g,mg,lsb}, gyro_{x,y,z}_{radps,dps,mdps,lsb}, temp_degc, "
+    "stand_{1,2,3}_{rad,deg}"
+)
+SKIP = ("-", "skip")
+
+AXES = {"accel": "xyz", "gyro": "xyz", "stand": "123"}
+TRIAD_NAME = re.compile(r"(?:(accel|gyro)_([xyz])|(stand)_([123]))_([a-z0-9]+)")
+
+
+def is_canonical(name: str) -> bool:
+    """Whether `name` is a canonical name; columns with other names become auxiliary inputs."""
+    return triad_part(name) is not None or name == "temp_degc" or time_unit(name) is not None
+
+
+def triad_part(name: str) -> tuple[str, str, str] | None:
+    """("accel", "x", "mps2") for accel_x_mps2; None for a name that is no triad column."""
+    match = TRIAD_NAME.fullmatch(name)
+    if match is None:
+        return None
+    triad, axis, unit = match[1] or match[3], match[2] or match[4], match[5]
+    return (triad, axis, unit) if unit in COLUMN_UNITS[triad] else None
+
+
+def time_unit(name: str) -> str | None:
+    """The unit of a column of time, such as us of time_us; None for any other column."""
+    unit = name.removeprefix("time_")
+    return unit if unit != name and unit in TICKS_PER_S else None

@@ -1,0 +1,27 @@
+"""HTML of results in notebooks, made by the report package without the results depending on it.
+
+A result's `_repr_html_` calls `html_of`. The package's face registers the module that makes the HTML; it is
+loaded when the first result is shown.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+__all__ = ["html_of", "register"]
+
+_makers: list[str] = []
+
+
+def register(module: str) -> None:
+    """Set the module whose function `html_of` makes the HTML of a result."""
+    _makers[:] = [module]
+
+
+def html_of(result: Any) -> str | None:
+    """The HTML of a result; None, for which a notebook shows the repr, if no module is registered."""
+    if not _makers:
+        return None
+    html: str = importlib.import_module(_makers[0]).html_of(result)
+    return html

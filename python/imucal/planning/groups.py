@@ -1,0 +1,47 @@
+"""Groups of parameters by which a plan is judged."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+__all__ = ["GROUPS", "PlannedParameter", "is_of", "worst_of"]
+
+# The group is the start of its parameters' names; its SI unit.
+GROUPS: Final = {
+    "accel_sensitivity": "1",
+    "accel_bias": "m/s^2",
+    "gyro_sensitivity": "1",
+    "gyro_bias": "rad/s",
+}
+
+
+@dataclass(frozen=True)
+class PlannedParameter:
+    """Predicted standard deviation of a parameter, SI units; None where the motion does not determine it."""
+
+    name: str
+    std: float | None
+    unit: str
+
+
+def is_of(name: str, group: str) -> bool:
+    """Whether a parameter is one of a group: effects may have names that begin as those of a group do."""
+    if group in GROUPS:
+        return re.fullmatch(f"{group}_[xyz]+", name) is not None
+    return name.startswith(f"{group}_")
+
+
+def worst_of(
+    parameters: Sequence[PlannedParameter], effects: Sequence[str]
+) -> dict[str, dict[str, Any] | None]:
+    """The largest standard deviation of each group; None where one of them is not determined."""
+    worst: dict[str, dict[str, Any] | None] = {}
+    for group in (*GROUPS, *effects):
+        members = [p for p in parameters if is_of(p.name, group)]
+        sizes = [p.std for p in members if p.std is not None]
+        complete = members and len(sizes) == len(members)
+        worst[group] = {"value": max(sizes), "unit": members[0].unit} if complete else None
+    return worst
