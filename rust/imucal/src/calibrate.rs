@@ -7,12 +7,14 @@ pub mod diagnosis;
 mod jointly;
 mod outcome;
 mod prospect;
+mod two_stages;
 mod unit_data;
 
 #[cfg(test)]
 mod passes;
 
 pub use imucal_core::STANDARD_GRAVITY_MPS2;
+use imucal_core::effects::Need;
 #[cfg(test)]
 use imucal_core::sensor::Triad;
 
@@ -20,10 +22,11 @@ use crate::error::Error;
 use crate::frame::Frame;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
+pub use crate::parameters::{parameter_names, parameter_values};
 use crate::recording::Recording;
 pub use checked::Checked;
 pub use cross_validation::CrossValidation;
-pub use outcome::{Outcome, parameter_names, parameter_values};
+pub use outcome::Outcome;
 pub use prospect::{Prospect, prospect};
 
 /// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
@@ -63,6 +66,14 @@ impl Options<'_> {
     /// Whether the joint fit makes the estimate, which effects need.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects()
+    }
+
+    /// Whether a requested effect changes what a sensor reads at rest with time or temperature.
+    fn may_drift(&self) -> bool {
+        let drifts = |choice: &EffectChoice| {
+            choice.effect.needs.iter().any(|need| matches!(need, Need::Time | Need::Temperature))
+        };
+        self.effects.iter().any(drifts) || !self.user_fields.is_empty()
     }
 
     fn has_effects(&self) -> bool {

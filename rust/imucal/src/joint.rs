@@ -70,7 +70,6 @@ use imucal_core::effects::{Effect, Need};
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
-use crate::calibrate::Options;
 use crate::error::Error;
 use crate::numerics::lsq::{self, Solution, Termination};
 use crate::rests::moves::Ends;
@@ -94,13 +93,6 @@ const FAR: f64 = 1.5;
 const SEARCH: f64 = 1e-5;
 /// Start values of a time constant, as shares of the recording's length.
 pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
-
-/// Whether an effect that is asked for lets a sensor at rest drift.
-pub(crate) fn may_drift(options: &Options<'_>) -> bool {
-    let drifts =
-        |choice: &EffectChoice| choice.effect.needs.iter().any(|n| matches!(n, Need::Time | Need::Temperature));
-    options.effects.iter().any(drifts) || !options.user_fields.is_empty()
-}
 
 /// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
 const ADDS_UP: [&str; 1] = ["gyro_angular_acceleration"];

@@ -3,9 +3,10 @@
 //! The order is accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row by row),
 //! then the parameters of the effects, then those of the stand.
 
+use imucal_core::calibration::Calibration;
 use std::ops::Range;
 
-use crate::frame::SYMMETRIC;
+use crate::frame::{Frame, SYMMETRIC};
 
 /// Number of base parameters.
 pub(crate) const BASE: usize = 21;
@@ -52,4 +53,28 @@ pub(crate) fn of_axes(gyroscope: bool, axes: [bool; 3]) -> Vec<&'static str> {
         _ => axes[SYMMETRIC[j - 3].0] || axes[SYMMETRIC[j - 3].1],
     };
     (0..9).filter(|&j| acts(j)).map(|j| words(gyroscope)[j]).collect()
+}
+
+/// Names of the 21 parameters in their order.
+pub fn parameter_names(frame: Frame) -> [String; 21] {
+    const AXES: [char; 3] = ['x', 'y', 'z'];
+    let free = frame.free_entries();
+    std::array::from_fn(|p| match p {
+        0..3 => format!("accel_bias_{}", AXES[p]),
+        3..9 => format!("accel_sensitivity_{}{}", AXES[free[p - 3].0], AXES[free[p - 3].1]),
+        9..12 => format!("gyro_bias_{}", AXES[p - 9]),
+        _ => format!("gyro_sensitivity_{}{}", AXES[(p - 12) / 3], AXES[(p - 12) % 3]),
+    })
+}
+
+/// Values of the 21 parameters in their order.
+pub fn parameter_values(calibration: &Calibration<f64>, frame: Frame) -> [f64; 21] {
+    let (accelerometer, gyroscope) = (&calibration.accelerometer, &calibration.gyroscope);
+    let free = frame.free_entries();
+    std::array::from_fn(|p| match p {
+        0..3 => accelerometer.bias()[p],
+        3..9 => accelerometer.sensitivity()[free[p - 3]],
+        9..12 => gyroscope.bias()[p - 9],
+        _ => gyroscope.sensitivity()[((p - 12) / 3, (p - 12) % 3)],
+    })
 }

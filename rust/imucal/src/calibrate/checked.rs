@@ -5,13 +5,14 @@ use std::sync::{Mutex, OnceLock};
 use imucal_core::sensor::Triad;
 
 use super::cross_validation::cross_validate;
-use super::jointly::{self, Selection};
+use super::jointly::Selection;
 use super::outcome::Outcome;
-use super::unit_data::{Gyroscope, UnitData, refuse_errors};
+use super::unit_data::{UnitData, refuse_errors};
 use super::{Kinds, Options, Prepared};
+use crate::calibrate::two_stages::Gyroscope;
 use crate::check::check_gains;
 use crate::error::Error;
-use crate::joint::Near;
+use crate::joint::{Near, Wander};
 use crate::recording::Recording;
 use crate::rests::moves::{Move, Unusable};
 use crate::two_stage::accelerometer::AccelerometerFit;
@@ -119,7 +120,7 @@ impl Checked {
         };
         let triads = [&accelerometer, &gyroscope];
         let selection = data.for_search(selection);
-        data.prepared_for(&selection, triads, options, (kinds, true, jointly::known(options)), |prepared| {
+        data.prepared_for(&selection, triads, options, (kinds, true, Wander::of(options.wander)), |prepared| {
             work(prepared, triads[0], triads[1])
         })
     }

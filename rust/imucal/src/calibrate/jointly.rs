@@ -5,8 +5,9 @@ use std::sync::OnceLock;
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
-use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, Gyroscope, NOT_STILL, UnitData};
+use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, NOT_STILL, UnitData};
 use super::{CrossValidation, Options};
+use crate::calibrate::two_stages::Gyroscope;
 use crate::error::Error;
 use crate::joint::{self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Near, Prepared, Terms, Wander};
 use crate::numerics::derivative::Width;
@@ -51,11 +52,6 @@ impl Selection {
     }
 }
 
-/// How the biases wander, as far as that is known beforehand.
-pub(super) fn known(options: &Options<'_>) -> Wander {
-    options.wander.map_or(Wander::Constant, Wander::Known)
-}
-
 impl UnitData<'_> {
     /// The joint fit of both triads and the effects that are asked for, and what it is made of.
     ///
@@ -76,7 +72,7 @@ impl UnitData<'_> {
             let fit = self.fit_jointly(&selection, model, options, near.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
             // What contradicts must not make itself likely.
-            let contradicts = self.prepared(&all, model, options, known(options), |prepared| {
+            let contradicts = self.prepared(&all, model, options, Wander::of(options.wander), |prepared| {
                 let known = is_of_all.then_some(&fit.linear);
                 joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
             })?;
@@ -171,7 +167,7 @@ impl UnitData<'_> {
         options: &Options<'_>,
     ) -> Result<Vec<(Ends, Matrix3<f64>)>, Error> {
         let model = [&fit.model.accelerometer, &fit.model.gyroscope];
-        self.prepared(unseen, model, options, known(options), |prepared| {
+        self.prepared(unseen, model, options, Wander::of(options.wander), |prepared| {
             joint::predict(prepared, &self.terms(options)?, &fit.model)
         })
     }
@@ -240,7 +236,7 @@ impl UnitData<'_> {
         work: impl FnOnce(&Prepared<'_>) -> Result<T, Error>,
     ) -> Result<T, Error> {
         let kinds = Kinds::needed_by(&options.effects);
-        self.prepared_for(selection, model, options, (kinds, joint::may_drift(options), wander), work)
+        self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 
     /// What a joint fit is made of. `kinds` are the residuals that it needs; `drifts` says whether a sensor at rest may drift, `wander`

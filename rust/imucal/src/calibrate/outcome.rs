@@ -7,8 +7,9 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
 use super::jointly::Selection;
-use super::unit_data::{Gyroscope, UnitData};
+use super::unit_data::UnitData;
 use super::{CrossValidation, Options};
+use crate::calibrate::two_stages::Gyroscope;
 use crate::error::Error;
 use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unusable_report};
 use crate::finding::Finding;
@@ -16,6 +17,7 @@ use crate::frame::{self, Frame, Sensitivities};
 use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimate};
 use crate::numerics::lsq::FitReport;
 use crate::numerics::stats::median;
+use crate::parameters::{parameter_names, parameter_values};
 use crate::rests::moves::Unusable;
 use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::segment::Threshold;
@@ -232,28 +234,4 @@ fn noise_density(noise: &[NoiseDensity], calibration: &Calibration<f64>) -> Nois
 
 fn triad(sensitivity: Matrix3<f64>, bias: Vector3<f64>) -> Result<Triad<f64>, Error> {
     Triad::try_new(sensitivity, bias).map_err(|error| Error::Fit(error.to_string()))
-}
-
-/// Names of the 21 parameters in their order.
-pub fn parameter_names(frame: Frame) -> [String; 21] {
-    const AXES: [char; 3] = ['x', 'y', 'z'];
-    let free = frame.free_entries();
-    std::array::from_fn(|p| match p {
-        0..3 => format!("accel_bias_{}", AXES[p]),
-        3..9 => format!("accel_sensitivity_{}{}", AXES[free[p - 3].0], AXES[free[p - 3].1]),
-        9..12 => format!("gyro_bias_{}", AXES[p - 9]),
-        _ => format!("gyro_sensitivity_{}{}", AXES[(p - 12) / 3], AXES[(p - 12) % 3]),
-    })
-}
-
-/// Values of the 21 parameters in their order.
-pub fn parameter_values(calibration: &Calibration<f64>, frame: Frame) -> [f64; 21] {
-    let (accelerometer, gyroscope) = (&calibration.accelerometer, &calibration.gyroscope);
-    let free = frame.free_entries();
-    std::array::from_fn(|p| match p {
-        0..3 => accelerometer.bias()[p],
-        3..9 => accelerometer.sensitivity()[free[p - 3]],
-        9..12 => gyroscope.bias()[p - 9],
-        _ => gyroscope.sensitivity()[((p - 12) / 3, (p - 12) % 3)],
-    })
 }

@@ -9,14 +9,13 @@ use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
-use super::outcome::parameter_names;
 use super::unit_data::{FEWEST_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
 use crate::error::Error;
-use crate::joint::{BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms};
+use crate::joint::{BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms, Wander};
 use crate::numerics::derivative::Width;
 use crate::numerics::lsq;
-use crate::parameters::BASE;
+use crate::parameters::{BASE, parameter_names};
 use crate::preintegration::kinematics::{rate_from_gravity, scale_from_gravity};
 use crate::preintegration::{rotate, turned_rad};
 use crate::recording::Recording;
@@ -105,7 +104,7 @@ impl UnitData<'_> {
             flicker: &OnceLock::new(),
             noise: self.noise(),
             gravity_mps2: options.gravity_mps2,
-            wander: super::jointly::known(options),
+            wander: Wander::of(options.wander),
             encoders: None,
             block_s: BLOCK_S,
         };

@@ -27,6 +27,13 @@ pub(crate) enum Wander {
     Known(UnitWander),
 }
 
+impl Wander {
+    /// The bias wander of the unit's datasheet or noise recording, or constant biases.
+    pub(crate) fn of(known: Option<UnitWander>) -> Self {
+        known.map_or(Self::Constant, Self::Known)
+    }
+}
+
 /// How the biases of one sensor wander, x, y and z, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BiasWander {

@@ -4,10 +4,11 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::Vector3;
 
-use super::search::FEWEST_POSES;
 use crate::error::Error;
 use crate::simulate::profile::PEAK_ACCELERATION;
 
+/// Fewest poses: ten rests for the accelerometer's nine numbers.
+pub(super) const FEWEST_POSES: usize = 10;
 /// Shorter moves cannot be told from the rests around them.
 const SHORTEST_MOVE_S: f64 = 0.3;
 /// Times of a program are whole multiples of this, s.

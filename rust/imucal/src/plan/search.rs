@@ -15,14 +15,13 @@ use super::limits::Limits;
 use super::sensors::Sensors;
 use super::trial::{Scene, Trial};
 use crate::error::Error;
+use crate::plan::limits::FEWEST_POSES;
 use crate::simulate::Program;
 
 /// Numbers of poses to start with; the search adds and removes.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
 /// The share of the proposals that each start has before the best one goes on.
 const SHARE_OF_START: usize = 16;
-/// Fewest poses: ten rests for the accelerometer's nine numbers.
-pub(super) const FEWEST_POSES: usize = 10;
 /// Costs are logarithms: from here to there go the differences that are taken by chance half of the time or so.
 const WARM: f64 = 0.006;
 const COLD: f64 = 0.00006;

@@ -1,0 +1,158 @@
+//! The fit in two stages: the accelerometer to the rests, then the gyroscope to the moves between them.
+
+use faer::Mat;
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::calibrate::Options;
+use crate::calibrate::prospect::Prospect;
+use crate::calibrate::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, UnitData, refuse_errors, too_few_moves};
+use crate::check;
+use crate::error::Error;
+use crate::evaluate::{MoveReport, move_report, unusable_report};
+use crate::finding::Finding;
+use crate::preintegration::kinematics::rate_from_gravity;
+use crate::rests::moves::{Ends, Move, Unusable, between};
+use crate::rests::rest::Rest;
+use crate::two_stage::accelerometer::AccelerometerFit;
+use crate::two_stage::ellipsoid::Start;
+use crate::two_stage::gyroscope::{Carrying, GyroscopeFit};
+use crate::two_stage::{accelerometer, gyroscope, uncertainty};
+
+/// The gyroscope's fit and what it was fitted to.
+#[derive(Clone)]
+pub(super) struct Gyroscope {
+    pub(super) moves: Vec<Move>,
+    pub(super) fit: GyroscopeFit,
+    pub(super) ends: Vec<Ends>,
+    pub(super) random_walk_rad: Vec<f64>,
+    pub(super) findings: Vec<Finding>,
+}
+
+impl UnitData<'_> {
+    pub(super) fn fit_accelerometer(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
+        let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.excluded[k].is_none()).collect();
+        let rests: Vec<&Rest> = clean.iter().map(|&k| &self.rests[k].rest).collect();
+        let nominal = options
+            .accel_nominal
+            .map(|scale| Start { sensitivity: Matrix3::from_diagonal_element(scale), bias: Vector3::zeros() });
+        let si = self.raw_is_si(|recording| recording.accel_unit);
+        let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si)
+            .map_err(|error| self.with_all_that_is_missing(error, options))?;
+        // From here on there is one entry per rest found, clean or not.
+        let mut used = vec![false; self.rests.len()];
+        let mut gain = Mat::zeros(9, self.rests.len());
+        for (column, &k) in clean.iter().enumerate() {
+            used[k] = fit.used[column];
+            for i in 0..9 {
+                gain[(i, k)] = fit.gain[(i, column)];
+            }
+        }
+        (fit.used, fit.gain) = (used, gain);
+        Ok(fit)
+    }
+
+    /// All that is missing, in place of what one stage has found to be missing.
+    fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
+        let Error::NotEnoughMotion(_) = &error else { return error };
+        match self.prospect_without_result(options) {
+            Ok(Prospect { missing: Some(words), .. }) => Error::NotEnoughMotion(words),
+            _ => error,
+        }
+    }
+
+    /// The moves between neighbouring rests, and those that cannot be used; too few are refused.
+    pub(super) fn moves(
+        &self,
+        accelerometer: &AccelerometerFit,
+        options: &Options<'_>,
+    ) -> Result<(Vec<Move>, Vec<Unusable>), Error> {
+        let (moves, unusable) = between(self.recordings, &self.rests, &accelerometer.used, &self.saturated);
+        if moves.len() < FEWEST_MOVES || self.has_silent_gyroscope(&moves, &accelerometer.triad) {
+            let words = format!(
+                "{} moves do not determine the gyroscope: {}",
+                moves.len(),
+                too_few_moves(moves.len(), &unusable)
+            );
+            return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
+        }
+        Ok((moves, unusable))
+    }
+
+    pub(super) fn ends(
+        &self,
+        moves: &[Move],
+        accelerometer: &AccelerometerFit,
+        gyroscope: &Triad<f64>,
+    ) -> (Vec<Ends>, Vec<f64>) {
+        self.directions(&accelerometer.triad, gyroscope).ends_of(moves)
+    }
+
+    pub(super) fn fit_gyroscope(
+        &self,
+        moves: &[Move],
+        accelerometer: &AccelerometerFit,
+        options: &Options<'_>,
+    ) -> Result<Gyroscope, Error> {
+        let bias = &self.bias;
+        let kinematic = rate_from_gravity(self.recordings, moves, &accelerometer.triad, bias.bias);
+        let mut findings = Vec::new();
+        if let Some(rate_from_raw) = &kinematic {
+            findings = check::check_kinematics(&self.recordings[0], rate_from_raw);
+            refuse_errors(&findings)?;
+        }
+        let si = self.raw_is_si(|recording| recording.gyro_unit);
+        let nominal = options.gyro_nominal.or(si.then_some(1.0)).map(Matrix3::from_diagonal_element);
+        let starts: Vec<Matrix3<f64>> =
+            kinematic.and_then(|p| p.try_inverse()).into_iter().chain(nominal).filter(well_conditioned).collect();
+        if starts.is_empty() {
+            let words = format!(
+                "{} moves do not determine the gyroscope's scale in raw counts: add moves of 90 deg or more about \
+                 each axis, or pass its nominal sensitivity",
+                moves.len()
+            );
+            return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
+        }
+        // The weights need the scale, the scale needs a fit: the second round starts at the first one's result.
+        let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
+        let carrying = Carrying::new(self.recordings, moves, bias.bias);
+        let first = carrying.first_estimate(&ends, &starts)?;
+        let (ends, random_walk_rad) = self.ends(moves, accelerometer, &first);
+        let fit = carrying.fit(&ends, &first).map_err(|error| self.with_all_that_is_missing(error, options))?;
+        Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
+    }
+
+    pub(super) fn covariance(&self, accelerometer: &AccelerometerFit, gyroscope: &Gyroscope) -> Mat<f64> {
+        let rests: Vec<&Rest> = self.rests.iter().map(|rest| &rest.rest).collect();
+        let Gyroscope { moves, fit, ends, random_walk_rad, .. } = gyroscope;
+        uncertainty::covariance(&rests, moves, ends, accelerometer, &self.bias, fit, random_walk_rad)
+    }
+}
+
+impl Gyroscope {
+    pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
+        let report = |k: usize| {
+            let excluded = (!self.fit.used[k]).then_some(CONTRADICTS_MOVES);
+            move_report(&self.moves[k], &self.ends[k], &self.fit.carried[k].rotation, excluded)
+        };
+        let spoilt = unusable.iter().map(|u| unusable_report(&u.span, u.reason));
+        let mut reports: Vec<MoveReport> = (0..self.moves.len()).map(report).chain(spoilt).collect();
+        reports.sort_by_key(|report| (report.recording, report.first));
+        reports
+    }
+
+    /// Residuals of the moves that the fit uses, in units of what noise explains.
+    pub(super) fn used_residuals(&self) -> Vec<f64> {
+        let of = |k: usize| {
+            let z = self.ends[k].residual(&self.fit.carried[k].rotation) / self.ends[k].sigma_rad;
+            [z.x, z.y]
+        };
+        (0..self.moves.len()).filter(|&k| self.fit.used[k]).flat_map(of).collect()
+    }
+}
+
+/// Whether a start value is far enough from singular to integrate with.
+fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
+    let size = sensitivity.norm() / 3f64.sqrt();
+    size.is_finite() && sensitivity.determinant().abs() > 0.05 * size.powi(3)
+}
