@@ -1,4 +1,5 @@
-//! Time of a whole calibration: checks, rests, both fits, covariance (`cargo bench --bench calibrate`).
+//! Duration of a complete calibration: checks, rests, two-stage and joint fit, covariance
+//! (`cargo bench --bench calibrate`).
 
 use std::hint::black_box;
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! Time of the device's integrator per sample, in both floats (`cargo bench --bench integrate`).
+//! Duration of the on-device integrator per sample, in f32 and f64 (`cargo bench --bench integrate`).
 
 use std::hint::black_box;
 

@@ -1,7 +1,8 @@
-//! Time of the integration kernels compared with a plain sum of the same array, which shows the memory bandwidth.
+//! Duration of the preintegration kernels, compared with a plain sum over the same array, which is limited by memory
+//! bandwidth.
 //!
-//! `cargo bench --bench kernels` prints the throughput of each kernel. `--table` prints the rows that kernels.py writes
-//! to docs/results/speed.md. `--once NAME SAMPLES` runs one kernel once, so that its instructions can be counted.
+//! `cargo bench --bench kernels` shows the throughput of each kernel. With `--table` it prints the table of
+//! docs/results/speed.md (see kernels.py). With `--once NAME SAMPLES` it runs one kernel once, to count instructions.
 
 use std::env;
 use std::hint::black_box;
@@ -9,7 +10,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 
 use criterion::{Criterion, Throughput};
-use imucal::preintegration::{Instructions, Pace, Path};
+use imucal::preintegration::{Instructions, RateSegment, SampleTimes};
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
@@ -19,7 +20,7 @@ const MOVES: usize = 45;
 const INTERVAL_S: f64 = 1.25e-4;
 const ROUNDS: usize = 15;
 
-/// A recording at 8 kHz, in raw units of a unit that is far from perfect.
+/// A recording at 8 kHz, in raw units, with large scale and misalignment errors.
 struct Gyroscope {
     raw: Vec<[f64; 3]>,
     time_s: Vec<f64>,
@@ -36,18 +37,22 @@ impl Gyroscope {
         Some(Self { raw, time_s, triad })
     }
 
-    /// Runs a kernel on every move; the result only keeps the compiler from leaving it out.
+    /// Runs a kernel on every move. The result is only returned to prevent the compiler from removing the calculation.
     fn run(&self, kernel: Kernel, instructions: Instructions) -> f64 {
         let length = self.raw.len() / MOVES;
         let of_move = |k: usize| {
             let range = k * length..(k + 1) * length;
             let raw = &self.raw[range.clone()];
-            let pace = if kernel.has_stamps() { Pace::Stamps(&self.time_s[range]) } else { Pace::Even(INTERVAL_S) };
-            let path = Path::straight(raw, pace).with(instructions);
+            let sample_times = if kernel.has_stamps() {
+                SampleTimes::Stamps(&self.time_s[range])
+            } else {
+                SampleTimes::Even(INTERVAL_S)
+            };
+            let path = RateSegment::linear(raw, sample_times).with(instructions);
             match kernel {
                 Kernel::Sum => Arch::new().dispatch(PlainSum(raw)),
                 Kernel::Rotation | Kernel::RotationStamped => path.rotation(&self.triad).m11,
-                Kernel::Sums | Kernel::SumsStamped => path.carry(&self.triad).bias_sum.m11,
+                Kernel::Sums | Kernel::SumsStamped => path.preintegrate(&self.triad).bias_sum.m11,
             }
         };
         (0..MOVES).map(of_move).sum()
@@ -81,7 +86,7 @@ impl Kernel {
     }
 }
 
-/// All numbers added up, in as many parts as hide the time that an addition takes.
+/// Sum of all numbers, in enough partial sums to hide the latency of an addition.
 struct PlainSum<'a>(&'a [[f64; 3]]);
 
 impl WithSimd for PlainSum<'_> {
@@ -105,7 +110,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// A line for each set of instructions and kernel: names, ns per sample, times a plain sum in the same round.
+/// One line per instruction set and kernel: names, ns per sample, and ratio to the plain sum of the same round.
 fn table(gyroscope: &Gyroscope) {
     for instructions in Instructions::available() {
         if matches!(instructions, Instructions::Best | Instructions::Scalar) {

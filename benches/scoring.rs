@@ -1,9 +1,9 @@
-//! Time for scoring all candidate effects, compared with integration passes over the same record.
+//! Duration of scoring all candidate effects, compared with one integration pass over the same recording.
 //!
-//! The record is that of gap_speed.py: the paper's run at 200 Hz, by hand (A) and on a stand (A', where the force
-//! inside moves takes part). The scoring time is the difference between a search with all candidates and one without.
-//! `cargo bench --bench scoring` prints, for each kind of record, the milliseconds of a pass and of scoring, separated
-//! by tabs; gap_speed.py runs it for docs/results/speed.md.
+//! The recording is that of gap_speed.py: the paper's run at 200 Hz, hand-held (A) and on a stand (A', where forces
+//! inside moves are used). The duration of scoring is the difference between all candidates and none.
+//! `cargo bench --bench scoring` prints the milliseconds of a pass and of scoring for each recording, separated by
+//! tabs; gap_speed.py runs it for docs/results/speed.md.
 
 use std::hint::black_box;
 use std::process::ExitCode;
@@ -12,7 +12,7 @@ use std::time::Instant;
 use imucal::calibrate::{Checked, EffectChoice, Options};
 use imucal::error::Error;
 use imucal::gap::{search, smallest_visible};
-use imucal::preintegration::{Pace, Path};
+use imucal::preintegration::{RateSegment, SampleTimes};
 use imucal::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use imucal::simulate::{
     Faults, HandMoves, Motion, Program, RandomMoves, Setup, Simulation, Stand, Temperature, Tumble, Unit, run,
@@ -40,14 +40,17 @@ fn record(motion: &Motion) -> Result<Simulation, Error> {
     })
 }
 
-/// Rotation and sums of all samples, in as many stretches as there are moves.
+/// Rotation and sums over all samples, in as many segments as the run has moves.
 fn pass(recording: &Recording<'_>, triad: &Triad<f64>) -> f64 {
     let length = recording.len() / MOVES;
-    let of_stretch = |k: usize| {
+    let of_segment = |k: usize| {
         let range = k * length..(k + 1) * length;
-        Path::straight(recording.angular_rate.slice(range.clone()), Pace::Even(1.0 / RATE_HZ)).carry(triad).bias_sum.m11
+        RateSegment::linear(recording.angular_rate.slice(range.clone()), SampleTimes::Even(1.0 / RATE_HZ))
+            .preintegrate(triad)
+            .bias_sum
+            .m11
     };
-    (0..MOVES).map(of_stretch).sum()
+    (0..MOVES).map(of_segment).sum()
 }
 
 fn median(mut values: Vec<f64>) -> f64 {
@@ -55,7 +58,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Milliseconds of a pass, and of scoring all candidates beside the model without effects.
+/// Milliseconds of one pass, and of scoring all candidates relative to the model without effects.
 fn times_ms(motion: &Motion) -> Result<[f64; 2], Error> {
     let made = record(motion)?;
     let mut recording = made.recording("run");
@@ -66,7 +69,7 @@ fn times_ms(motion: &Motion) -> Result<[f64; 2], Error> {
     let all: Vec<EffectChoice> = Effect::catalogue().map(|effect| EffectChoice { effect, full: false }).collect();
     let checked = Checked::try_new(&recordings, &options)?;
     checked.calibrate(&recordings, &options)?;
-    // Whether a hand carried the unit is known from then on.
+    // A search determines whether the unit is hand-held; later calls reuse this.
     search(&checked, &recordings, &options, &all, &[])?;
     let mut rounds: Vec<[f64; 3]> = Vec::new();
     for _ in 0..ROUNDS {

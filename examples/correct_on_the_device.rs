@@ -1,4 +1,4 @@
-//! What a device does with a calibration: corrects each sample and adds up the rotation, in f32, without an allocator.
+//! Correction on a device: corrects each sample and integrates the rotation, in f32 and without an allocator.
 //!
 //! `cargo run --release -p imucal-core --example correct_on_the_device`
 
@@ -7,7 +7,7 @@ use imucal_core::integrate::Integrator;
 use imucal_core::sensor::{SensorError, Triad};
 use nalgebra::{Matrix3, Vector3};
 
-/// The constants of one unit, as its calibration file has them.
+/// The parameters of one unit, as in its calibration file.
 fn calibration() -> Result<Calibration<f32>, SensorError> {
     Ok(Calibration::new(
         Triad::try_new(
@@ -23,7 +23,7 @@ fn calibration() -> Result<Calibration<f32>, SensorError> {
 
 fn main() -> Result<(), SensorError> {
     let calibration = calibration()?;
-    // A quarter turn about z in one second at 100 Hz, as this unit would measure it.
+    // A rotation by 90 deg about z in one second at 100 Hz, as this unit would measure it.
     let true_rate = Vector3::new(0.0, 0.0, core::f32::consts::FRAC_PI_2);
     let raw_rate = calibration.gyroscope.measure(true_rate);
     let raw_force = calibration.accelerometer.measure(Vector3::new(0.0, 0.0, 9.80665));

@@ -180,19 +180,19 @@ REFUSED = {
         lambda r: changed(r, specific_force=np.full((len(r), 3), np.nan)), "non_finite", "100.00 %"
     ),
     "one NaN": refused(
-        force(put((100, 1), np.nan)), "non_finite", "accel_y hold NaN or infinity in 1 samples"
+        force(put((100, 1), np.nan)), "non_finite", "accel_y have NaN or infinity in 1 samples"
     ),
     "one infinity": refused(rate(put((70, 2), np.inf)), "non_finite", "gyro_z"),
     "NaN in time": refused(time(put(50, np.nan)), "non_finite", "time_s"),
     "outer join": refused(
-        outer_join, "non_finite", "rows of their own: 6100 .* time stamps of their own: interp"
+        outer_join, "non_finite", "in separate rows: 6100 .* different time stamps: first interp"
     ),
     "one masked": refused(
         lambda r: changed(
             r, angular_rate=np.ma.array(r.angular_rate, mask=r.angular_rate == r.angular_rate[9, 0])
         ),
         "non_finite",
-        "gyro_x hold NaN",
+        "gyro_x have NaN",
     ),
     # Time
     "time reversed": refused(time(lambda t: t[::-1]), "time_not_increasing", "goes back 12199 times"),
@@ -213,7 +213,7 @@ REFUSED = {
     ),
     "milliseconds as seconds": refused(time(lambda t: t * 1e3), "clock_rate", "time_ms"),
     "seconds as nanoseconds": refused(
-        time(lambda t: t * 1e-9), "clock_rate", "name it time_s|that the column's name"
+        time(lambda t: t * 1e-9), "clock_rate", "name it time_s|after its unit"
     ),
     "ten hours at 2 Hz": refused(
         lambda _: changed(simulated().recording, **at_2_hz()), "clock_rate", "record at 5 Hz or more"
@@ -232,7 +232,7 @@ REFUSED = {
     "negative counts read as unsigned": refused(
         lambda r: counts(r, wrap=65536),
         "counts_unsigned",
-        "jump from one end of 0 to 65535 .* subtract 65536 from those above 32767",
+        "jump between the ends of the range 0 to 65535 .* subtract 65536 from values above 32767",
     ),
     "negative counts read as unsigned, saturation left out": refused(
         lambda r: counts(r, wrap=65536),
@@ -242,13 +242,13 @@ REFUSED = {
     ),
     # Dead axes
     "gyroscope dead": refused(
-        rate(np.zeros_like), "stuck_axis", "gyro_x stands at 0 rad/s for 12200 samples"
+        rate(np.zeros_like), "stuck_axis", "gyro_x is constant at 0 rad/s for 12200 samples"
     ),
-    "gyroscope constant": refused(rate(lambda w: 0 * w + 0.01), "stuck_axis", "gyro_x stands at 0.01"),
-    "gyro_y dead": refused(rate(axis(1, 0)), "stuck_axis", "gyro_y stands at 0 rad/s"),
-    "accel_z dead": refused(force(axis(2, 0)), "stuck_axis", "accel_z stands at"),
+    "gyroscope constant": refused(rate(lambda w: 0 * w + 0.01), "stuck_axis", "gyro_x is constant at 0.01"),
+    "gyro_y dead": refused(rate(axis(1, 0)), "stuck_axis", "gyro_y is constant at 0 rad/s"),
+    "accel_z dead": refused(force(axis(2, 0)), "stuck_axis", "accel_z is constant at"),
     "accelerometer constant": refused(
-        force(lambda f: np.zeros_like(f) + UP), "stuck_axis", "accel_z stands at 9.8"
+        force(lambda f: np.zeros_like(f) + UP), "stuck_axis", "accel_z is constant at 9.8"
     ),
     # Units
     "accelerometer in g": refused(force(lambda f: f / STANDARD_GRAVITY), "accel_units", "looks like g: name"),
@@ -574,7 +574,7 @@ def test_apply_refuses_counts_that_lost_their_sign(tmp_path, capsys):
     recording = simulated().recording
     unit = imucal.calibrate(counts(recording)).calibration
     assert np.isfinite(unit.apply_recording(counts(recording)).angular_rate).all()
-    said = "counts_unsigned.* subtract 65536 from those above 32767"
+    said = "counts_unsigned.* subtract 65536 from values above 32767"
     with pytest.raises(InputError, match=re.compile(said, re.DOTALL)):
         unit.apply_recording(counts(recording, wrap=65536))
     unit.save(tmp_path / "cal.json")
@@ -827,7 +827,7 @@ BAD_FILES = {
         "line 51, column accel_y_mps2: 'full' is not a number",
         FormatError,
     ),
-    "an empty cell": ("calibrate gap.csv", r"accel_y hold NaN .* sample 49 \[non_finite\]", None),
+    "an empty cell": ("calibrate gap.csv", r"accel_y have NaN .* sample 49 \[non_finite\]", None),
     "a row too long": ("calibrate ragged.csv", "line 51 has 8 values, 7 are needed", FormatError),
     "a cut CSV": ("calibrate cut.csv", "line 12201 has 6 values, 7 are needed", FormatError),
     "decimal commas": ("calibrate comma.csv", "line 2 has 14 values, 7 are needed", FormatError),

@@ -68,5 +68,5 @@ def test_bad_program(tmp_path, document, message):
 
 def test_turn_in_no_time_is_refused():
     program = imucal.Program((imucal.Step((1.0, 0.0, 0.0), 0.0, 1.0),))
-    with pytest.raises(imucal.InputError, match="turns in no time"):
+    with pytest.raises(imucal.InputError, match="the turn takes no time"):
         imucal.simulate(program, seed=1)

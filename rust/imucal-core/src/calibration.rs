@@ -1,16 +1,17 @@
-//! A calibrated unit: an accelerometer triad and a gyroscope triad in one body frame, and what the two do not explain.
+//! Calibration of a unit: the accelerometer triad and the gyroscope triad in one body frame, and the effects.
 //!
 //! ```text
 //! raw_force = T_A (force + effects) + b_A      m/s^2
 //! raw_rate  = T_G (rate  + effects) + b_G      rad/s
 //! ```
 //!
-//! Effects of the encoders of a stand are no part of the unit and are passed over.
+//! Effects describe errors that sensitivity and bias do not. Effects of the encoders of a stand do not belong to the
+//! unit and are ignored here.
 //!
-//! Without effects the correction is `T^-1 (raw - b)`. With them it is [`EffectSet::remove`] after that.
+//! The correction is `T^-1 (raw - b)`, followed by [`EffectSet::remove`] if there are effects (`docs/model.md` (16)).
 //!
-//! The body frame is orthogonal and fixed to the accelerometer. Which of the two usual ones it is (`symmetric` or
-//! `triangular`) is in the sensitivities; the correction does not need to know.
+//! The body frame is orthogonal and fixed to the accelerometer. The sensitivities determine whether it is the
+//! `symmetric` or the `triangular` frame of `docs/model.md` (2). The correction is the same for both.
 
 use crate::{
     effects::{EffectSet, State, Surroundings},
@@ -21,26 +22,26 @@ use nalgebra::{RealField, Vector3};
 /// Both triads of a unit, and its effects.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Calibration<F: RealField + Copy> {
-    /// Specific force, m/s^2.
+    /// Accelerometer: specific force, m/s^2.
     pub accelerometer: Triad<F>,
-    /// Angular rate, rad/s.
+    /// Gyroscope: angular rate, rad/s.
     pub gyroscope: Triad<F>,
-    /// What the triads do not explain.
+    /// Errors that sensitivity and bias do not describe.
     pub effects: EffectSet<F>,
 }
 
 impl<F: RealField + Copy> Calibration<F> {
-    /// A unit without effects.
+    /// A calibration without effects.
     pub fn new(accelerometer: Triad<F>, gyroscope: Triad<F>) -> Self {
         Self { accelerometer, gyroscope, effects: EffectSet::none() }
     }
 
-    /// The perfect unit in SI units: raw and true are the same.
+    /// The calibration of a unit without errors, for raw data in SI units: raw values equal true values.
     pub fn identity() -> Self {
         Self::new(Triad::identity(), Triad::identity())
     }
 
-    /// Raw `(rate, force)`, without noise, of a true state.
+    /// Raw `(rate, force)`, in raw units and without noise, for a true state.
     pub fn measure(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         let (on_rate, on_force) = self.effects.at(state);
         (
@@ -49,9 +50,10 @@ impl<F: RealField + Copy> Calibration<F> {
         )
     }
 
-    /// True `(rate, force)` in the body frame, rad/s and m/s^2, of one raw sample.
+    /// Corrects one raw sample: returns the true `(rate, force)` in the body frame, rad/s and m/s^2.
     ///
-    /// Of the effects only the terms act that depend on nothing but rate and force: see [`correct_at`](Self::correct_at).
+    /// Only effects that depend on nothing but rate and force are removed. For all effects use
+    /// [`correct_at`](Self::correct_at).
     #[inline]
     pub fn correct(&self, raw_rate: Vector3<F>, raw_force: Vector3<F>) -> (Vector3<F>, Vector3<F>) {
         if self.effects.is_empty() {
@@ -61,9 +63,10 @@ impl<F: RealField + Copy> Calibration<F> {
         }
     }
 
-    /// True `(rate, force)` in the body frame, rad/s and m/s^2, of one raw sample in known surroundings.
+    /// Corrects one raw sample taken in known surroundings: returns the true `(rate, force)` in the body frame, rad/s
+    /// and m/s^2.
     ///
-    /// Both are NaN where the effects are too large to be undone: see [`EffectSet::remove`].
+    /// Both are NaN if the effects are too large to be removed: see [`EffectSet::remove`].
     pub fn correct_at(
         &self,
         raw_rate: Vector3<F>,
@@ -106,7 +109,7 @@ mod tests {
         assert_eq!(Calibration::identity().correct(rate, force), (rate, force));
     }
 
-    /// A unit with misaligned axes, in SI units for the force and in counts for the rate.
+    /// A unit with misaligned axes; force in SI units, rate in counts.
     fn unit() -> Calibration<f64> {
         let accelerometer = Matrix3::new(0.9804, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921);
         let gyroscope = Matrix3::new(0.9771, 0.0097, -0.006, -0.0084, 1.0309, -0.0031, 0.0087, 0.0036, 1.003);
@@ -116,7 +119,7 @@ mod tests {
         )
     }
 
-    /// A unit that turns at 250 deg/s, speeds up, and is warm.
+    /// The state of a unit that rotates at 250 deg/s and accelerates, 17 K below the calibration temperature.
     fn fast_state() -> State<f64> {
         State {
             angular_rate: Vector3::new(2.9, -2.6, 1.9),
@@ -131,12 +134,12 @@ mod tests {
         }
     }
 
-    /// The effects that act on the unit.
+    /// The effects that act on a sensor of the unit.
     fn catalogue<F: RealField + Copy>() -> impl Iterator<Item = &'static Effect<F>> {
         Effect::catalogue().filter(|effect| effect.sensor != Sensor::Encoder)
     }
 
-    /// All parameters of the full form at `times` their typical size, with signs that change.
+    /// The effect in its full form, with parameters of `times` their typical size and alternating signs.
     fn typical<F: RealField + Copy>(effect: &'static Effect<F>, times: f64) -> EffectValues<F> {
         let mut values = [F::zero(); MAX_PARAMETERS];
         for (k, (value, parameter)) in values.iter_mut().zip(effect.parameters).enumerate() {
@@ -169,7 +172,7 @@ mod tests {
             for times in [1.0, 3.0] {
                 let calibration = with(&[typical(effect, times)]);
                 assert_ne!(calibration.measure(&state), unit().measure(&state), "{}", effect.name);
-                // 1e-14 is the rounding of raw counts with an offset.
+                // The limit 1e-14 is the relative rounding error of raw counts with an offset.
                 assert!(comes_back(&calibration, &state) < 1e-14, "{} at {times} times", effect.name);
             }
         }
@@ -188,8 +191,9 @@ mod tests {
 
     #[test]
     fn a_pass_shrinks_the_error_by_the_slope_of_the_effect() {
-        // The slope of each sensor's effect with its own quantity. The slope of a rate with force does not count: force has
-        // none with rate, or only through the lever arm, so that it is gone after two passes.
+        // Derivative of each effect with respect to the quantity of its own sensor. The derivative of a rate effect
+        // with respect to force is not needed: force effects do not depend on rate, or only through the lever arm, so
+        // its error vanishes after two passes.
         let step = 1e-6;
         let slope = |effect: &'static Effect<f64>, times: f64| {
             let (values, state) = (typical(effect, times), fast_state());
@@ -222,7 +226,7 @@ mod tests {
             let mut columns = [Vector3::zeros(); MAX_PARAMETERS];
             effect.field(&state, base.shape().unwrap_or(1.0), &mut columns);
             for (k, parameter) in effect.parameters.iter().enumerate() {
-                // The law is linear: a large step has no error but rounding.
+                // The measurement is linear in the parameters, so a large step has only a rounding error.
                 let step = 1e3 * parameter.typical;
                 let measured = |sign: f64| {
                     let mut values = [0.0; MAX_PARAMETERS];
@@ -268,7 +272,8 @@ mod tests {
 
     #[test]
     fn rest_and_zero_settle_too() {
-        // At rest an effect is larger than the rate that it acts on, and at zero force there is nothing to compare with.
+        // At rest an effect exceeds the rate, and at zero force no magnitude is available as a reference for
+        // convergence.
         for effect in catalogue() {
             for specific_force in [Vector3::zeros(), Vector3::new(0.0, 0.0, 9.80665)] {
                 let state = State { angular_rate: Vector3::zeros(), specific_force, ..fast_state() };

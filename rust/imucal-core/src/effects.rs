@@ -1,20 +1,22 @@
-//! What a real sensor does beyond a sensitivity and a bias: the catalogue of effects, each defined once.
+//! Catalogue of effects: sensor errors beyond a sensitivity and a bias. Each effect is defined once, here.
 //!
 //! ```text
 //! measured = sensitivity * (true + sum_c Phi_c(state) theta_c) + bias      model.md (15)
 //! ```
 //!
-//! An [`Effect`] is a name, a sensor, parameters theta with units and typical sizes, and one function, the field Phi: the
-//! (3, p) derivative of what the sensor sees, in the body frame, by the parameters. The simulation adds `Phi theta`, the
-//! device takes it away again ([`EffectSet::remove`]), and every Jacobian of an estimate is Phi carried through that estimate.
+//! An [`Effect`] has a name, a sensor, parameters theta with units and typical sizes, and one function, the field Phi.
+//! Phi is the (3, p) derivative, by the p parameters, of the true quantity that the sensor measures, in the body frame.
+//! The simulation adds `Phi theta`. The correction on the device subtracts it ([`EffectSet::remove`]). Every Jacobian
+//! of an estimate follows from Phi by the chain rule.
 //!
-//! A family of effects is a file with a table of rows. To add an effect, write its field function and its row there.
+//! Each family of effects has a file with a table. To add an effect, add a row to the table and write its field
+//! function.
 //!
 //! ```
 //! use imucal_core::effects::{Effect, EffectValues, State, Surroundings};
 //! use nalgebra::Vector3;
 //!
-//! // A gyroscope at 20 K above the calibration's temperature that drifts by 1e-4 rad/s per kelvin on x.
+//! A gyroscope whose x bias changes by 1e-4 rad/s per kelvin, 20 K above the temperature of its calibration.
 //! let effect = Effect::<f64>::find("gyro_bias_temperature").expect("it is in the catalogue");
 //! let drifting = EffectValues::try_new(effect, &[1e-4, 0.0, 0.0], None)?;
 //! let surroundings = Surroundings { temperature_difference_k: Some(20.0), ..Surroundings::unknown() };
@@ -23,11 +25,12 @@
 //! # Ok::<(), imucal_core::effects::EffectError>(())
 //! ```
 //!
-//! # What is not here
+//! # What the catalogue does not contain
 //!
-//! Noise, bias instability and random walks (they have no field), the geometry of the stand that moves the unit, and faults of the
-//! data (saturation, lost samples). What the encoders of a stand read wrong is here: their fields are motor angles, and the
-//! device, which has no stand, does without them.
+//! It does not contain noise, bias instability or random walks, which have no field; the geometry of the stand that
+//! moves the unit; and faults of the data such as saturation or lost samples. Errors of the encoders of a stand are
+//! included: their fields are motor angles, rad. The correction on the device ignores them, because a device has no
+//! stand.
 
 mod drift;
 mod dynamics;
@@ -44,59 +47,59 @@ pub use values::{EffectError, EffectSet, EffectValues, MAX_EFFECTS};
 
 use nalgebra::{RealField, UnitQuaternion, Vector3};
 
-/// The largest number of parameters of an effect.
+/// Largest number of parameters of an effect.
 pub const MAX_PARAMETERS: usize = 18;
 
-/// Room for the columns of any field; an effect fills the first ones, one for each parameter.
+/// Storage for the columns of any field. An effect sets the first columns, one for each of its parameters.
 pub type Columns<F> = [Vector3<F>; MAX_PARAMETERS];
 
-/// The true state of a sample, on which the effects depend.
+/// True state of the unit at the instant of a sample, on which the effects depend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct State<F: RealField + Copy> {
-    /// Angular rate of the body against the world, in the body frame, rad/s.
+    /// Angular rate of the body relative to the world, in the body frame, rad/s.
     pub angular_rate: Vector3<F>,
     /// Specific force in the body frame, m/s^2.
     pub specific_force: Vector3<F>,
-    /// What the accelerometer and the gyroscope do not measure themselves.
+    /// Quantities that the accelerometer and the gyroscope do not measure themselves.
     pub surroundings: Surroundings<F>,
 }
 
-/// What an effect may depend on besides rate and force. `None` is not known: the terms of an effect that depend on it are
-/// left out. [`Effect::needs`] says which effects that concerns.
+/// Quantities besides rate and force on which an effect may depend. `None` means unknown; the terms of an effect that
+/// depend on an unknown quantity are omitted. [`Effect::needs`] lists the quantities that an effect depends on.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Surroundings<F: RealField + Copy> {
     /// Derivative of the angular rate in the body frame, rad/s^2.
     pub angular_acceleration: Option<Vector3<F>>,
-    /// Attitude: takes a vector from the body to the world, `v_w = r_wb * v_b`.
+    /// Attitude: rotation from the body frame to the world frame, `v_w = r_wb * v_b`.
     pub rotation_world_from_body: Option<UnitQuaternion<F>>,
-    /// Temperature of the sensor less the temperature that the sensitivities and biases are for, K.
+    /// Temperature of the sensor minus the reference temperature of the sensitivities and biases, K.
     pub temperature_difference_k: Option<F>,
-    /// Time since the sensor was switched on, or since another start that the calibration is for, s.
+    /// Time since power-on, or since another reference instant that the calibration defines, s.
     pub time_s: Option<F>,
-    /// The stand that moves the body.
+    /// State of the stand that moves the unit.
     pub stand: Option<StandState<F>>,
 }
 
-/// True state of a stand's three motors; outer motor first.
+/// True state of the three motors of a stand, outermost motor first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StandState<F: RealField + Copy> {
-    /// Angles, rad; more than a full turn is kept as such.
+    /// Motor angles, rad, not reduced to one revolution.
     pub angle_rad: Vector3<F>,
-    /// Their derivatives, rad/s.
+    /// Motor rates, rad/s.
     pub rate_radps: Vector3<F>,
-    /// Sign of the last motion of each motor, the one that goes on included: -1, 1, or 0 before any.
+    /// Sign of the current or, at rest, the last motion of each motor: -1, 1, or 0 before the first motion.
     pub direction: Vector3<F>,
 }
 
 impl<F: RealField + Copy> StandState<F> {
-    /// Motors that stand still and have not moved yet.
+    /// State of motors at rest that have not moved yet.
     pub fn still(angle_rad: Vector3<F>) -> Self {
         Self { angle_rad, rate_radps: Vector3::zeros(), direction: Vector3::zeros() }
     }
 }
 
 impl<F: RealField + Copy> Surroundings<F> {
-    /// Nothing is known.
+    /// Surroundings of which no quantity is known.
     pub fn unknown() -> Self {
         Self {
             angular_acceleration: None,
@@ -108,64 +111,65 @@ impl<F: RealField + Copy> Surroundings<F> {
     }
 }
 
-/// One row of the catalogue.
+/// An effect: one row of the catalogue.
 #[derive(Clone, Copy, Debug)]
 pub struct Effect<F: RealField + Copy> {
-    /// The name by which files, commands and reports know it.
+    /// Name of the effect in files, commands and reports.
     pub name: &'static str,
-    /// The sensor that it acts on.
+    /// Sensor that the effect acts on.
     pub sensor: Sensor,
     /// The parameters theta, in the order of the columns of the field.
     pub parameters: &'static [Parameter],
-    /// The plain form has this many of the parameters, the first ones; the full form has them all.
+    /// Number of parameters of the plain form, which uses the first ones. The full form uses all parameters.
     pub plain: usize,
-    /// A number that the field depends on other than linearly, such as a time constant. It is positive.
+    /// A positive number on which the field depends nonlinearly, such as a time constant.
     pub shape: Option<Parameter>,
-    /// Of which sensors the field depends on the true values: where these do not change, it stays as it is.
+    /// Sensors on whose true values the field depends. The field is constant while these values are constant.
     pub reads: &'static [Sensor],
-    /// Which of the [`Surroundings`] the field depends on.
+    /// Quantities of the [`Surroundings`] on which the field depends.
     pub needs: &'static [Need],
-    /// The field times its parameters, as text.
+    /// Formula of the field times the parameters, as text.
     pub formula: &'static str,
-    /// The data that shows it.
+    /// Measurements in which the effect is observable, as text.
     pub observable: &'static str,
-    /// What it is easily mistaken for.
+    /// Other explanations of the data with which the effect is easily confused.
     pub aliases: &'static [Alias],
-    /// The field function: sets the columns of Phi, one for each parameter, given the state and the shape.
+    /// Field function: sets the columns of Phi, one for each parameter, from the state and the shape.
     pub columns: fn(&State<F>, F, &mut Columns<F>),
 }
 
-/// Two are equal when they have the same name.
+/// Two effects are equal if they have the same name.
 impl<F: RealField + Copy> PartialEq for Effect<F> {
     fn eq(&self, other: &Self) -> bool {
         self.name == other.name
     }
 }
 
-/// The sensor that an effect acts on.
+/// Sensor that an effect acts on; it determines the quantity and the unit of the field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sensor {
     /// The field is a specific force, m/s^2.
     Accelerometer,
     /// The field is an angular rate, rad/s.
     Gyroscope,
-    /// The field is the angle of each motor of the stand, rad; no sensor of the unit.
+    /// The field is the angle of each motor of the stand, rad. Encoders do not belong to the unit.
     Encoder,
 }
 
-/// One number of an effect. Its name in a list of all parameters is that of the effect, `_`, and this one.
+/// A parameter of an effect. Its full name in a list of all parameters is `EFFECT_NAME`, with this name last.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Parameter {
-    /// What tells it from the others of its effect: an axis (`x`), an entry (`xy`: seen on x, caused by y; `x_yz`: by the
-    /// product of y and z), or a letter of the formula.
+    /// Distinguishes the parameter from others of its effect. The name is an axis (`x`), an entry of a matrix (`xy`:
+    /// acts on x, proportional to y; `x_yz`: acts on x, proportional to the product of y and z), or a letter of the
+    /// formula.
     pub name: &'static str,
     /// SI unit.
     pub unit: &'static str,
-    /// Size in this unit of an ordinary MEMS sensor, after datasheets.
+    /// Typical magnitude for an ordinary MEMS sensor, from datasheets, in this unit.
     pub typical: f64,
 }
 
-/// A quantity of [`Surroundings`].
+/// A quantity of [`Surroundings`] that an effect depends on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
     /// [`Surroundings::angular_acceleration`].
@@ -180,12 +184,12 @@ pub enum Need {
     Stand,
 }
 
-/// Something whose trace in the data is alike.
+/// Another explanation with a similar influence on the data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Alias {
-    /// The name of another effect, or of what else explains the data.
+    /// Name of another effect, or of another cause.
     pub with: &'static str,
-    /// What makes the difference.
+    /// Measurements that distinguish the effect from this explanation.
     pub told_apart_by: &'static str,
 }
 
@@ -193,17 +197,17 @@ impl<F: RealField + Copy> Effect<F> {
     const FAMILIES: [&'static [Self]; 6] =
         [Self::G_SENSITIVITY, Self::SCALE, Self::TEMPERATURE, Self::DRIFT, Self::DYNAMICS, Self::ENCODER];
 
-    /// All effects, family by family.
+    /// All effects of the catalogue, family by family.
     pub fn catalogue() -> impl Iterator<Item = &'static Self> {
         Self::FAMILIES.into_iter().flatten()
     }
 
-    /// The effect of this name.
+    /// The effect with this name; `None` if the catalogue does not contain it.
     pub fn find(name: &str) -> Option<&'static Self> {
         Self::catalogue().find(|effect| effect.name == name)
     }
 
-    /// Sets the first columns of Phi, as many as there are [`parameters`](Self::parameters); `shape` is not used where
+    /// Sets the first columns of Phi, one for each of the [`parameters`](Self::parameters). `shape` is ignored if
     /// [`shape`](Self::shape) is `None`.
     #[inline]
     pub fn field(&self, state: &State<F>, shape: F, columns: &mut Columns<F>) {
@@ -213,12 +217,12 @@ impl<F: RealField + Copy> Effect<F> {
 
 const DEGREE: f64 = core::f64::consts::PI / 180.0;
 
-/// One parameter for each sensor axis.
+/// Parameter names of an effect with one parameter for each sensor axis.
 const AXES: [&str; 3] = ["x", "y", "z"];
-/// The entries of a matrix, row by row.
+/// Parameter names of an effect with a 3x3 matrix, row by row.
 const ENTRIES: [&str; 9] = ["xx", "xy", "xz", "yx", "yy", "yz", "zx", "zy", "zz"];
 
-/// Parameters of one unit and one typical size.
+/// Parameters that have the same unit and the same typical magnitude.
 const fn parameters<const N: usize>(names: [&'static str; N], unit: &'static str, typical: f64) -> [Parameter; N] {
     let mut all = [Parameter { name: "", unit, typical }; N];
     let mut i = 0;
@@ -229,7 +233,7 @@ const fn parameters<const N: usize>(names: [&'static str; N], unit: &'static str
     all
 }
 
-/// The field of `diag(theta) cause`, with the parameters [`AXES`].
+/// Sets the field of `diag(theta) cause`, where theta has one parameter for each of the [`AXES`].
 #[inline]
 fn set_axes<F: RealField + Copy>(cause: Vector3<F>, columns: &mut [Vector3<F>]) {
     for (i, column) in columns.iter_mut().take(3).enumerate() {
@@ -237,7 +241,7 @@ fn set_axes<F: RealField + Copy>(cause: Vector3<F>, columns: &mut [Vector3<F>]) 
     }
 }
 
-/// The field of a matrix times `cause`, its [`ENTRIES`] being the parameters.
+/// Sets the field of `Theta cause`, where Theta is a 3x3 matrix whose [`ENTRIES`] are the parameters.
 #[inline]
 fn set_entries<F: RealField + Copy>(cause: Vector3<F>, columns: &mut [Vector3<F>]) {
     for (k, column) in columns.iter_mut().take(9).enumerate() {
@@ -245,13 +249,13 @@ fn set_entries<F: RealField + Copy>(cause: Vector3<F>, columns: &mut [Vector3<F>
     }
 }
 
-/// `(x^2, y^2, z^2)`.
+/// Squares of the components: `(x^2, y^2, z^2)`.
 #[inline]
 fn squares<F: RealField + Copy>(v: &Vector3<F>) -> Vector3<F> {
     v.component_mul(v)
 }
 
-/// `(y z, x z, x y)`.
+/// Products of two different components: `(y z, x z, x y)`.
 #[inline]
 fn cross_products<F: RealField + Copy>(v: &Vector3<F>) -> Vector3<F> {
     Vector3::new(v.y * v.z, v.x * v.z, v.x * v.y)

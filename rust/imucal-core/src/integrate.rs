@@ -1,37 +1,40 @@
-//! From angular rate to rotation.
+//! Integration of angular rate to a rotation (`docs/model.md` (6)).
 //!
-//! Between two samples the rate is taken to be linear in time. The rotation over the step is then
+//! The angular rate is assumed to be linear in time between two samples. The rotation over the step is then
 //!
 //! ```text
 //! R(t + dt) = R(t) exp(phi),   phi = dt/2 (w0 + w1) + dt^2/12 (w0 x w1) + O(dt^5)
 //! ```
 //!
-//! the Magnus series for a rate in the body frame; the sign of the cross product belongs to that side. Samples of
-//! a smooth motion that is not linear between them leave the error of the straight line, O(dt^3) per step.
+//! This is the Magnus series for a rate in the body frame; a rate in the world frame would change the sign of the cross
+//! product. If the rate is smooth but not linear between samples, linear interpolation leaves an error of O(dt^3) per
+//! step.
 
 use crate::so3;
 use nalgebra::{RealField, UnitQuaternion, Vector3, convert};
 
-/// Rotation vector, rad, over a step of `dt_s` in which the rate goes linearly from `w0` to `w1`, rad/s in the body frame.
+/// Rotation vector, rad, over a step of `dt_s` seconds in which the rate changes linearly from `w0` to `w1`, rad/s in
+/// the body frame.
 #[inline]
 pub fn increment<F: RealField + Copy>(w0: &Vector3<F>, w1: &Vector3<F>, dt_s: F) -> Vector3<F> {
     (w0 + w1) * (dt_s * convert(0.5)) + w0.cross(w1) * (dt_s * dt_s * convert(1.0 / 12.0))
 }
 
-/// What an [`Integrator`] makes of two samples.
+/// How an [`Integrator`] combines two consecutive samples into a rotation.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Order {
-    /// Their mean: the cheapest, and all that a rate with a fixed axis needs. It loses coning, which grows with the time.
+    /// The mean of both rates. This is the cheapest rule and is exact for a rate about a fixed axis. It neglects
+    /// coning, and the resulting error grows with time.
     Midpoint,
-    /// [`increment`]: their mean and the coning between them.
+    /// The mean of both rates and the coning correction: see [`increment`].
     #[default]
     Magnus4,
 }
 
-/// Adds up the rotation of a move, sample by sample.
+/// Integrates the angular rate over a move, sample by sample.
 ///
-/// In `f32` the turn of one step is rounded to 6e-8 rad: of a slow turn at a high rate, 0.01 rad/s at 8 kHz, a hundredth is lost. There
-/// push means over some samples, or take `f64`.
+/// In `f32`, rounding limits the resolution of one step to 6e-8 rad. At 0.01 rad/s and 8 kHz this loses about one per
+/// cent of the rotation. For such slow motion at a high sampling rate push means over several samples, or use `f64`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Integrator<F: RealField + Copy> {
     order: Order,
@@ -40,19 +43,19 @@ pub struct Integrator<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> Integrator<F> {
-    /// No rotation yet, and no sample; of fourth order.
+    /// An integrator of order [`Order::Magnus4`] with the identity as its rotation and no samples yet.
     pub fn new() -> Self {
         Self::of_order(Order::default())
     }
 
-    /// As [`new`](Self::new) with another order.
+    /// As [`new`](Self::new), with the given order.
     pub fn of_order(order: Order) -> Self {
         Self { order, rotation: UnitQuaternion::identity(), last_rate: None }
     }
 
-    /// Takes one sample: `rate` in the body frame, rad/s, `dt_s` after the sample before it.
+    /// Adds one sample: `rate` in the body frame, rad/s, taken `dt_s` seconds after the previous sample.
     ///
-    /// The first sample only starts the move; its `dt_s` is not used.
+    /// The first sample only defines the start of the move; its `dt_s` is ignored.
     #[inline]
     pub fn push(&mut self, dt_s: F, rate: Vector3<F>) {
         if let Some(last_rate) = self.last_rate {
@@ -61,19 +64,20 @@ impl<F: RealField + Copy> Integrator<F> {
                 Order::Magnus4 => increment(&last_rate, &rate, dt_s),
             };
             self.rotation *= so3::exp(&turn);
-            // A product of unit quaternions is off by rounding, and over millions of them that shows.
+            // Rounding changes the length of the quaternion product; over millions of products the deviation becomes
+            // visible.
             self.rotation.renormalize_fast();
         }
         self.last_rate = Some(rate);
     }
 
-    /// The rotation from now to the start: `v_start = rotation * v_now`.
+    /// Rotation from the current body frame to the body frame at the start: `v_start = rotation * v_now`.
     #[inline]
     pub fn rotation(&self) -> UnitQuaternion<F> {
         self.rotation
     }
 
-    /// Starts a new move: forgets the rotation and the last sample.
+    /// Starts a new move: sets the rotation to the identity and discards the last sample.
     pub fn reset(&mut self) {
         *self = Self::of_order(self.order);
     }
@@ -89,7 +93,8 @@ impl<F: RealField + Copy> Default for Integrator<F> {
 mod tests {
     use super::*;
 
-    /// A cone: the body's z axis goes round the start's at a fixed tilt, `R(t) = Rz(a t) Rx(tilt) Rz(-a t)`.
+    /// Coning motion: the body's z axis moves along a cone, `R(t) = Rz(a t) Rx(tilt) Rz(-a t)`, where a is
+    /// `turn_radps`.
     struct Coning {
         tilt: f64,
         turn_radps: f64,
@@ -101,7 +106,7 @@ mod tests {
             turn * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), self.tilt) * turn.inverse()
         }
 
-        /// The rate in the body frame: `a (R^T z - z)`.
+        /// Angular rate in the body frame: `a (R^T z - z)`.
         fn rate(&self, t: f64) -> Vector3<f64> {
             (self.rotation(t).inverse() * Vector3::z() - Vector3::z()) * self.turn_radps
         }
@@ -125,7 +130,7 @@ mod tests {
         for pair in fourth.windows(2).chain(midpoint.windows(2)) {
             assert!((pair[0] / pair[1] - 4.0).abs() < 0.1, "not of second order: {fourth:?} {midpoint:?}");
         }
-        // Both leave the error of straight lines; the midpoint has that of the coning on top.
+        // Both orders have the error of linear interpolation; the midpoint rule has the coning error in addition.
         for (fourth, midpoint) in fourth.iter().zip(&midpoint) {
             assert!(midpoint > fourth, "{fourth} {midpoint}");
         }
@@ -134,7 +139,7 @@ mod tests {
     #[test]
     fn a_linear_rate_is_integrated_to_fourth_order() {
         let rate = |t: f64| Vector3::new(1.0, -0.5, 0.3) + Vector3::new(-0.8, 1.5, 2.0) * t;
-        // Truth by another road: a million constant rates, each at the middle of its step.
+        // Independent reference: a million steps of constant rate, each taken at the middle of its step.
         let fine = 1_000_000;
         let truth = (0..fine).fold(UnitQuaternion::identity(), |r, k| {
             r * UnitQuaternion::from_scaled_axis(rate((k as f64 + 0.5) / fine as f64) / fine as f64)

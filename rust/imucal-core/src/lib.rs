@@ -1,29 +1,35 @@
-//! The part of IMU calibration that runs on the device: `no_std`, no allocator, one dependency (nalgebra).
+//! The on-device part of IMU calibration: `no_std`, without an allocator, with one dependency (nalgebra).
 //!
-//! An accelerometer measures specific force (m/s^2; a still one reads +g on the axis that points up), a gyroscope
-//! measures angular rate (rad/s). Neither is perfect. Per triad this crate knows one linear model,
+//! An accelerometer measures specific force, m/s^2; at rest it reads +g on the axis that points up. A gyroscope
+//! measures angular rate, rad/s. Both have errors of bias, scale and misalignment. This crate describes a triad (three
+//! sensor axes) by one linear model,
 //!
 //! ```text
 //! measured = sensitivity * true + bias
 //! ```
 //!
-//! with a 3x3 sensitivity that holds scale and misalignment, and its inverse, which is what the device applies:
+//! The 3x3 sensitivity contains scale and misalignment. The device applies the inverse model:
 //!
 //! ```text
 //! true = sensitivity^-1 * (measured - bias)
 //! ```
 //!
-//! What a sensor does beyond that, such as a gyroscope that feels force, is in the catalogue of [`effects`].
+//! Errors beyond this model, such as the g-sensitivity of a gyroscope, are described by the catalogue of [`effects`].
 //!
-//! [`sensor`] is one triad, [`calibration`] is both with their effects, [`integrate`] turns corrected rates into a rotation,
-//! [`rest`] finds the stretches in which the unit lies still, and [`so3`] has the rotations and says their conventions.
-//! Everything is generic over the float: `f32` for a small processor, `f64` for the same numbers as on the desk.
+//! * [`sensor`] is the model of one triad.
+//! * [`calibration`] combines both triads and their effects.
+//! * [`integrate`] integrates corrected rates to a rotation.
+//! * [`rest`] detects the intervals in which the unit is at rest.
+//! * [`so3`] contains the rotations and defines their conventions.
+//!
+//! All types are generic over the float type: `f32` for a small processor, `f64` for the same results as the crate
+//! `imucal` on a PC.
 //!
 //! ```
 //! use imucal_core::{calibration::Calibration, integrate::Integrator, sensor::Triad};
 //! use nalgebra::{Matrix3, Vector3};
 //!
-//! // The constants come from a calibration file.
+//! These numbers are read from a calibration file in practice.
 //! let accelerometer = Triad::try_new(Matrix3::identity(), Vector3::new(0.3, -0.1, 0.0))?;
 //! let gyroscope = Triad::try_new(Matrix3::from_diagonal_element(0.98), Vector3::new(0.01, 0.0, 0.0))?;
 //! let calibration = Calibration::new(accelerometer, gyroscope);
@@ -40,16 +46,16 @@
 //! # Ok::<(), imucal_core::sensor::SensorError>(())
 //! ```
 //!
-//! # What it does not do
+//! # What this crate does not do
 //!
-//! It does not estimate a calibration: that is the crate `imucal`, on a desk. It does not estimate attitude, position or a
-//! running bias: it is no navigation filter. It does not check samples: a NaN that goes in comes out. It reads no files
-//! and no clock; time steps are the caller's.
+//! It does not estimate a calibration; the crate `imucal` does that, on a PC. It is not a navigation filter: it
+//! estimates neither attitude nor position nor a bias at run time. It does not check samples: a NaN in the input gives
+//! NaN in the output. It reads no files and no clock; the caller gives the time steps.
 //!
 //! # Features
 //!
-//! `std` (default) and `libm` only choose where square roots and sines come from. On a device use
-//! `default-features = false, features = ["libm"]`.
+//! The features `std` (default) and `libm` only select the implementation of square root, sine and the like. On a
+//! device without `std` use `default-features = false, features = ["libm"]`.
 #![no_std]
 
 pub mod calibration;
@@ -59,8 +65,8 @@ pub mod rest;
 pub mod sensor;
 pub mod so3;
 
-/// Standard gravity, m/s^2: what datasheets mean by g.
+/// Standard gravity, m/s^2: the unit g in datasheets.
 pub const STANDARD_GRAVITY_MPS2: f64 = 9.80665;
 
-/// Rate of the Earth against the stars, rad/s: that of WGS 84.
+/// Rotation rate of the Earth relative to the stars, rad/s, as in WGS 84.
 pub const EARTH_RATE_RADPS: f64 = 7.292115e-5;

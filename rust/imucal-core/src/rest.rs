@@ -1,17 +1,17 @@
-//! Rest detection while samples come in, with fixed memory.
+//! Rest detection on a stream of samples, with fixed memory.
 //!
-//! Samples are gathered in short blocks; a window is the last few blocks. A window is still when
+//! Samples are collected in short blocks; a window consists of the last few blocks. A window is still if
 //!
 //! ```text
 //! statistic = 1/6 sum_c variance_c / noise_variance_c  <  threshold
 //! ```
 //!
-//! over the six channels ([`rest_statistic`]). Windows move on by one block, and a rest is all blocks that still windows
-//! cover, as far as these overlap. The first and the last block of a rest may hold the end of one move or the start of
-//! the next without betraying it: these two are trimmed, and never enter the means.
+//! for the six channels ([`rest_statistic`]). Windows advance by one block. A rest consists of all blocks covered by
+//! overlapping still windows. The first and the last block of a rest may contain the end of one move or the start of
+//! the next without exceeding the threshold. These two blocks are trimmed and do not contribute to the means.
 //!
-//! Detection works on raw or on corrected samples, in any unit that the noise variances share. It counts samples and
-//! knows no time: after a gap call [`RestDetector::finish`].
+//! Detection works on raw or corrected samples, in any unit, as long as the noise variances use the same unit. It
+//! counts samples and does not use time; call [`RestDetector::finish`] at a gap in the data.
 
 mod block;
 
@@ -20,28 +20,28 @@ pub use block::{BlockSums, rest_statistic, statistic_of};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, Vector6};
 
-/// Most blocks that a window can have; it fixes the detector's memory.
+/// Maximum number of blocks in a window; it determines the memory of the detector.
 pub const MAX_WINDOW_BLOCKS: usize = 10;
 
-/// What [`RestDetector`] takes for a rest.
+/// Settings of a [`RestDetector`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestDetectorConfig<F: RealField + Copy> {
-    /// Samples in a block, at least 1. A tenth of a window is usual.
+    /// Samples in a block, at least 1. Usually a window has ten blocks.
     pub block_samples: usize,
-    /// Blocks in a window, 3 to [`MAX_WINDOW_BLOCKS`]. A rest must be this long to be seen.
+    /// Blocks in a window, 3 to [`MAX_WINDOW_BLOCKS`]. Shorter rests are not detected.
     pub window_blocks: usize,
-    /// Variance of one sample at rest: rate x, y, z, then force x, y, z, in the samples' units squared.
+    /// Variance of a single sample at rest, in squared units of the samples: rate x, y, z, then force x, y, z.
     pub noise_variance: Vector6<F>,
-    /// A window is still below this many times the noise floor; 2 to 10 is usual.
+    /// A window is still if its statistic is below this threshold, in multiples of the noise floor; 2 to 10 is usual.
     pub threshold: F,
 }
 
-/// A stretch in which the unit lay still, one block trimmed at either end.
+/// An interval in which the unit was at rest, with one block trimmed at each end.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rest<F: RealField + Copy> {
-    /// Number of the first sample; the first sample ever pushed is 0.
+    /// Index of the first sample; the first sample that was ever pushed has index 0.
     pub first_sample: usize,
-    /// Number of the sample after the last one.
+    /// Index of the last sample plus one.
     pub end_sample: usize,
     /// Mean rate, in the unit of the samples.
     pub mean_rate: Vector3<F>,
@@ -49,22 +49,22 @@ pub struct Rest<F: RealField + Copy> {
     pub mean_force: Vector3<F>,
 }
 
-/// Finds rests in a stream of samples.
+/// Detects rests in a stream of samples.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RestDetector<F: RealField + Copy> {
     config: RestDetectorConfig<F>,
-    /// Number of the first sample of block 0.
+    /// Index of the first sample of block 0.
     start_sample: usize,
-    /// The block that is being filled.
+    /// Sums of the current, incomplete block.
     filling: BlockSums<F>,
-    /// How many blocks are full.
+    /// Number of complete blocks.
     blocks: usize,
-    /// The last full blocks: block k stands at k modulo the window's length.
+    /// Ring buffer of the last complete blocks: block k is at index k modulo the window length.
     ring: [BlockSums<F>; MAX_WINDOW_BLOCKS],
     open: Option<OpenRest<F>>,
 }
 
-/// A rest that may still grow. `sums` holds its blocks but the first and the last.
+/// A rest that may still be extended. `sums` contains its blocks without the first and the last one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct OpenRest<F: RealField + Copy> {
     first_block: usize,
@@ -73,10 +73,10 @@ struct OpenRest<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> RestDetector<F> {
-    /// A detector that has seen no sample.
+    /// A detector without samples.
     ///
     /// # Errors
-    /// [`RestConfigError`] names the value that cannot be used.
+    /// [`RestConfigError`] states which value of the configuration cannot be used.
     pub fn try_new(config: RestDetectorConfig<F>) -> Result<Self, RestConfigError> {
         let positive = |x: &F| x.is_finite() && *x > F::zero();
         if config.block_samples == 0 {
@@ -101,7 +101,7 @@ impl<F: RealField + Copy> RestDetector<F> {
         })
     }
 
-    /// Takes one sample, and gives the rest that is over, about one window after its end.
+    /// Adds one sample. Returns a completed rest, about one window after its end.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) -> Option<Rest<F>> {
         self.filling.push(rate, force);
@@ -114,12 +114,12 @@ impl<F: RealField + Copy> RestDetector<F> {
         self.judge_window()
     }
 
-    /// Whether the last full window was still.
+    /// Whether the last complete window was still.
     pub fn is_still(&self) -> bool {
         self.open.is_some_and(|rest| rest.end_block == self.blocks)
     }
 
-    /// Ends the stream, or a part of it before a gap, and gives the rest that was going on. Sample numbers run on.
+    /// Ends the stream, or its part before a gap, and returns the rest in progress, if any. Sample indices continue.
     pub fn finish(&mut self) -> Option<Rest<F>> {
         let last = self.close();
         self.start_sample += self.blocks * self.config.block_samples + self.filling.count();
@@ -134,26 +134,28 @@ impl<F: RealField + Copy> RestDetector<F> {
         let mut window = BlockSums::new();
         (window_start..self.blocks).for_each(|block| window.merge(&self.ring[block % length]));
 
-        // A NaN is not below the threshold, so it ends a rest and enters no mean.
+        // A NaN is not below the threshold, so it ends a rest and does not contribute to the means.
         if rest_statistic(&window, &self.config.noise_variance) < self.config.threshold {
             self.extend_rest(window_start);
             None
         } else if self.open.is_some_and(|rest| window_start + 2 > rest.end_block) {
-            // The next window will not overlap this rest any more.
+            // The next window will not overlap the current rest, so this rest is complete.
             self.close()
         } else {
             None
         }
     }
 
-    /// Lets the rest, or a new one, reach to the end of the still window that starts at block `window_start`.
+    /// Extends the current rest, or starts a new one, up to the end of the still window that starts at block
+    /// `window_start`.
     fn extend_rest(&mut self, window_start: usize) {
         let rest = self.open.get_or_insert(OpenRest {
             first_block: window_start,
             end_block: window_start + 2,
             sums: BlockSums::new(),
         });
-        // The last block of the rest so far was held back as its end; as the window overlaps it, the ring still has it.
+        // The previous last block of the rest was not added yet, because it was the end of the rest. The window
+        // overlaps this block, so the ring buffer still contains it.
         for block in rest.end_block - 1..self.blocks - 1 {
             rest.sums.merge(&self.ring[block % self.config.window_blocks]);
         }
@@ -173,20 +175,20 @@ impl<F: RealField + Copy> RestDetector<F> {
     }
 }
 
-/// Why a [`RestDetectorConfig`] cannot be used.
+/// Reasons why a [`RestDetectorConfig`] cannot be used.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum RestConfigError {
-    /// A block has no samples.
+    /// The number of samples in a block is zero.
     BlockSamples,
-    /// A window has too few or too many blocks.
+    /// The number of blocks in a window is too small or too large.
     WindowBlocks {
-        /// How many were asked for.
+        /// Number of blocks requested.
         given: usize,
     },
     /// A noise variance is zero, negative or not finite.
     NoiseVariance {
-        /// Its index in `noise_variance`.
+        /// Index of the channel in `noise_variance`.
         channel: usize,
     },
     /// The threshold is zero, negative or not finite.

@@ -1,17 +1,19 @@
-//! One triad: three nearly orthogonal sensor axes, accelerometer or gyroscope.
+//! Model of one triad: the three nearly orthogonal sensor axes of an accelerometer or of a gyroscope (`docs/model.md`
+//! (1)).
 //!
 //! ```text
 //! raw  = sensitivity * true + bias
 //! true = sensitivity^-1 * (raw - bias)
 //! ```
 //!
-//! Row i of the sensitivity is the direction of sensor axis i in the body frame times its scale. In SI raw units it
-//! is near the identity; in counts it is lsb per SI unit, and the bias is in counts as well.
+//! Row i of the sensitivity is the direction of sensor axis i in the body frame, multiplied by the scale of this axis.
+//! For raw data in SI units the sensitivity is near the identity. For raw data in counts it is in lsb per SI unit, and
+//! the bias is in counts.
 
 use core::{error::Error, fmt};
 use nalgebra::{Matrix3, RealField, Vector3};
 
-/// Sensitivity and bias of one triad, and the inverse that the correction needs.
+/// Sensitivity and bias of one triad, and the inverse of the sensitivity, which the correction uses.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triad<F: RealField + Copy> {
     sensitivity: Matrix3<F>,
@@ -20,12 +22,14 @@ pub struct Triad<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> Triad<F> {
-    /// A triad from its sensitivity and its bias, the latter in raw units.
+    /// Creates a triad from its 3x3 sensitivity (raw unit per SI unit) and its bias (raw unit).
     ///
-    /// A left-handed sensitivity is taken: a unit may number its axes so.
+    /// A left-handed sensitivity (negative determinant) is accepted, because a unit may number or orient its axes this
+    /// way.
     ///
     /// # Errors
-    /// [`SensorError::NotFinite`] if an entry is infinite or NaN, [`SensorError::Singular`] if the axes lie in one plane.
+    /// [`SensorError::NotFinite`] if an entry is infinite or NaN, [`SensorError::Singular`] if the axes lie in one
+    /// plane.
     pub fn try_new(sensitivity: Matrix3<F>, bias: Vector3<F>) -> Result<Self, SensorError> {
         if !sensitivity.iter().chain(bias.iter()).all(F::is_finite) {
             return Err(SensorError::NotFinite);
@@ -34,51 +38,51 @@ impl<F: RealField + Copy> Triad<F> {
         Ok(Self { sensitivity, bias, inverse })
     }
 
-    /// The perfect triad in SI units: raw and true are the same.
+    /// The triad without errors, for raw data in SI units: raw values equal true values.
     pub fn identity() -> Self {
         Self { sensitivity: Matrix3::identity(), bias: Vector3::zeros(), inverse: Matrix3::identity() }
     }
 
-    /// What the triad reads for a true value, without noise.
+    /// Reading of the triad, in raw units and without noise, for a true value in SI units.
     #[inline]
     pub fn measure(&self, true_value: Vector3<F>) -> Vector3<F> {
         self.sensitivity * true_value + self.bias
     }
 
-    /// The true value, in SI units, for what the triad reads.
+    /// True value, in SI units and in the body frame, for a reading of the triad in raw units.
     #[inline]
     pub fn correct(&self, raw: Vector3<F>) -> Vector3<F> {
         self.inverse * (raw - self.bias)
     }
 
-    /// The matrix in `raw = sensitivity * true + bias`.
+    /// The matrix `sensitivity` in `raw = sensitivity * true + bias`, raw unit per SI unit.
     #[inline]
     pub fn sensitivity(&self) -> &Matrix3<F> {
         &self.sensitivity
     }
 
-    /// What the triad reads when the true value is zero, in raw units.
+    /// Reading of the triad when the true value is zero, in raw units.
     #[inline]
     pub fn bias(&self) -> &Vector3<F> {
         &self.bias
     }
 
-    /// The inverse of the sensitivity, as [`correct`](Self::correct) applies it.
+    /// Inverse of the sensitivity, SI unit per raw unit; [`correct`](Self::correct) applies it.
     #[inline]
     pub fn inverse(&self) -> &Matrix3<F> {
         &self.inverse
     }
 }
 
-/// Why numbers are not a [`Triad`].
+/// Reasons why a sensitivity and a bias cannot be used as a [`Triad`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum SensorError {
     /// An entry of the sensitivity or the bias is infinite or NaN.
     NotFinite,
-    /// The three sensor axes lie in one plane, so that one direction is not measured.
+    /// The three sensor axes lie in one plane, so the component perpendicular to it is not measured.
     Singular {
-        /// Volume that the axes span when each has length one: 1 for a perfect triad, 0 for a plane.
+        /// Volume spanned by the three sensor axes, each scaled to length one: 1 if orthogonal, 0 if in one plane.
         volume: f64,
     },
 }
@@ -89,8 +93,8 @@ impl fmt::Display for SensorError {
             Self::NotFinite => f.write_str("an entry of the sensitivity or the bias is not a finite number"),
             Self::Singular { volume } => write!(
                 f,
-                "the sensitivity has no inverse: its axes span a volume of {volume:e}, a perfect triad's span 1; \
-                 give three axes that do not lie in one plane, none of them zero"
+                "the sensitivity has no inverse: its axes, scaled to length one, span a volume of {volume:e} (1 if \
+                 orthogonal); give three axes that do not lie in one plane and are not zero"
             ),
         }
     }
@@ -98,14 +102,15 @@ impl fmt::Display for SensorError {
 
 impl Error for SensorError {}
 
-/// The inverse as adjugate over determinant: its columns are the cross products of the rows.
+/// Inverse of a 3x3 matrix as adjugate over determinant. The columns of the adjugate are cross products of the rows.
 fn invert<F: RealField + Copy>(sensitivity: &Matrix3<F>) -> Result<Matrix3<F>, SensorError> {
     let [x, y, z] = [0, 1, 2].map(|i| sensitivity.row(i).transpose());
     let adjugate = Matrix3::from_columns(&[y.cross(&z), z.cross(&x), x.cross(&y)]);
     let determinant = x.dot(&y.cross(&z));
     let inverse = adjugate / determinant;
 
-    // Against the product of the lengths the determinant says how flat the axes lie, whatever the raw unit is.
+    // The determinant over the product of the row lengths measures how close the axes are to one plane, in any raw
+    // unit.
     let lengths = x.norm() * y.norm() * z.norm();
     let rounding: F = nalgebra::convert::<f64, F>(64.0) * F::default_epsilon();
     if determinant.abs() > rounding * lengths && inverse.iter().all(F::is_finite) {
@@ -120,7 +125,7 @@ fn invert<F: RealField + Copy>(sensitivity: &Matrix3<F>) -> Result<Matrix3<F>, S
 mod tests {
     use super::*;
 
-    /// The accelerometer of the method's source, in units of g.
+    /// The accelerometer of the paper (`docs/model.md`), in units of g.
     fn paper_accelerometer() -> (Matrix3<f64>, Vector3<f64>) {
         (
             Matrix3::new(0.9804, 0.0012, 0.0055, 0.0012, 0.9727, 0.0043, 0.0055, 0.0043, 0.9921),
@@ -153,7 +158,8 @@ mod tests {
 
     #[test]
     fn correct_undoes_measure_in_counts_and_f32() -> Result<(), SensorError> {
-        // A 24-bit gyroscope: 240000 lsb per rad/s about an offset, axes misaligned by a degree, y reversed.
+        // A 24-bit gyroscope: 240000 lsb per rad/s, offset 32768 counts, axes misaligned by about 1 deg, y axis
+        // reversed.
         let sensitivity = Matrix3::new(2.4e5f32, 4e3, 0.0, 0.0, -2.4e5, 4e3, 4e3, 0.0, 2.4e5);
         let triad = Triad::try_new(sensitivity, Vector3::new(32768.0, 32768.0, 32768.0))?;
         let w = Vector3::new(0.3, -0.02, 2.0);

@@ -1,25 +1,27 @@
-//! Rotations, and the only place where their conventions are made.
+//! Rotations. All conventions about rotations are defined here.
 //!
-//! 1. A rotation acts on vectors (active): `r_wb` maps a vector from body to world, `v_w = r_wb * v_b`, so that
-//!    neighbouring letters cancel: `r_wb = r_ws * r_sb`.
-//! 2. A quaternion is Hamilton's (`i j = k`), and is written `[w, x, y, z]` in every array. nalgebra *stores* x, y, z, w:
-//!    [`to_wxyz`] and [`from_wxyz`] are the only crossings. `q` and `-q` are the same rotation.
-//! 3. `exp` maps a rotation vector (axis times angle, rad) to a rotation, `log` maps it back to the vector of length at
-//!    most pi.
-//! 4. A perturbation stands on the body side: `R exp(delta)`. Its Jacobian is the right one:
+//! 1. A rotation acts on vectors (active): `r_wb` maps a vector from body to world, `v_w = r_wb * v_b`. Adjacent
+//!    letters in a product cancel: `r_wb = r_ws * r_sb`.
+//! 2. A quaternion follows Hamilton's convention (`i j = k`) and is written `[w, x, y, z]` in every array. nalgebra
+//!    *stores* x, y, z, w; only [`to_wxyz`] and [`from_wxyz`] convert between the two orders. `q` and `-q` are the same
+//!    rotation.
+//! 3. `exp` maps a rotation vector (axis times angle, rad) to a rotation. `log` maps a rotation to its rotation vector,
+//!    whose length is at most pi.
+//! 4. An attitude error `delta` is on the body side: `R exp(delta)`. Its Jacobian is therefore the right Jacobian:
 //!
 //! ```text
 //! exp(phi + d) = exp(phi) exp(J_r(phi) d) + O(d^2)
 //! J_r(phi) = I - (1 - cos t)/t^2 [phi]x + (t - sin t)/t^3 [phi]x^2,   t = |phi|
 //! ```
 //!
-//! Every function is good to rounding at zero, at tiny angles and near pi, in f32 and f64.
+//! The error of every function is of the order of rounding at zero, at tiny angles and near pi, in f32 and f64.
 
 use nalgebra::{Matrix3, Quaternion, RealField, UnitQuaternion, Vector3, convert};
 
-/// Rotation of the rotation vector `phi`, rad: a turn by `|phi|` about `phi`.
+/// Rotation for the rotation vector `phi`, rad: a rotation by the angle `|phi|` about the axis `phi`.
 ///
-/// Up to half a radian, which is any step between two samples, there is no trigonometry in it.
+/// Angles up to half a radian, which covers any step between two samples, use polynomials and no trigonometric
+/// functions.
 #[inline]
 pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
     let (cosine, sinc) = cos_and_sinc(phi.norm_squared() * convert(0.25));
@@ -28,10 +30,10 @@ pub fn exp<F: RealField + Copy>(phi: &Vector3<F>) -> UnitQuaternion<F> {
 
 /// Rotation vector of a rotation, rad, of length at most pi.
 ///
-/// At exactly pi both signs are right; one of them is given.
+/// At exactly pi two rotation vectors of opposite sign are correct; the function returns one of them.
 #[inline]
 pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
-    // The arc tangent of both parts, unlike the arc cosine of w, keeps its digits at both ends of the range.
+    // atan2 of both parts is accurate over the whole range of angles; acos(w) loses digits near 0 and near pi.
     let sign = if rotation.w < F::zero() { -F::one() } else { F::one() };
     let (real, imaginary) = (rotation.w * sign, rotation.imag() * sign);
     let length = imaginary.norm();
@@ -40,18 +42,18 @@ pub fn log<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> Vector3<F> {
     imaginary * angle_per_length
 }
 
-/// The matrix of the cross product: `hat(a) * b = a x b`.
+/// Cross product matrix: `hat(a) * b = a x b`.
 #[inline]
 pub fn hat<F: RealField + Copy>(a: &Vector3<F>) -> Matrix3<F> {
     let o = F::zero();
     Matrix3::new(o, -a.z, a.y, a.z, o, -a.x, -a.y, a.x, o)
 }
 
-/// Right Jacobian of [`exp`]: `exp(phi + d) = exp(phi) exp(right_jacobian(phi) d)` to first order in `d`.
+/// Right Jacobian of [`exp`], 3x3: `exp(phi + d) = exp(phi) exp(right_jacobian(phi) d)` to first order in `d`, rad.
 pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
     let t2 = phi.norm_squared();
     let (_, sinc) = cos_and_sinc(t2 * convert(0.25));
-    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2, without the difference of nearly equal numbers.
+    // (1 - cos t)/t^2 = (sin(t/2)/(t/2))^2 / 2; this form avoids the difference of nearly equal numbers.
     let first = sinc * sinc * convert(0.5);
     let second = if t2 < F::one() {
         polynomial(t2, T_MINUS_SIN)
@@ -63,20 +65,20 @@ pub fn right_jacobian<F: RealField + Copy>(phi: &Vector3<F>) -> Matrix3<F> {
     Matrix3::identity() - cross * first + cross * cross * second
 }
 
-/// A rotation as the array `[w, x, y, z]`.
+/// Quaternion of a rotation as the array `[w, x, y, z]`.
 #[inline]
 pub fn to_wxyz<F: RealField + Copy>(rotation: &UnitQuaternion<F>) -> [F; 4] {
     [rotation.w, rotation.i, rotation.j, rotation.k]
 }
 
-/// The rotation of the array `[w, x, y, z]`, scaled to length one; `None` if its length is zero or not finite.
+/// Rotation for the quaternion `[w, x, y, z]`, normalised to length one; `None` if its length is zero or not finite.
 pub fn from_wxyz<F: RealField + Copy>([w, x, y, z]: [F; 4]) -> Option<UnitQuaternion<F>> {
     let quaternion = Quaternion::new(w, x, y, z);
     let length = quaternion.norm();
     (length > F::zero() && length.is_finite()).then(|| UnitQuaternion::new_unchecked(quaternion / length))
 }
 
-/// `(cos h, sin(h) / h)` for a given `h^2`.
+/// `(cos h, sin(h) / h)` as a function of `h^2`.
 #[inline]
 fn cos_and_sinc<F: RealField + Copy>(h2: F) -> (F, F) {
     if h2 < convert(0.0625) {
@@ -88,13 +90,13 @@ fn cos_and_sinc<F: RealField + Copy>(h2: F) -> (F, F) {
     }
 }
 
-/// Taylor coefficients in h^2 of cos h; the first one left out is below 2^-52 for h^2 < 1/16.
+/// Taylor coefficients in h^2 of cos h. The first omitted term is below 2^-52 for h^2 < 1/16.
 const COS: [f64; 6] = [1.0, -1.0 / 2.0, 1.0 / 24.0, -1.0 / 720.0, 1.0 / 40_320.0, -1.0 / 3_628_800.0];
 
-/// Taylor coefficients in h^2 of sin(h)/h, good in the same range.
+/// Taylor coefficients in h^2 of sin(h)/h. The first omitted term is below 2^-52 for h^2 < 1/16.
 const SINC: [f64; 6] = [1.0, -1.0 / 6.0, 1.0 / 120.0, -1.0 / 5_040.0, 1.0 / 362_880.0, -1.0 / 39_916_800.0];
 
-/// Taylor coefficients in t^2 of (t - sin t)/t^3; the first one left out is below 2^-52 of the sum for t^2 < 1.
+/// Taylor coefficients in t^2 of (t - sin t)/t^3. The first omitted term is below 2^-52 of the sum for t^2 < 1.
 const T_MINUS_SIN: [f64; 8] = [
     1.0 / 6.0,
     -1.0 / 120.0,
@@ -106,7 +108,7 @@ const T_MINUS_SIN: [f64; 8] = [
     -1.0 / 355_687_428_096_000.0,
 ];
 
-/// `c0 + c1 x + c2 x^2 + ...` by Horner's rule.
+/// Horner's rule for the polynomial `c0 + c1 x + c2 x^2 + ...`.
 #[inline]
 fn polynomial<F: RealField + Copy, const N: usize>(x: F, coefficients: [f64; N]) -> F {
     coefficients.iter().rev().fold(F::zero(), |sum, &c| sum * x + convert(c))
@@ -117,7 +119,7 @@ mod tests {
     use super::*;
     use core::f64::consts::PI;
 
-    /// Rotation vectors of every size, the branch points (0.5 and 1 rad) and both sides of pi among them.
+    /// Test angles, rad: of every magnitude, around the branch points of the functions (0.5 and 1), and near pi.
     const ANGLES: [f64; 16] = [
         0.0,
         1e-200,
@@ -180,7 +182,8 @@ mod tests {
         for angle in ANGLES.iter().map(|&a| a as f32).filter(|&a| a == 0.0 || a > 1e-15) {
             let phi = Vector3::new(1.0f32, 2.0, -2.0) / 3.0 * angle;
             let back = log(&exp(&phi));
-            // Beyond pi, where rounding to f32 puts the last angles, the same rotation has the opposite vector.
+            // Rounding to f32 moves the largest angles beyond pi, where the same rotation has the opposite rotation
+            // vector.
             let off = (back - phi).norm().min((back + phi).norm());
             assert!(off <= 6e-7 * angle, "angle {angle}: off by {off}");
         }
@@ -212,7 +215,7 @@ mod tests {
 
     #[test]
     fn right_jacobian_is_good_to_rounding() {
-        // J_r(phi) phi = phi, and J_r(phi)^T = exp(phi) J_r(phi): two identities that no term of it escapes.
+        // The identities J_r(phi) phi = phi and J_r(phi)^T = exp(phi) J_r(phi) test every term of the Jacobian.
         for axis in axes() {
             for angle in ANGLES {
                 let phi = axis * angle;

@@ -1,7 +1,8 @@
-//! The one place where arrays cross the border.
+//! Conversion of arrays between Python and Rust.
 //!
-//! rust-numpy's `as_slice` takes Fortran order for contiguous and hands it over column by column, so every array is
-//! checked for C order here; the Python side converts beforehand, and a caller who does not is told.
+//! `as_slice` of rust-numpy accepts Fortran-ordered arrays as contiguous and returns them column by column. Therefore
+//! all arrays are verified here to be in C order. The Python package converts arrays beforehand; other callers get an
+//! error.
 
 use imucal::calibrate::UserField;
 use imucal::error::Error;
@@ -16,7 +17,7 @@ use pyo3::prelude::*;
 use crate::effects::EffectArrays;
 use crate::error::ToPython;
 
-/// The columns of an `imucal.Recording`, taken by attribute.
+/// Columns of an `imucal.Recording`; its attributes are converted.
 #[derive(FromPyObject)]
 pub(crate) struct RecordingColumns<'py> {
     name: String,
@@ -30,7 +31,7 @@ pub(crate) struct RecordingColumns<'py> {
 }
 
 impl RecordingColumns<'_> {
-    /// The recordings as the library takes them, borrowed.
+    /// The recordings as the library uses them, without copying the columns.
     pub(crate) fn views<'a>(py: Python<'_>, recordings: &'a [Self]) -> PyResult<Vec<Recording<'a>>> {
         recordings
             .iter()
@@ -56,7 +57,7 @@ impl RecordingColumns<'_> {
     }
 }
 
-/// The samples of a triad, (N, 3), in the type in which they are kept.
+/// Samples of a triad, (N, 3), in the number type of the Python array.
 #[derive(FromPyObject)]
 enum SampleArray<'py> {
     F64(PyReadonlyArray2<'py, f64>),
@@ -74,7 +75,7 @@ impl SampleArray<'_> {
     }
 }
 
-/// An `imucal.Triad`, taken by attribute: (3, 3) sensitivity and (3,) bias.
+/// An `imucal.Triad`; its attributes are converted: sensitivity (3, 3) and bias (3,).
 #[derive(FromPyObject)]
 pub(crate) struct TriadArrays<'py> {
     sensitivity: PyReadonlyArray2<'py, f64>,
@@ -89,7 +90,7 @@ impl TriadArrays<'_> {
     }
 }
 
-/// An `imucal.Calibration`, taken by attribute.
+/// An `imucal.Calibration`; its attributes are converted.
 #[derive(FromPyObject)]
 pub(crate) struct CalibrationArrays<'py> {
     accelerometer: TriadArrays<'py>,
@@ -107,18 +108,18 @@ impl CalibrationArrays<'_> {
     }
 }
 
-/// A user's own effect, sample by sample.
+/// Field of a user-defined effect at each sample.
 #[derive(FromPyObject)]
 pub(crate) struct UserFieldArrays<'py> {
     name: String,
     sensor: String,
     typical: Vec<f64>,
-    /// (N, 3, p) for each recording.
+    /// Columns of the field, (N, 3, p) for each recording.
     columns: Vec<PyReadonlyArray3<'py, f64>>,
 }
 
 impl UserFieldArrays<'_> {
-    /// The field as the library takes it, borrowed.
+    /// The field as the library uses it, without a copy.
     pub(crate) fn view(&self, py: Python<'_>) -> PyResult<UserField<'_>> {
         let sensor = match self.sensor.as_str() {
             "accelerometer" => Ok(Sensor::Accelerometer),
@@ -142,7 +143,7 @@ fn raw_unit(name: &str) -> RawUnit {
     if name == "lsb" { RawUnit::Lsb } else { RawUnit::Si }
 }
 
-/// (N,) without a copy.
+/// An array (N,), without a copy.
 pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<&'a [f64]> {
     match array.as_slice() {
         Ok(values) if array.is_c_contiguous() => Ok(values),
@@ -150,7 +151,7 @@ pub(crate) fn column<'a>(py: Python<'_>, array: &'a PyReadonlyArray1<'_, f64>, n
     }
 }
 
-/// (N, 3) in C order without a copy.
+/// An array (N, 3) in C order, without a copy.
 pub(crate) fn rows<'a, T: Element>(
     py: Python<'_>,
     array: &'a PyReadonlyArray2<'_, T>,
@@ -167,7 +168,7 @@ pub(crate) fn rows<'a, T: Element>(
     }
 }
 
-/// (3, 3).
+/// A (3, 3) matrix.
 pub(crate) fn matrix(py: Python<'_>, array: &PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<Matrix3<f64>> {
     match rows(py, array, name)? {
         [x, y, z] => Ok(Matrix3::from_rows(&[(*x).into(), (*y).into(), (*z).into()])),
@@ -175,7 +176,7 @@ pub(crate) fn matrix(py: Python<'_>, array: &PyReadonlyArray2<'_, f64>, name: &s
     }
 }
 
-/// (3,).
+/// A vector (3,).
 pub(crate) fn vector(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>, name: &str) -> PyResult<Vector3<f64>> {
     match column(py, array, name)? {
         &[x, y, z] => Ok(Vector3::new(x, y, z)),
@@ -183,7 +184,7 @@ pub(crate) fn vector(py: Python<'_>, array: &PyReadonlyArray1<'_, f64>, name: &s
     }
 }
 
-/// (N, W) array from rows.
+/// A new (N, W) array from rows.
 pub(crate) fn to_rows<const W: usize>(py: Python<'_>, values: Vec<[f64; W]>) -> PyResult<Bound<'_, PyArray2<f64>>> {
     let shape = [values.len(), W];
     numpy::PyArrayMethods::reshape(&numpy::PyArray1::from_vec(py, values.into_flattened()), shape)

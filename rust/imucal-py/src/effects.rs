@@ -1,4 +1,4 @@
-//! The catalogue of effects for Python: its rows, its fields, and effects with numbers on their way in.
+//! The catalogue of effects for Python: its rows, its fields, and the conversion of effects with values.
 
 use imucal::error::Error;
 use imucal::recording::REFERENCE_TEMPERATURE_DEGC;
@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 use crate::arrays::{column, rows};
 use crate::error::ToPython;
 
-/// Name, unit and typical size.
+/// Name, unit and typical size of a parameter.
 type ParameterTuple = (&'static str, &'static str, f64);
 
 /// One row of the catalogue.
@@ -25,7 +25,7 @@ pub(crate) struct Effect {
     needs: Vec<&'static str>,
     formula: &'static str,
     observable: &'static str,
-    /// What it is mistaken for, and what tells them apart.
+    /// Other explanations with which the effect is easily confused, and the measurements that distinguish them.
     aliases: Vec<(&'static str, &'static str)>,
 }
 
@@ -60,7 +60,7 @@ fn need(need: &library::Need) -> &'static str {
     }
 }
 
-/// The rows of the catalogue.
+/// All rows of the catalogue.
 #[pyfunction]
 pub(crate) fn effects() -> Vec<Effect> {
     library::Effect::<f64>::catalogue().map(Effect::from).collect()
@@ -72,7 +72,7 @@ pub(crate) fn find(name: &str) -> Result<&'static library::Effect<f64>, Error> {
     })
 }
 
-/// An `imucal.EffectValues`, taken by attribute.
+/// An `imucal.EffectValues`; its attributes are converted.
 #[derive(FromPyObject)]
 pub(crate) struct EffectArrays<'py> {
     name: String,
@@ -81,7 +81,7 @@ pub(crate) struct EffectArrays<'py> {
 }
 
 impl EffectArrays<'_> {
-    /// The effects of a unit as the library takes them.
+    /// Converts the effects of a unit.
     pub(crate) fn set(py: Python<'_>, effects: &[Self]) -> PyResult<EffectSet<f64>> {
         let mut set = EffectSet::none();
         for effect in effects {
@@ -96,7 +96,7 @@ impl EffectArrays<'_> {
     }
 }
 
-/// An `imucal.effects.State`, taken by attribute: rows are samples, None is not known.
+/// An `imucal.effects.State`; its attributes are converted. Rows are samples; None is unknown.
 #[derive(FromPyObject)]
 pub(crate) struct StateArrays<'py> {
     angular_rate: PyReadonlyArray2<'py, f64>,
@@ -146,7 +146,7 @@ impl StateArrays<'_> {
             surroundings.time_s = Some(time_s[i]);
             surroundings.angular_acceleration = acceleration.map(|values| values[i].into());
             surroundings.temperature_difference_k = temperature_degc.map(|degc| degc[i] - REFERENCE_TEMPERATURE_DEGC);
-            // Of zeros, or not finite, it is as good as unknown.
+            // A quaternion of zeros, or one that is not finite, is treated as unknown.
             surroundings.rotation_world_from_body = rotation.and_then(|wxyz| so3::from_wxyz(wxyz[i]));
             surroundings.stand = stand_rad.map(|angle| StandState {
                 angle_rad: angle[i].into(),
@@ -159,7 +159,7 @@ impl StateArrays<'_> {
     }
 }
 
-/// (N, 3) without a copy, if it is known.
+/// An optional array (N, 3), without a copy.
 fn known_rows<'a>(
     py: Python<'_>,
     array: &'a Option<PyReadonlyArray2<'_, f64>>,
@@ -168,7 +168,7 @@ fn known_rows<'a>(
     array.as_ref().map(|values| rows(py, values, name)).transpose()
 }
 
-/// (N, 4) in C order without a copy.
+/// An array (N, 4) in C order, without a copy.
 fn quaternions<'a>(py: Python<'_>, array: &'a PyReadonlyArray2<'_, f64>, name: &str) -> PyResult<&'a [[f64; 4]]> {
     match array.as_slice() {
         Ok(values) if array.is_c_contiguous() && array.shape()[1] == 4 => Ok(values.as_chunks::<4>().0),
@@ -186,7 +186,7 @@ pub(crate) fn effect_field<'py>(
 ) -> PyResult<Bound<'py, PyArray3<f64>>> {
     let effect = find(name).to_python(py)?;
     let count = effect.parameters.len();
-    // The values do not matter here, whether the shape fits does.
+    // This verifies only that the shape matches the effect; the values are irrelevant.
     let checked = library::EffectValues::try_new(effect, &[0.0; MAX_PARAMETERS][..count], shape);
     checked.map_err(|error| Error::Input(error.to_string())).to_python(py)?;
     let states = state.states(py)?;

@@ -1,11 +1,11 @@
-//! Errors of the library as the classes of `imucal.errors`, which Python owns.
+//! Conversion of the library's errors to the classes of `imucal.errors`, which are defined in Python.
 
 use imucal::error::Error;
 use imucal::finding::{Finding, Severity};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-/// Turns the library's errors into Python's.
+/// Converts an error of the library to a Python exception.
 pub(crate) trait ToPython<T> {
     fn to_python(self, py: Python<'_>) -> PyResult<T>;
 }
@@ -34,7 +34,7 @@ fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
     Ok(PyErr::from_value(instance))
 }
 
-/// An `imucal.finding.Finding`.
+/// Converts a finding to an `imucal.finding.Finding`.
 pub(crate) fn finding(py: Python<'_>, finding: &Finding) -> PyResult<Py<PyAny>> {
     let module = py.import("imucal.finding")?;
     let place = match &finding.place {

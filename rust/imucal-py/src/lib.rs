@@ -1,7 +1,7 @@
-//! `imucal._core`: the Rust library for Python. It translates and computes nothing.
+//! `imucal._core`: Python bindings of the Rust library. They convert types and do no calculations.
 //!
-//! Arrays come in as C-contiguous float64 without a copy and are checked in one place (`arrays`); all work runs
-//! with the interpreter released; errors become the classes of `imucal.errors` (`error`).
+//! Arrays are passed as C-contiguous float64 without a copy and are verified in one place (`arrays`). The interpreter
+//! is released during all calculations. Errors are converted to the classes of `imucal.errors` (`error`).
 
 mod arrays;
 mod effects;
@@ -14,7 +14,7 @@ mod plan;
 mod results;
 mod simulation;
 
-/// The module.
+/// The extension module `imucal._core`.
 #[pyo3::pymodule]
 mod _core {
     use imucal as library;
@@ -48,7 +48,7 @@ mod _core {
     #[allow(non_upper_case_globals)]
     const __version__: &str = env!("CARGO_PKG_VERSION");
 
-    /// The temperature, degC, from which the effects of temperature count.
+    /// Reference temperature of sensitivities and biases, degC, from which effects of temperature are counted.
     #[pymodule_export]
     const REFERENCE_TEMPERATURE_DEGC: f64 = library::recording::REFERENCE_TEMPERATURE_DEGC;
 
@@ -61,8 +61,8 @@ mod _core {
         Err(Error::Input(format!("time_s has {time} rows, angular_rate {rate}")))
     }
 
-    /// Recordings that have passed the checks, the rests and moves in them, and where all fits start. It goes with these
-    /// recordings and with these options but for effects and folds.
+    /// Recordings that have passed the checks, with their rests and moves and the start values of all fits. It is valid
+    /// only for these recordings and these options; `effects` and `folds` may differ.
     #[pyclass(frozen, module = "imucal._core")]
     pub(crate) struct Checked(pub(crate) library::calibrate::Checked);
 
@@ -95,7 +95,8 @@ mod _core {
         Outcome::new(py, outcome, diagnosis, &recordings)
     }
 
-    /// What recordings of one unit can determine, before any fit.
+    /// What recordings of one unit determine, before any fit: predicted standard deviations, and what is not
+    /// determined.
     #[pyfunction]
     fn prospect(
         py: Python<'_>,
@@ -107,7 +108,8 @@ mod _core {
         Ok(py.detach(|| library::calibrate::prospect(&recordings, &options)).to_python(py)?.into())
     }
 
-    /// Judges a calibration on recordings; `uncalibrated` is the gyroscope that the carried gravity is compared with.
+    /// Evaluates a calibration on recordings. `uncalibrated` is the gyroscope model for comparison in the propagated
+    /// gravity.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
@@ -137,7 +139,7 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
-    /// Findings of all checks that need no fit, and the rests where there are any.
+    /// Findings of all checks that need no fit, and the rests of the recording.
     #[pyfunction]
     fn inspect(
         py: Python<'_>,
@@ -163,7 +165,7 @@ mod _core {
         Inspection::new(py, findings, segments)
     }
 
-    /// Corrects raw samples: `(angular_rate, specific_force)` in SI units and the body frame.
+    /// Corrects raw samples, (N, 3) each: `(angular_rate, specific_force)` in rad/s and m/s^2 in the body frame.
     #[pyfunction]
     fn correct<'py>(
         py: Python<'py>,
@@ -188,8 +190,8 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
-    /// Corrects a recording with what it says of time, temperature and angular acceleration; `start_s` is the first time of the
-    /// whole if it is a piece.
+    /// Corrects a recording with its time, temperature and angular acceleration. If the recording is a part of a longer
+    /// one, `start_s` is the time of the first sample of the longer recording.
     #[pyfunction]
     #[pyo3(signature = (calibration, recording, start_s = None))]
     fn correct_recording<'py>(
@@ -209,7 +211,7 @@ mod _core {
         Ok((to_rows(py, rate)?, to_rows(py, force)?))
     }
 
-    /// Derivative of angular rate by time, rad/s^2, (N, 3); no rows for a single sample.
+    /// Derivative of angular rate with respect to time, rad/s^2, (N, 3); no rows for a single sample.
     #[pyfunction]
     fn angular_acceleration<'py>(
         py: Python<'py>,
@@ -222,7 +224,7 @@ mod _core {
         to_rows(py, py.detach(|| library::correct::angular_acceleration(time, rate)))
     }
 
-    /// The sensitivities of both triads in another body frame: `(accelerometer, gyroscope)`.
+    /// Sensitivities of both triads in another body frame: `(accelerometer, gyroscope)`, each (3, 3).
     #[pyfunction]
     fn convert_frame<'py>(
         py: Python<'py>,
@@ -240,13 +242,14 @@ mod _core {
         Ok((array(to.accelerometer)?, array(to.gyroscope)?))
     }
 
-    /// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`.
+    /// Probability that a chi-square variable with `dof` degrees of freedom exceeds `statistic`.
     #[pyfunction]
     fn chi2_p_value(statistic: f64, dof: usize) -> f64 {
         library::numerics::stats::p_value(statistic, dof)
     }
 
-    /// Rotation `[w, x, y, z]` of a whole stretch of angular rate: `v_start = rotation * v_end`; without coning if asked for.
+    /// Integrates angular rate to the rotation `[w, x, y, z]` from the body frame at the last sample to that at the
+    /// first sample, `v_start = rotation * v_end`. `midpoint` omits the correction of coning.
     #[pyfunction]
     #[pyo3(signature = (time_s, angular_rate, midpoint=false))]
     fn integrate<'py>(

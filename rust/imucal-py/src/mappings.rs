@@ -1,4 +1,4 @@
-//! What a result says of its parts, as mappings that go into documents as they are: what does not exist (NaN) is None in them.
+//! Parts of a result as mappings, which documents contain without changes. Values that do not exist (NaN) are None.
 
 use imucal::Termination;
 use imucal::calibrate;
@@ -10,7 +10,7 @@ use nalgebra::Vector3;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-/// A mapping in Python.
+/// A dict in Python.
 pub(crate) type Fields = Py<PyDict>;
 
 pub(crate) fn fields<'py>(
@@ -28,7 +28,7 @@ fn each_known(values: &Vector3<f64>) -> [Option<f64>; 3] {
     [known(values.x), known(values.y), known(values.z)]
 }
 
-/// The figures of a calibration on a set of recordings.
+/// Figures of merit of a calibration on a set of recordings.
 #[derive(IntoPyObject)]
 pub(crate) struct Figures {
     chi2_per_dof: Option<f64>,
@@ -50,7 +50,7 @@ impl From<evaluate::Figures> for Figures {
     }
 }
 
-/// How well noise alone explains residuals; nothing is known where no joint fit used them.
+/// Goodness of fit of residuals under noise alone. All fields are None if no joint fit used the residuals.
 #[derive(IntoPyObject)]
 pub(crate) struct Misfit {
     chi2: Option<f64>,
@@ -68,7 +68,7 @@ impl From<Option<calibrate::Misfit>> for Misfit {
     }
 }
 
-/// One rest, judged.
+/// Evaluation of one rest.
 #[derive(IntoPyObject)]
 pub(crate) struct Rest<'a> {
     recording: &'a str,
@@ -102,7 +102,7 @@ impl<'a> Rest<'a> {
     }
 }
 
-/// One move, judged.
+/// Evaluation of one move.
 #[derive(IntoPyObject)]
 pub(crate) struct Move<'a> {
     recording: &'a str,
@@ -136,14 +136,14 @@ impl<'a> Move<'a> {
     }
 }
 
-/// How the rests of one recording were found.
+/// How the threshold of rest detection was chosen for one recording.
 #[derive(IntoPyObject)]
 pub(crate) struct Threshold {
     factor: Option<f64>,
     stable_from: Option<f64>,
     stable_to: Option<f64>,
     window_s: Option<f64>,
-    /// Standard deviation of one sample, gyroscope x, y, z, accelerometer x, y, z, raw units.
+    /// Standard deviation of one sample at rest: gyroscope x, y, z, accelerometer x, y, z, in raw units.
     noise_floor: Vec<Option<f64>>,
 }
 
@@ -159,7 +159,7 @@ impl From<&rests::Threshold> for Threshold {
     }
 }
 
-/// How a fit ended.
+/// Report of a fit: chi-square, number of iterations and termination.
 #[derive(IntoPyObject)]
 pub(crate) struct FitReport {
     chi2: Option<f64>,
@@ -185,7 +185,7 @@ impl From<imucal::FitReport> for FitReport {
     }
 }
 
-/// By how much the joint fit widens each kind of residual; 1 where noise explains it.
+/// Factors by which the joint fit increases the standard deviation of each kind of residual; 1 if noise explains them.
 #[derive(IntoPyObject)]
 pub(crate) struct ResidualScales {
     norms: Option<f64>,
@@ -200,7 +200,7 @@ impl From<calibrate::ResidualScales> for ResidualScales {
     }
 }
 
-/// What a calibration knows badly.
+/// A weakness of a calibration, with the recommended action.
 #[derive(IntoPyObject)]
 pub(crate) struct Diagnosis {
     code: &'static str,

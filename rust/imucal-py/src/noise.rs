@@ -1,4 +1,4 @@
-//! Allan deviations and the identification of noise for Python.
+//! Allan deviations and noise identification for Python.
 
 use std::num::NonZeroUsize;
 
@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use crate::arrays::RecordingColumns;
 use crate::error::{ToPython, finding};
 
-/// One figure with its 95 % band; `value` and `std` are None where the record does not show it.
+/// A noise parameter with its 95 % band; `value` and `std` are None if it is not significant.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct NoiseEstimate {
     value: Option<f64>,
@@ -21,7 +21,7 @@ pub(crate) struct NoiseEstimate {
     high: f64,
 }
 
-/// The noise of one axis.
+/// Noise of one axis.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct AxisNoise {
     noise_density: Py<NoiseEstimate>,
@@ -40,7 +40,7 @@ pub(crate) struct AxisNoise {
     model: Py<PyArray1<f64>>,
 }
 
-/// The noise of both triads.
+/// Noise of both triads.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Noise {
     start_s: f64,
@@ -77,7 +77,7 @@ impl AxisNoise {
     }
 }
 
-/// Identifies the noise in the longest rest of a recording; all processors, or `threads` of them.
+/// Identifies the noise in the longest rest of a recording, with `threads` threads or on all processors.
 #[pyfunction]
 pub(crate) fn identify_noise(
     py: Python<'_>,
@@ -101,7 +101,7 @@ pub(crate) fn identify_noise(
     })
 }
 
-/// One series, or one in each column, in any memory order.
+/// One series, or one series in each column, in any memory order.
 #[derive(FromPyObject)]
 pub(crate) enum Series<'py> {
     One(PyReadonlyArray1<'py, f64>),
@@ -120,7 +120,7 @@ impl Series<'_> {
     }
 }
 
-/// Overlapping Allan deviations of each series, read in place, at averages of `factors` samples.
+/// Overlapping Allan deviations of each series at averaging times of `factors` samples, without copying the series.
 #[pyfunction]
 pub(crate) fn allan_deviations<'py>(
     py: Python<'py>,
@@ -140,7 +140,7 @@ pub(crate) fn allan_deviations<'py>(
     Ok(deviations.to_python(py)?.into_iter().map(|series| PyArray1::from_vec(py, series)).collect())
 }
 
-/// Averaging factors for `samples` samples: "octave" or "decade".
+/// Averaging factors for `samples` samples, with the spacing "octave" or "decade".
 #[pyfunction]
 pub(crate) fn allan_factors(py: Python<'_>, samples: usize, spacing: &str) -> PyResult<Vec<usize>> {
     match spacing {

@@ -1,4 +1,4 @@
-//! Options of a calibration from Python.
+//! Options of a calibration, converted from Python.
 
 use imucal::calibrate::{BiasWander, EffectChoice, Options, UnitWander};
 use imucal::error::Error;
@@ -17,7 +17,7 @@ pub(crate) fn frame_named(name: &str) -> Result<Frame, Error> {
     }
 }
 
-/// How the biases of a sensor wander, x, y and z, SI units.
+/// Bias instability and random walk of a sensor's biases, x, y and z, in SI units.
 #[derive(FromPyObject)]
 struct Wander {
     bias_instability: [f64; 3],
@@ -30,7 +30,7 @@ impl Wander {
     }
 }
 
-/// Options of a calibration, taken by attribute of `imucal.options.Options`.
+/// Options of a calibration, converted from the attributes of `imucal.options.Options`.
 #[derive(FromPyObject)]
 pub(crate) struct CalibrateOptions<'py> {
     gravity_mps2: f64,
@@ -40,9 +40,9 @@ pub(crate) struct CalibrateOptions<'py> {
     accel_nominal: Option<f64>,
     gyro_nominal: Option<f64>,
     joint: bool,
-    /// Accelerometer and gyroscope.
+    /// Bias instability and random walk of the accelerometer and of the gyroscope.
     wander: Option<(Wander, Wander)>,
-    /// Name, and whether the full form is asked for.
+    /// Name of each effect, and whether its full form is used.
     effects: Vec<(String, bool)>,
     partly: Vec<String>,
     user_fields: Vec<UserFieldArrays<'py>>,

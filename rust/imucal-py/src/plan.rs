@@ -1,4 +1,4 @@
-//! Planning for Python.
+//! Planning of motions for Python.
 
 use imucal::calibrate::Checked;
 use imucal::gap;
@@ -11,21 +11,22 @@ use crate::gap::choices;
 use crate::options::CalibrateOptions;
 use crate::simulation::{Motion, StepTuple, UnitArrays, steps};
 
-/// The unit that a plan is for, taken by attribute.
+/// The unit of a plan; its attributes are converted.
 #[derive(FromPyObject)]
 pub(crate) struct PlanSensors<'py> {
     unit: UnitArrays<'py>,
     rate_hz: f64,
     gravity_mps2: f64,
     effects: Vec<String>,
-    /// About how long the run is, s.
+    /// Approximate duration of the run, s.
     run_s: f64,
 }
 
-/// What a stand can do, taken by attribute; angles in rad.
+/// Limits of a stand; attributes are converted, angles are in rad.
 #[derive(FromPyObject)]
 pub(crate) struct PlanLimits {
-    /// Highest rate and acceleration, and the range or None; None for an axis that is not there.
+    /// Maximum rate and acceleration and the range of angles of each axis. None for a missing axis or an unlimited
+    /// range.
     axes: [Option<AxisTuple>; 3],
     settle_s: f64,
     min_rest_s: f64,
@@ -66,7 +67,7 @@ impl From<PlanLimits> for Limits {
     }
 }
 
-/// Names and units of the effects' parameters, which follow the 21.
+/// Names and units of the effects' parameters, in their order after the 21 parameters of the triads.
 #[pyfunction]
 pub(crate) fn plan_effect_parameters(
     py: Python<'_>,
@@ -75,7 +76,7 @@ pub(crate) fn plan_effect_parameters(
     Ok(sensors.sensors(py)?.effect_parameters())
 }
 
-/// Standard deviation of every parameter after motions, SI units, and how many rests are found in them.
+/// Predicted standard deviation of every parameter after the motions, in SI units, and the number of rests.
 #[pyfunction]
 pub(crate) fn predict_sigma(
     py: Python<'_>,
@@ -91,7 +92,8 @@ pub(crate) fn predict_sigma(
     Ok((found.sigma, found.rests))
 }
 
-/// Steps of the best program, and whether it reaches `sigma`; without `sigma` it is the one with most information in `duration_s`.
+/// Steps of the best program, and whether it reaches `sigma`. Without `sigma` it is the program with the most
+/// information in `duration_s`.
 #[pyfunction]
 #[pyo3(signature = (sensors, limits, duration_s, sigma, seed, proposals))]
 pub(crate) fn optimal_program(
@@ -110,10 +112,10 @@ pub(crate) fn optimal_program(
     Ok((steps(&found.program), found.reached))
 }
 
-/// The smallest size of each effect that recordings would show, with its unit, and what they cannot show with what it needs.
+/// Detection limit of each effect with its unit, and the effects that are not observable with what they would need.
 type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// How small the effects of `candidates` could be and still be found.
+/// Detection limits of the effects in `candidates`: the smallest size that the recordings make significant.
 #[pyfunction]
 pub(crate) fn smallest_visible(
     py: Python<'_>,

@@ -1,4 +1,4 @@
-//! Results of the library as frozen Python objects.
+//! Results of the library as immutable Python objects.
 
 use imucal::calibrate;
 use imucal::calibrate::diagnosis;
@@ -29,7 +29,7 @@ fn matrix(py: Python<'_>, values: &nalgebra::Matrix3<f64>) -> PyResult<Rows> {
     Ok(to_rows(py, values.transpose().data.0.to_vec())?.unbind())
 }
 
-/// An effect as it was estimated.
+/// An estimated effect.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectEstimate {
     name: String,
@@ -45,7 +45,7 @@ impl EffectEstimate {
     }
 }
 
-/// A calibration and all that is known about it.
+/// Result of a calibration.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Outcome {
     accel_sensitivity: Rows,
@@ -54,7 +54,7 @@ pub(crate) struct Outcome {
     gyro_bias: Vector,
     names: Vec<String>,
     covariance: Rows,
-    /// With how well noise alone explains each.
+    /// Each rest and each move has its goodness of fit under noise alone.
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     thresholds: Vec<Fields>,
@@ -66,7 +66,7 @@ pub(crate) struct Outcome {
     joint_scales: Option<Fields>,
     misfit: Fields,
     bias_instability_radps: Option<[f64; 3]>,
-    /// rad
+    /// RMS tremor of each recording, rad; None for a unit that is not hand-held.
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Fields,
@@ -75,13 +75,13 @@ pub(crate) struct Outcome {
     diagnosis: Vec<Fields>,
 }
 
-/// Moves and rests predicted by a fit without them.
+/// Moves and rests, each predicted by a fit that did not use it (cross-validation).
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct HeldOut {
     gravity_direction_rms_deg: f64,
-    /// By move.
+    /// One value per move, deg.
     direction_error_deg: Vector,
-    /// By rest.
+    /// One value per rest, m/s^2.
     norm_error_mps2: Vector,
 }
 
@@ -98,7 +98,7 @@ impl HeldOut {
 }
 
 impl Outcome {
-    /// Of these recordings.
+    /// Converts the outcome of a calibration with these recordings.
     pub(crate) fn new(
         py: Python<'_>,
         o: calibrate::Outcome,
@@ -141,7 +141,7 @@ impl Outcome {
     }
 }
 
-/// Gravity at the rests of one recording, measured and carried there from the first rest.
+/// Gravity at the rests of one recording: measured, and propagated from the first rest.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Carried {
     time_s: Vector,
@@ -162,7 +162,7 @@ impl Carried {
     }
 }
 
-/// A calibration judged on recordings.
+/// Evaluation of a calibration on recordings.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Evaluation {
     figures: Fields,
@@ -173,7 +173,7 @@ pub(crate) struct Evaluation {
 }
 
 impl Evaluation {
-    /// Of these recordings.
+    /// Converts an evaluation on these recordings.
     pub(crate) fn new(py: Python<'_>, e: evaluate::Evaluation, recordings: &[Recording<'_>]) -> PyResult<Self> {
         Ok(Self {
             figures: fields(py, Figures::from(e.figures))?,
@@ -185,14 +185,14 @@ impl Evaluation {
     }
 }
 
-/// What a recording holds, before any fit.
+/// Findings and rests of a recording, before any fit.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Inspection {
     findings: Vec<Py<PyAny>>,
     /// Start and end of each rest, s.
     rests: Vec<(f64, f64)>,
     threshold: Option<Fields>,
-    /// Why the threshold was chosen, or why there is no rest.
+    /// Explanation of the chosen threshold, or the reason why there is no rest.
     explanation: String,
 }
 
@@ -215,10 +215,10 @@ impl Inspection {
     }
 }
 
-/// What recordings can determine, before any fit.
+/// What recordings determine, before any fit.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Prospect {
-    /// None where a parameter is not determined.
+    /// Predicted standard deviation of each parameter in its unit; None if it is not determined.
     predicted_sigma: Vec<Option<f64>>,
     missing: Option<String>,
 }

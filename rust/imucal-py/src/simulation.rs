@@ -1,4 +1,4 @@
-//! The simulator for Python.
+//! Simulation for Python.
 
 use std::num::NonZeroUsize;
 
@@ -16,17 +16,17 @@ use crate::arrays::{column, matrix, rows, to_rows, vector};
 use crate::effects::EffectArrays;
 use crate::error::ToPython;
 
-/// Turn of the three motors in rad, duration of the turn and of the hold after it in s.
+/// Angles by which the three motors turn, rad; duration of the turn and of the hold after it, s.
 pub(crate) type StepTuple = ([f64; 3], f64, f64);
 
-/// A simulated run and the truth beside it.
+/// A simulated run with its true values.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Simulation {
     time_s: Py<PyArray1<f64>>,
     specific_force: Py<PyArray2<f64>>,
     angular_rate: Py<PyArray2<f64>>,
     temperature_degc: Py<PyArray1<f64>>,
-    /// None without a stand.
+    /// Motor angles read by the encoders, rad; None without a stand.
     stand_rad: Option<Py<PyArray2<f64>>>,
     true_specific_force: Py<PyArray2<f64>>,
     true_angular_rate: Py<PyArray2<f64>>,
@@ -36,7 +36,7 @@ pub(crate) struct Simulation {
     rests: Vec<(f64, f64)>,
 }
 
-/// What a simulation depends on, taken by attribute.
+/// Inputs of a simulation; attributes are converted.
 #[derive(FromPyObject)]
 pub(crate) struct SetupArrays<'py> {
     motion: Motion,
@@ -53,12 +53,12 @@ pub(crate) struct SetupArrays<'py> {
     added_force: Option<PyReadonlyArray2<'py, f64>>,
     added_rate: Option<PyReadonlyArray2<'py, f64>>,
     seed: u64,
-    /// None, or no such attribute, is as many as there are processors.
+    /// Number of threads; None, or a missing attribute, uses all processors.
     #[pyo3(default)]
     threads: Option<NonZeroUsize>,
 }
 
-/// Told apart by their attributes.
+/// A motion; its kind is recognised by its attributes.
 #[derive(FromPyObject)]
 pub(crate) enum Motion {
     Stand { steps: Vec<StepTuple>, stand: Stand },
@@ -139,7 +139,7 @@ impl Motion {
 }
 
 impl UnitArrays<'_> {
-    /// The two sensors, without effects.
+    /// The sensors of the unit, without effects.
     pub(crate) fn unit(&self, py: Python<'_>) -> PyResult<Unit> {
         Ok(Unit {
             accelerometer: self.accelerometer.sensor(py, "accelerometer")?,
@@ -177,13 +177,13 @@ pub(crate) fn steps(program: &Program) -> Vec<StepTuple> {
     program.steps().iter().map(|step| (step.turn_rad, step.move_s, step.hold_s)).collect()
 }
 
-/// Steps of the grid program: rests on a grid of two motors.
+/// Steps of the grid program: rests on a grid of the angles of two motors.
 #[pyfunction]
 pub(crate) fn grid_program(py: Python<'_>, step_rad: f64, move_s: f64, hold_s: f64) -> PyResult<Vec<StepTuple>> {
     Ok(steps(&Program::grid(&Grid { step_rad, move_s, hold_s }).to_python(py)?))
 }
 
-/// Steps of the random program: turns of all three motors at random speeds.
+/// Steps of the random program: random turns of all three motors.
 #[pyfunction]
 pub(crate) fn random_program(
     py: Python<'_>,
@@ -197,19 +197,19 @@ pub(crate) fn random_program(
     Ok(steps(&Program::random(&random, seed).to_python(py)?))
 }
 
-/// Normal gravity, m/s^2.
+/// Normal gravity, m/s^2, at a geodetic latitude, deg, and a height above the ellipsoid, m.
 #[pyfunction]
 pub(crate) fn gravity_mps2(latitude_deg: f64, height_m: f64) -> f64 {
     earth::gravity_mps2(latitude_deg.to_radians(), height_m)
 }
 
-/// Rate of the Earth in the world frame, rad/s.
+/// Rotation rate of the Earth, rad/s, in the world frame (x north, y west, z up).
 #[pyfunction]
 pub(crate) fn earth_rate_radps(py: Python<'_>, latitude_deg: f64) -> Py<PyArray1<f64>> {
     PyArray1::from_slice(py, earth::rate_radps(latitude_deg.to_radians()).as_slice()).unbind()
 }
 
-/// Runs a motion with a unit.
+/// Simulates a unit during a motion.
 #[pyfunction]
 pub(crate) fn simulate(py: Python<'_>, setup: SetupArrays<'_>) -> PyResult<Simulation> {
     let motion = setup.motion.motion().to_python(py)?;

@@ -1,9 +1,11 @@
-//! Checks before any fit: each fault with a stable reason code, its place, its number and the way out.
+//! Checks of recordings before any fit. Each fault has a stable reason code, a location, a value and a recommended
+//! action.
 //!
-//! In steps, as the calibration learns more: [`check_columns`] needs the columns alone, [`check_shared`] all recordings,
-//! [`check_rests`] the rests, [`check_kinematics`] a first linear fit of the gyroscope, [`check_gains`] the result.
-//! Several faults of one kind make one finding, which counts them and points at the first. Samples that are not finite
-//! are reported once and passed over everywhere else.
+//! The checks run in stages, as more about a recording is known. [`check_columns`] uses each recording by itself,
+//! [`check_shared`] all recordings together, [`check_rests`] the detected rests, [`check_kinematics`] a first linear
+//! fit of the gyroscope, and [`check_gains`] the resulting calibration. Several faults of one kind give one finding
+//! with their count and the location of the first. Samples that are not finite are reported once and ignored by all
+//! other checks.
 
 mod bursts;
 mod clock;
@@ -35,7 +37,7 @@ pub use unsigned::check_counts;
 use crate::finding::{Finding, Place};
 use crate::recording::{RawUnit, Recording};
 
-/// All that can be said before rests are known; no finding means that nothing was found wrong.
+/// All checks that do not need rests. An empty result means that no fault was found.
 ///
 /// Codes: `lengths_differ`, `empty`, `too_short`, `non_finite`, `time_not_increasing`, `samples_duplicated`,
 /// `samples_missing`, `clock_irregular`, `clock_rate`, `stuck_axis`, `counts_unsigned`, `accel_saturation`,
@@ -67,7 +69,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
     findings.extend(repeats::check(recording, &survey.repeats));
     let unsigned = unsigned::check(recording, &survey);
     let is_unsigned = |column: &String| unsigned.iter().any(|wrong| wrong.columns.contains(column));
-    // What jumps at zero is at both ends of the numbers, which is no rail.
+    // A channel whose counts wrap around at zero reaches both ends of the number range without being saturated.
     findings
         .extend(rails::check(recording, &survey).into_iter().filter(|rails| !rails.columns.iter().any(is_unsigned)));
     findings.extend(unsigned);
@@ -78,7 +80,7 @@ pub fn check_columns(recording: &Recording) -> Vec<Finding> {
 
 const ACCEL: [&str; 3] = ["accel_x", "accel_y", "accel_z"];
 const GYRO: [&str; 3] = ["gyro_x", "gyro_y", "gyro_z"];
-/// Names of the six columns, accelerometer first.
+/// Names of the six sensor columns, accelerometer first.
 pub(crate) const CHANNELS: [&str; 6] = ["accel_x", "accel_y", "accel_z", "gyro_x", "gyro_y", "gyro_z"];
 
 impl Place {
@@ -92,7 +94,7 @@ impl Place {
     }
 }
 
-/// Counts the samples concerned and keeps the first unbroken stretch of them. Add them in order.
+/// Counts affected samples and stores the first interval of consecutive ones. Samples must be added in ascending order.
 #[derive(Clone, Copy, Default)]
 struct Tally {
     samples: usize,
@@ -119,13 +121,13 @@ impl Tally {
         self.first.map(|(start, end)| Place::new(recording, start, end))
     }
 
-    /// "at 3.20 s" or "from 3.20 s to 3.40 s" of the first stretch.
+    /// Location of the first interval: "at 3.20 s" or "from 3.20 s to 3.40 s".
     fn first_place(&self, recording: &Recording) -> String {
         self.place(recording).map_or_else(String::new, |place| place.to_string())
     }
 }
 
-/// The unit of a triad in messages.
+/// Name of the unit of a triad's raw data, as used in messages.
 fn unit_name(unit: RawUnit, si: &'static str) -> &'static str {
     match unit {
         RawUnit::Si => si,

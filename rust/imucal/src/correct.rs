@@ -1,14 +1,14 @@
-//! Correcting a whole recording, with the surroundings of each sample that it has.
+//! Correction of a whole recording by a calibration.
 //!
 //! ```text
 //! seen = T^-1 (measured - b)
 //! true <- seen - sum_c Phi_c(true) theta_c      model.md (16)
 //! ```
 //!
-//! The fields depend on more than rate and force. A recording gives the time since its first sample, the temperature less
-//! [`REFERENCE_TEMPERATURE_DEGC`] where there is a column, and the angular acceleration as the derivative of the rate
-//! ([`angular_acceleration`]). It gives no attitude and no angles of a stand: the Earth's rate, which a gyroscope rightly
-//! measures, stays in the data.
+//! The fields of effects depend on more than rate and force. A recording provides the time since its first sample, the
+//! temperature minus [`REFERENCE_TEMPERATURE_DEGC`] if it has a temperature column, and the angular acceleration as the
+//! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand. The
+//! rate of the Earth, which a gyroscope measures correctly, is therefore not removed.
 
 use crate::numerics::derivative::Derivative;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
@@ -16,20 +16,22 @@ use imucal_core::calibration::Calibration;
 use imucal_core::effects::{Need, Surroundings};
 use nalgebra::Vector3;
 
-/// The angular acceleration is that of the true rate, which is only known afterwards: first it is taken from the seen rate, then
-/// once more from the corrected one. Of a gyroscope's delay tau, `tau^3` times the third derivative of the rate is left. More
-/// passes would add noise.
+/// Number of iterations for the angular acceleration. It is the derivative of the true rate, which is only known after
+/// the correction. The first iteration uses the rate without effects removed, the second one the corrected rate. For a
+/// delay tau of the gyroscope, the remaining error is `tau^3` times the third derivative of the rate. Further
+/// iterations would amplify noise.
 const PASSES: usize = 2;
 
-/// True `(angular_rate, specific_force)` of every sample, rad/s and m/s^2 in the body frame.
+/// Corrects every sample: true `(angular_rate, specific_force)` in rad/s and m/s^2 in the body frame.
 ///
-/// A sample is NaN where it was NaN before, and where the effects are too large to be undone. An effect of temperature is
-/// left out without a temperature column, and one of angular acceleration with a single sample.
+/// A corrected sample is NaN if the raw sample is NaN, or if the effects are too large to be removed. Effects of
+/// temperature are not removed without a temperature column. Effects of angular acceleration are not removed from a
+/// single sample.
 pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     correct_from(None, recording, calibration)
 }
 
-/// The same of a piece of a recording that began at `start_s`, with its own first sample if that is not given.
+/// As [`correct`], for a part of a recording that started at `start_s`. `None` stands for the first sample of the part.
 pub fn correct_from(
     start_s: Option<f64>,
     recording: &Recording<'_>,
@@ -49,7 +51,7 @@ pub fn correct_from(
     (rate, force)
 }
 
-/// The correction with given angular accelerations, none if they are not known.
+/// Corrects every sample with given angular accelerations, rad/s^2; an empty slice if they are unknown.
 fn correct_with(
     start_s: f64,
     recording: &Recording<'_>,
@@ -71,10 +73,11 @@ fn correct_with(
     corrected.unzip()
 }
 
-/// Derivative of the angular rate by time, rad/s^2, one row for each sample; none for a single sample.
+/// Derivative of the angular rate with respect to time, rad/s^2, one row per sample; empty for a single sample.
 ///
-/// It is that of polynomials through means over five boxes in a row, of 2 ms or one sample each up to 0.1 s: as wide as the motion
-/// allows (model.md (16)). Steps may be uneven. Samples at one time count once, and all of them have its slope.
+/// It is the derivative of polynomials through the means over five consecutive boxes. The boxes have a width of 2 ms or
+/// one sample at least and of 0.1 s at most; they are as wide as the motion allows (`docs/model.md` (16)). Steps may be
+/// uneven. Samples with the same time stamp count once and get the same derivative.
 pub fn angular_acceleration(time_s: &[f64], angular_rate: &[[f64; 3]]) -> Vec<[f64; 3]> {
     let rate: Vec<Vector3<f64>> = angular_rate.iter().map(|row| Vector3::from(*row)).collect();
     Derivative::smooth(time_s, &rate).of(&rate).into_iter().map(<[f64; 3]>::from).collect()
@@ -97,7 +100,7 @@ mod tests {
         }
     }
 
-    /// Uneven steps between 5 and 15 ms.
+    /// Uneven time steps between 5 and 15 ms.
     fn uneven_time(n: usize) -> Vec<f64> {
         (0..n).map(|i| 70.0 + 0.01 * i as f64 + 0.0025 * (i as f64 * 1.7).sin()).collect()
     }
@@ -112,7 +115,7 @@ mod tests {
         unit
     }
 
-    /// The largest errors of rate and force after `unit` has measured and corrected a run of parabolas in time.
+    /// Largest errors of rate and force after a run with parabolas in time is measured by `unit` and corrected.
     fn round_trip(unit: &Calibration<f64>, with_temperature: bool) -> (f64, f64) {
         let time_s = uneven_time(200);
         let temperature: Vec<f64> = time_s.iter().map(|t| 20.0 + 3.0 * (t - 70.0)).collect();
@@ -162,14 +165,14 @@ mod tests {
 
     #[test]
     fn a_lever_arm_is_taken_away_to_rounding_where_the_rate_is_a_parabola() {
-        // The lever arm is of the accelerometer, so that the seen rate is the true one; ends included.
+        // The lever arm affects only the accelerometer, so the measured rate is the true rate, including at the ends.
         let errors = round_trip(&unit("accel_lever_arm", &[0.02, -0.03, 0.05], None), false);
         assert!(errors.0 < 1e-13 && errors.1 < 1e-11, "{errors:?}");
     }
 
     #[test]
     fn a_delay_is_taken_away_but_for_its_cube() {
-        // The rate is a parabola in time, without a third derivative.
+        // The rate is a parabola in time, so its third derivative is zero.
         let (error, _) = round_trip(&unit("gyro_time_offset", &[2e-3], None), false);
         assert!(error < 1e-11, "{error}");
     }
@@ -194,7 +197,7 @@ mod tests {
 
     #[test]
     fn the_derivative_of_a_quartic_is_exact_at_every_sample() {
-        // 10 ms and 0.4 ms: five neighbours, and every fifth sample.
+        // Steps of 10 ms use five consecutive samples; steps of 0.4 ms use every fifth sample.
         for stretch in [1.0, 0.04] {
             let time_s: Vec<f64> = uneven_time(60).iter().map(|t| stretch * (t - 70.0)).collect();
             let rate: Vec<[f64; 3]> = time_s.iter().map(|t| [2.0, t - 3.0 * t * t, t.powi(4)]).collect();

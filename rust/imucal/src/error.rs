@@ -1,20 +1,20 @@
-//! What can go wrong. Every message says what, where, the number, and what to do about it.
+//! Errors of this crate. Every message states the fault, its location, the deciding value and the recommended action.
 
 use crate::finding::Finding;
 
-/// Why there is no result.
+/// Reason why there is no result.
 #[derive(Debug, Clone, thiserror::Error)]
 pub enum Error {
-    /// An argument that cannot be used.
+    /// An argument has a value that cannot be used.
     #[error("{0}")]
     Input(String),
-    /// The data have faults that would make a calibration wrong; all of them are listed.
+    /// The data have faults that would make a calibration wrong. All faults are listed.
     #[error("{}", list(.0))]
     Data(Vec<Finding>),
-    /// The motion does not determine every parameter; the message names the parameters and the poses to add.
+    /// The motion does not determine every parameter. The message names the parameters and the poses to add.
     #[error("{0}")]
     NotEnoughMotion(String),
-    /// The estimation did not come to an acceptable end.
+    /// The estimation failed to converge or gave an unusable result.
     #[error("{0}")]
     Fit(String),
 }

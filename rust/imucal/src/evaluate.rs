@@ -1,4 +1,4 @@
-//! Judging a calibration on recordings: the control figures.
+//! Evaluation of a calibration on control recordings.
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::finding::{Finding, Severity};
 use crate::joint::Misfit;
 use crate::numerics::stats::rms;
-use crate::preintegration::rotate_smoothly;
+use crate::preintegration::integrate_rotation;
 use crate::recording::Recording;
 use crate::rests::moves::{Directions, Ends, Move, between, direction_error_rad, saturated_stretches};
 use crate::rests::noise_density::NoiseDensity;
@@ -19,112 +19,116 @@ use crate::rests::segment::Segments;
 use crate::rests::tremor::{self, Sensors};
 use crate::rests::unit_rest::{UnitRest, rests_of};
 
-/// How well a calibration explains recordings.
+/// Figures of merit: the agreement of recordings with a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Figures {
-    /// Mean square of all residuals in units of what noise explains; 1 if noise is all there is.
+    /// Mean square of all residuals, each divided by its standard deviation from noise; 1 if noise explains them.
     pub chi2_per_dof: f64,
-    /// Rms of |f| - g over the rests, m/s^2.
+    /// RMS of |f| - g over the rests, m/s^2.
     pub gravity_norm_rms_mps2: f64,
-    /// Rms over the moves of the angle between carried and measured gravity, deg.
+    /// RMS over the moves of the angle between the propagated and the measured direction of gravity, deg.
     pub gravity_direction_rms_deg: f64,
-    /// Number of rests and of moves that the figures are over.
+    /// Number of rests used.
     pub rests: usize,
-    /// Number of moves.
+    /// Number of moves used.
     pub moves: usize,
 }
 
-/// One rest, judged.
+/// Evaluation of one rest.
 #[derive(Clone, Debug)]
 pub struct RestReport {
     /// Index of the recording.
     pub recording: usize,
-    /// First sample and the one after the last.
+    /// Index of the first sample.
     pub first: usize,
-    /// Index after the last sample.
+    /// Index of the last sample plus one.
     pub end: usize,
     /// Time of the first sample, s.
     pub start_s: f64,
     /// Time of the last sample, s.
     pub end_s: f64,
-    /// Scatter in half a second over the noise floor (a ratio of variances): near 1 on a table, more in a hand.
+    /// Variance over half a second divided by the noise floor: near 1 on a table, larger in a hand.
     pub unsteadiness: f64,
-    /// Mean of the accelerometer: raw units, or SI where a calibration with effects is judged.
+    /// Mean of the accelerometer, in raw units; in m/s^2 if effects were removed before.
     pub mean_specific_force: Vector3<f64>,
-    /// Mean of the gyroscope, likewise.
+    /// Mean of the gyroscope, in raw units; in rad/s if effects were removed before.
     pub mean_angular_rate: Vector3<f64>,
     /// |f| - g after correction, m/s^2.
     pub norm_error_mps2: f64,
-    /// Standard deviation of |f| that noise explains, m/s^2.
+    /// Standard deviation of |f| from noise, m/s^2.
     pub norm_sigma_mps2: f64,
-    /// How well noise alone explains its residuals; `None` if no joint fit used it.
+    /// Goodness of fit of the rest's residuals under noise alone; `None` if no joint fit used the rest.
     pub misfit: Option<Misfit>,
-    /// Why the rest takes no part; `None` if it does.
+    /// Reason why the rest is excluded; `None` if it is used.
     pub excluded: Option<&'static str>,
 }
 
-/// One move, judged.
+/// Evaluation of one move.
 #[derive(Clone, Debug)]
 pub struct MoveReport {
     /// Index of the recording.
     pub recording: usize,
-    /// Index of the rest before.
+    /// Index of the rest before the move.
     pub from_rest: usize,
-    /// Index of the rest after.
+    /// Index of the rest after the move.
     pub to_rest: usize,
-    /// First sample: the last of the rest before.
+    /// Index of the first sample, which is the last sample of the rest before.
     pub first: usize,
-    /// Last sample: the first of the rest after.
+    /// Index of the last sample, which is the first sample of the rest after.
     pub last: usize,
     /// Duration, s.
     pub duration_s: f64,
-    /// Angle between carried and measured gravity, deg; NaN where the move cannot be integrated.
+    /// Angle between the propagated and the measured direction of gravity, deg; NaN if the move cannot be integrated.
     pub direction_error_deg: f64,
-    /// Standard deviation of each component of it that noise explains, deg.
+    /// Standard deviation, from noise, of each of the two components of the direction error, deg.
     pub direction_sigma_deg: f64,
-    /// Direction of gravity in the body frame at the first sample, unit length.
+    /// Unit vector of gravity's direction (up) in the body frame at the first sample.
     pub gravity_before: Vector3<f64>,
-    /// Direction of gravity in the body frame at the last sample, unit length.
+    /// Unit vector of gravity's direction (up) in the body frame at the last sample.
     pub gravity_after: Vector3<f64>,
-    /// How well noise alone explains its residuals; `None` if no joint fit used it.
+    /// Goodness of fit of the move's residuals under noise alone; `None` if no joint fit used the move.
     pub misfit: Option<Misfit>,
-    /// Why the move takes no part; `None` if it does.
+    /// Reason why the move is excluded; `None` if it is used.
     pub excluded: Option<&'static str>,
 }
 
-/// Gravity at the rests of a recording, measured and carried there from its first rest (the method's figures 2 to 4).
+/// Gravity at the rests of a recording: measured, and propagated from the first rest by the gyroscope (figures 2 to 4
+/// of the paper).
 #[derive(Clone, Debug)]
 pub struct CarriedGravity {
-    /// Middle of each rest, s.
+    /// Time of the middle of each rest, s.
     pub time_s: Vec<f64>,
-    /// Measured at the rest, corrected, m/s^2.
+    /// Mean corrected specific force at each rest, m/s^2.
     pub measured: Vec<Vector3<f64>>,
-    /// Carried from the first rest by the gyroscope as it is, without calibration.
+    /// Propagated from the first rest with the uncalibrated gyroscope, m/s^2.
     pub uncalibrated: Vec<Vector3<f64>>,
-    /// Carried from the first rest by the calibrated gyroscope.
+    /// Propagated from the first rest with the calibrated gyroscope, m/s^2.
     pub calibrated: Vec<Vector3<f64>>,
 }
 
-/// A calibration judged on recordings.
+/// Evaluation of a calibration on recordings.
 #[derive(Clone, Debug)]
 pub struct Evaluation {
-    /// The figures.
+    /// The figures of merit.
     pub figures: Figures,
-    /// Every rest.
+    /// All rests.
     pub rests: Vec<RestReport>,
-    /// Every stretch between neighbouring rests.
+    /// All moves: the intervals between consecutive rests.
     pub moves: Vec<MoveReport>,
-    /// Gravity carried through each recording.
+    /// Gravity propagated through each recording.
     pub carried: Vec<CarriedGravity>,
-    /// What is wrong with the recordings.
+    /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
 }
 
-/// Judges `calibration` on recordings that it was not made from. `uncalibrated` is the gyroscope as a user would
-/// take it without a calibration (the identity for SI units); it only serves the comparison in `carried`.
+/// Evaluates `calibration` on recordings that were not used to estimate it.
+///
+/// `uncalibrated` is the gyroscope model used without a calibration (the identity for SI units). It is only used for
+/// the comparison in `carried`. `gravity_mps2` is the local gravity, m/s^2, and `min_rest_s` the minimum duration of a
+/// rest, s.
 ///
 /// # Errors
-/// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest.
+/// [`Error::Data`] for recordings with faults; [`Error::NotEnoughMotion`] if there is no rest.
 pub fn evaluate(
     calibration: &Calibration<f64>,
     uncalibrated: &Triad<f64>,
@@ -148,10 +152,11 @@ pub fn evaluate(
     judge(calibration, uncalibrated, recordings, Some(&corrected), gravity_mps2, min_rest_s)
 }
 
-/// As [`evaluate`], with the recordings as they are after correction, in SI units: for effects that the caller took away.
+/// As [`evaluate`], with recordings that the caller has already corrected, in SI units: for effects outside the
+/// catalogue.
 ///
 /// # Errors
-/// As [`evaluate`], and [`Error::Input`] if `corrected` does not have a recording of the same length for each.
+/// As [`evaluate`]; [`Error::Input`] if `corrected` does not contain a recording of the same length for each recording.
 pub fn evaluate_corrected(
     calibration: &Calibration<f64>,
     uncalibrated: &Triad<f64>,
@@ -162,12 +167,12 @@ pub fn evaluate_corrected(
 ) -> Result<Evaluation, Error> {
     let lengths = |recordings: &[Recording<'_>]| recordings.iter().map(Recording::len).collect::<Vec<_>>();
     if lengths(recordings) != lengths(corrected) {
-        return Err(Error::Input("each recording needs its corrected one, with as many samples".into()));
+        return Err(Error::Input("each recording needs a corrected recording with the same number of samples".into()));
     }
     judge(calibration, uncalibrated, recordings, Some(corrected), gravity_mps2, min_rest_s)
 }
 
-/// Faults and rests are looked for in what was recorded; the figures are those of the corrected samples, if there are any.
+/// Checks and rest detection use the recordings as measured. The figures use the corrected samples, if given.
 fn judge(
     calibration: &Calibration<f64>,
     uncalibrated: &Triad<f64>,
@@ -177,7 +182,7 @@ fn judge(
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     let mut findings: Vec<Finding> = recordings.iter().flat_map(check_columns).collect();
-    // A control record judges what is there: saturated moves are left out of the figures and said, not refused.
+    // Saturation in a control recording is reported but not refused; saturated moves are excluded from the figures.
     let fatal = |finding: &Finding| finding.severity == Severity::Error && !finding.is_saturation();
     if findings.iter().any(fatal) {
         findings.retain(fatal);
@@ -205,7 +210,7 @@ fn judge(
         Directions { recordings: judged, rests: &rests, noise: &noise, hands: &hands, accelerometer, gyroscope };
     let (ends, _) = directions.ends_of(&moves);
     let rotations: Vec<Matrix3<f64>> =
-        moves.iter().map(|m| rotate_smoothly(&judged[m.recording], m.first, m.last, &triads.gyroscope)).collect();
+        moves.iter().map(|m| integrate_rotation(&judged[m.recording], m.first, m.last, &triads.gyroscope)).collect();
     let rest_reports: Vec<RestReport> = rests
         .iter()
         .zip(&usable)
@@ -234,7 +239,7 @@ fn judge(
     })
 }
 
-/// The figures over all rests and moves that take part; `parameters` were fitted to them.
+/// Figures of merit over all rests and moves that are used. `parameters` is the number of parameters fitted to them.
 pub(crate) fn figures(
     rests: &[RestReport],
     moves: &[MoveReport],
@@ -311,7 +316,7 @@ pub(crate) fn unusable_report(m: &Move, reason: &'static str) -> MoveReport {
     }
 }
 
-/// Gravity carried from the first rest through the whole recording: errors add up, as they do for a user.
+/// Gravity propagated from the first rest through the whole recording. Errors accumulate, as in an application.
 fn carried_gravity(
     index: usize,
     [recorded, judged]: [&Recording<'_>; 2],
@@ -327,7 +332,7 @@ fn carried_gravity(
         let mut carried_up = vec![up];
         for pair in rests.windows(2) {
             let middle = |k: usize| (pair[k].first + pair[k].end) / 2;
-            up = rotate_smoothly(recording, middle(0), middle(1), gyroscope).tr_mul(&up);
+            up = integrate_rotation(recording, middle(0), middle(1), gyroscope).tr_mul(&up);
             carried_up.push(up);
         }
         carried_up

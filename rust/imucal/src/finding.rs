@@ -1,42 +1,42 @@
-//! What is wrong with a recording: the faults that checks find.
+//! Findings: the faults that the checks report about a recording.
 
 use std::fmt;
 
-/// How bad a finding is.
+/// Severity of a finding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Severity {
-    /// Worth knowing; the calibration goes on.
+    /// For information; the calibration continues.
     Warning,
-    /// A calibration would be wrong: it is refused.
+    /// The calibration would be wrong and is refused.
     Error,
 }
 
-/// One thing that is wrong with a recording.
+/// A fault of a recording.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Finding {
-    /// Reason code: stable, lower case, for scripts.
+    /// Reason code for scripts, in lower case; it does not change between versions.
     pub code: &'static str,
-    /// Whether a calibration is refused.
+    /// Severity: whether the calibration is refused.
     pub severity: Severity,
     /// Name of the recording.
     pub recording: String,
-    /// The columns concerned, such as `gyro_x`; empty if the whole recording is.
+    /// Affected columns, such as `gyro_x`; empty if the whole recording is affected.
     pub columns: Vec<String>,
-    /// First and last sample concerned and their times, where there is such a place.
+    /// First and last affected sample with their times, if the fault has a location.
     pub place: Option<Place>,
-    /// How many samples are concerned.
+    /// Number of affected samples.
     pub count: usize,
-    /// The number that decided, in `unit`.
+    /// The value that decided, in `unit`.
     pub value: f64,
     /// Unit of `value`.
     pub unit: &'static str,
-    /// What is wrong, where, with the number.
+    /// Description of the fault with its location and its value.
     pub message: String,
-    /// What to do about it.
+    /// Recommended action.
     pub way_out: String,
 }
 
-/// A stretch of samples, both ends included.
+/// An interval of samples, both ends included.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Place {
     /// Index of the first sample.
@@ -66,12 +66,13 @@ impl fmt::Display for Place {
 }
 
 impl Finding {
-    /// Whether samples at the end of the converter's range were found.
+    /// Whether the finding reports saturation, that is, samples at the end of the converter's range.
     pub fn is_saturation(&self) -> bool {
         self.code.ends_with("_saturation")
     }
 
-    /// A finding that refuses the calibration, with everything but code and recording's name to be filled in.
+    /// A finding that refuses the calibration. The caller sets all fields except the code and the name of the
+    /// recording.
     pub(crate) fn error(code: &'static str, recording: &str) -> Self {
         Self {
             code,
@@ -87,7 +88,7 @@ impl Finding {
         }
     }
 
-    /// A finding that is only worth knowing, to be filled in likewise.
+    /// A finding that does not refuse the calibration. The caller sets the other fields as for [`Finding::error`].
     pub(crate) fn warning(code: &'static str, recording: &str) -> Self {
         Self { severity: Severity::Warning, ..Self::error(code, recording) }
     }

@@ -1,29 +1,31 @@
-//! Body frames and the exact change from one to the other (model.md (2)).
+//! Body frames, and the exact conversion between them (`docs/model.md` (2)).
 //!
-//! Both are orthogonal frames on the accelerometer and differ by one rotation: `T_to = T_from Q^T` for both triads.
-//! |f| is the same in both, and so is every residual.
+//! Both frames are orthogonal and fixed to the accelerometer. They differ by one rotation Q: `T_to = T_from Q^T` for
+//! both triads. |f| is the same in both frames, and so are all residuals.
 
 use faer::Mat;
 use nalgebra::{Matrix3, SymmetricEigen};
 
 use crate::error::Error;
 
-/// Index pairs of the six entries of a symmetric matrix, in the order of the parameters.
+/// Indices of the six free entries of a symmetric matrix, in the order of the parameters.
 pub(crate) const SYMMETRIC: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)];
-/// Index pairs of the entries of a lower triangular matrix, in the order of the parameters.
+/// Indices of the six free entries of a lower triangular matrix, in the order of the parameters.
 const TRIANGULAR: [(usize, usize); 6] = [(0, 0), (1, 1), (2, 2), (1, 0), (2, 0), (2, 1)];
 
-/// Which orthogonal frame the body frame is.
+/// Convention for the body frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Frame {
-    /// The frame closest to the three sensor axes: the accelerometer's sensitivity is symmetric positive definite.
+    /// The orthogonal frame closest to the three sensor axes: the accelerometer's sensitivity is symmetric positive
+    /// definite.
     Symmetric,
-    /// x along the accelerometer's x axis, y in its x-y plane: the sensitivity is lower triangular.
+    /// x along the accelerometer's x axis, y in the plane of its x and y axes: the sensitivity is lower triangular.
     Triangular,
 }
 
 impl Frame {
-    /// Rows and columns of the accelerometer's six free entries, in the order of the parameters.
+    /// Indices (row, column) of the six free entries of the accelerometer's sensitivity, in the order of the
+    /// parameters.
     pub fn free_entries(self) -> [(usize, usize); 6] {
         match self {
             Self::Symmetric => SYMMETRIC,
@@ -32,16 +34,16 @@ impl Frame {
     }
 }
 
-/// Sensitivities of both triads, in one frame.
+/// Sensitivities of both triads, in the same body frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensitivities {
-    /// Accelerometer.
+    /// Sensitivity of the accelerometer, 3x3.
     pub accelerometer: Matrix3<f64>,
-    /// Gyroscope.
+    /// Sensitivity of the gyroscope, 3x3.
     pub gyroscope: Matrix3<f64>,
 }
 
-/// The same unit described in `frame`.
+/// Converts the sensitivities of a unit to another body frame.
 ///
 /// # Errors
 /// [`Error::Input`] if the accelerometer's sensitivity is singular.
@@ -51,7 +53,7 @@ pub fn convert(from: &Sensitivities, frame: Frame) -> Result<Sensitivities, Erro
     Ok(Sensitivities { accelerometer, gyroscope: from.gyroscope * rotation.transpose() })
 }
 
-/// Derivative of [`convert`] for a change of the sensitivities.
+/// Derivative of [`convert`] with respect to the sensitivities, applied to a change of them.
 pub(crate) fn convert_change(
     from: &Sensitivities,
     to: &Sensitivities,
@@ -72,7 +74,7 @@ pub(crate) fn convert_change(
             to.accelerometer * half
         }
         Frame::Symmetric => {
-            // dT T + T dT = dS is diagonal in the eigenvectors of T.
+            // In the eigenvectors of T the equation dT T + T dT = dS is diagonal.
             let eigen = SymmetricEigen::new(to.accelerometer);
             let inner = eigen.eigenvectors.transpose() * product * eigen.eigenvectors;
             let solved = Matrix3::from_fn(|i, j| inner[(i, j)] / (eigen.eigenvalues[i] + eigen.eigenvalues[j]));
@@ -110,7 +112,7 @@ pub(crate) fn parameter_jacobian(from: &Sensitivities, to: &Sensitivities, frame
     Ok(jacobian)
 }
 
-/// The square root of `T T^T` that belongs to the frame.
+/// The square root of `T T^T` in this frame: symmetric or lower triangular.
 fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     let product = t * t.transpose();
     match frame {
@@ -120,7 +122,7 @@ fn root(t: &Matrix3<f64>, frame: Frame) -> Result<Matrix3<f64>, Error> {
     .ok_or_else(|| Error::Input("the accelerometer's sensitivity is singular: its axes lie in one plane".into()))
 }
 
-/// Q in `T_from = T_to Q`.
+/// The rotation Q in `T_from = T_to Q`.
 pub(crate) fn rotation(from: &Matrix3<f64>, to: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     Ok(inverse(to)? * from)
 }

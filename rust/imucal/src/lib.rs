@@ -1,8 +1,9 @@
 //! Calibration of MEMS accelerometers and gyroscopes with gravity as the only reference.
 //!
-//! The unit is turned by a cheap stand, or by hand, and held still in many poses. At rest the accelerometer must read
-//! gravity: an ellipsoid fit gives its nine parameters. Between two rests the integrated gyroscope must carry the first
-//! direction of gravity to the second: that gives its twelve. A control recording that no fit has seen judges both.
+//! A cheap stand or a person turns the unit to many poses and holds it still in each. At rest the accelerometer must
+//! measure gravity; this determines its nine parameters by an ellipsoid fit. Between two rests the integrated gyroscope
+//! must propagate the direction of gravity from the first rest to the second; this determines its twelve parameters. A
+//! control recording that no fit has used verifies both triads.
 //!
 //! ```text
 //! measured = sensitivity * true + bias
@@ -25,12 +26,12 @@
 //! # }
 //! ```
 //!
-//! The path of the data: a [`recording`] is [checked](check), its rests are found ([`rests`]), both triads are fitted
-//! ([`mod@calibrate`]), and the result is judged on other recordings ([`mod@evaluate`]). [`mod@simulate`] makes recordings
-//! with a known truth. Equation numbers in the sources refer to docs/model.md.
+//! Flow of data: a [`recording`] is [checked](check), its rests are detected ([`rests`]), both triads are fitted
+//! ([`mod@calibrate`]), and the result is evaluated on other recordings ([`mod@evaluate`]). [`mod@simulate`] generates
+//! recordings with known true parameters. Equation numbers in the sources refer to docs/model.md.
 //!
-//! What this crate does not do: it reads and writes no files and plots nothing (the Python package does), and it does not
-//! run on the device (`imucal-core` does).
+//! This crate reads and writes no files and draws no plots; the Python package does. The correction on a device is in
+//! `imucal-core`.
 
 pub mod calibrate;
 pub mod check;

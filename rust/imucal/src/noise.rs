@@ -1,4 +1,4 @@
-//! The noise of a unit from a recording at rest: what kinds there are, how much of each, and how sure that is.
+//! Noise identification from a recording at rest: the kinds of noise, their magnitudes and the confidence intervals.
 //!
 //! ```text
 //!                      power density, two-sided       Allan deviation              figure
@@ -8,13 +8,15 @@
 //! quantisation         Q^2 (2 pi f)^2 / rate          sqrt(3) Q / tau              quantisation, v s
 //! ```
 //!
-//! v is the unit of the sensor. These are the definitions of [`crate::simulate`] and of IEEE Std 952; for a gyroscope N is the angle
-//! random walk. Quantisation is that of an angle or a velocity whose increments are put out; the rounding of a rate to
-//! counts is white, known from the count, and no part of N.
+//! v is the unit of the sensor. These definitions are those of [`crate::simulate`] and of IEEE Std 952; for a gyroscope
+//! N is the angle random walk. Quantisation here is that of a sensor whose output is an increment of angle or velocity.
+//! The rounding of a rate to counts is different: it is white, its variance follows from the size of a count, and it is
+//! not included in N.
 //!
-//! The figures are maximum-likelihood estimates from the powers of cosines over the record, model.md (31) and (32), at the
-//! Cramer-Rao bound of such a record; the Allan deviations are there to be looked at, with bands from the fitted model.
-//! A kind that the record does not show has no value: its band starts at zero, and its end is what the record excludes.
+//! The values are maximum-likelihood estimates from the power spectrum of a cosine transform, `docs/model.md` (31) and
+//! (32). They reach the Cramer-Rao bound. The Allan deviations are for display only; their confidence bands come from
+//! the fitted model. A kind that is not significant has no value: its band starts at zero, and the upper end of the
+//! band is the upper limit at 95 % confidence.
 
 pub mod allan;
 mod axis;
@@ -37,11 +39,11 @@ use crate::rests::segment::Segments;
 pub use axis::{AllanPoint, AxisNoise, Estimate};
 use cosines::Layout;
 
-/// Fewer samples hold nothing but white noise, and that badly.
+/// Minimum number of samples. Shorter records contain only white noise, with a poor accuracy.
 const FEWEST_SAMPLES: usize = 1000;
-/// More lost or repeated samples than this share, and the power at high frequency is another one.
+/// Maximum share of lost or repeated samples. More would change the power spectrum at high frequencies.
 const IRREGULAR_SHARE: f64 = 1e-4;
-/// A rest that is less of the recording than this is worth a word.
+/// Minimum share of the recording that the rest should cover; below it a finding is reported.
 const WHOLE_SHARE: f64 = 0.9;
 
 /// The noise of both triads of a unit.
@@ -55,21 +57,22 @@ pub struct Noise {
     pub samples: usize,
     /// Sample rate, Hz.
     pub rate_hz: f64,
-    /// Accelerometer x, y, z, in the recording's unit.
+    /// Noise of the accelerometer's axes x, y, z, in the recording's unit.
     pub accelerometer: [AxisNoise; 3],
-    /// Gyroscope x, y, z, in the recording's unit.
+    /// Noise of the gyroscope's axes x, y, z, in the recording's unit.
     pub gyroscope: [AxisNoise; 3],
-    /// What is worth knowing about the recording.
+    /// Findings about the recording.
     pub findings: Vec<Finding>,
 }
 
 /// Identifies the noise in the longest rest of `recording`.
 ///
-/// `min_rest_s` is for the search of rests. `threads` share the work and change no bit of the result.
+/// `min_rest_s` is the minimum duration of a rest, s, for rest detection. The result does not depend on the number of
+/// `threads`.
 ///
 /// # Errors
-/// [`Error::Data`] for a recording with faults, lost and repeated samples among them; [`Error::NotEnoughMotion`] if the unit is
-/// never at rest; [`Error::Input`] if it is so for fewer than 1000 samples.
+/// [`Error::Data`] for a recording with faults, including lost and repeated samples; [`Error::NotEnoughMotion`] if the
+/// unit is never at rest; [`Error::Input`] if the longest rest has fewer than 1000 samples.
 pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsize) -> Result<Noise, Error> {
     let mut findings = check::check_columns(recording);
     for finding in &mut findings {
@@ -95,7 +98,7 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
     };
     let axes: Vec<AxisNoise> = in_order(threads.get(), 6, of_channel).into_iter().collect::<Result<_, _>>()?;
     findings.extend(remarks(recording, end_s - start_s, rate_hz, &axes));
-    let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not judged".into()))?;
+    let triads = <[AxisNoise; 6]>::try_from(axes).map_err(|_| Error::Fit("an axis was not evaluated".into()))?;
     let [ax, ay, az, gx, gy, gz] = triads;
     Ok(Noise {
         start_s,
@@ -108,7 +111,7 @@ pub fn identify(recording: &Recording<'_>, min_rest_s: f64, threads: NonZeroUsiz
     })
 }
 
-/// The longest stretch at rest.
+/// Sample range of the longest rest.
 fn longest_rest(recording: &Recording<'_>, min_rest_s: f64) -> Result<Range<usize>, Error> {
     let segments = Segments::find(recording, min_rest_s)?;
     let floor = &segments.threshold.noise_floor;
@@ -125,17 +128,17 @@ fn longest_rest(recording: &Recording<'_>, min_rest_s: f64) -> Result<Range<usiz
         return Ok(longest);
     }
     Err(Error::Input(format!(
-        "{}: the longest rest, {}, has {} samples, {FEWEST_SAMPLES} are needed: let the unit lie still for minutes for \
-         white noise, for hours for bias instability and random walk",
+        "{}: the longest rest, {}, has {} samples; {FEWEST_SAMPLES} are needed: let the unit rest for minutes to get the \
+         white noise, for hours to get bias instability and random walk",
         recording.name,
         place(recording, &longest),
         longest.len()
     )))
 }
 
-/// Whether nothing but noise parts a rest from the next one, at `next`: no sample between them leaves the end of the rest by
-/// more than six standard deviations. Noise alone cuts a long rest here and there, filtered noise above all: its variance
-/// in half a second scatters widely.
+/// Whether a rest and the next one, which starts at sample `next`, are separated only by noise: no sample between them
+/// deviates from the end of the rest by more than six standard deviations. Noise can split a long rest, in particular
+/// filtered noise, whose variance over half a second varies strongly.
 fn is_noise(recording: &Recording<'_>, rest: Range<usize>, next: usize, floor: &Vector6<f64>) -> bool {
     const NEAR: usize = 200;
     const LIMIT: f64 = 6.0;
@@ -165,16 +168,16 @@ fn moving(recording: &Recording<'_>, rest: &Range<usize>) -> Finding {
         value: share,
         unit: "1",
         message: format!(
-            "the longest rest, {}, is {:.0} % of the recording, and only it is used",
+            "the longest rest, {}, covers {:.0} % of the recording; only this rest is used",
             place(recording, rest),
             100.0 * share
         ),
-        way_out: "record the unit at rest on something firm".into(),
+        way_out: "record the unit at rest on something rigid".into(),
         ..Finding::warning("recording_moves", recording.name)
     }
 }
 
-/// What the figures of the axes, accelerometer first, say about the recording.
+/// Findings that follow from the results of the axes, accelerometer first.
 fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[AxisNoise]) -> Vec<Finding> {
     let columns = |of: &dyn Fn(&AxisNoise) -> bool| -> Vec<String> {
         check::CHANNELS.iter().zip(axes).filter(|(_, axis)| of(axis)).map(|(name, _)| (*name).to_owned()).collect()
@@ -183,28 +186,28 @@ fn remarks(recording: &Recording<'_>, duration_s: f64, rate_hz: f64, axes: &[Axi
         (
             "noise_below_lsb",
             columns(&|axis| axis.is_below_lsb),
-            "white noise is less than half a count: it cannot be known from this recording better than one count over \
-             sqrt(12), and what the other kinds are is a guess",
+            "white noise is less than half a count: this recording determines it no better than one count over sqrt(12), \
+             and the other kinds of noise are not reliable",
             "choose a smaller range or a higher resolution, or take the noise from the datasheet",
         ),
         (
             "noise_filtered",
             columns(&|axis| axis.shortest_period_s * rate_hz > 2.5 && axis.misfit.abs() <= axis::MISFIT),
-            "at high frequencies the noise is not of these kinds, as behind a filter: the figures are those of what is slower",
-            "nothing to do; record without the filter and at a higher rate if you need the noise density more exactly",
+            "at high frequencies the noise is not of these kinds, as after a filter: only lower frequencies are used",
+            "nothing to do; record without the filter and at a higher rate if you need a more accurate noise density",
         ),
         (
             "noise_model",
             columns(&|axis| axis.misfit.abs() > axis::MISFIT),
-            "the power is not that of white noise, bias instability, random walk and quantisation: the figures are rough, and \
-             their bands too narrow",
-            "look at the Allan plot; record at a constant temperature, on something firm, away from motors",
+            "the power spectrum is not that of white noise, bias instability, random walk and quantisation: the values are \
+             approximate, and their confidence bands are too narrow",
+            "look at the Allan plot; record at a constant temperature, on something rigid, away from motors",
         ),
         (
             "recording_short",
             columns(&|axis| axis.bias_instability.value.is_none()),
-            "the recording does not show the bias instability: it is below the end of its band",
-            "record for longer, hours at a constant temperature, if you need a figure",
+            "the recording is too short to show the bias instability, which is below the upper end of its band",
+            "record for hours at a constant temperature if you need a value",
         ),
     ];
     let finding = |(code, columns, message, way_out): (&'static str, Vec<String>, &str, &str)| {
@@ -247,7 +250,8 @@ mod tests {
         Sensor { noise_density: 1e-3, bias_instability: 5e-4, random_walk: Vector3::repeat(1e-4), ..Sensor::ideal() }
     }
 
-    /// Over a handful of runs the errors are as large as they are said to be: mean square within its own 99.9 %.
+    /// Over several runs the errors agree with the standard deviations: their mean square is within its 99.9 %
+    /// interval.
     #[test]
     fn standard_deviations_are_those_of_the_errors() {
         let mut squares = [0.0; 3];
@@ -262,7 +266,7 @@ mod tests {
                 }
             }
         }
-        // 60 squares: 0.49 to 1.74 in 999 of 1000 cases.
+        // For 60 squares the mean is between 0.49 and 1.74 with a probability of 99.9 %.
         assert!(squares.iter().all(|square| (0.49..1.74).contains(square)), "{squares:?}");
     }
 
@@ -288,7 +292,7 @@ mod tests {
             converter: Some(Converter { lsb: noise_std * counts, bits: 24 }),
             ..Sensor::ideal()
         };
-        // Without the correction it would be 4 % too much.
+        // Without the correction the estimate would be 4 % too large.
         for axis in axes(&noise_of(&still(counted(1.0), 1200.0, 5))) {
             let (value, std) = (axis.noise_density.value.unwrap(), axis.noise_density.std.unwrap());
             assert!(((value - 1e-3) / std).abs() < 4.0, "{value}");

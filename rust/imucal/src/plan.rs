@@ -1,13 +1,18 @@
-//! Planning a motion: what a program will determine, and the program that determines most (model.md (33)).
+//! Planning of motions: the accuracy that a program will reach, and the program that reaches the best accuracy
+//! (`docs/model.md` (33)).
 //!
-//! * [`Sensors`]: what the unit makes of a motion, and its white noise.
-//! * [`predict()`]: standard deviation of every parameter after any [`Motion`](crate::simulate::Motion), from the model alone.
-//! * [`Limits`]: how far, how fast and where to the motors may turn.
-//! * [`optimal()`]: the program with the most information in a given time, or the shortest one that reaches given standard
-//!   deviations.
+//! * [`Sensors`]: derivatives of the sensor readings with respect to the parameters, and the white noise of the
+//!   sensors.
+//! * [`predict()`]: predicted standard deviation of every parameter after any [`Motion`](crate::simulate::Motion), from
+//!   the model only.
+//! * [`Limits`]: limits of the motors' angles, rates and accelerations.
+//! * [`optimal()`]: the program with the most information in a given time, or the shortest program that reaches given
+//!   standard deviations.
 //!
-//! The information is that of the joint fit: the force at rests, the rate at rests, and gravity carried from rest to rest, with the
-//! direction at each rest unknown. It is summed up along the run, so a run of any length costs a pass over it and no large matrix.
+//! The information is that of the joint fit. It contains the mean force and the mean rate at each rest, and the
+//! propagation of gravity from rest to rest; the direction of gravity at each rest is unknown. It is accumulated along
+//! the run by an information filter, so the cost is proportional to the length of the run and no large matrix is
+//! needed.
 //!
 //! ```
 //! use imucal::plan::{Goal, Limits, Search, Sensors, optimal};
@@ -21,11 +26,11 @@
 //! # Ok::<(), imucal::error::Error>(())
 //! ```
 
-mod chain;
 mod goal;
-mod leg;
+mod information_filter;
 mod limits;
 mod predict;
+mod propagation;
 mod search;
 mod sensors;
 mod trial;
@@ -36,5 +41,5 @@ pub use predict::{Prediction, predict};
 pub use search::{Found, Search, optimal};
 pub use sensors::Sensors;
 
-/// The direction of gravity: two angles, which come before the parameters in every row.
+/// Number of angles of the direction of gravity, which precede the parameters in every row.
 pub(crate) const DIRECTION: usize = 2;

@@ -1,24 +1,27 @@
-//! Carrying gravity through the integrated gyroscope, and how that depends on the parameters (model.md (6), (7)).
+//! Preintegration of the gyroscope: the rotation over a move, and its derivatives with respect to the parameters
+//! (`docs/model.md` (6), (7)).
 //!
-//! One pass over a move gives the rotation and the sums that serve every parameter. With the rate `w = T^-1 (m - b)`, the step
-//! `phi = h wbar + h^2/12 (w0 x w1)` and `R <- R exp(phi)`, a change of the parameters turns the end attitude by `delta` on the body
-//! side, `R exp(delta)`:
+//! One pass over the samples of a move calculates its rotation and the sums from which the derivatives of all
+//! parameters follow. The rate is `w = T^-1 (m - b)`, the rotation vector of a step is
+//! `phi = h wbar + h^2/12 (w0 x w1)`, and `R <- R exp(phi)`. A change of the parameters changes the attitude at the end
+//! by `delta` on the body side, `R exp(delta)`:
 //!
 //! ```text
 //! d_delta_d_T_ij = -R^T G_j T^-1 e_i,   G_j = integral of R w_j dt
 //! d_delta_d_b_i  = -R^T G_b T^-1 e_i,   G_b = integral of R dt
 //! ```
 //!
-//! From rest to rest the trapezoid over the samples is as exact as they are close, and `R' = R [w]x` gives a third of the G_j from
-//! where the path ends: with columns R_x, R_y, R_z the integral of `R_y w_z - R_z w_y` is what R_x changes by. In the midst of a turn it
-//! is off by a twelfth of the square of the turn in a step. Where steps are short, sixteen are summed as one to the same sums.
+//! The integrals are trapezoidal sums over the samples. Because of `R' = R [w]x`, a third of the G_j follow from the
+//! rotation of the whole move: with the columns R_x, R_y, R_z of R, the integral of `R_y w_z - R_z w_y` is the change
+//! of R_x. If the move does not start and end at rest, this relation has a relative error of a twelfth of the squared
+//! rotation per step. Short steps are summed in groups of sixteen (see `preintegration/sums.rs`), with the same result.
 
 mod attitudes;
-mod between;
+mod interpolation;
 mod kernel;
 pub(crate) mod kinematics;
 mod lanes;
-mod path;
+mod rate_segment;
 #[cfg(test)]
 mod reference;
 mod step;
@@ -34,36 +37,37 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use crate::recording::{Recording, Samples};
 
 pub(crate) use attitudes::attitudes;
-pub(crate) use between::{Between, are_alike};
+pub(crate) use interpolation::{Interpolation, are_equal_steps};
 pub use lanes::Instructions;
 #[cfg(test)]
-pub(crate) use path::STEPS_TAKEN;
-pub use path::{Pace, Path};
+pub(crate) use rate_segment::STEPS_TAKEN;
+pub use rate_segment::{RateSegment, SampleTimes};
 
-/// Rotation of one move and its derivative sums.
+/// Rotation over one move, and the sums for its derivatives.
 #[derive(Clone, Copy, Debug)]
-pub struct Carried {
-    /// `v_start = rotation * v_end`.
+pub struct Preintegrated {
+    /// Rotation from the frame at the last sample to the frame at the first sample: `v_start = rotation * v_end`.
     pub rotation: Matrix3<f64>,
-    /// G_x, G_y, G_z, rad.
+    /// G_x, G_y, G_z: integrals of R times each component of the rate, rad.
     pub sensitivity_sums: [Matrix3<f64>; 3],
-    /// G_b, s.
+    /// G_b: integral of R, s.
     pub bias_sum: Matrix3<f64>,
 }
 
-/// The rotation from sample `first` to sample `last` of a recording, as exact as the samples let it be.
-pub(crate) fn rotate_smoothly(
+/// Rotation from sample `first` to sample `last` of a recording, with cubic interpolation of the rate where possible
+/// (`docs/model.md` (17)).
+pub(crate) fn integrate_rotation(
     recording: &Recording<'_>,
     first: usize,
     last: usize,
     gyroscope: &Triad<f64>,
 ) -> Matrix3<f64> {
-    let paths = Path::smooth(recording.time_s, recording.angular_rate, first, last);
+    let paths = RateSegment::smooth(recording.time_s, recording.angular_rate, first, last);
     paths.fold(Matrix3::identity(), |rotation, path| rotation * path.rotation(gyroscope))
 }
 
-/// The same of any rates, and the sums.
-pub(crate) fn carry_smoothly(
+/// Rotation from sample `first` to sample `last`, as [`integrate_rotation`], and the sums for its derivatives.
+pub(crate) fn preintegrate(
     time_s: &[f64],
     rates: Samples<'_>,
     first: usize,
@@ -71,7 +75,7 @@ pub(crate) fn carry_smoothly(
     gyroscope: &Triad<f64>,
 ) -> (Matrix3<f64>, Sums) {
     let (mut rotation, mut sums) = (Matrix3::identity(), Sums::zero());
-    for path in Path::smooth(time_s, rates, first, last) {
+    for path in RateSegment::smooth(time_s, rates, first, last) {
         let (turn, added) = path.sums(gyroscope);
         sums.add_after(&rotation, &added);
         rotation *= turn;
@@ -79,24 +83,35 @@ pub(crate) fn carry_smoothly(
     (rotation, sums)
 }
 
-/// The same for a rate that goes straight from sample to sample, as a fit in two stages takes it.
-pub(crate) fn rotate(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Matrix3<f64> {
-    Path::of(recording, first, last).rotation(gyroscope)
+/// Rotation from sample `first` to sample `last` with linear interpolation of the rate, as in the two-stage fit
+/// (`docs/model.md` (6)).
+pub(crate) fn integrate_rotation_linear(
+    recording: &Recording<'_>,
+    first: usize,
+    last: usize,
+    gyroscope: &Triad<f64>,
+) -> Matrix3<f64> {
+    RateSegment::of(recording, first, last).rotation(gyroscope)
 }
 
-/// How far the unit turned about each axis between two samples, rad, signs dropped.
-pub(crate) fn turned_rad(recording: &Recording<'_>, first: usize, last: usize, gyroscope: &Triad<f64>) -> Vector3<f64> {
+/// Total rotation about each axis between two samples, rad: the integral of the absolute rate.
+pub(crate) fn total_rotation_rad(
+    recording: &Recording<'_>,
+    first: usize,
+    last: usize,
+    gyroscope: &Triad<f64>,
+) -> Vector3<f64> {
     let rate = |k: usize| gyroscope.correct(Vector3::from(recording.angular_rate.at(k)));
     let step = |k: usize| (rate(k) + rate(k + 1)) * ((recording.time_s[k + 1] - recording.time_s[k]) / 2.0);
     (first..last).map(|k| step(k).abs()).sum()
 }
 
-/// Sums over a move.
+/// Sums over a move, from which the derivatives of its rotation follow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sums {
-    /// G_x, G_y, G_z.
+    /// G_x, G_y, G_z: integrals of R times each component of the rate, rad.
     pub(crate) sensitivity: [Matrix3<f64>; 3],
-    /// G_b.
+    /// G_b: integral of R, s.
     pub(crate) bias: Matrix3<f64>,
 }
 
@@ -105,7 +120,8 @@ impl Sums {
         Self { sensitivity: [Matrix3::zeros(); 3], bias: Matrix3::zeros() }
     }
 
-    /// Adds a sample of a trapezoid: the rotation there times its share of the time, and the rate that the entries multiply.
+    /// Adds a sample of the trapezoidal rule: `weight` is R times the sample's share of the time, `rate` the rate in
+    /// rad/s.
     #[inline(always)]
     pub(crate) fn add_sample(&mut self, weight: &Matrix3<f64>, rate: &Vector3<f64>) {
         for (j, sum) in self.sensitivity.iter_mut().enumerate() {
@@ -114,12 +130,13 @@ impl Sums {
         self.bias += weight;
     }
 
-    /// What the entries multiply has this much beyond the rate that turns, in a stretch with this weight.
+    /// Adds the part `beyond` that exceeds the rate of rotation, rad/s, with `weight` for an interval. It is used if
+    /// the quantity multiplied by the sensitivity differs from the rate, as with effects.
     pub(crate) fn add_beyond(&mut self, weight: &Matrix3<f64>, beyond: &Vector3<f64>) {
         self.sensitivity.iter_mut().zip(beyond).for_each(|(sum, part)| *sum += weight * *part);
     }
 
-    /// Adds the sums of a stretch that comes after a turn by `before`.
+    /// Adds the sums of an interval that follows a rotation `before`.
     pub(crate) fn add_after(&mut self, before: &Matrix3<f64>, other: &Self) {
         for (sum, term) in self.sensitivity.iter_mut().zip(&other.sensitivity) {
             *sum += before * term;
@@ -128,15 +145,15 @@ impl Sums {
     }
 }
 
-/// What a step of `h` seconds turns, rad, with this mean rate and these rates at its ends.
+/// Rotation vector, rad, of a step of `h` seconds, from its mean rate and the rates at its ends, rad/s.
 #[inline(always)]
 pub(crate) fn turn(mean: &Vector3<f64>, [w0, w1]: [&Vector3<f64>; 2], h: f64) -> Vector3<f64> {
     mean * h + w0.cross(w1) * (h * h / 12.0)
 }
 
-/// Turns on by so many rad.
+/// Multiplies the rotation from the right by the rotation with this rotation vector, rad.
 #[inline(always)]
-fn turn_on(rotation: &mut UnitQuaternion<f64>, turn: &Vector3<f64>) {
+fn rotate_by(rotation: &mut UnitQuaternion<f64>, turn: &Vector3<f64>) {
     *rotation *= so3::exp(turn);
     rotation.renormalize_fast();
 }

@@ -1,33 +1,34 @@
-//! A recording: what one unit measured, as borrowed columns.
+//! A recording: the measurements of one unit, as borrowed columns.
 //!
-//! Rows are samples. Time is in seconds; a triad is either in SI units (m/s^2, rad/s) or in raw counts (`lsb`).
-//! A still sensor reads +g on the axis that points up.
+//! Rows are samples. Time is in seconds. Each triad is in SI units (m/s^2, rad/s) or in raw counts (`lsb`). A sensor at
+//! rest reads +g on the axis that points up.
 
 use std::borrow::Cow;
 use std::ops::Range;
 
 use crate::error::Error;
 
-/// The temperature, degC, that sensitivities and biases are for: the effects of temperature count from here.
+/// Reference temperature of sensitivities and biases, degC. Effects of temperature are proportional to the difference
+/// from it.
 pub const REFERENCE_TEMPERATURE_DEGC: f64 = 25.0;
 
-/// The unit in which a triad's samples are given. Physical units (g, deg/s, ...) are converted to SI on reading.
+/// Unit of a triad's samples. Other physical units (g, deg/s, ...) are converted to SI when a file is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RawUnit {
-    /// m/s^2 for the accelerometer, rad/s for the gyroscope.
+    /// SI: m/s^2 for the accelerometer, rad/s for the gyroscope.
     Si,
-    /// Raw counts of the converter.
+    /// Counts of the analogue-to-digital converter.
     Lsb,
 }
 
-/// The samples of a triad, (N, 3), in the type in which they are kept: nothing makes a copy of all of them.
+/// Samples of a triad, (N, 3), in the number type of the caller's array, so that no copy is needed.
 #[derive(Clone, Copy, Debug)]
 pub enum Samples<'a> {
     /// Double precision.
     F64(&'a [[f64; 3]]),
     /// Single precision.
     F32(&'a [[f32; 3]]),
-    /// Counts of 16 bits.
+    /// 16-bit counts.
     I16(&'a [[i16; 3]]),
 }
 
@@ -41,12 +42,12 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// Whether there is no sample at all.
+    /// Whether there are no samples.
     pub fn is_empty(self) -> bool {
         self.len() == 0
     }
 
-    /// One sample.
+    /// One sample as f64.
     #[inline(always)]
     pub fn at(self, sample: usize) -> [f64; 3] {
         match self {
@@ -56,7 +57,7 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// A few samples in a row: as they are, or copied if they are kept in another type.
+    /// Consecutive samples as f64: borrowed if they are stored as f64, otherwise copied.
     #[inline(always)]
     pub fn part(self, samples: Range<usize>) -> Cow<'a, [[f64; 3]]> {
         match self {
@@ -66,7 +67,7 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// These samples alone, in the type in which they are kept.
+    /// A range of samples, in the same number type and without a copy.
     #[must_use]
     pub fn slice(self, samples: Range<usize>) -> Self {
         match self {
@@ -76,19 +77,20 @@ impl<'a> Samples<'a> {
         }
     }
 
-    /// All samples in their order.
+    /// All samples in order, as f64.
     #[inline(always)]
     pub fn iter(self) -> impl ExactSizeIterator<Item = [f64; 3]> + DoubleEndedIterator + Clone + 'a {
         (0..self.len()).map(move |sample| self.at(sample))
     }
 
-    /// One axis of all samples.
+    /// One axis of all samples, as f64.
     #[inline(always)]
     pub fn axis(self, axis: usize) -> impl ExactSizeIterator<Item = f64> + DoubleEndedIterator + Clone + 'a {
         self.iter().map(move |row| row[axis])
     }
 
-    /// Hands out one axis of each sample and of the next one; without asking each time how they are kept.
+    /// Calls `each` with one axis of every two consecutive samples. The number type is selected once, not for each
+    /// sample.
     #[inline(always)]
     pub(crate) fn neighbours(self, axis: usize, each: impl FnMut(f64, f64)) {
         match self {
@@ -106,11 +108,11 @@ fn neighbours_of<T: Into<f64> + Copy>(rows: &[[T; 3]], axis: usize, mut each: im
     }
 }
 
-/// Numbers side by side in [`each_step`]: of eight rows, which fill registers.
+/// Numbers processed together in [`each_step`]: eight rows of three axes, which fill the vector registers.
 pub(crate) const SIDE_BY_SIDE: usize = 3 * 8;
 
-/// Hands out each number of some rows and that of its axis in the next row, with its place among those side by side; every third
-/// place is of one axis.
+/// Calls `each` for every number except those of the last row, with the number of the same axis in the next row. The
+/// first argument is the index within a group of [`SIDE_BY_SIDE`] numbers; the index modulo 3 is the axis.
 #[inline(always)]
 pub(crate) fn each_step(rows: &[[f64; 3]], mut each: impl FnMut(usize, f64, f64)) {
     let after = rows.get(1..).unwrap_or_default().as_flattened();
@@ -151,20 +153,20 @@ impl<'a, const N: usize> From<&'a [[f64; 3]; N]> for Samples<'a> {
     }
 }
 
-/// Borrowed columns of one recording; all columns have the same length.
+/// Borrowed columns of a recording; all columns have the same length.
 #[derive(Clone, Copy, Debug)]
 pub struct Recording<'a> {
-    /// What messages call this recording, usually the file's name.
+    /// Name of the recording in messages, usually the name of its file.
     pub name: &'a str,
     /// Time of each sample, s.
     pub time_s: &'a [f64],
-    /// Accelerometer, in `accel_unit`.
+    /// Samples of the accelerometer, in `accel_unit`.
     pub specific_force: Samples<'a>,
-    /// Gyroscope, in `gyro_unit`.
+    /// Samples of the gyroscope, in `gyro_unit`.
     pub angular_rate: Samples<'a>,
-    /// Temperature, degC.
+    /// Temperature, degC; `None` if unknown.
     pub temperature_degc: Option<&'a [f64]>,
-    /// Angles of the stand's motors from their encoders, rad.
+    /// Motor angles of the stand from its encoders, rad; `None` without a stand.
     pub stand_rad: Option<&'a [[f64; 3]]>,
     /// Unit of `specific_force`.
     pub accel_unit: RawUnit,
@@ -173,10 +175,10 @@ pub struct Recording<'a> {
 }
 
 impl<'a> Recording<'a> {
-    /// A recording in SI units, without temperature and encoders.
+    /// A recording in SI units, without temperature and encoder angles.
     ///
     /// # Errors
-    /// [`Error::Input`] if the columns differ in length.
+    /// [`Error::Input`] if the columns have different lengths.
     pub fn try_new(
         name: &'a str,
         time_s: &'a [f64],
@@ -207,22 +209,22 @@ impl<'a> Recording<'a> {
         [self.time_s[0], self.time_s[self.len() - 1]]
     }
 
-    /// Whether there is no sample at all.
+    /// Whether there are no samples.
     pub fn is_empty(&self) -> bool {
         self.time_s.is_empty()
     }
 
-    /// Whether the temperature of every sample is known.
+    /// Whether the temperature of every sample is known and finite.
     pub(crate) fn has_temperature(&self) -> bool {
         self.temperature_degc.is_some_and(|column| column.iter().all(|degc| degc.is_finite()))
     }
 
-    /// Whether the stand's angles are known at every sample.
+    /// Whether the motor angles of every sample are known and finite.
     pub(crate) fn has_stand(&self) -> bool {
         self.stand_rad.is_some_and(|rows| rows.iter().flatten().all(|angle| angle.is_finite()))
     }
 
-    /// Every column must have as many rows as there are time stamps.
+    /// Verifies that every column has as many rows as there are time stamps.
     pub(crate) fn check_lengths(&self) -> Result<(), Error> {
         let n = self.len();
         let columns = [

@@ -1,17 +1,19 @@
-//! Simulated runs: a motion, a unit with all its errors, and the truth beside what it says.
+//! Simulation of calibration runs: the samples that a unit with all its errors measures during a motion, and the true
+//! values.
 //!
-//! * [`program`]: what the motors of a stand are told to do; the paper's two programs, or any list of steps.
-//! * [`profile`]: how they do it, in closed form, with limited jerk.
-//! * [`gimbal`]: from three motor angles to the attitude.
-//! * [`stand`]: what is wrong with the stand; [`tremor`] and [`slip`] of the unit on it; [`tumble`]: a run by hand; [`motion`]: any of
-//!   these as a function of time.
-//! * [`earth`]: gravity and the rate of the Earth at a place.
-//! * [`mod@unit`]: sensitivity, bias, noise, filter and counts; the paper's unit. Its effects are those of the catalogue
-//!   ([`imucal_core::effects`]), at the true state.
-//! * [`temperature`] of the unit over the run, [`faults`] of the record.
+//! * [`program`]: the commands to the motors of a stand; the two programs of the paper (`docs/model.md`), or any list
+//!   of steps.
+//! * [`profile`]: the motion of the motors in closed form, with limited jerk.
+//! * [`gimbal`]: the attitude as a function of the three motor angles.
+//! * [`stand`]: errors of the stand. [`tremor`] and [`slip`]: motions of the unit on the stand. [`tumble`]: a hand-held
+//!   run. [`motion`]: any of these as a function of time.
+//! * [`earth`]: gravity and the rate of the Earth at a location.
+//! * [`mod@unit`]: sensitivity, bias, noise, filter and converter of the sensors, and the unit of the paper. Its
+//!   effects are those of the catalogue ([`imucal_core::effects`]), evaluated at the true state.
+//! * [`temperature`]: the temperature of the unit over the run. [`faults`]: clock errors and lost or repeated samples.
 //!
-//! Motion and truth are exact functions of time: nothing is integrated, so truth does not depend on the sample rate. The same
-//! setup gives the same bytes, on any number of threads.
+//! Motion and true values are exact functions of time. Nothing is integrated, so the true values do not depend on the
+//! sampling rate. The same setup gives the same bytes, on any number of threads.
 //!
 //! ```
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
@@ -67,33 +69,34 @@ use sensor::Sampler;
 use stream::Triad;
 use truth::Truth;
 
-/// More samples than this do not fit into an ordinary computer's memory (192 bytes each).
+/// Maximum number of samples in a run. At 192 bytes per sample, more would not fit into the memory of an ordinary PC.
 const MAX_SAMPLES: f64 = 1e8;
 
-/// All that a run depends on.
+/// All inputs of a simulated run.
 #[derive(Clone, Copy, Debug)]
 pub struct Setup<'a> {
-    /// How the unit moves.
+    /// Motion of the unit.
     pub motion: &'a Motion,
-    /// What moves.
+    /// The unit: its sensors and their errors.
     pub unit: &'a Unit,
-    /// Samples per second of the unit's clock.
+    /// Sampling rate by the unit's clock, Hz.
     pub rate_hz: f64,
     /// Local gravity, m/s^2.
     pub gravity_mps2: f64,
-    /// Temperature of the unit.
+    /// Temperature of the unit over the run.
     pub temperature: &'a Temperature,
-    /// What is wrong with the record.
+    /// Faults of the recording, such as lost samples.
     pub faults: Faults,
-    /// An effect that is not in the catalogue.
+    /// Additional errors of force and rate, for an effect that is not in the catalogue.
     pub added: Option<Added<'a>>,
-    /// Of all random numbers but those of the motion.
+    /// Seed of all random numbers except those of the motion.
     pub seed: u64,
-    /// Threads to use; `None` is as many as there are processors. The result does not depend on it.
+    /// Number of threads; `None` uses all processors. The result does not depend on it.
     pub threads: Option<NonZeroUsize>,
 }
 
-/// What is added to the true force and rate before the sensors see them: one row per sample of a run without losses.
+/// Errors that are added to the true force and rate at the input of the sensors: one row per sample of a run without
+/// losses.
 #[derive(Clone, Copy, Debug)]
 pub struct Added<'a> {
     /// Specific force, m/s^2.
@@ -102,38 +105,38 @@ pub struct Added<'a> {
     pub rate: Option<&'a [[f64; 3]]>,
 }
 
-/// A simulated run: what a recording has, and the truth beside it. One row per sample; true is at the true instant of the
-/// sample, which only a fault of the clock tells from its stamp.
+/// A simulated run: the columns of a recording, and the true values. All columns have one row per sample. True values
+/// are those at the true instant of the sample. This instant equals the time stamp unless the clock has a fault.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Simulation {
-    /// Time stamps, s: sample number / rate, from 0 up to but without the end of the motion.
+    /// Time stamps, s: sample number / rate, from 0 to the end of the motion (excluded).
     pub time_s: Vec<f64>,
-    /// What the accelerometer says, m/s^2.
+    /// Measured specific force, m/s^2.
     pub specific_force: Vec<[f64; 3]>,
-    /// What the gyroscope says, rad/s.
+    /// Measured angular rate, rad/s.
     pub angular_rate: Vec<[f64; 3]>,
     /// Temperature of the unit, degC.
     pub temperature_degc: Vec<f64>,
-    /// What the encoders of the stand say, rad, outer motor first; `None` without a stand.
+    /// Motor angles read by the encoders of the stand, rad, outermost motor first; `None` without a stand.
     pub stand_rad: Option<Vec<[f64; 3]>>,
-    /// Specific force in the body frame, m/s^2.
+    /// True specific force in the body frame, m/s^2.
     pub true_specific_force: Vec<[f64; 3]>,
-    /// Angular rate in the body frame, rad/s.
+    /// True angular rate in the body frame, rad/s.
     pub true_angular_rate: Vec<[f64; 3]>,
-    /// Derivative of the angular rate in the body frame, rad/s^2.
+    /// True derivative of the angular rate in the body frame, rad/s^2.
     pub true_angular_acceleration: Vec<[f64; 3]>,
-    /// Attitude `[w, x, y, z]`, `v_w = r_wb * v_b`.
+    /// True attitude `[w, x, y, z]`, `v_w = r_wb * v_b`.
     pub rotation_world_from_body: Vec<[f64; 4]>,
-    /// Start and end of each rest, s, as the unit's clock shows them.
+    /// Start and end of each rest, s, by the unit's clock.
     pub rests: Vec<(f64, f64)>,
-    /// How many samples were lost.
+    /// Number of lost samples.
     pub missing: usize,
-    /// How many samples repeat the one before.
+    /// Number of samples that repeat the previous one.
     pub duplicated: usize,
 }
 
 impl Simulation {
-    /// The columns that a real run would have.
+    /// The simulated measurements as a recording.
     pub fn recording<'a>(&'a self, name: &'a str) -> Recording<'a> {
         Recording {
             name,
@@ -147,7 +150,7 @@ impl Simulation {
         }
     }
 
-    /// Rows to be filled, with their stamps.
+    /// A run whose time stamps and rests are set and whose other columns are zero.
     fn blank(samples: usize, setup: &Setup, clock: &Clock) -> Self {
         let on_a_stand = matches!(setup.motion, Motion::Stand { .. });
         let rests = setup.motion.rests().into_iter();
@@ -167,7 +170,7 @@ impl Simulation {
         }
     }
 
-    /// Repeats and loses samples.
+    /// Applies repeated and lost samples.
     fn spoil(&mut self, faults: &Faults, seed: u64) {
         let samples = self.time_s.len();
         let count = |chosen: &[bool]| chosen.iter().filter(|chosen| **chosen).count();
@@ -195,16 +198,16 @@ impl Simulation {
     }
 }
 
-/// Runs a motion with a unit. The same setup gives the same bytes.
+/// Simulates a run. The same setup gives the same bytes.
 ///
 /// # Errors
-/// [`Error::Input`] if a figure of the setup cannot be used, or the run has no or too many samples.
+/// [`Error::Input`] if a value of the setup cannot be used, or if the run has no or too many samples.
 pub fn run(setup: &Setup) -> Result<Simulation, Error> {
     let Setup { motion, unit, rate_hz, gravity_mps2, temperature, seed, .. } = *setup;
     motion.check()?;
     setup.faults.check()?;
     if !(gravity_mps2.is_finite() && gravity_mps2 > 0.0) {
-        return Err(Error::Input(format!("gravity_mps2 is {gravity_mps2}: a positive value is needed")));
+        return Err(Error::Input(format!("gravity_mps2 is {gravity_mps2}: give a positive value")));
     }
     let mut clock = Clock::new(&setup.faults, seed);
     let samples = sample_count(clock.stamp_s(motion.duration_s()), rate_hz)?;
@@ -232,7 +235,8 @@ pub fn run(setup: &Setup) -> Result<Simulation, Error> {
     Ok(run)
 }
 
-/// Runs a program with a unit on a perfect stand, at the temperature of its calibration: the short form of [`run`].
+/// Simulates a program on a perfect stand, at the reference temperature of the calibration. This is a short form of
+/// [`run`].
 ///
 /// # Errors
 /// As [`run`].
@@ -260,22 +264,24 @@ fn check_rows(name: &str, rows: Option<&[[f64; 3]]>, samples: usize) -> Result<(
     let Some(rows) = rows else { return Ok(()) };
     if rows.len() != samples {
         let given = rows.len();
-        return Err(Error::Input(format!("{given} rows of {name} are added to a run of {samples} samples")));
+        return Err(Error::Input(format!(
+            "added {name} has {given} rows, but the run has {samples} samples: give one row per sample"
+        )));
     }
     if !rows.as_flattened().iter().all(|value| value.is_finite()) {
-        return Err(Error::Input(format!("the {name} that is added has values that are not finite")));
+        return Err(Error::Input(format!("added {name} has values that are not finite")));
     }
     Ok(())
 }
 
-/// How many samples lie in `[0, duration)`.
+/// Number of samples with time stamps in `[0, duration)`.
 fn sample_count(duration_s: f64, rate_hz: f64) -> Result<usize, Error> {
-    // The tolerance keeps a duration that is a sum of rounded times from gaining a sample.
+    // The tolerance prevents an extra sample if the duration is a sum of rounded times.
     let samples = (duration_s * rate_hz - 1e-6).ceil();
     if rate_hz.is_finite() && rate_hz > 0.0 && (1.0..=MAX_SAMPLES).contains(&samples) {
         return Ok(samples as usize);
     }
     Err(Error::Input(format!(
-        "rate_hz is {rate_hz} and the program lasts {duration_s} s: this needs to give from 1 to {MAX_SAMPLES:.0} samples"
+        "rate_hz is {rate_hz} and the program lasts {duration_s} s: together they must give 1 to {MAX_SAMPLES:.0} samples"
     )))
 }

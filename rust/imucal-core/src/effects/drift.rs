@@ -1,4 +1,4 @@
-//! Bias and scale that change with time.
+//! Effects of time on bias and scale.
 //!
 //! ```text
 //! *_bias_drift        k_i t
@@ -6,7 +6,7 @@
 //! gyro_scale_drift    k_i t w_i
 //! ```
 //!
-//! t is counted from the start that the calibration is for: for a warm-up that is when the sensor was switched on.
+//! t is the time since the reference instant of the calibration, s; for a warm-up this instant is power-on.
 
 use super::{AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, State, parameters, set_axes};
 use crate::STANDARD_GRAVITY_MPS2;
@@ -14,7 +14,7 @@ use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
 const LONGER: &str = "a run of several time constants";
-/// The time constant of a small package that warms itself.
+/// Shape of the warm-up effects: the time constant of self-heating, 100 s for a small package.
 const TAU: Option<Parameter> = Some(Parameter { name: "tau", unit: "s", typical: 100.0 });
 
 impl<F: RealField + Copy> Effect<F> {
@@ -22,7 +22,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_bias_drift",
             sensor: Sensor::Gyroscope,
-            // 0.01 deg/s per 100 s.
+            // Typical value: 0.01 deg/s per 100 s.
             parameters: &parameters(AXES, "rad/s/s", 0.01 * DEGREE / 100.0),
             plain: 3,
             shape: None,
@@ -39,7 +39,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_bias_warmup",
             sensor: Sensor::Gyroscope,
-            // 0.05 deg/s.
+            // Typical value: 0.05 deg/s.
             parameters: &parameters(AXES, "rad/s", 0.05 * DEGREE),
             plain: 3,
             shape: TAU,
@@ -56,7 +56,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_scale_drift",
             sensor: Sensor::Gyroscope,
-            // 500 ppm per 100 s.
+            // Typical value: 500 ppm per 100 s.
             parameters: &parameters(AXES, "1/s", 500e-6 / 100.0),
             plain: 3,
             shape: None,
@@ -70,7 +70,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "accel_bias_drift",
             sensor: Sensor::Accelerometer,
-            // 0.5 mg per 100 s.
+            // Typical value: 0.5 mg per 100 s.
             parameters: &parameters(AXES, "m/s^2/s", 0.5e-3 * STANDARD_GRAVITY_MPS2 / 100.0),
             plain: 3,
             shape: None,
@@ -87,7 +87,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "accel_bias_warmup",
             sensor: Sensor::Accelerometer,
-            // 1 mg.
+            // Typical value: 1 mg.
             parameters: &parameters(AXES, "m/s^2", 1e-3 * STANDARD_GRAVITY_MPS2),
             plain: 3,
             shape: TAU,
@@ -109,7 +109,7 @@ fn bias_drift<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns
 }
 
 fn bias_warmup<F: RealField + Copy>(state: &State<F>, tau: F, columns: &mut Columns<F>) {
-    // Nothing is left of a warm-up whose time is not known: such a unit has most likely been on for long.
+    // If the time is unknown, the warm-up is assumed to be over, because the unit has most likely been on for long.
     let left = state.surroundings.time_s.map_or(F::zero(), |time_s| (-time_s / tau).exp());
     set_axes(Vector3::repeat(left), columns);
 }

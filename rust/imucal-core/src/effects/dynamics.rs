@@ -1,4 +1,4 @@
-//! What motion adds: angular acceleration, delays, distances inside the unit, and the Earth that turns under it.
+//! Effects of motion: angular acceleration, delays, lever arms inside the unit, and the rotation of the Earth.
 //!
 //! ```text
 //! gyro_angular_acceleration   D dw/dt
@@ -8,8 +8,9 @@
 //! accel_size_effect           (0, (L r_y)_y, (L r_z)_z)
 //! ```
 //!
-//! A sensor at r feels `dw/dt x r + w x (w x r)` on top of the force at the origin of the body. In the size effect each axis of
-//! the accelerometer sits in a place of its own; the origin is where the x axis is.
+//! A sensor at position r measures `dw/dt x r + w x (w x r)` in addition to the force at the origin of the body frame.
+//! The size effect describes an accelerometer whose axes have different positions; the origin is the position of the x
+//! axis.
 
 use super::{AXES, Alias, Columns, ENTRIES, Effect, Need, Parameter, Sensor, State, parameters, set_entries};
 use crate::{EARTH_RATE_RADPS, so3::hat};
@@ -120,7 +121,7 @@ fn angular_acceleration<F: RealField + Copy>(state: &State<F>) -> Vector3<F> {
     state.surroundings.angular_acceleration.unwrap_or_else(Vector3::zeros)
 }
 
-/// L in `dw/dt x r + w x (w x r) = L r`.
+/// The matrix L in `dw/dt x r + w x (w x r) = L r`, 1/s^2.
 fn lever<F: RealField + Copy>(state: &State<F>) -> Matrix3<F> {
     let rate = hat(&state.angular_rate);
     hat(&angular_acceleration(state)) + rate * rate

@@ -1,4 +1,4 @@
-//! What the encoders of a stand add to the angles of its motors.
+//! Effects on the motor angles that the encoders of a stand read.
 //!
 //! ```text
 //! encoder_eccentricity   s_mk sin(k q_m) + c_mk cos(k q_m),   k = 1, full form k = 1, 2
@@ -6,18 +6,19 @@
 //! encoder_backlash       b_m d_m,                             d_m the sign of the last motion
 //! ```
 //!
-//! A disk that is off its centre by a hundredth of its radius reads wrong by a hundredth of a radian, once per turn; an oval
-//! one does so twice. The columns are by motor, the outer one first.
+//! An encoder disk that is off centre by 1 % of its radius has an angle error of 0.01 rad with a period of one
+//! revolution. An oval disk has an error with a period of half a revolution. Column m belongs to motor m; the outermost
+//! motor is the first.
 
 use super::{Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, StandState, State, parameters, set_axes};
 use nalgebra::{RealField, Vector3};
 
-/// Sine and cosine of each motor, once per turn, then twice per turn: the number of the motor, then that per turn.
+/// Parameter names: harmonic `sin` or `cos`, number of the motor, number of periods per revolution.
 const HARMONICS: [&str; 12] = [
     "sin_1_1", "cos_1_1", "sin_2_1", "cos_2_1", "sin_3_1", "cos_3_1", //
     "sin_1_2", "cos_1_2", "sin_2_2", "cos_2_2", "sin_3_2", "cos_3_2",
 ];
-/// One parameter for each motor.
+/// Parameter names of an effect with one parameter for each motor.
 const MOTORS: [&str; 3] = ["1", "2", "3"];
 
 impl<F: RealField + Copy> Effect<F> {
@@ -71,7 +72,7 @@ impl<F: RealField + Copy> Effect<F> {
 }
 
 fn eccentricity<F: RealField + Copy>(state: &State<F>, _: F, columns: &mut Columns<F>) {
-    // Of a stand that is not known nothing is read: its cosines are left out too.
+    // If the state of the stand is unknown, the effect is zero, so the cosines must be zero as well.
     let known = if state.surroundings.stand.is_some() { F::one() } else { F::zero() };
     for (motor, angle_rad) in stand(state).angle_rad.iter().enumerate() {
         let (sine, cosine) = angle_rad.sin_cos();

@@ -1,4 +1,4 @@
-//! A gyroscope that feels specific force.
+//! Effects of specific force on a gyroscope.
 //!
 //! ```text
 //! gyro_g_sensitivity         G f
@@ -13,7 +13,7 @@ use super::{
 use crate::STANDARD_GRAVITY_MPS2;
 use nalgebra::RealField;
 
-/// First the nine of the squares, which are the plain form, then the nine of the products.
+/// Parameter names: first the nine coefficients of squares, which are the plain form, then the nine of mixed products.
 const PRODUCTS: [&str; 18] = [
     "x_xx", "x_yy", "x_zz", "y_xx", "y_yy", "y_zz", "z_xx", "z_yy", "z_zz", "x_yz", "x_xz", "x_xy", "y_yz", "y_xz",
     "y_xy", "z_yz", "z_xz", "z_xy",
@@ -24,7 +24,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_g_sensitivity",
             sensor: Sensor::Gyroscope,
-            // 0.1 deg/s per g.
+            // Typical value: 0.1 deg/s per g.
             parameters: &parameters(ENTRIES, "rad/s/(m/s^2)", 0.1 * DEGREE / STANDARD_GRAVITY_MPS2),
             plain: 9,
             shape: None,
@@ -41,7 +41,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_g2_sensitivity",
             sensor: Sensor::Gyroscope,
-            // 0.0004 deg/s per g^2.
+            // Typical value: 0.0004 deg/s per g^2.
             parameters: &parameters(
                 PRODUCTS,
                 "rad/s/(m/s^2)^2",
@@ -62,7 +62,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_scale_g_sensitivity",
             sensor: Sensor::Gyroscope,
-            // 0.1 % per g.
+            // Typical value: 0.1 % per g.
             parameters: &parameters(AXES, "1/(m/s^2)", 0.001 / STANDARD_GRAVITY_MPS2),
             plain: 3,
             shape: None,

@@ -1,4 +1,4 @@
-//! A scale that is not constant: the reading is no straight line of what is measured.
+//! Effects of nonlinearity: the reading is not a linear function of the measured quantity.
 //!
 //! ```text
 //! *_scale_quadratic        k_i v_i^2        v = w of the gyroscope, v = f of the accelerometer
@@ -7,8 +7,9 @@
 //! *_cross_axis_quadratic   sum of k_i,jl v_j v_l
 //! ```
 //!
-//! The cross-axis effect of the gyroscope has the products of two different axes, nine in all. The accelerometer's has every
-//! product but the square of the axis itself, which is its quadratic scale: fifteen.
+//! The gyroscope's cross-axis effect has the products of two different axes, nine in all. The accelerometer's
+//! cross-axis effect has fifteen: for each axis all products except the square of that axis, which is the quadratic
+//! scale effect.
 
 use super::{
     AXES, Alias, Columns, DEGREE, Effect, Sensor, State, cross_products, parameters, set_axes, set_entries, squares,
@@ -22,7 +23,7 @@ const ACCELEROMETER_PRODUCTS: [&str; 15] = [
     "z_xy",
 ];
 
-/// The rate, rad/s, at which datasheets state the nonlinearity of a gyroscope.
+/// Rate at which datasheets specify the nonlinearity of a gyroscope, rad/s.
 const FULL_RATE: f64 = 250.0 * DEGREE;
 
 impl<F: RealField + Copy> Effect<F> {
@@ -30,7 +31,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_scale_quadratic",
             sensor: Sensor::Gyroscope,
-            // 0.2 % at 250 deg/s.
+            // Typical value: 0.2 % at 250 deg/s.
             parameters: &parameters(AXES, "s/rad", 0.002 / FULL_RATE),
             plain: 3,
             shape: None,
@@ -44,7 +45,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_scale_cubic",
             sensor: Sensor::Gyroscope,
-            // 0.5 % at 250 deg/s.
+            // Typical value: 0.5 % at 250 deg/s.
             parameters: &parameters(AXES, "s^2/rad^2", 0.005 / (FULL_RATE * FULL_RATE)),
             plain: 3,
             shape: None,
@@ -58,7 +59,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_scale_asymmetry",
             sensor: Sensor::Gyroscope,
-            // 0.2 %.
+            // Typical value: 0.2 %.
             parameters: &parameters(AXES, "1", 0.002),
             plain: 3,
             shape: None,
@@ -85,7 +86,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "accel_scale_quadratic",
             sensor: Sensor::Accelerometer,
-            // 2e-3 per g.
+            // Typical value: 2e-3 per g.
             parameters: &parameters(AXES, "1/(m/s^2)", 2e-3 / STANDARD_GRAVITY_MPS2),
             plain: 3,
             shape: None,
@@ -105,7 +106,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "accel_scale_cubic",
             sensor: Sensor::Accelerometer,
-            // 2e-3 per g^2.
+            // Typical value: 2e-3 per g^2.
             parameters: &parameters(AXES, "1/(m/s^2)^2", 2e-3 / (STANDARD_GRAVITY_MPS2 * STANDARD_GRAVITY_MPS2)),
             plain: 3,
             shape: None,
@@ -119,7 +120,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "accel_scale_asymmetry",
             sensor: Sensor::Accelerometer,
-            // 0.1 %.
+            // Typical value: 0.1 %.
             parameters: &parameters(AXES, "1", 0.001),
             plain: 3,
             shape: None,
@@ -133,7 +134,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "accel_cross_axis_quadratic",
             sensor: Sensor::Accelerometer,
-            // 1e-3 per g.
+            // Typical value: 1e-3 per g.
             parameters: &parameters(ACCELEROMETER_PRODUCTS, "1/(m/s^2)", 1e-3 / STANDARD_GRAVITY_MPS2),
             plain: 15,
             shape: None,

@@ -1,22 +1,22 @@
-//! Bias and scale that change with temperature.
+//! Effects of temperature on bias and scale.
 //!
 //! ```text
 //! *_bias_temperature    k_i dT      full form: + q_i dT^2
 //! *_scale_temperature   k_i dT v_i
 //! ```
 //!
-//! dT is counted from the temperature that sensitivity and bias are for. v is the rate or the force.
+//! dT is the temperature minus the reference temperature of sensitivity and bias, K. v is the rate or the force.
 
 use super::{AXES, Alias, Columns, DEGREE, Effect, Need, Parameter, Sensor, State, parameters, set_axes};
 use crate::STANDARD_GRAVITY_MPS2;
 use nalgebra::{RealField, Vector3};
 
 const HEAT_AND_COOL: &str = "a run that heats and cools again";
-/// The temperature difference, K, at which the typical quadratic term is as large as the typical linear one.
+/// Temperature difference at which the typical quadratic term equals the typical linear term, K.
 const BEND_K: f64 = 50.0;
-/// 0.015 deg/s per kelvin.
+/// Typical temperature coefficient of a gyroscope bias: 0.015 deg/s per kelvin.
 const GYROSCOPE: f64 = 0.015 * DEGREE;
-/// 0.2 mg per kelvin.
+/// Typical temperature coefficient of an accelerometer bias: 0.2 mg per kelvin.
 const ACCELEROMETER: f64 = 0.2e-3 * STANDARD_GRAVITY_MPS2;
 
 impl<F: RealField + Copy> Effect<F> {
@@ -40,7 +40,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "gyro_scale_temperature",
             sensor: Sensor::Gyroscope,
-            // 300 ppm per kelvin.
+            // Typical value: 300 ppm per kelvin.
             parameters: &parameters(AXES, "1/K", 300e-6),
             plain: 3,
             shape: None,
@@ -70,7 +70,7 @@ impl<F: RealField + Copy> Effect<F> {
         Self {
             name: "accel_scale_temperature",
             sensor: Sensor::Accelerometer,
-            // 100 ppm per kelvin.
+            // Typical value: 100 ppm per kelvin.
             parameters: &parameters(AXES, "1/K", 100e-6),
             plain: 3,
             shape: None,

@@ -1,10 +1,10 @@
-//! Every row of the catalogue against numbers worked out by hand.
+//! Compares every row of the catalogue with numbers calculated by hand.
 
 use super::*;
 use crate::so3;
 use core::f64::consts::{FRAC_PI_2, PI};
 
-/// Small whole numbers, so that the expected values below can be followed on paper.
+/// A state with small whole numbers, so that the expected values below can be checked by hand.
 fn state() -> State<f64> {
     State {
         angular_rate: Vector3::new(0.5, -2.0, 3.0),
@@ -16,7 +16,7 @@ fn state() -> State<f64> {
             temperature_difference_k: Some(10.0),
             time_s: Some(50.0),
             stand: Some(StandState {
-                // Sines 0.6, 1 and 0, cosines 0.8, 0 and -1.
+                // The sines of the angles are 0.6, 1 and 0; the cosines are 0.8, 0 and -1.
                 angle_rad: Vector3::new(0.6_f64.asin(), FRAC_PI_2, PI),
                 rate_radps: Vector3::new(2.0, 0.0, -4.0),
                 direction: Vector3::new(1.0, 0.0, -1.0),
@@ -26,10 +26,10 @@ fn state() -> State<f64> {
 }
 
 const TAU_S: f64 = 25.0;
-/// exp(-50 / 25).
+/// The remaining fraction of the warm-up: exp(-50 / 25).
 const LEFT: f64 = 0.135_335_283_236_612_7;
 
-/// The field at [`state`] times the parameters 1, 2, 3, ... after the formulas of the catalogue, by hand.
+/// The field at [`state`] times the parameters 1, 2, 3, ..., calculated by hand from the formulas of the catalogue.
 const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("gyro_g_sensitivity", [26.0, 59.0, 92.0]),
     ("gyro_g2_sensitivity", [210.0 + 224.0, 453.0 + 284.0, 696.0 + 344.0]),
@@ -56,15 +56,15 @@ const BY_HAND: [(&str, [f64; 3]); 28] = [
     ("earth_rate", [2.0, -1.0, 3.0]),
     // dw/dt x r = (70, -35, 0), w x (w x r) = (-10.5, -37.5, -23.25) for r = (1, 2, 3).
     ("accel_lever_arm", [59.5, -72.5, -23.25]),
-    // The y axis at (1, 2, 3) as above; the z axis at (4, 5, 6): -30 - 49.5.
+    // The y axis is at (1, 2, 3), as above. The z axis is at (4, 5, 6): -30 - 49.5.
     ("accel_size_effect", [0.0, -72.5, -79.5]),
-    // Twice the angles: sines 0.96, 0 and 0, cosines 0.28, -1 and 1.
+    // For twice the angles the sines are 0.96, 0 and 0; the cosines are 0.28, -1 and 1.
     ("encoder_eccentricity", [0.6 + 1.6 + 6.72 + 2.24, 3.0 - 10.0, -6.0 + 12.0]),
     ("encoder_time_offset", [2.0, 0.0, -4.0]),
     ("encoder_backlash", [1.0, 0.0, -3.0]),
 ];
 
-/// Number of parameters of the plain and of the full form, and unit and typical size of the first and of the last.
+/// Number of parameters of the plain and of the full form, then unit and typical size of the first and last parameter.
 type Numbers = (&'static str, usize, usize, (&'static str, f64), (&'static str, f64));
 const NUMBERS: [Numbers; 28] = [
     ("gyro_g_sensitivity", 9, 9, ("rad/s/(m/s^2)", 1.779741e-4), ("rad/s/(m/s^2)", 1.779741e-4)),
@@ -97,7 +97,7 @@ const NUMBERS: [Numbers; 28] = [
     ("encoder_backlash", 3, 3, ("rad", 8.726646e-4), ("rad", 8.726646e-4)),
 ];
 
-/// The effect with all of its parameters, the first one 1, then 2, 3, ...
+/// The effect in its full form with the parameters 1, 2, 3, ...
 fn counting<F: RealField + Copy>(effect: &'static Effect<F>) -> EffectValues<F> {
     let values: [F; MAX_PARAMETERS] = core::array::from_fn(|k| nalgebra::convert(k as f64 + 1.0));
     let shape = effect.shape.map(|_| nalgebra::convert(TAU_S));
@@ -201,7 +201,7 @@ fn a_field_depends_on_what_it_needs_and_on_nothing_else_around_it() {
     }
 }
 
-/// A joint fit takes it so: the attitude at a rest follows from the force there.
+/// The joint fit relies on this, because it derives the attitude at a rest from the specific force there.
 #[test]
 fn what_acts_on_the_force_needs_no_attitude() {
     for effect in Effect::<f64>::catalogue().filter(|effect| effect.sensor == Sensor::Accelerometer) {
@@ -214,7 +214,7 @@ fn terms_with_an_unknown_factor_are_left_out() {
     let unknown = State { surroundings: Surroundings::unknown(), ..state() };
     for effect in Effect::<f64>::catalogue().filter(|effect| !effect.needs.is_empty()) {
         let expected = match effect.name {
-            // w x (w x r) is still known.
+            // The centripetal term w x (w x r) does not depend on the unknown acceleration.
             "accel_lever_arm" => Vector3::new(-10.5, -37.5, -23.25),
             "accel_size_effect" => Vector3::new(0.0, -37.5, -49.5),
             _ => Vector3::zeros(),

@@ -1,4 +1,4 @@
-//! Effects with numbers: what a calibration carries.
+//! Effects with the numerical values of their parameters, as a calibration stores them.
 //!
 //! ```text
 //! seen = true + sum_c Phi_c(true) theta_c
@@ -9,13 +9,14 @@ use super::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
 use core::{error::Error, fmt};
 use nalgebra::{RealField, Vector3, convert};
 
-/// How many effects a calibration can carry.
+/// Maximum number of effects in a calibration. It fixes the size of [`EffectSet`], which uses no allocator.
 pub const MAX_EFFECTS: usize = 12;
 
-/// After this many passes the inverse has settled to rounding, if a pass shrinks the error to a third or less.
+/// Maximum number of iterations of [`EffectSet::remove`]. They reduce the error to rounding in f64 if each iteration
+/// reduces it at least by the factor 3.
 const MAX_PASSES: usize = 32;
 
-/// One effect and its parameters.
+/// An effect and the values of its parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectValues<F: RealField + Copy> {
     effect: &'static Effect<F>,
@@ -25,10 +26,11 @@ pub struct EffectValues<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> EffectValues<F> {
-    /// An effect with these parameters: as many as its plain form has or all of them, and its shape if it has one.
+    /// Creates an effect from its parameter values, as many as its plain or its full form has, in the units of the
+    /// catalogue. `shape` must be given if and only if the effect has a shape.
     ///
     /// # Errors
-    /// [`EffectError`] says what does not fit the effect.
+    /// [`EffectError`] states which argument does not match the effect.
     pub fn try_new(effect: &'static Effect<F>, values: &[F], shape: Option<F>) -> Result<Self, EffectError> {
         let (name, count, all) = (effect.name, values.len(), effect.parameters.len());
         if count != effect.plain && count != all {
@@ -49,28 +51,29 @@ impl<F: RealField + Copy> EffectValues<F> {
         Ok(Self { effect, values: all_values, count, shape })
     }
 
-    /// The row of the catalogue.
+    /// The catalogue row of the effect.
     pub fn effect(&self) -> &'static Effect<F> {
         self.effect
     }
 
-    /// The parameters, as many as were given.
+    /// Parameter values of the plain or the full form, as given at creation.
     pub fn values(&self) -> &[F] {
         self.values.get(..self.count).unwrap_or_default()
     }
 
-    /// The shape, if the effect has one.
+    /// Value of the shape; `None` if the effect has no shape.
     pub fn shape(&self) -> Option<F> {
         self.effect.shape.map(|_| self.shape)
     }
 
-    /// `Phi(state) theta`: what the effect adds to the true rate or force, in the body frame, or to the motor angles.
+    /// `Phi(state) theta`: the error that the effect adds to the true rate (rad/s) or force (m/s^2), in the body frame,
+    /// or to the motor angles (rad).
     #[inline]
     pub fn at(&self, state: &State<F>) -> Vector3<F> {
         self.at_by(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
     }
 
-    /// The same in a given room for the columns: clearing it takes as long as a field.
+    /// As [`at`](Self::at), with storage for the columns. Initialising new storage takes as long as evaluating a field.
     #[inline]
     fn at_by(&self, state: &State<F>, columns: &mut Columns<F>) -> Vector3<F> {
         self.effect.field(state, self.shape, columns);
@@ -78,19 +81,19 @@ impl<F: RealField + Copy> EffectValues<F> {
     }
 }
 
-/// The effects of a unit, at most [`MAX_EFFECTS`].
+/// Set of effects of a unit, at most [`MAX_EFFECTS`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectSet<F: RealField + Copy> {
     members: [Option<EffectValues<F>>; MAX_EFFECTS],
 }
 
 impl<F: RealField + Copy> EffectSet<F> {
-    /// No effects.
+    /// The empty set.
     pub fn none() -> Self {
         Self { members: [None; MAX_EFFECTS] }
     }
 
-    /// Takes one more.
+    /// Adds an effect.
     ///
     /// # Errors
     /// [`EffectError::Full`] if there are [`MAX_EFFECTS`] already.
@@ -100,7 +103,7 @@ impl<F: RealField + Copy> EffectSet<F> {
         Ok(())
     }
 
-    /// Whether there are none.
+    /// Whether the set is empty.
     #[inline]
     pub fn is_empty(&self) -> bool {
         self.members[0].is_none()
@@ -112,7 +115,7 @@ impl<F: RealField + Copy> EffectSet<F> {
         self.members.iter().map_while(Option::as_ref)
     }
 
-    /// What all effects together add to the true rate and to the true force. Those of encoders are no part of the unit.
+    /// Sum of all effects on the true rate, rad/s, and on the true force, m/s^2. Effects on encoders are not included.
     pub fn at(&self, state: &State<F>) -> (Vector3<F>, Vector3<F>) {
         self.at_by(state, &mut [Vector3::zeros(); MAX_PARAMETERS])
     }
@@ -130,23 +133,26 @@ impl<F: RealField + Copy> EffectSet<F> {
         (on_rate, on_force)
     }
 
-    /// Whether a field reads what this sensor should have measured.
+    /// Whether the field of any effect depends on the true value of this sensor.
     fn reads(&self, sensor: Sensor) -> bool {
         self.iter().any(|member| member.effect.reads.contains(&sensor))
     }
 
-    /// What all effects together add to the angles that the encoders of the stand read, rad, one for each motor.
+    /// Sum of all effects on the motor angles that the encoders of the stand read, rad, one component for each motor.
     pub fn on_encoders(&self, state: &State<F>) -> Vector3<F> {
         let encoders = self.iter().filter(|member| member.effect.sensor == Sensor::Encoder);
         encoders.fold(Vector3::zeros(), |sum, member| sum + member.at(state))
     }
 
-    /// True `(rate, force)` of what the sensors see, rad/s and m/s^2 in the body frame: the inverse of adding [`at`](Self::at).
+    /// True `(rate, force)`, rad/s and m/s^2 in the body frame, from values that contain the effects. This is the
+    /// inverse of adding [`at`](Self::at), `docs/model.md` (16).
     ///
-    /// It repeats `true <- seen - effects(true)` until nothing that a field reads changes but rounding. A pass shrinks the
-    /// error by the largest slope of the effects with rate and force, 0.2 % for a scale asymmetry of that size: one effect of
-    /// typical size takes one pass if it does not read what it changes, else two or three in `f32` and two to seven in `f64`.
-    /// Where the slope is above a third or so it does not settle in 32 passes, and both are NaN.
+    /// The method iterates `true <- seen - effects(true)` until the quantities on which the fields depend change by no
+    /// more than rounding. Each iteration multiplies the error by at most the derivative of the effects with respect to
+    /// rate and force, for example by 0.002 for a scale asymmetry of 0.2 %. One effect of typical size needs one
+    /// iteration if its field does not depend on the quantity it changes. Otherwise it needs two or three iterations in
+    /// `f32` and two to seven in `f64`. If the derivative exceeds about 1/3, the iteration does not converge in 32
+    /// steps, and both results are NaN.
     pub fn remove(
         &self,
         seen_rate: Vector3<F>,
@@ -172,42 +178,42 @@ impl<F: RealField + Copy> EffectSet<F> {
     }
 }
 
-/// Whether the change of `seen - effects` between two passes is one of the last digits.
+/// Whether the change of `seen - effects` between two iterations is of the order of rounding.
 fn is_rounding<F: RealField + Copy>(change: Vector3<F>, seen: Vector3<F>, effects: Vector3<F>) -> bool {
     let rounding: F = convert::<f64, F>(16.0) * F::default_epsilon();
     let limit = rounding * (seen.amax() + effects.amax());
-    // Effects that have run away to infinity have not settled.
+    // If the effects diverge to infinity, the limit is infinite; the iteration has not converged.
     change.amax() <= limit && limit.is_finite()
 }
 
-/// Why numbers do not make an effect, or an effect has no place.
+/// Reasons why parameter values do not match an effect, or why a set does not accept an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EffectError {
-    /// There are too few or too many parameters.
+    /// The number of parameters is neither that of the plain nor that of the full form.
     Count {
-        /// The effect.
+        /// Name of the effect.
         name: &'static str,
         /// Number of parameters of the plain form.
         plain: usize,
         /// Number of parameters of the full form.
         all: usize,
-        /// Number of parameters that were given.
+        /// Number of parameters given.
         given: usize,
     },
     /// A parameter is infinite or NaN.
     NotFinite {
-        /// The effect.
+        /// Name of the effect.
         name: &'static str,
     },
-    /// The shape is missing, not wanted, or not a positive number.
+    /// The shape is missing, is given although the effect has none, or is not a positive number.
     Shape {
-        /// The effect.
+        /// Name of the effect.
         name: &'static str,
-        /// The name of the shape, if the effect has one.
+        /// Name of the shape, if the effect has one.
         wanted: Option<&'static str>,
     },
-    /// There are [`MAX_EFFECTS`] effects already.
+    /// The set contains [`MAX_EFFECTS`] effects already.
     Full,
 }
 
@@ -223,7 +229,7 @@ impl fmt::Display for EffectError {
             Self::NotFinite { name } => write!(f, "a parameter of {name} is not a finite number"),
             Self::Shape { name, wanted: Some(shape) } => write!(f, "{name} needs its {shape}, a positive number"),
             Self::Shape { name, wanted: None } => write!(f, "{name} has no shape; one was given"),
-            Self::Full => write!(f, "a calibration carries at most {MAX_EFFECTS} effects"),
+            Self::Full => write!(f, "a calibration can have at most {MAX_EFFECTS} effects"),
         }
     }
 }
@@ -327,7 +333,7 @@ mod tests {
 
     #[test]
     fn the_inverse_is_that_of_the_quadratic_equation() -> Result<(), EffectError> {
-        // seen = w + k w^2 with k w up to a tenth: a pass shrinks the error to a fifth.
+        // seen = w + k w^2 with k w up to 0.1, so each iteration multiplies the error by about 0.2.
         let (k, rate) = (0.02, Vector3::new(5.0, -4.0, 0.0));
         let mut set = EffectSet::none();
         set.push(values("gyro_scale_quadratic", &[k; 3], None)?)?;

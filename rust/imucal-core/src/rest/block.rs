@@ -1,11 +1,11 @@
-//! Sums over a block of samples: what rest detection is made of, on the device and on the desk alike.
+//! Running sums over a block of samples. Rest detection uses them on the device and on the PC.
 
 use nalgebra::{RealField, Vector3, Vector6, convert};
 
-/// Count, mean and variance of a stretch of samples, per channel: rate x, y, z, then force x, y, z.
+/// Count, mean and variance of consecutive samples, per channel: rate x, y, z, then force x, y, z.
 ///
-/// The sums are about one of the stretch's own samples, so that neither a large offset (unsigned counts around 32768,
-/// in f32) nor gravity eats the digits of the variance. Two stretches merge into one:
+/// The sums are relative to the first sample. This keeps the variance accurate despite a large offset, such as gravity
+/// or unsigned counts around 32768 in f32. The sums of two intervals can be merged:
 ///
 /// ```
 /// use imucal_core::rest::BlockSums;
@@ -28,12 +28,12 @@ pub struct BlockSums<F: RealField + Copy> {
 }
 
 impl<F: RealField + Copy> BlockSums<F> {
-    /// No samples yet.
+    /// Sums of zero samples.
     pub fn new() -> Self {
         Self { count: 0, origin: Vector6::zeros(), sum: Vector6::zeros(), squares: Vector6::zeros() }
     }
 
-    /// Adds one sample, in any unit that stays the same.
+    /// Adds one sample, in any unit; the unit must be the same for all samples.
     #[inline]
     pub fn push(&mut self, rate: Vector3<F>, force: Vector3<F>) {
         let sample = Vector6::new(rate.x, rate.y, rate.z, force.x, force.y, force.z);
@@ -46,7 +46,7 @@ impl<F: RealField + Copy> BlockSums<F> {
         self.squares += offset.component_mul(&offset);
     }
 
-    /// Adds all samples of another stretch.
+    /// Adds all samples of another interval.
     #[inline]
     pub fn merge(&mut self, other: &Self) {
         if self.count == 0 {
@@ -66,17 +66,17 @@ impl<F: RealField + Copy> BlockSums<F> {
         self.count
     }
 
-    /// Mean of each channel; NaN without samples.
+    /// Mean of each channel, in the unit of the samples; NaN without samples.
     #[inline]
     pub fn mean(&self) -> Vector6<F> {
         self.origin + self.sum / number::<F>(self.count)
     }
 
-    /// Unbiased variance of each channel about its mean; NaN with fewer than two samples.
+    /// Unbiased variance of each channel, in squared units of the samples; NaN with fewer than two samples.
     #[inline]
     pub fn variance(&self) -> Vector6<F> {
         let about_mean = self.squares - self.sum.component_mul(&self.sum) / number::<F>(self.count);
-        // Rounding may leave a constant channel a hair below zero; a NaN must stay one.
+        // Rounding can make the sum of squares of a constant channel slightly negative. A NaN must stay NaN.
         about_mean.map(|s| if s < F::zero() { F::zero() } else { s }) / (number::<F>(self.count) - F::one())
     }
 }
@@ -87,19 +87,20 @@ impl<F: RealField + Copy> Default for BlockSums<F> {
     }
 }
 
-/// Mean over the six channels of variance over noise floor: near 1 at rest, large in a move.
+/// Mean over the six channels of variance divided by noise variance: near 1 at rest, large in a move.
 ///
 /// ```text
 /// statistic = 1/6 sum_c variance_c / noise_variance_c
 /// ```
 ///
-/// `noise_variance` is per channel, in the order and (squared) unit of the samples. NaN if a sample was NaN.
+/// `noise_variance` is the variance of a single sample at rest, per channel, in the order and squared unit of the
+/// samples. The result is NaN if a sample is NaN.
 #[inline]
 pub fn rest_statistic<F: RealField + Copy>(window: &BlockSums<F>, noise_variance: &Vector6<F>) -> F {
     statistic_of(&window.variance(), noise_variance)
 }
 
-/// [`rest_statistic`] of a window whose variance is known.
+/// [`rest_statistic`] of a window with a known variance.
 #[inline]
 pub fn statistic_of<F: RealField + Copy>(variance: &Vector6<F>, noise_variance: &Vector6<F>) -> F {
     variance.component_div(noise_variance).mean()
@@ -118,7 +119,7 @@ mod tests {
         [0.3, -1.0, 2.0, 0.0, 1.5, -0.7, 0.9].map(|x: f64| Vector3::new(offset + x, x * x, -x))
     }
 
-    /// Sums of the samples, with the force the tenth of the rate.
+    /// Sums of the given samples as rates, with a force of 0.1 times the rate.
     fn sums_of(samples: &[Vector3<f64>]) -> BlockSums<f64> {
         let mut sums = BlockSums::new();
         samples.iter().for_each(|&s| sums.push(s, s * 0.1));
@@ -155,7 +156,7 @@ mod tests {
     fn a_large_offset_costs_no_digits_in_f32() {
         let (mut near, mut far) = (BlockSums::<f32>::new(), BlockSums::<f32>::new());
         for k in 0..10_000 {
-            // Every value is a multiple of 1/4: exact with and without the offset.
+            // Every value is a multiple of 1/4, so it is exact in f32 with and without the offset.
             let x = ((k * 7919) % 41) as f32 * 0.25;
             near.push(Vector3::repeat(x), Vector3::zeros());
             far.push(Vector3::repeat(x + 32768.0), Vector3::zeros());

@@ -12,7 +12,7 @@ const FORCE_STD: f64 = 0.02;
 const REST_S: [f64; 5] = [2.0, 1.2, 5.0, 1.7, 3.1];
 const MOVE_S: f64 = 1.5;
 
-/// A fixed linear congruential sequence; twelve uniform numbers make one that is nearly Gaussian.
+/// A linear congruential generator; the sum of twelve uniform numbers is approximately Gaussian.
 struct Noise(u64);
 
 impl Noise {
@@ -29,7 +29,7 @@ impl Noise {
     }
 }
 
-/// Move, rest, move, ..., rest, move: samples, and where each rest begins and ends.
+/// Samples of alternating moves and rests, starting and ending with a move, and the first and end sample of each rest.
 fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
     let mut noise = Noise(7);
     let (mut samples, mut rests) = (Vec::new(), Vec::new());
@@ -38,7 +38,7 @@ fn stand_run(rate_hz: f64) -> (Vec<Sample>, Vec<(usize, usize)>) {
         for _ in 0..(MOVE_S * rate_hz) as usize {
             let rate = Vector3::new(0.5, -1.0, 0.7);
             *up = nalgebra::UnitQuaternion::from_scaled_axis(-rate / rate_hz) * *up;
-            // The motors shake the stand as they turn.
+            // The motors vibrate the stand while they turn.
             samples.push((rate + noise.vector(0.2), *up + noise.vector(0.5)));
         }
     };
@@ -75,7 +75,8 @@ fn rests_are_found_within_one_block_at_every_rate() {
         let rests = rests_in(&samples, detector(block));
         assert_eq!(rests.len(), truth.len(), "at {rate_hz} Hz: {rests:?}");
         for (rest, (first, end)) in rests.iter().zip(truth) {
-            // With its guard block back, a rest ends within a block of where it does; without, it is inside.
+            // A rest starts within one block of the true start and ends within one block of the true end when its guard
+            // blocks are added; without them it lies inside the true rest.
             assert!(rest.first_sample >= first && rest.first_sample - block < first + block, "{rate_hz} Hz: {rest:?}");
             assert!(rest.end_sample <= end && rest.end_sample + block + block > end, "{rate_hz} Hz: {rest:?}");
         }
@@ -96,7 +97,7 @@ fn means_are_those_of_two_passes_over_the_stretch() {
 
 #[test]
 fn unsigned_counts_in_f32_give_the_same_rests() {
-    // 16-bit converters with their zero at 32768, as firmware reads them.
+    // 16-bit converters with zero at 32768 counts, as firmware reads them.
     let (rate_lsb, force_lsb) = (32.8 * 57.3, 16384.0 / 9.80665);
     let (samples, _) = stand_run(400.0);
     let counts = samples.iter().map(|(rate, force)| {
@@ -115,14 +116,14 @@ fn unsigned_counts_in_f32_give_the_same_rests() {
         assert_eq!((found.first_sample, found.end_sample), (wanted.first_sample, wanted.end_sample));
         let rate = found.mean_rate.map(|c| f64::from(c) - 32768.0) - wanted.mean_rate * rate_lsb;
         let force = found.mean_force.map(|c| f64::from(c) - 32768.0) - wanted.mean_force * force_lsb;
-        // Rounding to counts, averaged over a rest, and the spacing of f32 at 32768, which is 1/256.
+        // The limit covers rounding to counts, averaged over a rest, and the spacing of f32 at 32768, which is 1/256.
         assert!(rate.amax() < 0.06 && force.amax() < 0.06, "{rate} {force}");
     }
 }
 
 #[test]
 fn the_guard_blocks_stay_out_of_the_means() {
-    // Zeros, but for one sample in the first and one in the last block of what is found: small enough to pass as still.
+    // All samples are zero except one in the first and one in the last block of the rest; both are below the threshold.
     let block = 10;
     let mut samples = [(Vector3::zeros(), Vector3::zeros()); 300];
     samples[9].0.x = 0.02;
@@ -142,7 +143,7 @@ fn a_nudge_parts_two_rests_and_a_short_pause_is_none() {
     samples.extend(std::vec![still; 90]);
     samples.push(nudge);
     samples.extend(std::vec![still; 200]);
-    // Ninety still samples hold no window of ten blocks of ten.
+    // 90 still samples are fewer than the 100 of one window (ten blocks of ten samples), so they are not a rest.
     let spans: Vec<_> = rests_in(&samples, detector(10)).iter().map(|r| (r.first_sample, r.end_sample)).collect();
     assert_eq!(spans, [(10, 190), (310, 480)]);
 }

@@ -4,7 +4,7 @@ use super::Options;
 use super::unit_data::UnitData;
 use crate::error::Error;
 use crate::numerics::stats::rms;
-use crate::preintegration::rotate;
+use crate::preintegration::integrate_rotation_linear;
 use crate::rests::moves::{Move, direction_error_rad};
 use crate::two_stage::accelerometer::AccelerometerFit;
 
@@ -35,7 +35,7 @@ pub(super) fn cross_validate(
         let (ends, _) = data.ends(moves, accelerometer, &gyroscope);
         for k in (fold..moves.len()).step_by(folds) {
             let m = &moves[k];
-            let rotation = rotate(&data.recordings[m.recording], m.first, m.last, &gyroscope);
+            let rotation = integrate_rotation_linear(&data.recordings[m.recording], m.first, m.last, &gyroscope);
             direction_error_deg[k] = direction_error_rad(&ends[k], &rotation).to_degrees();
         }
     }

@@ -17,7 +17,7 @@ use crate::numerics::derivative::Width;
 use crate::numerics::lsq;
 use crate::parameters::{BASE, parameter_names};
 use crate::preintegration::kinematics::{rate_from_gravity, scale_from_gravity};
-use crate::preintegration::{rotate, turned_rad};
+use crate::preintegration::{integrate_rotation_linear, total_rotation_rad};
 use crate::recording::Recording;
 use crate::rests::moves::{Move, Unusable, between};
 use crate::rests::unit_rest::UnitRest;
@@ -136,7 +136,7 @@ impl UnitData<'_> {
         }
 
         let turned = || -> Vector3<f64> {
-            let of_move = |m: &Move| turned_rad(&self.recordings[m.recording], m.first, m.last, &gyroscope);
+            let of_move = |m: &Move| total_rotation_rad(&self.recordings[m.recording], m.first, m.last, &gyroscope);
             moves.iter().map(of_move).sum()
         };
         let missing = (!open.columns.is_empty()).then(|| {
@@ -255,7 +255,7 @@ impl UnitData<'_> {
     fn silent_accelerometer(&self, moves: &[Move], up: &[Vector3<f64>], gyroscope: &Triad<f64>) -> Option<String> {
         let alike = up.iter().all(|other| up[0].angle(other) < ALIKE_RAD);
         let carried = |m: &&Move| {
-            let turn = rotate(&self.recordings[m.recording], m.first, m.last, gyroscope);
+            let turn = integrate_rotation_linear(&self.recordings[m.recording], m.first, m.last, gyroscope);
             turn.tr_mul(&up[m.from]).angle(&up[m.to]) > TURNED_RAD
         };
         let turns = if alike { moves.iter().filter(carried).count() } else { 0 };

@@ -1,28 +1,30 @@
-//! Time stamps of packets: the samples of one are stamped almost at once, when it arrives or is read.
+//! Check for packet time stamps: all samples of a packet get nearly the same stamp when the packet arrives or is read.
 
 use super::names;
 use crate::finding::{Finding, Place};
 use crate::numerics::stats::median;
 use crate::recording::Recording;
 
-/// A packet has so many samples at least: of two with one stamp the second may have been written twice.
+/// Minimum number of samples in a packet. Two samples with one stamp may be a row that was written twice.
 const LEAST_SAMPLES: f64 = 3.0;
-/// So many packets are no accident.
+/// Minimum number of packets for a finding.
 const FEWEST_PACKETS: usize = 10;
-/// Packets further apart are stretches of a logger that sleeps, s.
+/// Maximum step between packets, s. Longer steps are pauses of a logger that sleeps.
 const LONGEST_S: f64 = 2.0;
-/// The steps between packets hold more of the time than this.
+/// Minimum share of the time that lies in steps between packets.
 const SHARE_OF_TIME: f64 = 0.5;
-/// So many of the packets are as large as the typical one, give or take this share or one sample: samples are lost at random.
+/// Minimum share of packets with nearly the typical number of samples. Losses at random give packets of varying size.
 const ALIKE: f64 = 0.9;
+/// Maximum relative difference between the size of such a packet and the typical size; one sample is always allowed.
 const WITHIN: f64 = 0.25;
 
-/// `clock_irregular`, of stamps that come in bursts. Time must not go back.
+/// Finding `clock_irregular` for time stamps that come in bursts. The time must not decrease.
 pub(super) fn check(recording: &Recording) -> Option<Finding> {
     let time_s = recording.time_s;
     let (first_s, last_s) = (*time_s.first()?, *time_s.last()?);
     let mean_s = (last_s - first_s) / (time_s.len() - 1) as f64;
-    // A packet begins after a step that is longer than if samples came evenly; NaN begins none.
+    // A packet starts after a step longer than 1.5 times the mean step. A NaN is not longer and does not start a
+    // packet.
     let starts: Vec<usize> = (1..time_s.len()).filter(|&i| time_s[i] - time_s[i - 1] > 1.5 * mean_s).collect();
     let (&first, &last) = (starts.first()?, starts.last()?);
     if starts.len() <= FEWEST_PACKETS {
@@ -41,7 +43,7 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
     if !is_bursts {
         return None;
     }
-    // From the first sample of a packet to that of another.
+    // From the first sample of the first packet to the first sample of the last packet.
     let rate_hz = (last - first) as f64 / (time_s[last] - time_s[first]);
     let mut within: Vec<f64> = starts
         .windows(2)
@@ -55,13 +57,13 @@ pub(super) fn check(recording: &Recording) -> Option<Finding> {
         value: size,
         unit: "samples",
         message: format!(
-            "the time stamps come in bursts of {size:.0} samples: {:.3} ms from one to the next within a burst, then {:.3} ms \
-             to the next one",
+            "the time stamps come in bursts of {size:.0} samples: {:.3} ms from one sample to the next within a burst, {:.3} ms \
+             from a burst to the next",
             1e3 * median(&mut within),
             1e3 * between_s
         ),
         way_out: format!(
-            "stamps are those of packets, not of samples: if the sensor samples evenly, leave the time column out (a '-' for \
+            "the stamps are those of packets, not of samples: if the sensor samples evenly, omit the time column (a '-' for \
              it in --columns) and give the sensor's rate as --rate-hz, here about {rate_hz:.1} Hz"
         ),
         ..Finding::error("clock_irregular", recording.name)
@@ -74,7 +76,7 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// The codes that the columns give with these time stamps.
+    /// Findings for the example columns with these time stamps.
     fn found(stamp_s: impl Fn(usize) -> f64) -> Vec<Finding> {
         let mut columns = Columns::tumbling();
         columns.time_s = (0..columns.time_s.len()).map(stamp_s).collect();
@@ -83,7 +85,7 @@ mod tests {
 
     #[test]
     fn samples_stamped_by_packets_are_told_from_lost_ones() {
-        // Apart by what a sample takes to be read, by less, by more, and all with one stamp.
+        // The step within a packet is the duration of a read, less, more, or zero.
         for within_s in [1e-4, 1e-5, 2e-3, 0.0] {
             let findings = found(|i| (i / 16) as f64 * 0.16 + (i % 16) as f64 * within_s);
             assert_eq!(findings.len(), 1, "{findings:?}");
@@ -92,14 +94,14 @@ mod tests {
             assert!(bursts.message.contains(&format!("{:.3} ms from one", 1e3 * within_s)), "{}", bursts.message);
             assert!(bursts.way_out.contains("--rate-hz, here about 100"), "{}", bursts.way_out);
         }
-        // A buffer that is read by a timer holds one more or less.
+        // A buffer that a timer reads has one sample more or less.
         let short = found(|i| ((i + i / 160) / 16) as f64 * 0.16 + ((i + i / 160) % 16) as f64 * 1e-4);
         assert_eq!(short.iter().map(|f| f.code).collect::<Vec<_>>(), ["clock_irregular"]);
     }
 
     #[test]
     fn lost_samples_and_a_logger_that_sleeps_are_no_packets() {
-        // One sample in five hundred is followed by a gap that is longer than all before it.
+        // One sample in 500 is followed by a gap that is longer than the time since the start.
         let lost = found(|i| i as f64 * 0.01 + (i / 500) as f64 * 6.0);
         assert_eq!(lost.iter().map(|f| f.code).collect::<Vec<_>>(), ["samples_missing"]);
         let chance = |i: usize| (i as f64 * 12.9898).sin().abs() * 43758.5453 % 1.0;

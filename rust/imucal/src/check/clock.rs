@@ -1,4 +1,4 @@
-//! The time column: enough of it, in order, without gaps, regular, and in the right unit.
+//! Checks of the time column: length, order, gaps, regularity and unit.
 
 use super::part::Part;
 use super::{Tally, bursts, names};
@@ -6,26 +6,30 @@ use crate::finding::{Finding, Place};
 use crate::numerics::stats::{quantile_of, steps_s};
 use crate::recording::Recording;
 
-/// Fewer samples than this hold no rest, no move and no noise level.
+/// Minimum number of samples in a recording, for rests, moves and a noise level.
 const MIN_SAMPLES: usize = 200;
-/// A shorter recording cannot hold two rests and a move, s.
+/// Minimum duration of a recording with two rests and a move, s.
 const MIN_DURATION_S: f64 = 5.0;
-/// Rates of inertial sensors, Hz; beyond them the time unit is wrong, or moves cannot be integrated.
+/// Plausible sampling rates of inertial sensors, Hz. Beyond them the unit of time is wrong, or moves cannot be
+/// integrated.
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
-/// Time stamps are rounded, and so is their step.
+/// Relative tolerance of these rates for time steps that are rounded.
 const ROUNDING: f64 = 1e-6;
-/// Spread of the time steps relative to their median: worth knowing, and too much.
+/// Spread of the time steps (standard deviation over median) above which it is reported as a warning, and as an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];
-/// Where no step is further from the median than this share of it, there is neither spread nor a gap.
+/// Maximum relative deviation of a time step from the median at which the clock counts as regular; the slower checks of
+/// spread and gaps are then skipped.
 const REGULAR: f64 = 0.2;
-/// Share of equal time stamps above which the clock is not believed.
+/// Share of samples with the time stamp of the previous sample above which the time column is an error, not a warning.
 const MAX_EQUAL_SHARE: f64 = 0.01;
 
-/// Steps between finite neighbours.
+/// Time steps between consecutive finite time stamps.
 pub(super) struct Steps {
-    /// How many are positive, and the shortest and longest of them, s.
+    /// Number of positive steps.
     positive: usize,
+    /// Shortest positive step, s.
     shortest_s: f64,
+    /// Longest positive step, s.
     longest_s: f64,
     backward: Tally,
     worst_backward_s: f64,
@@ -37,7 +41,8 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     findings.extend(too_short(recording));
     findings.extend(steps.not_increasing(recording));
     if let Some(bursts) = steps.backward.first.is_none().then(|| steps.bursts(recording)).flatten() {
-        // With stamps of packets, neither equal ones nor long steps nor their rate say anything about the samples.
+        // With packet time stamps, the steps contain no information about equal stamps, lost samples or the sampling
+        // rate.
         findings.push(bursts);
         return findings;
     }
@@ -59,15 +64,16 @@ pub(super) fn check(recording: &Recording, steps: &Steps) -> Vec<Finding> {
     let (low_s, high_s) = (of_steps(0.1), of_steps(0.9));
     findings.extend(rate(recording, median_s));
 
-    // 80 % of a normal distribution lie within +-1.2816 sigma. Wider quantiles than a median deviation, because stamps
-    // that come in bursts have most steps equal.
+    // 80 % of a normal distribution lie within +-1.2816 standard deviations. These quantiles are wider than those of a
+    // median absolute deviation, because with stamps in bursts most steps are equal.
     let spread = (high_s - low_s) / (2.0 * 1.2816) / median_s;
     if spread > SPREAD[0] {
         findings.push(irregular(recording, spread, [low_s, median_s, high_s]));
     }
-    // With a clock that bad, long steps say nothing about lost samples.
+    // If the clock is this irregular, long steps are no evidence of lost samples.
     if spread <= SPREAD[1] {
-        // Stamps of coarse resolution (2 and 3 ms in turn) are not gaps: half a step beyond the usual long step.
+        // Stamps of coarse resolution (2 ms and 3 ms alternating) are not gaps. A gap exceeds the 90 % quantile by half
+        // a step.
         let longest_usual_s = (1.5 * median_s).max(high_s + 0.5 * median_s);
         findings.extend(missing(recording, median_s, longest_usual_s * (1.0 + 1e-6)));
     }
@@ -92,7 +98,7 @@ impl Steps {
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         let first = part.samples.start.max(1);
         let time_s = &part.recording.time_s[first - 1..part.samples.end];
-        // The usual case: all of them lead forwards.
+        // The usual case: all steps are positive.
         let [shortest_s, longest_s] = shortest_and_longest_s(time_s);
         if shortest_s > 0.0 && longest_s.is_finite() {
             self.positive += time_s.len() - 1;
@@ -115,7 +121,7 @@ impl Steps {
         }
     }
 
-    /// The first sample that is earlier than the one before.
+    /// Index of the first sample that is earlier than the previous one.
     #[cfg(test)]
     pub(super) fn first_backward(&self) -> Option<usize> {
         self.backward.first.map(|(first, _)| first)
@@ -143,7 +149,7 @@ impl Steps {
         })
     }
 
-    /// Where all steps are nearly as long as the others there is none.
+    /// Finding for packet stamps. If all steps are nearly equal there are no packets, and the search is skipped.
     fn bursts(&self, recording: &Recording) -> Option<Finding> {
         (self.equal.samples > 0 || self.longest_s > 2.0 * self.shortest_s).then(|| bursts::check(recording)).flatten()
     }
@@ -170,7 +176,7 @@ impl Steps {
     }
 }
 
-/// The shortest and the longest step, several taken side by side; NaN if one is.
+/// Shortest and longest step, s, calculated for several steps at once; NaN if any step is NaN.
 #[inline(always)]
 fn shortest_and_longest_s(time_s: &[f64]) -> [f64; 2] {
     const LANES: usize = 8;
@@ -201,7 +207,7 @@ fn too_short(recording: &Recording) -> Option<Finding> {
         (Some(first), Some(last)) => last - first,
         _ => return None,
     };
-    // A time column that is not usable is another finding's matter: then only the samples count.
+    // If the duration is not usable, other findings report it, and only the number of samples counts here.
     if recording.len() >= MIN_SAMPLES && (duration_s >= MIN_DURATION_S || duration_s.is_nan() || duration_s <= 0.0) {
         return None;
     }
@@ -211,7 +217,7 @@ fn too_short(recording: &Recording) -> Option<Finding> {
         value: duration_s,
         unit: "s",
         message: format!(
-            "{} samples in {duration_s:.2} s, {MIN_SAMPLES} samples and {MIN_DURATION_S:.0} s are the least",
+            "{} samples in {duration_s:.2} s; a recording needs at least {MIN_SAMPLES} samples and {MIN_DURATION_S:.0} s",
             recording.len()
         ),
         way_out: "record at least nine rests of a second or more in different poses, with moves between them".into(),
@@ -230,13 +236,13 @@ fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
         .find(|(_, unit_s)| plausible(median_s * unit_s));
     let way_out = match guess {
         Some((name, _)) => format!(
-            "if the column is in another unit, its name says so: {name}; if it is in seconds, record at {:.0} Hz or more",
+            "if the column is in another unit, give the unit in its name: {name}; if it is in seconds, record at {:.0} Hz or more",
             RATES_HZ[0]
         ),
         None if plausible(median_s * 1e3) => {
             "the step is 1000 times too short: if the column is in seconds, name it time_s".into()
         }
-        None => "give time in the unit that the column's name says: time_s, time_ms, time_us or time_ns".into(),
+        None => "name the time column after its unit: time_s, time_ms, time_us or time_ns".into(),
     };
     Some(Finding {
         columns: names(["time_s"]),
@@ -244,7 +250,7 @@ fn rate(recording: &Recording, median_s: f64) -> Option<Finding> {
         value: 1.0 / median_s,
         unit: "Hz",
         message: format!(
-            "the median time step is {median_s:.3e} s, a rate of {:.3e} Hz, where {:.0} Hz to {:.0} Hz can be",
+            "the median time step is {median_s:.3e} s, a rate of {:.3e} Hz; rates from {:.0} Hz to {:.0} Hz are plausible",
             1.0 / median_s,
             RATES_HZ[0],
             RATES_HZ[1]
@@ -262,13 +268,13 @@ fn irregular(recording: &Recording, spread: f64, [low_s, median_s, high_s]: [f64
         value: 100.0 * spread,
         unit: "%",
         message: format!(
-            "the time steps spread by {:.0} % (1 sigma) of their median {:.3} ms: one in ten is below {:.3} ms, one in ten above {:.3} ms",
+            "the time steps spread by {:.0} % (standard deviation over the median of {:.3} ms): 10 % are below {:.3} ms, 10 % above {:.3} ms",
             100.0 * spread,
             1e3 * median_s,
             1e3 * low_s,
             1e3 * high_s
         ),
-        way_out: "take the time stamp from the sensor's own clock, not on arrival; or, if it samples regularly, replace time by sample number / rate"
+        way_out: "take the time stamp from the sensor's own clock, not on arrival; or, if it samples evenly, replace the time by sample number / rate"
             .into(),
         ..kind("clock_irregular", recording.name)
     }
@@ -322,7 +328,7 @@ mod tests {
 
     #[test]
     fn jitter_of_a_good_clock_is_not_flagged() {
-        // 9.0 to 10.4 ms, as a real unit at 100 Hz gives.
+        // Time steps of 9.0 to 10.4 ms, as from a real unit at 100 Hz.
         let mut now = 100.0;
         let time: Vec<f64> = (0..2000)
             .map(|i| {

@@ -1,8 +1,8 @@
-//! A synthetic recording for the tests of the checks: noisy rests and moves of a unit that tumbles.
+//! A synthetic recording for the tests of the checks: rests and moves of a unit that tumbles, with noise.
 
 use crate::recording::Recording;
 
-/// Owned columns, so that a test can spoil them.
+/// Owned columns, which a test can modify.
 pub(super) struct Columns {
     pub(super) time_s: Vec<f64>,
     pub(super) force: Vec<[f64; 3]>,
@@ -10,7 +10,8 @@ pub(super) struct Columns {
 }
 
 impl Columns {
-    /// 40 s at 100 Hz: a rest of 1 s, a move of 1 s and so on; peak rate 3 rad/s; noise 0.02 m/s^2 and 0.003 rad/s.
+    /// 40 s at 100 Hz; rests of 1 s and moves of 1 s alternate. The peak rate is 3 rad/s; the noise is 0.02 m/s^2 and
+    /// 0.003 rad/s.
     pub(super) fn tumbling() -> Self {
         let mut state = 1u64;
         let mut noise = move || {
@@ -27,7 +28,7 @@ impl Columns {
             let time = i as f64 * 0.01;
             let (lap, phase) = ((time / 2.0).floor(), time % 2.0);
             let turned = (phase - 1.0).max(0.0);
-            // One and two turns of the phase are whole: the rate begins and ends at zero in every move.
+            // The cosine has a full period per move, so the rate is zero at both ends of every move.
             let speed = 1.5 * (1.0 - (2.0 * std::f64::consts::PI * turned).cos());
             let (tilt, heading) = (0.5 * (lap + turned), 0.9 * (lap + turned));
             let up = [tilt.sin() * heading.cos(), tilt.sin() * heading.sin(), tilt.cos()];
@@ -39,7 +40,7 @@ impl Columns {
         columns
     }
 
-    /// Rounds every channel to whole steps, as a converter does.
+    /// Rounds every channel to multiples of its step, as a converter does.
     pub(super) fn quantised(mut self, force_step: f64, rate_step: f64) -> Self {
         for row in &mut self.force {
             *row = row.map(|v| (v / force_step).round() * force_step);
@@ -54,7 +55,7 @@ impl Columns {
         Recording::try_new("example", &self.time_s, &self.force, &self.rate).unwrap()
     }
 
-    /// The rests: the first second of every two, less its ends.
+    /// The rests: the first second of every two seconds, without 0.05 s at each end.
     pub(super) fn rests() -> Vec<std::ops::Range<usize>> {
         (0..20).map(|k| 200 * k + 5..200 * k + 95).collect()
     }

@@ -1,8 +1,8 @@
-//! The calibration itself: one axis in another unit than its column's name says.
+//! Check of the calibration for an axis whose unit is not the one in its column name.
 //!
-//! A fit takes any scale: with accel_x in g and the other axes in m/s^2 it finds a perfect T, a tenth on x. In SI units
-//! the gain of an axis, the length of its row of T, is near 1 for every sensor on the market. Counts may have any gain, and
-//! axes of one chip have the same.
+//! The fit accepts any scale. With accel_x in g and the other axes in m/s^2, the fit has small residuals and a gain of
+//! 0.1 on x. The gain of an axis is the norm of its row of T. In SI units it is near 1 for every sensor on the market.
+//! In counts it can have any value, but axes of one chip have equal gains.
 
 use imucal_core::calibration::Calibration;
 
@@ -10,14 +10,14 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// Gain of an axis in SI units; datasheets promise 0.9 to 1.1 or better.
+/// Plausible gains of an axis in SI units, as a ratio; datasheets specify 0.9 to 1.1 or better.
 const GAIN: [f64; 2] = [0.75, 1.25];
 
-/// Largest gain over the smallest of axes in counts; in one chip they are as equal as [`GAIN`] says.
+/// Maximum ratio of the largest to the smallest gain of axes in counts, from the limits of [`GAIN`]: axes of one chip.
 const MOST_APART: f64 = GAIN[1] / GAIN[0];
 
-/// `accel_units` and `gyro_units` for axes whose gain no sensor has, and `gains_differ`, a warning, for axes in counts
-/// that differ as those of one chip do not; `recording` is the first one of the unit.
+/// Findings `accel_units` and `gyro_units` (errors) for an axis in SI units with an implausible gain, and
+/// `gains_differ` (a warning) for axes in counts with different gains. `recording` is the first recording of the unit.
 pub fn check_gains(recording: &Recording, calibration: &Calibration<f64>) -> Vec<Finding> {
     let accelerometer = (recording.accel_unit, &calibration.accelerometer, ACCEL, "accel_units");
     let gyroscope = (recording.gyro_unit, &calibration.gyroscope, GYRO, "gyro_units");
@@ -43,8 +43,8 @@ fn odd_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3], code: &
         count: recording.len(),
         value: gains[farthest],
         unit: "ratio",
-        message: format!("{}, where {} to {} can be", parts.join(", "), GAIN[0], GAIN[1]),
-        way_out: "give every column in the unit that its name says, or as raw counts; check the time column and the sample rate for a gyroscope"
+        message: format!("{}; gains from {} to {} are plausible", parts.join(", "), GAIN[0], GAIN[1]),
+        way_out: "give every column in the unit of its name, or as raw counts; for a gyroscope check the time column and the sample rate"
             .into(),
         ..Finding::error(code, recording.name)
     })
@@ -57,7 +57,7 @@ fn different_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3]) -
     if most <= MOST_APART * least {
         return None;
     }
-    // The axis that is not like the two others.
+    // The axis whose gain differs most from the other two.
     let odd = if most * least > middle * middle { most } else { least };
     let axis = gains.iter().position(|gain| *gain == odd)?;
     Some(Finding {
@@ -66,7 +66,7 @@ fn different_gains(recording: &Recording, gains: [f64; 3], columns: [&str; 3]) -
         value: odd / middle,
         unit: "ratio",
         message: format!("{} has {:.4} times the counts per unit of another axis", columns[axis], odd / middle),
-        way_out: "nothing to do if its axes are sensors of different types; else the column is scaled by itself: see how it was recorded"
+        way_out: "nothing to do if the axes are sensors of different types; else this column was scaled separately: check how it was recorded"
             .into(),
         ..Finding::warning("gains_differ", recording.name)
     })

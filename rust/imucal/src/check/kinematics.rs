@@ -1,10 +1,11 @@
-//! What the moves say about the gyroscope's unit, handedness and order of axes.
+//! Checks of the gyroscope's unit, handedness and order of axes, by the motion of gravity during moves.
 //!
-//! In every move gravity u turns in the body as u' = u x w. A linear fit of that gives P with w = P (raw - bias).
-//! Gyroscope axes G and accelerometer axes A (signed permutations of the true ones) make P = det(A) A G^-1, so that
-//! det P has the sign of det G alone: it shows the gyroscope's handedness. A left-handed accelerometer is seen as
-//! P = -A, a proper rotation: one axis reversed looks like a half turn of the gyroscope about that axis, two axes
-//! exchanged like one about a diagonal that reverses all three.
+//! In every move the direction u of gravity rotates in the body frame: u' = u x w. A linear fit of this equation gives
+//! P in w = P (raw - bias). Let G and A be the signed permutations by which the reported gyroscope and accelerometer
+//! axes differ from the true ones. Then P = det(A) A G^-1, so det P has the sign of det G and shows the handedness of
+//! the gyroscope. A left-handed accelerometer gives P = -A, which is a proper rotation. One reversed accelerometer axis
+//! therefore looks like a half turn of the gyroscope about this axis. Two exchanged accelerometer axes look like a half
+//! turn of the gyroscope about a diagonal, which exchanges these axes and reverses all three.
 
 use nalgebra::Matrix3;
 
@@ -12,22 +13,25 @@ use super::{ACCEL, GYRO, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording};
 
-/// P of a sensor in the right unit, over 1: its errors are far smaller.
+/// Limits of the scale of P for a gyroscope in the right unit (ideal: 1). Scale errors of sensors are far smaller.
 const RIGHT_UNIT: [f64; 2] = [0.5, 2.0];
-/// Relative width around a known factor.
+/// Relative tolerance for the factor between two known units.
 const KNOWN: f64 = 0.25;
-/// Smallest over largest singular value below which P says nothing.
+/// Minimum ratio of the smallest to the largest singular value of P for any conclusion; below it the motion was too
+/// poor.
 const WELL_DETERMINED: f64 = 0.1;
-/// Correlation of P with a signed permutation above which it is that one (1 = equal; 18 deg apart = 0.97).
+/// Minimum correlation of P with a signed permutation for a conclusion (1: identical; 0.97: rotated by 18 deg).
 const CLEAR: f64 = 0.85;
 
-/// Judges `rate_from_raw`, the P of true_rate = P (raw - bias), fitted linearly to the gravity kinematics of all moves.
+/// Checks `rate_from_raw`, which is P in true_rate = P (raw - bias), fitted linearly to the kinematics of gravity in
+/// all moves.
 ///
 /// Codes: `gyro_units` (SI columns only), `left_handed_axes`, `axes_turned`. A P that is not finite or nearly singular
-/// (too little motion) says nothing, and counts are judged by handedness and order of axes alone.
+/// (too little motion) gives no finding. For counts only the handedness and the order of axes are checked.
 ///
 /// # Example
-/// The raw x axis runs backwards: P is near diag(-1, 1, 1), det P < 0: `left_handed_axes` names `gyro_x`.
+/// If the raw x axis is reversed, P is near diag(-1, 1, 1) and det P < 0: the finding `left_handed_axes` names
+/// `gyro_x`.
 pub fn check_kinematics(recording: &Recording, rate_from_raw: &Matrix3<f64>) -> Vec<Finding> {
     let p = rate_from_raw;
     if !p.iter().all(|v| v.is_finite()) || !is_well_determined(p) {
@@ -58,9 +62,9 @@ fn is_well_determined(p: &Matrix3<f64>) -> bool {
     squares.min() > WELL_DETERMINED.powi(2) * squares.max()
 }
 
-/// Where the factor is that of no unit. Rate times time is all that is seen.
-const OTHERWISE: &str = "give the columns in the unit that their names say, or as raw counts: gyro_x_lsb; or the time \
-                         or the sample rate is wrong by that factor: correct it";
+/// Recommendation if the factor is not one between known units. Only the product of rate and time is observable.
+const OTHERWISE: &str = "give the columns in the unit of their names, or as raw counts: gyro_x_lsb; or the time or the \
+                         sample rate is wrong by this factor: correct it";
 
 fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
     if (RIGHT_UNIT[0]..=RIGHT_UNIT[1]).contains(&scale) {
@@ -81,7 +85,9 @@ fn unit(recording: &Recording, scale: f64) -> Option<Finding> {
         count: recording.len(),
         value: too_large,
         unit: "ratio",
-        message: format!("the rates are {too_large:.4} times those at which gravity turns in the body"),
+        message: format!(
+            "the rates are {too_large:.4} times those with which the direction of gravity changes in the body"
+        ),
         way_out: way_out.into(),
         ..Finding::error("gyro_units", recording.name)
     })
@@ -120,13 +126,13 @@ fn left_handed_accelerometer(recording: &Recording, axis: usize, axes: &SignedPe
         value: axes.correlation,
         unit: "correlation",
         message: format!(
-            "{} runs backwards, which makes the accelerometer left-handed: {} (correlation {:.2})",
+            "{} is reversed, which makes the accelerometer left-handed: {} (correlation {:.2})",
             ACCEL[axis],
             axes.mapping(),
             axes.correlation
         ),
         way_out: format!(
-            "negate {}; or, if the gyroscope is mounted half a turn about that axis, negate {} and {}",
+            "negate {}; or, if the gyroscope is mounted rotated by 180 deg about this axis, negate {} and {}",
             ACCEL[axis], others[0], others[1]
         ),
         ..Finding::error("left_handed_axes", recording.name)
@@ -147,7 +153,7 @@ fn exchanged_accelerometer(recording: &Recording, [one, other]: [usize; 2], axes
             axes.correlation
         ),
         way_out: format!(
-            "exchange {} and {}; or, if the gyroscope is mounted so, exchange {} and {} and negate all three gyro columns",
+            "exchange {} and {}; or, if this is how the gyroscope is mounted, exchange {} and {} and negate all three gyro columns",
             ACCEL[one], ACCEL[other], GYRO[one], GYRO[other]
         ),
         ..Finding::error("left_handed_axes", recording.name)
@@ -161,26 +167,26 @@ fn turned(recording: &Recording, axes: &SignedPermutation) -> Finding {
         value: axes.correlation,
         unit: "correlation",
         message: format!(
-            "the gyroscope's axes are turned against the accelerometer's: {} (correlation {:.2})",
+            "the gyroscope's axes are rotated relative to the accelerometer's: {} (correlation {:.2})",
             axes.mapping(),
             axes.correlation
         ),
-        way_out: "nothing to do if the gyroscope is mounted so; else correct the order and the signs of the accel or gyro columns"
+        way_out: "nothing to do if this is how the gyroscope is mounted; else correct the order and the signs of the accel or gyro columns"
             .into(),
         ..Finding::warning("axes_turned", recording.name)
     }
 }
 
-/// Which gyroscope column is which axis of the accelerometer's frame: true rate k = sign_of\[k\] * raw column_of\[k\].
+/// Assignment of gyroscope columns to accelerometer axes: true rate k = sign_of\[k\] * raw rate column_of\[k\].
 struct SignedPermutation {
     column_of: [usize; 3],
     sign_of: [f64; 3],
-    /// Correlation with P: sum of the three entries over the norm, 1 if P is this permutation.
+    /// Correlation with P: sum of the three selected entries of P over their norm; 1 if P is this permutation.
     correlation: f64,
 }
 
 impl SignedPermutation {
-    /// The one of the handedness of P that correlates best with it.
+    /// The signed permutation with the handedness of P that has the largest correlation with P.
     fn closest(p: &Matrix3<f64>) -> Self {
         const ORDERS: [[usize; 3]; 6] = [[0, 1, 2], [1, 2, 0], [2, 0, 1], [0, 2, 1], [2, 1, 0], [1, 0, 2]];
         let handedness = p.determinant().signum();
@@ -210,21 +216,22 @@ impl SignedPermutation {
         self.in_order() && self.sign_of == [1.0; 3]
     }
 
-    /// The axis about which it is a half turn, if it is one.
+    /// Axis of rotation if this is a half turn about a coordinate axis, else `None`.
     fn half_turn(&self) -> Option<usize> {
         let kept = (0..3).find(|&k| self.sign_of[k] > 0.0)?;
         let turned = self.sign_of.iter().filter(|sign| **sign < 0.0).count() == 2;
         (self.in_order() && turned).then_some(kept)
     }
 
-    /// The two axes that it exchanges while it reverses all three, if it is such a half turn about a diagonal.
+    /// The two exchanged axes if this is a half turn about a diagonal (it exchanges two axes and reverses all three),
+    /// else `None`.
     fn exchanged(&self) -> Option<[usize; 2]> {
         let mut moved = (0..3).filter(|&k| self.column_of[k] != k);
         let pair = [moved.next()?, moved.next()?];
         (moved.next().is_none() && self.sign_of == [-1.0; 3]).then_some(pair)
     }
 
-    /// "gyro x follows accelerometer -y" for each axis that does not follow its own.
+    /// Text "gyro x follows accelerometer -y" for each axis that does not correspond to itself.
     fn mapping(&self) -> String {
         const AXES: [&str; 3] = ["x", "y", "z"];
         let parts: Vec<String> = (0..3)
@@ -246,7 +253,7 @@ mod tests {
     use super::*;
     use crate::finding::Severity;
 
-    /// A sensor's small errors.
+    /// P of a sensor with typical scale and misalignment errors.
     fn near(p: Matrix3<f64>) -> Matrix3<f64> {
         p * Matrix3::new(0.98, 0.05, -0.06, -0.04, 1.03, 0.02, 0.03, -0.05, 1.0)
     }
@@ -305,8 +312,8 @@ mod tests {
         assert!(judge(near(-Matrix3::identity()))[0].way_out.contains("all three"));
     }
 
-    /// Fits P of u' = u x P w, linear in its nine entries, to directions and rates that both triads report in their own
-    /// axes: `accel` and `gyro` map true to reported.
+    /// Fits P of u' = u x P w, linear in its nine entries, to directions and rates as the triads report them. `accel`
+    /// and `gyro` map true to reported values.
     fn fitted(accel: &Matrix3<f64>, gyro: &Matrix3<f64>) -> Matrix3<f64> {
         let (mut normal, mut right) = (SMatrix::<f64, 9, 9>::zeros(), SMatrix::<f64, 9, 1>::zeros());
         for i in 0..50 {
@@ -314,7 +321,8 @@ mod tests {
             let up = Vector3::new(t.sin(), (1.7 * t).cos(), (0.6 * t).sin()).normalize();
             let rate = Vector3::new((2.3 * t).sin(), (0.9 * t).cos(), (1.1 * t).sin());
             let (change, up, rate) = (accel * up.cross(&rate), accel * up, gyro * rate);
-            // Column-major: entry (r, c) of P turns axis r by rate c.
+            // Entries of P in column-major order: entry (r, c) multiplies the reported rate c and acts as a rotation
+            // about axis r.
             let rows = SMatrix::<f64, 3, 9>::from_fn(|k, n| (up.cross(&Vector3::ith(n % 3, 1.0)) * rate[n / 3])[k]);
             normal += rows.transpose() * rows;
             right += rows.transpose() * change;
@@ -349,7 +357,8 @@ mod tests {
             assert_eq!((findings[0].code, findings[0].severity), ("left_handed_axes", Severity::Error));
             assert_eq!(findings[0].columns, columns.map(|k| ACCEL[k]));
         }
-        // North-east-down against east-north-up is a half turn about a diagonal, too, and a common mounting.
+        // North-east-down relative to east-north-up is a half turn about a diagonal as well, but it is a common
+        // mounting.
         let ned = Matrix3::from_columns(&[y, x, -z]);
         assert_eq!(judge(near(ned))[0].severity, Severity::Warning);
     }

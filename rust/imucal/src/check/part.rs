@@ -1,25 +1,25 @@
-//! A part of a recording, short enough to stay in the processor's cache while every check reads it.
+//! A block of consecutive samples, short enough to stay in the processor's cache while all checks process it.
 
 use std::borrow::Cow;
 use std::ops::Range;
 
 use crate::recording::Recording;
 
-/// Samples of a part: 14 kB.
+/// Samples in a block; at 56 bytes each (time and six channels) a block has 14 kB and fits into the L1 cache.
 pub(super) const PART: usize = 256;
 
-/// Some samples in a row, and what all checks ask of them first.
+/// Consecutive samples of a recording, and properties of these samples that several checks use.
 pub(super) struct Part<'a> {
     pub(super) recording: &'a Recording<'a>,
     pub(super) samples: Range<usize>,
-    /// Whether time and both triads are finite throughout.
+    /// Whether the time and all channels of both triads are finite in all samples.
     pub(super) is_finite: bool,
     equal: [u8; PART],
-    /// The accelerometer's rows and the gyroscope's.
+    /// Rows of the accelerometer and rows of the gyroscope.
     triads: [Cow<'a, [[f64; 3]]>; 2],
 }
 
-/// Bits of [`Part::equal`] of a row that repeats the one before.
+/// Bits of [`Part::equal`] for a row whose six channels all have the values of the previous row.
 pub(super) const ALL_EQUAL: u8 = 0b11_1111;
 
 impl<'a> Part<'a> {
@@ -38,20 +38,21 @@ impl<'a> Part<'a> {
         Self { recording, samples, is_finite, equal, triads }
     }
 
-    /// Each sample but the first of all, with a bit for every channel that has the value of the sample before.
+    /// Index of each sample, except the first of the recording, with one bit per channel. The bit is set if the channel
+    /// has the value of the previous sample.
     pub(super) fn equal(&self) -> impl Iterator<Item = (usize, u8)> + '_ {
         let first = self.samples.start.max(1);
         (first..self.samples.end).zip(self.equal[first - self.samples.start..].iter().copied())
     }
 
-    /// The accelerometer's rows and the gyroscope's.
+    /// Rows of the accelerometer and rows of the gyroscope.
     pub(super) fn triads(&self) -> [&[[f64; 3]]; 2] {
         let own = usize::from(self.samples.start > 0);
         self.triads.each_ref().map(|rows| &rows[own..])
     }
 }
 
-/// One for each number of some rows that is that of the row before, zero for others and beyond their end.
+/// For each number: 1 if it equals the number of the same axis in the previous row, otherwise 0. Unused entries are 0.
 #[inline(always)]
 fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     let mut same = [0; 3 * PART];
@@ -60,7 +61,7 @@ fn same(numbers: &[f64]) -> [u8; 3 * PART] {
     same
 }
 
-/// Without a branch for each, which lets the compiler look at several at once.
+/// Combines the results without branches, so that the compiler can vectorise the loop.
 #[inline(always)]
 pub(super) fn all_finite(values: &[f64]) -> bool {
     values.iter().fold(true, |all, value| all & value.is_finite())

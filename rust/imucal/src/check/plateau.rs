@@ -1,27 +1,31 @@
-//! Plateaus: equal samples in a row in one channel while the unit moves. A rounded peak, a rest without noise and the
-//! chance repeats of a coarse converter are none.
+//! Plateaus: equal consecutive samples in one channel while the unit moves. A rounded peak, a rest without noise, and
+//! random repeats of a coarse converter do not count as plateaus.
 
 use super::values::range;
 use crate::recording::Samples;
 
-/// Equal samples in a row that make a plateau.
+/// Minimum number of equal consecutive samples in a plateau.
 pub(super) const PLATEAU: usize = 3;
-/// A plateau must drop on both sides by this many steps of the converter: a rounded peak drops by one or two.
+/// Minimum change of the channel directly before and after a plateau, in steps of the converter. A rounded peak changes
+/// by one or two steps.
 const EDGE_STEPS: f64 = 3.0;
-/// Meanwhile another axis of the triad changes by this many of its steps: a rest without noise does not.
+/// Minimum change of another axis of the triad during the plateau, in its converter steps. It excludes rests without
+/// noise.
 const SIBLING_STEPS: f64 = 2.0;
-/// Where the rate is high and the step coarse even a rail has flat edges. Then the drop counts at the plateau's own
-/// length from it (a rounded peak that is flat to one step drops by nine), while another axis moves by this share of
-/// its range.
+/// At a high sampling rate and coarse steps, even a rail is entered and left slowly. The change is then measured at a
+/// distance of the plateau's own length, and must be at least this many steps. A rounded peak that is flat to one step
+/// changes by nine.
 const FAR_STEPS: f64 = 12.0;
+/// Minimum change of another axis during such a plateau, as a share of its range.
 const SIBLING_SHARE: f64 = 0.05;
 
-/// At the apex of a peak noise holds a channel for three samples now and then; a clean recording in so many may be refused.
+/// Maximum probability that noise makes the plateaus at an apex: one clean recording in 1e5 may be refused.
 const BY_CHANCE: f64 = 1e-5;
-/// Where noise is less than a step, neighbours at an apex are equal more often than not.
+/// Maximum share of equal consecutive samples that is assumed for the noise. If the noise is below one step, most
+/// neighbours at an apex are equal.
 const MOST_EQUAL: f64 = 0.5;
 
-/// Plateaus of one kind: how many, samples in all of them, and in the longest.
+/// Statistics of plateaus: their number, the samples in all of them, and the samples in the longest.
 #[derive(Clone, Copy, Default)]
 pub(super) struct Kind {
     count: usize,
@@ -36,18 +40,18 @@ impl Kind {
         self.longest = self.longest.max(len);
     }
 
-    /// Far more samples, or far longer.
+    /// Whether these plateaus have more than twice the samples of `usual`, or the longest is at least twice as long.
     pub(super) fn stand_out_from(&self, usual: &Self) -> bool {
         self.samples > 2 * usual.samples || (self.longest > 0 && self.longest >= 2 * usual.longest)
     }
 
-    /// Whether noise may have made them, of which this share of neighbours is equal.
+    /// Whether noise is a plausible cause, if `equal` is the share of equal consecutive samples due to noise.
     pub(super) fn is_chance(&self, equal: f64) -> bool {
         equal.powi((self.samples - self.count) as i32) > BY_CHANCE
     }
 }
 
-/// Share of the neighbours of one axis that are equal, at values that are no end of it.
+/// Share of consecutive samples of one axis that are equal, without samples at the extremes of the axis.
 pub(super) fn equal_neighbours(rows: Samples<'_>, axis: usize, ends: &[f64; 2]) -> f64 {
     let (mut equal, mut pairs) = (1.0, 1.0);
     rows.neighbours(axis, |before, after| {
@@ -59,14 +63,14 @@ pub(super) fn equal_neighbours(rows: Samples<'_>, axis: usize, ends: &[f64; 2]) 
     f64::min(equal / pairs, MOST_EQUAL)
 }
 
-/// Plateaus at the lowest and the highest value, and at any other.
+/// Plateaus of one axis: at its lowest and at its highest value, and at any other value.
 #[derive(Default)]
 pub(super) struct Plateaus {
     pub(super) at_end: [Kind; 2],
     pub(super) elsewhere: Kind,
 }
 
-/// All plateaus of one axis. `ends` are the extremes and `steps` the converter's steps of the triad.
+/// All plateaus of one axis. `ends` are the extremes and `steps` the converter steps of the triad's axes.
 pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], steps: &[f64; 3]) -> Plateaus {
     let mut found = Plateaus::default();
     let mut start = 0;
@@ -80,17 +84,17 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
         if run.len() < PLATEAU || !value.is_finite() {
             continue;
         }
-        // How far the channel is from the plateau, in steps, so many samples before and after it.
+        // Change of the channel, in steps, between the plateau and the samples at this distance before and after it.
         let drop_at = |distance: usize| {
             let row = |k: Option<usize>| k.filter(|&k| k < rows.len()).map(|k| rows.at(k));
             let drop = |row: Option<[f64; 3]>| row.map(|row| (row[axis] - value).abs() / steps[axis]);
             [drop(row(run.start.checked_sub(distance))), drop(row(Some(run.end - 1 + distance)))]
         };
-        // By how much another axis changes meanwhile, and by what share of its whole range.
+        // Change of another axis during the plateau, absolute and as a share of its whole range.
         let change = |k: usize| range(rows.slice(run.clone()), k);
         let sibling = |is_enough: &dyn Fn(usize) -> bool| (1..3).map(|k| (axis + k) % 3).any(is_enough);
         let share = |k: usize| change(k) / (ends[k][1] - ends[k][0]);
-        // The recording's end and a missing value are no evidence against a steep edge.
+        // A missing value or an end of the recording next to the plateau does not exclude a steep edge.
         let steep = drop_at(1).iter().all(|drop| drop.is_none_or(|d| d.is_nan() || d >= EDGE_STEPS))
             && sibling(&|k| change(k) >= SIBLING_STEPS * steps[k] && share(k) > 1e-6);
         let far = || {
@@ -107,8 +111,8 @@ pub(super) fn plateaus(rows: Samples<'_>, axis: usize, ends: &[[f64; 2]; 3], ste
     found
 }
 
-/// Whether the extreme value is taken at least twice as often as the values one step inside; the tail of a noise is
-/// not.
+/// Whether the extreme value occurs at least twice as often as values one step inside. This excludes the tail of a
+/// noise distribution.
 pub(super) fn piles_up(rows: Samples<'_>, axis: usize, end: f64, step: f64) -> bool {
     let (mut at_end, mut inside) = (0, 0);
     for value in rows.axis(axis) {
@@ -143,7 +147,7 @@ mod tests {
             lengths.iter().for_each(|len| kind.add(*len));
             kind
         };
-        // Noise of four steps leaves one pair in fourteen equal, numbers with all their digits none.
+        // With noise of four steps one pair in fourteen is equal; with unquantised values no pair is equal.
         for (lengths, equal, is_chance) in [
             (&[3][..], 0.07, true),
             (&[3, 3], 0.07, true),
@@ -163,7 +167,7 @@ mod tests {
         let peak = |t: f64| 1000.0 * (std::f64::consts::PI * (t - 1.0)).cos();
         assert_eq!(samples_at_end(|t| peak(t).round().min(900.0)), 29);
         assert_eq!(samples_at_end(|t| peak(t).round()), 0);
-        // Coarse: 7 samples at the top share one value.
+        // Coarse quantisation: the 7 samples at the top have the same value.
         assert_eq!(samples_at_end(|t| (peak(t) / 10.0).round()), 0);
     }
 }

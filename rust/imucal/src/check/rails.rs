@@ -1,4 +1,4 @@
-//! Saturation: a channel that stays at the end of its range while the unit moves on.
+//! Check for saturation: a channel is clipped at the end of its range while the unit still moves.
 
 use std::ops::Range;
 
@@ -10,18 +10,19 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// The axes of a triad share one range, so that a rail is the largest value of the triad, give or take their scales.
+/// Minimum ratio of a rail to the largest value of its triad. The axes of a triad share one range, so their rails
+/// differ only by their scales.
 const SHARE_OF_REACH: f64 = 0.8;
 
-/// An accelerometer dwells at 1 g, the median of |f|, and none has so small a range.
+/// Minimum ratio of an accelerometer rail to the median of |f|, which is 1 g. No accelerometer has a smaller range.
 const LOWEST_RAIL_G: f64 = 1.3;
-/// Relative difference between the rails of one range.
+/// Maximum relative difference of two rails that belong to the same range.
 const ONE_RANGE: f64 = 1e-4;
 
-/// The values at which one axis is cut off, if it is: [lowest, highest].
+/// The values at which one axis is clipped, [lowest, highest]; `None` where it is not clipped.
 type Rails = [Option<f64>; 2];
 
-/// `accel_saturation` and `gyro_saturation`.
+/// Findings `accel_saturation` and `gyro_saturation`.
 pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let [accel, gyro] = rails(recording, survey);
     let accel = finding(
@@ -39,9 +40,9 @@ pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     accel.into_iter().chain(gyro).collect()
 }
 
-/// The samples at which any axis is cut off, as ordered stretches that do not touch.
+/// The samples at which any axis is saturated, as disjoint index ranges in ascending order.
 ///
-/// Rests and moves that touch one of them are not to be used; the other ones are sound.
+/// Rests and moves that contain such samples must not be used. All others can be used.
 pub fn saturated_samples(recording: &Recording) -> Vec<Range<usize>> {
     if recording.check_lengths().is_err() {
         return Vec::new();
@@ -124,13 +125,17 @@ fn finding(
     })
 }
 
-/// The ends of range that each axis of a triad reaches.
+/// The rails that each axis of a triad reaches.
 ///
-/// Two kinds of evidence: a count that is exactly an end of 16 bits, once is enough; or plateaus at a channel's extreme
-/// value, where the channel comes and goes in more than single steps while another axis moves, which are rare or short at
-/// other values of the channel, and which its noise does not make by chance; such a rail is no less than `lowest_over_median` times the median
-/// length of the rows. Other powers of two are no evidence by themselves: 2048 or 16384 counts are 1 g of common accelerometers.
-/// `ends` are the extremes of each axis and `held` those of the values that it holds for a plateau's length.
+/// There are two kinds of evidence for a rail:
+///
+/// * A single count at an end of the 16-bit range.
+/// * Plateaus at the channel's extreme value. A plateau counts if the channel enters and leaves it by more than single
+///   steps while another axis moves. Plateaus at other values of the channel must be rare or short, and noise must be
+///   an unlikely cause. The rail must be at least `lowest_over_median` times the median norm of the rows.
+///
+/// Other powers of two are not evidence, because 2048 or 16384 counts are 1 g of common accelerometers. `ends` are the
+/// extremes of each axis; `held` are the extremes of those values that the axis keeps for the length of a plateau.
 fn triad_rails(
     rows: Samples<'_>,
     unit: RawUnit,
@@ -140,7 +145,7 @@ fn triad_rails(
     let low = ends.iter().map(|e| e[0]).fold(f64::INFINITY, f64::min);
     let high = ends.iter().map(|e| e[1]).fold(f64::NEG_INFINITY, f64::max);
     let signed = low < 0.0;
-    // Counts without sign have their zero somewhere in the middle.
+    // Unsigned counts have their zero near the middle of their range.
     let zero = if signed || unit == RawUnit::Si { 0.0 } else { 0.5 * (low + high) };
     let is_16_bit_end = |v: f64| {
         unit == RawUnit::Lsb
@@ -150,7 +155,7 @@ fn triad_rails(
                 high > 32768.0 && (v == 0.0 || v == 65535.0)
             }
     };
-    // The usual case needs no further passes: nothing stays at an end of its range.
+    // Fast path for most recordings: no axis keeps an extreme value, so no further passes are needed.
     let stays_at_end = ends.iter().zip(held).any(|(ends, held)| ends[0] == held[0] || ends[1] == held[1]);
     if !ends.iter().flatten().any(|&end| is_16_bit_end(end)) && !stays_at_end {
         return [[None; 2]; 3];
@@ -165,7 +170,7 @@ fn triad_rails(
     let steps = [0, 1, 2].map(|axis| converter_step(rows, axis));
     let mut rails: [Rails; 3] = [0, 1, 2].map(|axis| {
         let [low, high] = ends[axis];
-        // A constant channel is stuck, not saturated.
+        // A constant channel is reported as stuck, not as saturated.
         if low >= high {
             return [None; 2];
         }
@@ -179,7 +184,8 @@ fn triad_rails(
             (is_16_bit_end(end) || cut_off).then_some(end)
         })
     });
-    // Once a rail of the triad is known, a channel that just touches it is cut off as well: +32767 and -32768 are one.
+    // If one rail of the triad is known, any channel that reaches this value is clipped, too. +32767 and -32768 count
+    // as the same rail.
     if let Some(rail) = rails.iter().flatten().flatten().map(|v| (v - zero).abs()).reduce(f64::max) {
         for axis in 0..3 {
             for side in 0..2 {
@@ -226,7 +232,7 @@ mod tests {
 
     #[test]
     fn rest_and_constant_turn_without_noise_are_not_flagged() {
-        // Motor at constant speed about x, then a rest: equal samples at the extreme, and nothing is cut off.
+        // A motor turns at constant speed about x, then the unit rests. Extreme values repeat, but nothing is clipped.
         let mut columns = Columns::tumbling();
         for i in 0..4000 {
             let moving = (i / 200) % 2 == 1;
@@ -267,7 +273,7 @@ mod tests {
         columns.rate[1234][1] = 32767.0;
         assert_eq!(lsb(&columns).as_slice(), std::slice::from_ref(&(1234..1235)));
         columns.rate[1234][1] = 0.0;
-        // Unsigned, at rest, with 32768 as the largest value of one axis.
+        // Unsigned counts at rest; 32768, the largest value of one axis, is the middle of the range.
         for row in &mut columns.rate {
             *row = row.map(|v| 32768.0 - v.abs());
         }

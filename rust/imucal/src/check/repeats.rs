@@ -1,21 +1,22 @@
-//! Rows held or written again.
+//! Check for rows that were held by the sensor or written twice.
 
 use super::Tally;
 use super::part::{ALL_EQUAL, Part};
 use crate::finding::Finding;
 use crate::recording::Recording;
 
-/// A longer stretch of equal rows is a rest without noise, not a sample held or written again.
+/// Maximum number of consecutive equal rows that count as repeated, in rows. A longer sequence is a rest without noise.
 const LONGEST_REPEAT: usize = 8;
-/// Fewer repeats are not worth a word.
+/// Minimum number of repeated rows for a finding.
 const FEWEST: usize = 5;
 
-/// Rows that repeat the one before in all six values though time goes on: held or written again.
+/// Reports rows whose six values equal those of the previous row although the time differs.
 ///
-/// Coarse data at rest repeat by themselves. There rows in which just five of six values repeat are the more common
-/// ones: with a repeat rate q per channel, 6 q^5 (1 - q) against q^6. So repeats are counted only between rows that
-/// change (at most one value repeats), and only if they far outnumber such near repeats. A rest without noise is one
-/// long stretch of equal rows and is left out by its length.
+/// At rest, coarsely quantised data repeat without any fault. If each channel repeats with probability q, five of six
+/// values repeat with probability 6 q^5 (1 - q), and all six with the smaller probability q^6. Two rules therefore
+/// exclude natural repeats. First, a repeat counts only between rows that change (at most one value repeats). Second,
+/// repeated rows must outnumber rows with five repeated values by more than 2 to 1. A rest without noise is a long
+/// sequence of equal rows and is excluded by [`LONGEST_REPEAT`].
 pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding> {
     let Repeats { doubled, near, .. } = repeats;
     if doubled.samples < FEWEST || doubled.samples <= 2 * near {
@@ -37,16 +38,18 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
     })
 }
 
-/// Repeats between rows that change.
+/// Numbers of repeated rows between rows that change.
 #[derive(Default)]
 pub(super) struct Repeats {
     /// Rows in which all six values repeat.
     doubled: Tally,
-    /// How many have five that do.
+    /// Number of rows in which exactly five values repeat.
     near: usize,
-    /// Since the last row with fewer: whether that one changes, and how many of both there have been.
+    /// Whether the last row with fewer than five repeated values changes (at most one value repeats).
     changes_before: bool,
+    /// Number of rows with six repeated values since that row.
     equal_rows: usize,
+    /// Number of rows with five repeated values since that row.
     near_rows: usize,
 }
 
@@ -68,7 +71,7 @@ impl Repeats {
         }
     }
 
-    /// Row `i` is the first after a stretch of rows that repeat.
+    /// Ends a sequence of repeated rows; row `i` is the first row after it.
     fn end_of_stretch(&mut self, i: usize, changes_on_both_sides: bool) {
         if changes_on_both_sides && self.near_rows == 0 && self.equal_rows <= LONGEST_REPEAT {
             (i - self.equal_rows..i).for_each(|row| self.doubled.add(row));

@@ -1,17 +1,20 @@
-//! Runs of equal samples in one channel: three or more, for two are nothing unusual.
+//! Runs of three or more equal consecutive samples in one channel. Two equal samples are common and do not count.
 
 use super::part::Part;
 use super::plateau::PLATEAU;
 use crate::recording::Recording;
 
-/// The runs of each channel, accelerometer first.
+/// State of the runs of each channel, accelerometer first.
 pub(super) struct Runs {
-    /// Channels of which the last sample has the value of the one before, one bit each.
+    /// One bit per channel: set if the last sample equals the one before it.
     equal: u8,
-    /// Channels that are in a run, and since when.
+    /// One bit per channel: set while the channel is in a run.
     going_on: u8,
+    /// First sample of the current run of each channel.
     start: [usize; 6],
+    /// First and last sample of the longest run of each channel.
     longest: [(usize, usize); 6],
+    /// Lowest and highest value of each channel in runs of at least [`PLATEAU`] samples.
     held: [[f64; 2]; 6],
 }
 
@@ -58,18 +61,18 @@ impl Runs {
         }
     }
 
-    /// First and last sample of the longest run of a channel, the first of several.
+    /// First and last sample of the longest run of a channel; of several equally long runs, the first.
     pub(super) fn longest(&self, channel: usize) -> (usize, usize) {
         self.longest[channel]
     }
 
-    /// Lowest and highest value that each axis of a triad holds for long enough to make a plateau.
+    /// Lowest and highest value that each axis of a triad keeps for at least [`PLATEAU`] samples; [inf, -inf] if none.
     pub(super) fn held(&self, triad: usize) -> [[f64; 2]; 3] {
         [0, 1, 2].map(|axis| self.held[3 * triad + axis])
     }
 }
 
-/// The channels whose bits are set.
+/// Indices of the channels whose bits are set.
 fn channels(mut bits: u8) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
         (bits != 0).then(|| {

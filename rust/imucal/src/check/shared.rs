@@ -1,19 +1,22 @@
-//! The same data given twice: standard deviations would shrink though nothing new was measured.
+//! Check for data given twice. They would reduce the standard deviations without adding information.
 
 use std::collections::HashMap;
 
 use crate::finding::{Finding, Place};
 use crate::recording::Recording;
 
-/// Rows in a row that two recordings have in common. By chance noise never repeats so long.
+/// Minimum number of consecutive identical rows for two recordings to count as overlapping. Noise never repeats over as
+/// many rows by chance.
 const SHARED_ROWS: usize = 100;
 
-/// Recording, place among the rows that differ from the one before, and place among all.
+/// For each row: its recording, its index among the rows that differ from the previous row, and its index in the
+/// recording.
 type Seen = HashMap<[u64; 6], (usize, usize, usize)>;
 
-/// `recordings_overlap` for every recording that holds a stretch of an earlier one, whatever its time stamps.
+/// Finding `recordings_overlap` for every recording that contains an interval of an earlier one. Time stamps are
+/// ignored.
 pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
-    // One recording has nothing to share, and a long table is not made for it.
+    // A single recording needs no comparison; this avoids a large hash table.
     if recordings.len() < 2 {
         return Vec::new();
     }
@@ -28,7 +31,7 @@ pub fn check_shared(recordings: &[Recording]) -> Vec<Finding> {
     findings
 }
 
-/// The first stretch whose rows follow each other in an earlier recording, too.
+/// Finding for the first interval whose rows are consecutive in an earlier recording as well.
 fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &Seen) -> Option<Finding> {
     let (mut count, mut start, mut before) = (0, [0, 0], None);
     for i in changes(recording) {
@@ -48,7 +51,7 @@ fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &S
                 value: SHARED_ROWS as f64,
                 unit: "samples",
                 message: format!(
-                    "{SHARED_ROWS} samples in a row {place} are those of {} from sample {}",
+                    "{SHARED_ROWS} consecutive samples {place} are identical to those of {} from sample {}",
                     recordings[k].name, start[1]
                 ),
                 way_out: "give every recording once: repeated data add no information, and the stated accuracy would be wrong"
@@ -60,12 +63,12 @@ fn shared_with_earlier(recording: &Recording, recordings: &[Recording], seen: &S
     None
 }
 
-/// Rows that every column has; columns of different lengths are another finding's matter.
+/// Number of rows; 0 if the columns have different lengths, which another finding reports.
 fn rows(recording: &Recording) -> usize {
     if recording.check_lengths().is_ok() { recording.len() } else { 0 }
 }
 
-/// The rows that differ from the one before: one that was held or logged twice counts once.
+/// Indices of the rows that differ from the previous row. Rows that were held or logged twice count once.
 fn changes<'a>(recording: &'a Recording<'_>) -> impl Iterator<Item = usize> + 'a {
     (0..rows(recording)).filter(|&i| i == 0 || row_bits(recording, i) != row_bits(recording, i - 1))
 }

@@ -1,4 +1,4 @@
-//! Axes that hold one value.
+//! Check for axes with a constant value.
 
 use super::runs::Runs;
 use super::values::{converter_step, extremes, range};
@@ -7,16 +7,17 @@ use crate::finding::{Finding, Place};
 use crate::parameters::of_axes;
 use crate::recording::{Recording, Samples};
 
-/// Share of the recording over which an axis must stand still to be called stuck.
+/// Minimum share of the recording over which a constant axis counts as stuck.
 const STUCK_SHARE: f64 = 0.5;
-/// Steps of the converter over which another axis must move meanwhile.
+/// Another axis counts as moving if its range is at least this many steps of the converter.
 const MOVING_STEPS: f64 = 8.0;
 
-/// An axis that holds one value for most of the recording while its neighbours move.
+/// Reports axes that are constant for most of the recording while other axes of the same triad move.
 ///
-/// A rest without noise holds all axes, and a coarse converter moves them by single steps: neither is stuck. An axis is
-/// certainly stuck if its neighbours are noisy meanwhile, or if a whole triad is dead. Where the neighbours are as
-/// quiet (a coarse converter, a simulation without noise), it may as well be that nothing turned about it: a warning.
+/// A rest without noise keeps all axes constant, and a coarse converter changes axes by single steps; neither is
+/// reported. An axis is certainly stuck (an error) if the other axes are noisy during this time, or if a whole triad is
+/// constant. If the other axes have no noise either (coarse converter, simulation without noise), the unit may simply
+/// not have rotated about this axis; this is a warning.
 pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     let mut stuck = Vec::new();
     for (first_channel, rows, other, names, unit) in [
@@ -37,7 +38,7 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
             if triad_is_dead || siblings.iter().any(|&k| moves(meanwhile, k)) {
                 stuck.push(Stuck {
                     column: names[axis],
-                    // Adding zero takes the sign from a negative zero.
+                    // Adding zero turns a negative zero into a positive one.
                     value: rows.at(first)[axis] + 0.0,
                     unit,
                     held,
@@ -59,7 +60,7 @@ pub(super) fn check(recording: &Recording, runs: &Runs) -> Vec<Finding> {
     certain.into_iter().chain(possible).collect()
 }
 
-/// What nothing can be said of without these axes, and the way out.
+/// Parameters that are not determined without these axes, and what to do.
 fn undetermined(axes: &[Stuck]) -> String {
     let is_stuck = |name: &str| axes.iter().any(|axis| axis.column == name);
     let stuck = |names: [&str; 3]| names.map(is_stuck);
@@ -81,7 +82,7 @@ fn undetermined(axes: &[Stuck]) -> String {
     parts.join("; ")
 }
 
-/// One axis that holds one value.
+/// An axis with a constant value.
 struct Stuck {
     column: &'static str,
     value: f64,
@@ -97,7 +98,7 @@ fn stuck_axes(recording: &Recording, axes: &[Stuck], kind: Finding, way_out: &st
         .iter()
         .map(|axis| {
             format!(
-                "{} stands at {} {} for {} samples ({:.0} % of the recording, {})",
+                "{} is constant at {} {} for {} samples ({:.0} % of the recording, {})",
                 axis.column,
                 axis.value,
                 axis.unit,
@@ -123,14 +124,14 @@ fn moves(rows: Samples<'_>, axis: usize) -> bool {
     range(rows, axis) >= MOVING_STEPS * converter_step(rows, axis)
 }
 
-/// Most samples differ from the one before.
+/// Whether more than half of the samples differ from the previous one.
 fn is_noisy(rows: Samples<'_>, axis: usize) -> bool {
     let mut changes = 0;
     rows.neighbours(axis, |before, after| changes += usize::from(after != before));
     2 * changes > rows.len()
 }
 
-/// Beyond noise: the range is like the values themselves.
+/// Whether the range of the axis is comparable to the values themselves, so that it exceeds noise.
 fn moves_widely(rows: Samples<'_>, axis: usize) -> bool {
     let [low, high] = extremes(rows, axis);
     moves(rows, axis) && high - low > 0.3 * low.abs().max(high.abs())
@@ -175,7 +176,7 @@ mod tests {
             still.rate[i] = still.rate[1000];
         }
         assert!(found(&still).is_empty());
-        // A converter's step of three times the noise: single steps are all that is left at rest.
+        // The converter's step is three times the noise, so at rest the values change only by single steps.
         let mut coarse = Columns::tumbling().quantised(0.06, 0.009);
         for i in 0..3000 {
             coarse.force[i] = coarse.force[i % 90];

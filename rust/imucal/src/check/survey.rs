@@ -1,7 +1,7 @@
-//! One pass over the samples for all checks of the columns.
+//! A single pass over the samples for all checks of columns.
 //!
-//! Every check keeps what it wants to know in a small accumulator, which is fed one part of the recording after the
-//! other. A part is short enough to stay in the processor's cache while all of them look at it.
+//! Each check has a small accumulator. All accumulators receive the recording in the same short blocks, so that a block
+//! remains in the processor's cache while all of them process it.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -13,7 +13,7 @@ use super::units::Lengths;
 use super::values::{Extremes, NotFinite};
 use crate::recording::Recording;
 
-/// What the checks know of a recording after one pass.
+/// Accumulated data of a recording, from which the checks derive their findings.
 pub(super) struct Survey {
     pub(super) not_finite: NotFinite,
     pub(super) steps: Steps,
@@ -24,13 +24,13 @@ pub(super) struct Survey {
 }
 
 impl Survey {
-    /// The columns must be of one length.
+    /// Makes the pass over all samples. All columns must have the same length.
     pub(super) fn of(recording: &Recording<'_>) -> Self {
         Arch::new().dispatch(Surveying(recording))
     }
 }
 
-/// The pass, made with the widest vectors that the processor has.
+/// The pass, run by pulp with the widest vector instructions of the processor.
 struct Surveying<'a>(&'a Recording<'a>);
 
 impl WithSimd for Surveying<'_> {
@@ -68,7 +68,7 @@ mod tests {
 
     #[test]
     fn parts_meet_without_a_seam() {
-        // A stretch of equal samples, a gap in the numbers and a backward step, each across the end of a part.
+        // Equal samples, values that are not finite and a backward time step, each across the boundary of two blocks.
         let mut columns = Columns::tumbling();
         let seam = 3 * PART;
         for i in seam - 5..seam + 5 {

@@ -1,4 +1,4 @@
-//! Units and signs, judged against gravity: |f| = g at rest, and +g on the axis that points up.
+//! Checks of units and signs against gravity: at rest |f| = g, and the axis that points up reads +g.
 
 use std::ops::Range;
 
@@ -11,20 +11,20 @@ use crate::finding::{Finding, Place};
 use crate::numerics::stats::quantile;
 use crate::recording::{RawUnit, Recording, Samples};
 
-/// |f| over g at rest that bias and scale of a sensor can explain.
+/// Plausible ratio of |f| to g at rest, with the bias and the scale error of a sensor.
 const AT_REST: [f64; 2] = [0.75, 1.25];
-/// Median |f| over g of a whole recording, moves included.
+/// Plausible ratio of the median of |f| to g over a whole recording, moves included.
 const WITH_MOVES: [f64; 2] = [0.5, 2.0];
-/// Twice the widest range on the market, rad/s.
+/// Largest plausible angular rate, rad/s: twice the widest range on the market.
 const FASTEST_RADPS: f64 = 140.0;
-/// A larger rate at rest is no bias of a MEMS gyroscope, rad/s: 57 deg/s.
+/// Largest plausible bias of a MEMS gyroscope, rad/s (57 deg/s).
 const LARGEST_BIAS_RADPS: f64 = 1.0;
-/// All motors at zero: within this angle, rad.
+/// Maximum magnitude of the motor angles at the stand's zero position, rad.
 const STAND_ZERO_RAD: f64 = 0.02;
-/// Cosine of 20 deg.
+/// Minimum component of the unit up-vector along an axis that points nearly up: the cosine of 20 deg.
 const NEARLY_UPRIGHT: f64 = 0.94;
 
-/// Units that are wrong by so much that no rest is needed to see it.
+/// Errors of units that are large enough to be found without rests.
 pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extremes)) -> Vec<Finding> {
     let mut findings = Vec::new();
     let whole = 0..recording.len();
@@ -42,7 +42,7 @@ pub(super) fn check(recording: &Recording, (lengths, extremes): (&Lengths, &Extr
     findings
 }
 
-/// How many finite rows there are, and how many of them are shorter and longer than two limits.
+/// Number of finite rows, and the numbers of rows with a norm below a lower limit and above an upper limit.
 #[derive(Default)]
 pub(super) struct Lengths {
     rows: usize,
@@ -51,7 +51,7 @@ pub(super) struct Lengths {
 }
 
 impl Lengths {
-    /// Those of an accelerometer in SI units about [`WITH_MOVES`].
+    /// Counts the rows of an accelerometer in SI units against the limits [`WITH_MOVES`].
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         if part.recording.accel_unit == RawUnit::Si {
@@ -69,21 +69,21 @@ impl Lengths {
         }
     }
 
-    /// Whether no median need be computed to see that it lies between the limits.
+    /// Whether the median norm lies between the limits; this needs no calculation of the median.
     fn have_median_within(&self) -> bool {
         2 * self.below < self.rows && 2 * self.above < self.rows
     }
 }
 
-/// What the rests show: units by |f| and by the rate of a still unit, and the sign of gravity.
+/// Checks that need rests: units, from |f| and from the angular rate at rest, and the sign of gravity.
 ///
-/// `rests` are ranges of sample indices; ranges outside the recording are passed over. Codes: `accel_units`,
-/// `gyro_units`, `gravity_sign`. What [`super::check_columns`] has said already is not said again.
+/// `rests` are ranges of sample indices; ranges outside the recording are ignored. Codes: `accel_units`, `gyro_units`,
+/// `gravity_sign`. Findings of [`super::check_columns`] are not repeated.
 ///
-/// The sign of gravity cannot be seen from any motion: with u -> -u both |u| = g and u' = u x w stay true. It is judged
-/// only on evidence from outside. With stand columns, all motors at zero mean body z up: -g on z there is an error.
-/// Without them most recordings begin upright: -g on z, within 20 deg, in the first rest is a warning, since the unit
-/// may lie on its head. Counts without sign have no known zero and are not judged.
+/// The sign of gravity is not observable from motion, because |u| = g and u' = u x w remain true for -u. It needs
+/// external evidence. With stand columns, body z points up when all motors are at zero; a reading of -g on z is then an
+/// error. Without stand columns, most recordings start upright. A reading of -g on z, within 20 deg, in the first rest
+/// is then a warning, because the unit may be upside down. Unsigned counts have no known zero and are not checked.
 pub fn check_rests(recording: &Recording, rests: &[Range<usize>], gravity_mps2: f64) -> Vec<Finding> {
     if recording.check_lengths().is_err() {
         return Vec::new();
@@ -115,14 +115,14 @@ fn length([x, y, z]: [f64; 3]) -> f64 {
     (x * x + y * y + z * z).sqrt()
 }
 
-/// Median length of the finite rows in the ranges.
+/// Median norm of the finite rows in the ranges.
 fn median_norm(rows: Samples<'_>, ranges: &[Range<usize>]) -> Option<f64> {
     let rows = ranges.iter().flat_map(|range| rows.slice(range.clone()).iter());
     let mut norms: Vec<f64> = rows.map(length).filter(|norm| norm.is_finite()).collect();
     (!norms.is_empty()).then(|| quantile(&mut norms, 0.5))
 }
 
-/// That median, if it is outside the limits; most recordings need no sorting to see that it is not.
+/// [`median_norm`], if it is outside the limits. Most recordings are inside, which is found without sorting.
 fn median_norm_beyond(rows: Samples<'_>, ranges: &[Range<usize>], limits: [f64; 2]) -> Option<f64> {
     let mut lengths = Lengths::default();
     ranges.iter().for_each(|range| lengths.add(&rows.part(range.clone()), limits));
@@ -149,7 +149,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
     } else if norm > 1500.0 {
         "looks like raw counts: name the columns accel_x_lsb, accel_y_lsb, accel_z_lsb".into()
     } else {
-        "give the columns in the unit that their names say: accel_x_mps2, _g, _mg or _lsb".into()
+        "give the columns in the unit of their names: accel_x_mps2, _g, _mg or _lsb".into()
     };
     let first = ranges.first().cloned().unwrap_or(0..1);
     Finding {
@@ -159,7 +159,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
         value: norm,
         unit: "m/s^2",
         message: format!(
-            "the median |f| is {norm:.4} m/s^2, where gravity makes {gravity_mps2:.3} m/s^2 (ratio {:.4})",
+            "the median |f| is {norm:.4} m/s^2, but gravity is {gravity_mps2:.3} m/s^2 (ratio {:.4})",
             norm / gravity_mps2
         ),
         way_out,
@@ -168,7 +168,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
 }
 
 const GYRO_WAY_OUT: &str =
-    "looks like deg/s or raw counts: name the columns gyro_x_dps, gyro_x_mdps or gyro_x_lsb, as they are";
+    "looks like deg/s or raw counts: without converting them, name the columns gyro_x_dps, gyro_x_mdps or gyro_x_lsb";
 
 fn too_fast(recording: &Recording) -> Option<Finding> {
     if recording.gyro_unit != RawUnit::Si || recording.is_empty() {
@@ -176,7 +176,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
     }
     let over = |row: [f64; 3]| row.iter().any(|v| v.abs() > FASTEST_RADPS);
     let first = recording.angular_rate.iter().position(over)?;
-    // One sample in a thousand may be a spike.
+    // The 99.9 % quantile: one sample in a thousand may be a spike.
     let mut fastest: Vec<f64> = recording
         .angular_rate
         .iter()
@@ -191,7 +191,7 @@ fn too_fast(recording: &Recording) -> Option<Finding> {
         value: rate,
         unit: "rad/s",
         message: format!(
-            "rates reach {rate:.0} rad/s ({:.0} deg/s), first above {FASTEST_RADPS:.0} rad/s at {:.2} s, more than any MEMS gyroscope measures",
+            "rates reach {rate:.0} rad/s ({:.0} deg/s), above the {FASTEST_RADPS:.0} rad/s of any MEMS gyroscope, first at {:.2} s",
             rate.to_degrees(),
             recording.time_s[first]
         ),
@@ -213,7 +213,7 @@ fn turns_at_rest(recording: &Recording, rests: &[Range<usize>]) -> Option<Findin
         value: rate,
         unit: "rad/s",
         message: format!(
-            "the gyroscope reads {rate:.2} rad/s ({:.0} deg/s) at rest, more than a bias can be",
+            "the gyroscope reads {rate:.2} rad/s ({:.0} deg/s) at rest, more than any bias of a MEMS gyroscope",
             rate.to_degrees()
         ),
         way_out: GYRO_WAY_OUT.into(),
@@ -240,7 +240,7 @@ fn gravity_sign(recording: &Recording, rests: &[Range<usize>]) -> Option<Finding
             rests.first()?,
             Finding::warning as fn(_, &str) -> _,
             "in the first rest",
-            "if z points up there, negate the accelerometer: a still sensor reads +g on the axis that points up; if the unit lies on its head, all is well",
+            "if z points up there, negate the accelerometer: a still sensor reads +g on the axis that points up; if the unit is upside down, nothing is wrong",
         ),
     };
     let mut mean = [0.0; 3];
@@ -299,7 +299,7 @@ mod tests {
             (1000.0 / 9.80665, "mg"),
             (0.001, "gravity removed"),
             (400.0, "accel_x_lsb"),
-            (1.4, "unit that their names say"),
+            (1.4, "unit of their names"),
         ];
         for (scale, hint) in cases {
             let columns = scaled(scale, 1.0);
@@ -343,7 +343,7 @@ mod tests {
         let negated = scaled(-1.0, 1.0);
         let findings = both(&negated.recording());
         assert_eq!((findings[0].code, findings[0].severity), ("gravity_sign", Severity::Warning));
-        // With a stand only the rest at zero counts.
+        // With stand columns, only the rest at the stand's zero position counts.
         let mut stand = vec![[0.0, 1.5, 0.0]; 4000];
         let judge = |stand: &[[f64; 3]]| both(&Recording { stand_rad: Some(stand), ..negated.recording() });
         assert!(judge(&stand).is_empty());

@@ -1,7 +1,8 @@
-//! Negative counts that were read as unsigned numbers: n becomes 2^bits + n.
+//! Check for negative counts that were read as unsigned numbers: a count n < 0 is then stored as 2^bits + n.
 //!
-//! A channel that crosses zero then jumps between the ends of the numbers, which looks like saturation and is none. A sensor whose
-//! counts have no sign rests in the middle of them; with the upper half taken as negative that is where it would jump.
+//! A channel that crosses zero then jumps between both ends of the number range, which looks like saturation. A sensor
+//! with unsigned counts reads about the middle of the range at rest. Interpreting the upper half as negative would
+//! create jumps there, so this interpretation is tested, too.
 
 use pulp::{Arch, Simd, WithSimd};
 
@@ -10,25 +11,25 @@ use super::{ACCEL, GYRO, Tally, names};
 use crate::finding::Finding;
 use crate::recording::{RawUnit, Recording, SIDE_BY_SIDE, Samples, each_step};
 
-/// Bits that converters and registers have.
+/// Possible word lengths of converters and registers, bits.
 const BITS: std::ops::RangeInclusive<u32> = 8..=32;
-/// A jump leads from this share of the numbers at one end to the same share at the other.
+/// A jump leads from this share of the number range at one end to the same share at the other end.
 const END: f64 = 0.125;
-/// So many jumps are no odd samples.
+/// Minimum number of jumps for a finding; fewer may be single wrong samples.
 const FEWEST_JUMPS: u64 = 3;
-/// With the upper half taken as negative hardly one of so many jumps is left.
+/// Minimum ratio of the jumps as unsigned numbers to the jumps that remain as signed numbers.
 const LEFT: u64 = 10;
-/// Samples that are looked at while they are near.
+/// Samples in a block that fits into the processor's cache.
 const PART: usize = 256;
 
-/// `counts_unsigned` alone: what is to be corrected is asked for no rests and no units, but such counts are not what they say. The
-/// columns must be of one length.
+/// Finding `counts_unsigned` without other checks, for data that are corrected but not used for a calibration. All
+/// columns must have the same length.
 pub fn check_counts(recording: &Recording) -> Vec<Finding> {
     let is_raw = [recording.accel_unit, recording.gyro_unit].contains(&RawUnit::Lsb);
     if is_raw && !recording.is_empty() { check(recording, &Survey::of(recording)) } else { Vec::new() }
 }
 
-/// `counts_unsigned`.
+/// Finding `counts_unsigned`.
 pub(super) fn check(recording: &Recording, survey: &Survey) -> Vec<Finding> {
     let [accel, gyro] = &survey.extremes.ends;
     let accel = finding(recording, recording.accel_unit, (recording.specific_force, accel), ACCEL);
@@ -73,14 +74,14 @@ fn finding(
         value: numbers,
         unit: "lsb",
         message: format!(
-            "the counts were read as unsigned numbers: {} jump from one end of 0 to {last} to the other in {} samples, \
+            "the counts were read as unsigned numbers: {} jump between the ends of the range 0 to {last} in {} samples, \
              first {}",
             columns.join(", "),
             all.samples,
             all.first_place(recording)
         ),
         way_out: format!(
-            "subtract {numbers} from those above {} in all three columns, or read the registers as signed numbers",
+            "subtract {numbers} from values above {} in all three columns, or read the registers as signed numbers",
             half - 1.0
         ),
         columns,
@@ -92,8 +93,8 @@ fn is_jump(before: f64, after: f64, numbers: f64) -> bool {
     before.min(after) < END * numbers && before.max(after) > (1.0 - END) * numbers
 }
 
-/// How often each channel of a triad jumps between its ends, and how often it still does when the upper half of its numbers is
-/// negative; made with the widest vectors that the processor has.
+/// Counts the jumps of each channel of a triad, as unsigned numbers and as signed numbers. pulp runs it with the widest
+/// vector instructions of the processor.
 struct Jumps<'a> {
     rows: Samples<'a>,
     numbers: f64,
@@ -125,7 +126,7 @@ mod tests {
     use super::super::example::Columns;
     use super::*;
 
-    /// Counts of the gyroscope without sign, zero at `zero` of so many numbers.
+    /// Unsigned gyroscope counts with their zero at `zero`, in a range of `numbers` values.
     fn unsigned(zero: f64, numbers: f64) -> Columns {
         let mut columns = Columns::tumbling();
         let scale = numbers / 8.0;
@@ -139,7 +140,7 @@ mod tests {
 
     #[test]
     fn negative_counts_without_their_sign_are_no_saturation() {
-        for (bits, way_out) in [(16, "subtract 65536 from those above 32767"), (12, "subtract 4096")] {
+        for (bits, way_out) in [(16, "subtract 65536 from values above 32767"), (12, "subtract 4096")] {
             let columns = unsigned(0.0, 2f64.powi(bits));
             let findings = found(&columns);
             assert_eq!(check_counts(&Recording { gyro_unit: RawUnit::Lsb, ..columns.recording() }).len(), 1);
@@ -155,7 +156,7 @@ mod tests {
     fn counts_with_zero_in_the_middle_are_sound_up_to_their_rails() {
         let columns = unsigned(32768.0, 65536.0);
         assert!(found(&columns).is_empty());
-        // Shaken from one rail to the other: samples at both ends, side by side.
+        // Shaken from one rail to the other: consecutive samples at both ends of the range.
         let mut columns = columns;
         for i in (100..3900).step_by(40) {
             columns.rate[i][0] = 0.0;

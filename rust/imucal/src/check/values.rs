@@ -1,4 +1,4 @@
-//! Single columns: numbers that are none, and temperature that jumps.
+//! Checks of single columns: values that are not finite, and jumps of the temperature.
 
 use super::part::{Part, all_finite};
 use super::{ACCEL, GYRO, Tally, names};
@@ -6,17 +6,19 @@ use crate::finding::Finding;
 use crate::numerics::stats::quantile;
 use crate::recording::{Recording, Samples};
 
-/// Temperature step between neighbours, K.
+/// Difference between consecutive temperatures above which a jump is reported, K. A sensor does not warm up this fast
+/// at any usual sampling rate.
 const TEMPERATURE_STEP_K: f64 = 5.0;
-/// Where each sensor is alone in more than this share of the rows, they have time stamps of their own.
+/// Minimum share of rows with only one sensor, for each of the two sensors, above which the sensors are considered to
+/// have separate time stamps.
 const OWN_ROWS: f64 = 0.1;
 
-/// Where NaN and infinity are, by column.
+/// Samples with NaN or infinity, and the columns they occur in.
 #[derive(Default)]
 pub(super) struct NotFinite {
     bad: Tally,
     columns: [bool; 7],
-    /// Samples in which all of the accelerometer is missing and nothing of the gyroscope, and the other way round.
+    /// Number of samples with a complete gyroscope but no accelerometer values, and number of those with the opposite.
     alone: [usize; 2],
     bad_stand: Tally,
     stand_columns: [bool; 3],
@@ -51,19 +53,20 @@ impl NotFinite {
         }
     }
 
-    /// Whether two tables with time stamps of their own were put together row by row.
+    /// Whether two tables with different time stamps were joined row by row (an outer join).
     fn is_outer_join(&self, samples: usize) -> bool {
         self.alone.iter().all(|&alone| alone as f64 > OWN_ROWS * samples as f64)
     }
 
-    /// How many samples, and the first stretch of them.
+    /// Number of samples with a value that is not finite, and the first interval of such samples.
     #[cfg(test)]
     pub(super) fn samples(&self) -> (usize, Option<(usize, usize)>) {
         (self.bad.samples, self.bad.first)
     }
 }
 
-/// NaN and infinity, by column; only effects of the encoders need the stand's columns, so there it is a warning.
+/// Reports NaN and infinity, with the columns. In a column of the stand they are a warning, because only effects of the
+/// encoders need these columns.
 pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec<Finding> {
     let NotFinite { bad, columns, bad_stand, stand_columns, alone, .. } = not_finite;
     let sensors = [&["time_s"], &ACCEL[..], &GYRO[..]].concat();
@@ -80,18 +83,18 @@ pub(super) fn check_finite(recording: &Recording, not_finite: &NotFinite) -> Vec
     if let Some(joined) = findings.first_mut().filter(|_| not_finite.is_outer_join(recording.len())) {
         let [rate, force] = alone;
         joined.message = format!(
-            "accelerometer and gyroscope have rows of their own: {force} samples hold NaN for the gyroscope alone, {rate} for \
-             the accelerometer alone"
+            "accelerometer and gyroscope are in separate rows: {force} samples have NaN for the gyroscope only, {rate} for \
+             the accelerometer only"
         );
         joined.way_out =
-            "the two sensors have time stamps of their own: interpolate the columns of one to the time stamps of \
-                          the other first, and keep the rows of that one"
+            "the two sensors have different time stamps: first interpolate the columns of one sensor to the time \
+                          stamps of the other, and keep only those rows"
                 .into();
     }
     findings
 }
 
-/// Notes the columns whose value is not finite; true if there is one.
+/// Marks the columns whose value is not finite; returns whether there is any.
 fn mark<const N: usize>(row: [f64; N], columns: &mut [bool; N]) -> bool {
     let mut any = false;
     for (value, column) in row.iter().zip(columns) {
@@ -113,32 +116,34 @@ fn missing_numbers(recording: &Recording, tally: Tally, all: &[&str], marked: &[
         value: share,
         unit: "%",
         message: format!(
-            "{} hold NaN or infinity in {} samples ({share:.2} %), the first in sample {first}",
+            "{} have NaN or infinity in {} samples ({share:.2} %), the first in sample {first}",
             columns.join(", "),
             tally.samples
         ),
-        way_out: "drop those rows (a gap is seen and handled) or repair the reader; do not fill them with zeros".into(),
+        way_out: "drop these rows (gaps are detected and handled) or repair the reader; do not fill them with zeros"
+            .into(),
         columns,
         ..kind
     }
 }
 
-/// Largest less smallest finite value; 0 without any.
+/// Difference of the largest and the smallest finite value; 0 if no value is finite.
 pub(super) fn range(rows: Samples<'_>, axis: usize) -> f64 {
     let [low, high] = extremes(rows, axis);
     (high - low).max(0.0)
 }
 
-/// Smallest and largest finite value; [inf, -inf] without any.
+/// Smallest and largest finite value; [inf, -inf] if no value is finite.
 pub(super) fn extremes(rows: Samples<'_>, axis: usize) -> [f64; 2] {
     let values = rows.axis(axis).filter(|v| v.is_finite());
-    // Without NaN there is no need for the slower minimum that takes care of it.
+    // A plain comparison is faster than `f64::min`, which also handles NaN; NaN was filtered out above.
     values.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| {
         [if v < low { v } else { low }, if v > high { v } else { high }]
     })
 }
 
-/// Smallest and largest finite value of each axis of both triads, accelerometer first; [inf, -inf] without any.
+/// Smallest and largest finite value of each axis of both triads, accelerometer first; [inf, -inf] if no value is
+/// finite.
 pub(super) struct Extremes {
     pub(super) ends: [[[f64; 2]; 3]; 2],
 }
@@ -153,7 +158,7 @@ impl Extremes {
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         for (ends, rows) in self.ends.iter_mut().zip(part.triads()) {
-            // Four rows side by side: without NaN in them the compiler takes several values at once.
+            // Four rows per step allow the compiler to vectorise; this is valid only if no value is NaN.
             let (fours, others) = if part.is_finite { rows.as_chunks::<4>() } else { (&[][..], rows) };
             let (mut low, mut high) = ([[f64::INFINITY; 3]; 4], [[f64::NEG_INFINITY; 3]; 4]);
             for four in fours {
@@ -177,9 +182,9 @@ impl Extremes {
     }
 }
 
-/// The converter's step: the size of the smallest differences between neighbours that are not zero, 5 % of them being
-/// smaller. Differences of rounding size are left out, and odd ones, as at a limit between two steps, do not count.
-/// Infinite for a constant.
+/// Resolution of the converter, in the unit of the samples; infinite for a constant channel. It is the 5 % quantile of
+/// the nonzero differences between consecutive samples. The quantile ignores rare smaller differences, as from clipping
+/// at a limit between two steps. Differences of the order of rounding are excluded.
 pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     let rounding = 1e-9 * range(rows, axis);
     let mut steps = Vec::new();
@@ -195,7 +200,7 @@ pub(super) fn converter_step(rows: Samples<'_>, axis: usize) -> f64 {
     quantile(&mut steps, 0.05)
 }
 
-/// Steps of more than 5 K between neighbours, and values that are not finite.
+/// Reports temperature jumps above [`TEMPERATURE_STEP_K`] between consecutive samples, and values that are not finite.
 pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
     let temperature = recording.temperature_degc?;
     let (mut jumps, mut largest, mut not_finite) = (Tally::default(), 0.0f64, 0);
@@ -213,7 +218,7 @@ pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
     let jumping = (steps > 0).then(|| {
         format!("jumps by more than {TEMPERATURE_STEP_K:.0} K {steps} times (at most {largest:.1} K), faster than a sensor warms up")
     });
-    let empty = (not_finite > 0).then(|| format!("is not a number in {not_finite} samples"));
+    let empty = (not_finite > 0).then(|| format!("is not finite in {not_finite} samples"));
     let wrong: Vec<String> = jumping.into_iter().chain(empty).collect();
     (jumps.samples > 0).then(|| Finding {
         columns: names(["temp_degc"]),
@@ -222,7 +227,7 @@ pub(super) fn check_temperature(recording: &Recording) -> Option<Finding> {
         value: largest,
         unit: "K",
         message: format!("the temperature {}, first {}", wrong.join(" and "), jumps.first_place(recording)),
-        way_out: "repair the temperature column, or drop it: effects of the temperature need it without holes".into(),
+        way_out: "repair the temperature column, or drop it: effects of temperature need a value in every row".into(),
         ..Finding::warning("temperature_jump", recording.name)
     })
 }
@@ -265,12 +270,12 @@ mod tests {
     fn rows_of_one_sensor_each_are_told_from_missing_samples() {
         let mut columns = Columns::tumbling();
         columns.force.iter_mut().step_by(2).for_each(|row| *row = [f64::NAN; 3]);
-        // One sensor at half the rate of the other: the rows that have both will do.
-        assert!(not_finite(&columns.recording())[0].way_out.contains("drop those rows"));
+        // The sensors have different rates: only every second row has values of both.
+        assert!(not_finite(&columns.recording())[0].way_out.contains("drop these rows"));
         columns.rate.iter_mut().skip(1).step_by(2).for_each(|row| *row = [f64::NAN; 3]);
         let findings = not_finite(&columns.recording());
         assert_eq!((findings.len(), findings[0].code, findings[0].count), (1, "non_finite", 4000));
-        assert!(findings[0].message.contains("2000 samples hold NaN for the gyroscope alone, 2000"));
+        assert!(findings[0].message.contains("2000 samples have NaN for the gyroscope only, 2000"));
         assert!(findings[0].way_out.contains("interpolate"));
     }
 

@@ -40,7 +40,7 @@ use super::terms::{SideBySide, Terms};
 use crate::numerics::derivative::Width;
 #[cfg(test)]
 use crate::preintegration::STEPS_TAKEN;
-use crate::preintegration::{Sums, attitudes, carry_smoothly, rotate_smoothly};
+use crate::preintegration::{Sums, attitudes, integrate_rotation, preintegrate};
 use crate::recording::Recording;
 use crate::rests::moves::Move;
 use changes::Changes;
@@ -188,12 +188,12 @@ impl Route<'_> {
 
     /// The rotation without effects.
     pub(super) fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
-        rotate_smoothly(self.recording, self.span.first, self.span.last, gyroscope)
+        integrate_rotation(self.recording, self.span.first, self.span.last, gyroscope)
     }
 
     /// The same and the sums, as the kernel takes them.
     pub(super) fn carry(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
-        carry_smoothly(time_s, angular_rate, self.span.first, self.span.last, gyroscope)
+        preintegrate(time_s, angular_rate, self.span.first, self.span.last, gyroscope)
     }
 }

@@ -1,31 +1,33 @@
-//! Overlapping Allan deviation (model.md (29)).
+//! Overlapping Allan deviation (`docs/model.md` (29)).
 //!
 //! ```text
 //! sigma^2(m) = 1 / (2 m^2 (N - 2m + 1))  sum over i of (p_(i+2m) - 2 p_(i+m) + p_i)^2,    p_i = x_1 + ... + x_i
 //! ```
 //!
-//! x are N rates at equal intervals, less their mean, and tau = m intervals. (IEEE Std 1139; for inertial sensors IEEE Std 952.)
+//! x are N rates at equal intervals minus their mean; the averaging time tau is m intervals. Sources: IEEE Std 1139,
+//! and IEEE Std 952 for inertial sensors.
 
 use std::num::NonZeroUsize;
 
 use crate::error::Error;
 use crate::numerics::workers::in_order;
 
-/// Differences that are summed for all averaging times before the next ones are: what one time has read is still in the cache
-/// for the next.
+/// Differences in a block. All averaging times process a block before the next block, so that its data remain in the
+/// cache.
 const BLOCK: usize = 4096;
-/// Blocks of one job. Jobs are added in order, so that the result does not depend on the number of threads.
+/// Blocks in a job. The results of jobs are added in order, so the sum does not depend on the number of threads.
 const BLOCKS_PER_JOB: usize = 64;
+/// Number of partial sums in [`block_sum`], which fill the vector registers.
 const LANES: usize = 8;
 
-/// Averaging factors 1, 2, 4, 8, ... for `samples` samples: every one for which there are two neighbouring means.
+/// Averaging factors 1, 2, 4, 8, ... up to half of `samples`, so that there are at least two means.
 pub fn octave_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&m: &usize| m.checked_mul(2))
         .take_while(|m| m.saturating_mul(2) <= samples)
         .collect()
 }
 
-/// Averaging factors 1, 2, 4, 10, 20, 40, 100, ... likewise.
+/// Averaging factors 1, 2, 4, 10, 20, 40, 100, ... up to half of `samples`.
 pub fn decade_factors(samples: usize) -> Vec<usize> {
     std::iter::successors(Some(1), |&decade: &usize| decade.checked_mul(10))
         .take_while(|&decade| decade <= samples)
@@ -34,13 +36,13 @@ pub fn decade_factors(samples: usize) -> Vec<usize> {
         .collect()
 }
 
-/// Overlapping Allan deviations of `values` at averages of `factors` samples, in the unit of the values.
+/// Overlapping Allan deviations of `values` at averaging times of `factors` samples, in the unit of the values.
 ///
-/// The values are read where they are; their sums take one number per sample. `threads` share the work and change no bit of
-/// the result.
+/// The values are not copied; their cumulative sums need one number per sample. The result does not depend on the
+/// number of `threads`.
 ///
 /// # Errors
-/// [`Error::Input`] for a value that is not finite, and for a factor of zero or of more than half of the samples.
+/// [`Error::Input`] for a value that is not finite, and for a factor that is zero or exceeds half of the samples.
 pub fn overlapping_deviations(
     values: impl ExactSizeIterator<Item = f64> + Clone,
     factors: &[usize],
@@ -62,7 +64,7 @@ pub fn overlapping_deviations(
     Ok(factors.iter().zip(squares).map(deviation).collect())
 }
 
-/// p_0 = 0 to p_N. Without their mean the sums stay small, and so does their rounding.
+/// Cumulative sums p_0 = 0 to p_N. The mean is subtracted first, so that the sums and their rounding errors stay small.
 fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, Error> {
     let samples = values.len();
     let mean = values.clone().sum::<f64>() / samples.max(1) as f64;
@@ -82,9 +84,9 @@ fn sums(values: impl ExactSizeIterator<Item = f64> + Clone) -> Result<Vec<f64>, 
     Ok(phase)
 }
 
-/// The sum over i for each factor.
+/// The sum over i of the squared differences, for each factor.
 fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<f64> {
-    // In ascending order, for the sake of the cache.
+    // Factors in ascending order use the cache best.
     let mut order: Vec<usize> = (0..factors.len()).collect();
     order.sort_unstable_by_key(|&k| factors[k]);
     let job_len = BLOCK * BLOCKS_PER_JOB;
@@ -109,7 +111,7 @@ fn squared_differences(phase: &[f64], factors: &[usize], threads: usize) -> Vec<
     total
 }
 
-/// Several sums side by side, so that the processor's vectors are filled.
+/// Several partial sums allow the compiler to use vector instructions.
 fn block_sum(first: &[f64], second: &[f64], third: &[f64]) -> f64 {
     let (a, a_rest) = first.as_chunks::<LANES>();
     let (b, b_rest) = second.as_chunks::<LANES>();
@@ -135,12 +137,12 @@ mod tests {
         overlapping_deviations(values.iter().copied(), factors, ONE).unwrap()
     }
 
-    /// Something that is neither smooth nor random.
+    /// Test data that are neither smooth nor random.
     fn rough(n: usize) -> Vec<f64> {
         (0..n).map(|i| ((i * i) as f64 * 0.37).sin() + (i as f64 * 1e-3).cos() + 9.81).collect()
     }
 
-    /// Nine frequencies of NBS Monograph 140, Annex 8.E, and their deviations as NIST SP 1065, table 31, has them.
+    /// Nine frequencies from NBS Monograph 140, Annex 8.E, and their deviations from NIST SP 1065, table 31.
     #[test]
     fn nine_published_points_have_the_published_deviations() {
         let values = [892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0];

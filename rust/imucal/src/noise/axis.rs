@@ -1,4 +1,4 @@
-//! One axis: its figures, how sure they are, and its Allan deviations.
+//! Noise of one axis: the estimates with their confidence bands, and the Allan deviations.
 
 use std::num::NonZeroUsize;
 
@@ -11,74 +11,79 @@ use crate::error::Error;
 use crate::noise::allan::{octave_factors, overlapping_deviations};
 use crate::recording::Samples;
 
-/// Standard deviations by which the powers of an octave may be off the model: by chance once in 10^6.
+/// Maximum deviation of the power in an octave from the model, in standard deviations. The false alarm rate is about
+/// 1e-6.
 pub(super) const MISFIT: f64 = 5.0;
-/// What quantisation must explain to be called that, twice the logarithm of the likelihood: one in 1000 by chance.
+/// Minimum gain of twice the log-likelihood for quantisation to be included; noise alone reaches it with a probability
+/// of 0.001.
 const QUANTISATION_GAIN: f64 = 10.83;
-/// Octaves of frequency, from half the rate down, that are left out where a filter has coloured the noise. A window of 32 values
-/// has sharp ends, and what is missing at high frequencies is missing in all of its cosines: whole stages go, of five octaves
-/// each, and the octave where the means of the next one are still blind to what they average.
+/// Numbers of octaves that are omitted, from half the sampling rate down, if a filter has changed the noise. Windows of
+/// 32 values have wide side lobes, so power missing at high frequencies affects all cosines of a stage. Therefore
+/// complete stages of five octaves are omitted, together with the first octave of the next stage, whose means still
+/// average filtered noise.
 const FILTERED: [u32; 2] = [6, 11];
-/// Without rounding errors that depend on the signal, a count is at most this many standard deviations of the noise.
+/// Maximum size of a count in standard deviations of the noise. Above it, rounding errors depend on the signal.
 const COARSEST_COUNT: f64 = 2.0;
-/// The longest tau is this share of the record.
+/// The longest averaging time is the record divided by this number.
 const LONGEST_SHARE: usize = 3;
 
-/// One figure.
+/// The estimate of one noise parameter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The maximum-likelihood estimate; `None` where the record does not show that there is any.
+    /// Maximum-likelihood estimate; `None` if the record does not show this kind of noise.
     pub value: Option<f64>,
-    /// Its standard deviation.
+    /// Standard deviation of the estimate.
     pub std: Option<f64>,
-    /// Begin of the 95 % band, zero where there is no value.
+    /// Lower end of the 95 % confidence band; zero if there is no value.
     pub low: f64,
-    /// End of the 95 % band: what the record excludes where there is no value. Infinite for an axis that is constant.
+    /// Upper end of the 95 % confidence band. If there is no value, it is an upper limit; it is infinite for a constant
+    /// axis.
     pub high: f64,
 }
 
-/// One point of the Allan plot.
+/// A point of the Allan plot.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AllanPoint {
     /// Averaging time, s.
     pub tau_s: f64,
-    /// Overlapping Allan deviation.
+    /// Overlapping Allan deviation, in the unit of the samples.
     pub deviation: f64,
-    /// Begin of its 95 % band.
+    /// Lower end of the 95 % confidence band.
     pub low: f64,
-    /// End of its 95 % band.
+    /// Upper end of the 95 % confidence band.
     pub high: f64,
-    /// Equivalent degrees of freedom, of the fitted model.
+    /// Equivalent degrees of freedom, calculated from the fitted model.
     pub dof: f64,
-    /// Allan deviation of the fitted model.
+    /// Allan deviation of the fitted model, in the unit of the samples.
     pub model: f64,
 }
 
-/// The noise of one axis, v being the unit of its samples.
+/// Noise of one axis; v is the unit of its samples.
 #[derive(Clone, Debug)]
 pub struct AxisNoise {
     /// White noise N, v/sqrt(Hz).
     pub noise_density: Estimate,
-    /// Flicker coefficient B, v.
+    /// Coefficient B of the flicker noise, v.
     pub bias_instability: Estimate,
     /// Rate random walk K, v/s/sqrt(Hz).
     pub random_walk: Estimate,
     /// Quantisation Q of an integrated output, v s.
     pub quantisation: Estimate,
-    /// One count of the converter: the smallest step between samples, v; zero for a constant.
+    /// Size of a count of the converter, v: the smallest step between samples; zero for a constant axis.
     pub lsb: f64,
-    /// Whether white noise is less than half a count.
+    /// Whether the white noise is less than half a count.
     pub is_below_lsb: bool,
-    /// Shortest period that was fitted, s: faster noise has been filtered, or is not of these kinds for another reason.
+    /// Shortest period that was fitted, s. Noise of shorter periods was filtered, or deviates from the model for other
+    /// reasons.
     pub shortest_period_s: f64,
-    /// By how many standard deviations the powers of an octave are off the model, the worst one.
+    /// Largest deviation of the power in an octave from the model, in standard deviations.
     pub misfit: f64,
-    /// Allan deviations over octaves of tau.
+    /// Allan deviations at averaging times that double from point to point.
     pub allan: Vec<AllanPoint>,
 }
 
 impl AxisNoise {
-    /// Of one column of the samples of a rest.
+    /// Identifies the noise in one column of the samples of a rest.
     pub(super) fn identify(rows: Samples<'_>, axis: usize, rate_hz: f64, layout: &Layout) -> Result<Self, Error> {
         let values = rows.axis(axis);
         let lsb = smallest_step(values.clone());
@@ -90,7 +95,7 @@ impl AxisNoise {
         let is_below_lsb = is_constant || counts < lsb;
 
         let estimates: [Estimate; KINDS] = std::array::from_fn(|kind| {
-            // From a parameter per sample to a figure per second.
+            // Converts a parameter per sample to one per second.
             let unit = match kind {
                 WHITE => rate_hz.sqrt().recip(),
                 FLICKER => 1.0,
@@ -100,7 +105,7 @@ impl AxisNoise {
             let estimate = model.estimate(&powers, kind, unit);
             match (is_below_lsb, kind) {
                 (false, _) => estimate,
-                // A constant does not even say how large its counts are.
+                // The size of a count is unknown for a constant axis, so the noise has no upper limit.
                 (true, _) if is_constant => estimate.bounded(f64::INFINITY),
                 (true, WHITE) => estimate.bounded((model.rounding / rate_hz).sqrt()),
                 (true, _) => estimate.bounded(0.0),
@@ -121,25 +126,25 @@ impl AxisNoise {
 }
 
 impl Estimate {
-    /// Without a value, because it would mean nothing; the band ends at `least` or later.
+    /// Removes a value that would be meaningless; the upper end of the band is combined with `least`.
     fn bounded(self, least: f64) -> Self {
         Self { value: None, std: None, low: 0.0, high: self.high.hypot(least) }
     }
 }
 
-/// The kinds of noise that explain the powers of an axis.
+/// A model of the kinds of noise in an axis.
 struct Model {
     best: Fit,
     kinds: [bool; KINDS],
     rounding: f64,
-    /// Octaves that are left out at the high end.
+    /// Number of octaves omitted at the highest frequencies.
     filtered: u32,
     misfit: f64,
 }
 
 impl Model {
-    /// White noise, bias instability and random walk; quantisation if it explains much; without the highest octaves if that
-    /// makes all others fit.
+    /// Model with white noise, bias instability and random walk. Quantisation is added if it is significant. The
+    /// highest octaves are omitted if the model then agrees with all others.
     fn of(powers: &[Power], rounding: f64) -> Self {
         let whole = Self::above(powers, rounding, 0);
         if whole.misfit.abs() <= MISFIT {
@@ -166,7 +171,7 @@ impl Model {
         Self { best, kinds, rounding, filtered, misfit }
     }
 
-    /// One figure: `unit` times the root of its parameter.
+    /// Estimate of one parameter: the square root of theta times `unit`.
     fn estimate(&self, powers: &[Power], kind: usize, unit: f64) -> Estimate {
         let used = fitted(powers, self.filtered);
         let mut likelihood = Likelihood { powers: &used, rounding: self.rounding, kinds: self.kinds };
@@ -187,7 +192,7 @@ impl Model {
     }
 }
 
-/// Octave of a frequency below half the rate: 0 for the highest.
+/// Octave of a frequency below half the sampling rate; 0 is the highest octave.
 fn octave(power: &Power) -> u32 {
     (-(2.0 * power.frequency).log2()).floor().max(0.0) as u32
 }
@@ -196,7 +201,7 @@ fn fitted(powers: &[Power], filtered: u32) -> Vec<Power> {
     powers.iter().filter(|power| octave(power) >= filtered).copied().collect()
 }
 
-/// The smallest step between neighbours that is more than rounding; zero for a constant.
+/// Smallest difference between consecutive values above rounding; zero for a constant.
 fn smallest_step(values: impl Iterator<Item = f64> + Clone) -> f64 {
     let (low, high) = values.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (v.min(l), v.max(h)));
     let rounding = 1e-9 * (high - low).max(low.abs() * 1e-6);
@@ -231,12 +236,13 @@ fn allan_points(
     Ok(factors.iter().zip(deviations).map(point).collect())
 }
 
-/// By Wilson and Hilferty where the degrees of freedom are many, right to 1e-5 there.
+/// Quantile of chi-square. From 100 degrees of freedom on, the approximation by Wilson and Hilferty has an error of
+/// 1e-5.
 fn chi_square_quantile(dof: f64, probability: f64) -> f64 {
     if let (true, Ok(distribution)) = (dof < 100.0, ChiSquared::new(dof)) {
         return distribution.inverse_cdf(probability);
     }
-    // 1.959964 is the normal quantile of 0.975; the bands here are of 95 %.
+    // 1.959964 is the 97.5 % quantile of the normal distribution; the bands have a level of 95 %.
     let normal = if probability > 0.5 { 1.959_963_985 } else { -1.959_963_985 };
     let ninth = 2.0 / (9.0 * dof);
     dof * (1.0 - ninth + normal * ninth.sqrt()).powi(3)

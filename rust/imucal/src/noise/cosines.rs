@@ -1,15 +1,16 @@
-//! A record as powers of cosines, which noise of a power law makes independent: model.md (31).
+//! Power spectrum of a record by cosine transforms, in which power-law noise is uncorrelated: `docs/model.md` (31).
 //!
 //! ```text
 //! z_j = sqrt(2 / W) sum over t of y_t cos(pi j (t + 1/2) / W),    j = 1 to W - 1
 //! ```
 //!
-//! for windows of W neighbouring values y. Of white noise and of a random walk, and of means of such, the z of a window are
-//! independent exactly, whatever the ends of the window do: in a Fourier transform a random walk leaks from its ends
-//! into all frequencies. Of flicker noise they are nearly so, and their variances here are exact.
+//! The windows have W consecutive values y. For white noise, for a random walk, and for means of them, the z_j of a
+//! window are exactly independent. A Fourier transform would leak the difference between the ends of a random walk into
+//! all frequencies. For flicker noise the z_j are nearly independent, and their variances here are exact.
 //!
-//! A long record is taken apart in stages: windows of 32 samples, then of 32 means of those, until fewer than 2048 are left for one
-//! last window. Powers of the windows of a stage are averaged.
+//! A long record is processed in stages. The first stage has windows of 32 samples; the next one has windows of 32
+//! means of the first stage, and so on. The last stage is a single window with fewer than 2048 values. In each other
+//! stage the powers of all windows are averaged.
 
 use std::f64::consts::PI;
 
@@ -18,36 +19,36 @@ use super::power_law::{KINDS, PerKind, mean_covariance};
 const WINDOW: usize = 32;
 const HALF: usize = WINDOW / 2;
 const LAST_WINDOW: usize = 2048;
-/// Neighbouring cosines of the last window are averaged over this share of their frequency.
+/// Adjacent cosines of the last window are averaged over this share of their frequency.
 const POOLED_SHARE: f64 = 0.03;
 
-/// A mean power `P`: chi-square with `dof` degrees of freedom times the model's power over `dof`.
+/// A mean power. It is chi-square distributed with `dof` degrees of freedom, times the power of the model over `dof`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Power {
     pub(super) value: f64,
     pub(super) dof: f64,
-    /// By unit parameter of each kind.
+    /// Expected power of each kind of noise, for a unit parameter.
     pub(super) expected: PerKind,
-    /// In periods per sample.
+    /// Frequency in periods per sample.
     pub(super) frequency: f64,
 }
 
-/// What the powers of a record of some length will be: windows of a stage, their number and length in samples.
+/// Stages of the transform for a record of a given length, with their expected powers.
 pub(super) struct Layout {
     stages: Vec<Stage>,
 }
 
 struct Stage {
     windows: usize,
-    /// Values of a window.
+    /// Values in a window.
     width: usize,
-    /// Samples of a value.
+    /// Samples averaged into one value.
     length: f64,
     expected: Vec<PerKind>,
 }
 
 impl Layout {
-    /// Of a record of `samples` samples.
+    /// Stages for a record of `samples` samples.
     pub(super) fn new(samples: usize) -> Self {
         let mut stages = Vec::new();
         let (mut left, mut length) = (samples, 1.0);
@@ -60,7 +61,7 @@ impl Layout {
         Self { stages }
     }
 
-    /// The powers of a record of that length.
+    /// Powers of a record, which must have the length of this layout.
     pub(super) fn powers(&self, values: impl Iterator<Item = f64>) -> Vec<Power> {
         let mut powers = Vec::new();
         let Some((last, before)) = self.stages.split_last() else {
@@ -105,8 +106,8 @@ impl Stage {
     }
 }
 
-/// `E z_j^2 = c_0 + 2/W sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))`, a = pi j / W, for j from one; c is the covariance of
-/// means over `length` samples. A constant in c has no part in it.
+/// `E z_j^2 = c_0 + 2/W sum over d of c_d ((W - d) cos(a d) - sin(a d) / sin(a))`, a = pi j / W, for j = 1 to W - 1.
+/// c_d is the covariance of means over `length` samples at a distance of d means. A constant in c cancels.
 fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
     let covariance: Vec<PerKind> = (0..width).map(|d| mean_covariance(length, d as f64)).collect();
     let table: Vec<(f64, f64)> = (0..2 * width).map(|k| (PI * k as f64 / width as f64).sin_cos()).collect();
@@ -126,7 +127,7 @@ fn expected_powers(length: f64, width: usize) -> Vec<PerKind> {
         .collect()
 }
 
-/// z_j^2 of one window.
+/// The squares z_j^2 of one window.
 fn squared_cosines(window: &[f64]) -> Vec<f64> {
     let width = window.len();
     let table: Vec<f64> = (0..4 * width).map(|k| (PI * k as f64 / (2.0 * width as f64)).cos()).collect();
@@ -144,7 +145,8 @@ fn squared_cosines(window: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Cosines of the fixed window, by the place in its first half: even j see the sum of both halves, odd ones the difference.
+/// Cosines of a window of 32 values, by the index in its first half. Cosines of even j use the sum of both halves of
+/// the window, those of odd j the difference.
 struct Tables {
     even: [[f64; HALF]; HALF],
     odd: [[f64; HALF]; HALF],
@@ -161,7 +163,7 @@ impl Tables {
         }
     }
 
-    /// Sums of z_j^2 over the windows, and the mean of each.
+    /// Sums of z_j^2 over the windows, and the mean of each window.
     fn pass(&self, mut values: impl Iterator<Item = f64>, windows: usize) -> ([f64; WINDOW - 1], Vec<f64>) {
         let mut sums = [0.0; WINDOW - 1];
         let mut means = Vec::with_capacity(windows);
@@ -180,7 +182,7 @@ impl Tables {
             }
             for k in 0..HALF {
                 sums[2 * k] += odd[k] * odd[k];
-                // The last even one, j = 32, is zero of any window.
+                // The last even index, j = 32, has a cosine of zero everywhere.
                 if k < HALF - 1 {
                     sums[2 * k + 1] += even[k] * even[k];
                 }
@@ -196,7 +198,7 @@ mod tests {
     use super::super::power_law::{FLICKER, QUANTISATION, WALK, WHITE};
     use super::*;
 
-    /// v^T C v for every cosine v, the long way.
+    /// Direct calculation of v^T C v for every cosine vector v.
     #[test]
     fn expected_powers_are_quadratic_forms_of_the_covariance() {
         let (width, length) = (24, 5.0);
@@ -219,7 +221,7 @@ mod tests {
 
     #[test]
     fn powers_of_a_random_walk_are_those_of_its_steps() {
-        // z_j of a walk is a cosine sum of its steps over 2 sin(pi j / 2W): exactly.
+        // z_j of a random walk is exactly a cosine sum of its steps over 2 sin(pi j / 2W).
         let width = 100;
         for (j, power) in expected_powers(1.0, width).iter().enumerate() {
             let sine = 2.0 * (PI * (j + 1) as f64 / (2.0 * width as f64)).sin();
@@ -245,12 +247,12 @@ mod tests {
             let powers = Layout::new(samples).powers(values.clone());
             let total: f64 = powers.iter().map(|p| p.dof).sum();
             assert_eq!(total, samples as f64 - 1.0);
-            // Parseval: the powers hold the variance.
+            // Parseval's theorem: the weighted sum of the powers equals the variance.
             let mean = values.clone().sum::<f64>() / samples as f64;
             let square: f64 = values.map(|v| (v - mean) * (v - mean)).sum();
             let mut weighted = 0.0;
             for power in &powers {
-                // White noise of one per sample has 1 / length per value: length values make a sample's worth.
+                // White noise with a variance of one per sample has 1 / length per value, so the factor is length.
                 weighted += power.value * power.dof / power.expected[WHITE];
             }
             assert!((weighted / square - 1.0).abs() < 1e-9, "{samples}: {weighted} {square}");

@@ -1,62 +1,66 @@
-//! Maximum likelihood of the kinds of noise, and bands that hold the truth: model.md (32).
+//! Maximum-likelihood estimation of the noise parameters, with confidence bands: `docs/model.md` (32).
 //!
 //! ```text
 //! -2 log L = sum over powers of dof (P / mu - 1 - ln(P / mu)),    mu = rounding + sum over kinds of theta_k expected_k
 //! ```
 //!
-//! theta is found by Fisher scoring, non-negative. A band is where the least deviance with this theta_k held exceeds the least
-//! of all by no more than chi-square of one degree of freedom allows: such bands are right for few degrees of freedom, too,
-//! where a theta scatters far from normally.
+//! theta is estimated by Fisher scoring with the constraint theta >= 0. The confidence band of theta_k contains all
+//! values at which the minimum deviance over the other parameters exceeds the global minimum by no more than the 95 %
+//! quantile of chi-square with one degree of freedom. Such bands remain valid for few degrees of freedom, where the
+//! distribution of an estimate is far from normal.
 
 use nalgebra::{Matrix4, Vector4};
 
 use super::cosines::Power;
 use super::power_law::{KINDS, PerKind, dot};
 
-/// 95 % of chi-square with one degree of freedom.
+/// 95 % quantile of chi-square with one degree of freedom.
 const BAND: f64 = 3.841_458_820_694_124;
+/// Maximum number of iterations of Fisher scoring.
 const ITERATIONS: usize = 60;
+/// Maximum number of bisections or of halvings of a step.
 const HALVINGS: usize = 40;
 
-/// The powers of one axis, and which kinds may explain them.
+/// The powers of one axis, and the kinds of noise in the model.
 pub(super) struct Likelihood<'a> {
     pub(super) powers: &'a [Power],
-    /// Variance of the rounding to counts, white and known.
+    /// Variance of the rounding to counts, which is white and known.
     pub(super) rounding: f64,
     /// Kinds in the model.
     pub(super) kinds: [bool; KINDS],
 }
 
-/// A point of the likelihood.
+/// A parameter vector and its deviance.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Fit {
     pub(super) theta: PerKind,
     pub(super) deviance: f64,
 }
 
-/// A parameter and its 95 % band.
+/// The 95 % confidence band of a parameter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Band {
     pub(super) low: f64,
     pub(super) high: f64,
 }
 
-/// Which values of the parameters are allowed.
+/// Domain of the parameters in a maximisation.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Domain {
-    /// A density is not negative.
+    /// Parameters are not negative, because they are power densities.
     Physical,
-    /// Whatever leaves every power positive.
+    /// Parameters can be negative as long as the expected value of every power is positive.
     Free,
 }
 
 impl Likelihood<'_> {
-    /// The best non-negative parameters.
+    /// Maximum-likelihood estimate with non-negative parameters.
     pub(super) fn fit(&self) -> Fit {
         self.maximize(self.start(), None, Domain::Physical)
     }
 
-    /// Standard deviations of the parameters, from the information at `theta`; zero for kinds that are not in the model.
+    /// Standard deviations of the parameters, from the Fisher information at `theta`; zero for kinds that are not in
+    /// the model.
     pub(super) fn standard_deviations(&self, theta: &PerKind) -> PerKind {
         let (_, information) = self.slope(theta);
         let (matrix, scale) = scaled(&information, &self.kinds);
@@ -68,7 +72,7 @@ impl Likelihood<'_> {
         )
     }
 
-    /// By how many standard deviations these powers together exceed the model's, as a normal number (Wilson and Hilferty).
+    /// Deviation of the sum of the selected powers from the model, as a standard normal variable (Wilson and Hilferty).
     pub(super) fn excess(&self, theta: &PerKind, of: impl Fn(&Power) -> bool) -> f64 {
         let (mut chi2, mut dof) = (0.0, 0.0);
         for power in self.powers.iter().filter(|power| of(power)) {
@@ -79,16 +83,17 @@ impl Likelihood<'_> {
         if dof > 0.0 { ((chi2 / dof).cbrt() - 1.0 + ninth) / ninth.sqrt() } else { 0.0 }
     }
 
-    /// 95 % band of one parameter about the best fit.
+    /// 95 % confidence band of one parameter.
     ///
-    /// It holds the band of the other kinds as they can be, non-negative, and the one that lets them be negative as well. The first
-    /// alone is too narrow where another kind is absent: its estimate can then only err to one side.
+    /// The result is the union of two bands: one with the other parameters constrained to be non-negative, and one
+    /// without this constraint. The first band is too narrow if another kind of noise is absent, because the estimate
+    /// of that kind can then deviate only upwards.
     pub(super) fn band(&self, best: &Fit, kind: usize) -> Band {
         let std = self.standard_deviations(&best.theta);
         let free = self.maximize(best.theta, None, Domain::Free);
         let bands = [(Domain::Physical, best), (Domain::Free, &free)].map(|(domain, peak)| {
             let excess = |value: f64| {
-                // Off the edge: a power that nothing explains has no likelihood to climb.
+                // The start is inside the domain: a power with an expected value of zero has no gradient.
                 let start = std::array::from_fn(|k| if k == kind { value } else { best.theta[k].max(1e-3 * std[k]) });
                 self.maximize(start, Some(kind), domain).deviance - peak.deviance - BAND
             };
@@ -97,7 +102,7 @@ impl Likelihood<'_> {
         Band { low: bands[0].low.min(bands[1].low), high: bands[0].high.max(bands[1].high) }
     }
 
-    /// Where `excess`, negative at `peak`, crosses zero on both sides, zero at the least.
+    /// The two values at which `excess`, which is negative at `peak`, crosses zero. The lower one is at least zero.
     fn crossings(&self, peak: f64, std: f64, excess: impl Fn(f64) -> f64) -> Band {
         let bisect = |mut inside: f64, mut outside: f64| {
             for _ in 0..HALVINGS {
@@ -128,7 +133,7 @@ impl Likelihood<'_> {
         dot(theta, &power.expected) + self.rounding * power.expected[super::power_law::WHITE]
     }
 
-    /// Of each kind a tenth of what the power that has least room for it allows.
+    /// Start value: for each kind, 0.1 of the smallest ratio of a power to its expected value.
     fn start(&self) -> PerKind {
         let least = |kind: usize| {
             let ratios = self.powers.iter().map(|power| power.value / power.expected[kind]);
@@ -152,7 +157,7 @@ impl Likelihood<'_> {
         sum
     }
 
-    /// Half the derivative of the deviance, downwards, and its expected second one.
+    /// Half the negative gradient of the deviance, and half its expected Hessian (the Fisher information).
     fn slope(&self, theta: &PerKind) -> (Vector4<f64>, Matrix4<f64>) {
         let (mut slope, mut information) = (Vector4::zeros(), Matrix4::zeros());
         for power in self.powers {
@@ -164,7 +169,7 @@ impl Likelihood<'_> {
         (slope, information)
     }
 
-    /// Fisher scoring with steps that are halved until they help; `held` keeps its start value.
+    /// Fisher scoring; steps are halved until the deviance decreases. The parameter `held` keeps its start value.
     fn maximize(&self, start: PerKind, held: Option<usize>, domain: Domain) -> Fit {
         let mut best = Fit { theta: start, deviance: self.deviance(&start) };
         for _ in 0..ITERATIONS {
@@ -199,8 +204,9 @@ impl Likelihood<'_> {
     }
 }
 
-/// The matrix of those that are free, in units that make its diagonal one, and these units: a random walk's parameter is smaller
-/// than that of white noise by ten orders of magnitude. The others have rows and columns of the identity.
+/// The matrix of the free parameters, scaled to a diagonal of ones, and the scale factors. Scaling is needed because
+/// the parameter of a random walk is smaller than that of white noise by ten orders of magnitude. Rows and columns of
+/// other parameters are those of the identity.
 fn scaled(matrix: &Matrix4<f64>, free: &[bool; KINDS]) -> (Matrix4<f64>, Vector4<f64>) {
     let scale = Vector4::from_fn(|k, _| if matrix[(k, k)] > 0.0 { matrix[(k, k)].sqrt().recip() } else { 1.0 });
     let scaled = Matrix4::from_fn(|i, j| match (free[i] && free[j], i == j) {

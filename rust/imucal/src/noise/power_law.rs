@@ -1,31 +1,36 @@
-//! What each kind of noise adds to the statistics of a record: model.md (30).
+//! Second-order statistics of each kind of noise: `docs/model.md` (30).
 //!
-//! For samples x at unit rate, p their sums, s(k) such that every second difference of p has the covariance that it would have
-//! if `E p_i p_j = s(i - j)`:
+//! Let x be the samples at unit rate and p their cumulative sums. s(k) is a function such that every second difference
+//! of p has the covariance that follows from `E p_i p_j = s(i - j)`:
 //!
 //! ```text
 //! white         x = n                       s(k) = -|k| / 2
-//! flicker       x = (1 - z^-1)^(-1/2) n     s(k) = 2/pi (h(j) (j^2/2 + j + 3/8) - 3/8 j^2 - j/2),  j = |k| - 1,  h(j) = 1 + 1/3 + ... + 1/(2j - 1)
+//! flicker       x = (1 - z^-1)^(-1/2) n     s(k) = 2/pi (h(j) (j^2/2 + j + 3/8) - 3/8 j^2 - j/2),
+//!                                                   j = |k| - 1,  h(j) = 1 + 1/3 + ... + 1/(2j - 1)
 //! random walk   x = (1 - z^-1)^-1 n         s(k) = (|k|^3 - |k|) / 12
 //! quantisation  x = (1 - z^-1) n            s(k) = 1 for k = 0, else 0
 //! ```
 //!
-//! Covariances follow exactly, also of processes that have none themselves: of differences, not of their sum.
+//! Covariances of differences are exact. This includes processes that have no covariance themselves, such as flicker
+//! noise.
 
 use std::f64::consts::{LN_2, PI};
 
-/// Kinds of noise, in the order of all parameter vectors.
+/// Number of kinds of noise. All parameter vectors have this order of kinds.
 pub(super) const KINDS: usize = 4;
-/// Indices of the kinds.
+/// Index of white noise.
 pub(super) const WHITE: usize = 0;
+/// Index of flicker noise.
 pub(super) const FLICKER: usize = 1;
+/// Index of the random walk.
 pub(super) const WALK: usize = 2;
+/// Index of quantisation noise.
 pub(super) const QUANTISATION: usize = 3;
 
-/// One number per kind.
+/// One number for each kind of noise.
 pub(super) type PerKind = [f64; KINDS];
 
-/// s(k).
+/// The function s(k) of each kind, for a unit parameter.
 fn sums_covariance(k: f64) -> PerKind {
     let k = k.abs();
     let j = (k - 1.0).max(0.0);
@@ -33,14 +38,14 @@ fn sums_covariance(k: f64) -> PerKind {
     [-k / 2.0, flicker, (k * k * k - k) / 12.0, if k == 0.0 { 1.0 } else { 0.0 }]
 }
 
-/// `1 + 1/3 + ... + 1/(2j - 1)`.
+/// The sum `1 + 1/3 + ... + 1/(2j - 1)`.
 fn odd_harmonic(j: f64) -> f64 {
     const EULER: f64 = 0.577_215_664_901_532_9;
     if j < 32.0 {
         return (1..=j as u32).map(|i| 1.0 / f64::from(2 * i - 1)).sum();
     }
     let square = 1.0 / (j * j);
-    // The next term is below 1e-13.
+    // The next term of the series is below 1e-13.
     0.5 * (j.ln() + EULER + 2.0 * LN_2) + square * (1.0 / 48.0 + square * (-7.0 / 1920.0 + square * 31.0 / 16128.0))
 }
 
@@ -53,34 +58,36 @@ fn combine(terms: &[(f64, f64)], divisor: f64) -> PerKind {
     sum
 }
 
-/// Covariance of two means over `length` samples that are `lag` means apart, but for a constant.
+/// Covariance of two means over `length` samples at a distance of `lag` means, up to a constant.
 pub(super) fn mean_covariance(length: f64, lag: f64) -> PerKind {
     let at = |d: f64| (lag + d) * length;
     combine(&[(-1.0, at(1.0)), (2.0, at(0.0)), (-1.0, at(-1.0))], length * length)
 }
 
-/// Covariance of two differences between neighbouring means over `factor` samples, `lag` samples apart.
+/// Covariance of two differences at a distance of `lag` samples. Each is the difference of consecutive means over
+/// `factor` samples.
 fn difference_covariance(factor: f64, lag: f64) -> PerKind {
     let at = |d: f64| lag + d * factor;
     combine(&[(1.0, at(-2.0)), (-4.0, at(-1.0)), (6.0, at(0.0)), (-4.0, at(1.0)), (1.0, at(2.0))], factor * factor)
 }
 
-/// Allan variance of means over `factor` samples.
+/// Allan variance at an averaging time of `factor` samples.
 pub(super) fn allan_variance(parameters: &PerKind, factor: usize) -> f64 {
     dot(parameters, &difference_covariance(factor as f64, 0.0)) / 2.0
 }
 
-/// Equivalent degrees of freedom of the overlapping Allan variance from `samples` samples:
+/// Equivalent degrees of freedom of the overlapping Allan variance of a record with `samples` samples:
 ///
 /// ```text
 /// edf = 2 E^2 / Var = c_0^2 n^2 / sum over |h| < n of (n - |h|) c_h^2
 /// ```
 ///
-/// c is the covariance of the differences of neighbouring means. From a factor of 128 on only every (factor / 64)-th of the
-/// overlapping differences counts: the others hang so closely together with these that they add nothing.
+/// c is the covariance of differences between consecutive means. For factors of 128 and above only every (factor /
+/// 64)-th difference is used; the others are so strongly correlated with these that they add no information.
 pub(super) fn degrees_of_freedom(parameters: &PerKind, factor: usize, samples: usize) -> f64 {
     const PER_WINDOW: usize = 64;
-    /// Differences this many windows apart are independent: their covariance falls with the square of the distance.
+    /// Distance in windows beyond which differences count as independent; their covariance decreases with the distance
+    /// squared.
     const WINDOWS: usize = 24;
     let stride = (factor / PER_WINDOW).max(1);
     let count = ((samples - 2 * factor) / stride + 1) as f64;
@@ -111,13 +118,13 @@ mod tests {
             assert!((of(WHITE) * m - 1.0).abs() < 1e-12);
             assert!((of(WALK) / (m / 3.0 + 1.0 / (6.0 * m)) - 1.0).abs() < 1e-12);
             assert!((of(QUANTISATION) * m * m / 3.0 - 1.0).abs() < 1e-12);
-            // Of few samples half an integration has more than 1/f would have.
+            // At short averaging times half an integration has more power than 1/f noise.
             let flat = 2.0 * LN_2 / PI;
             assert!((of(FLICKER) / flat - 1.0).abs() < 3.0 / (m * m), "{}", of(FLICKER));
         }
     }
 
-    /// The variogram of half an integration, from its power: `1/pi integral of (1 - cos k w) / (2 sin(w / 2))`.
+    /// Variogram of half an integration from its power spectrum: `1/pi integral of (1 - cos k w) / (2 sin(w / 2))`.
     #[test]
     fn flicker_has_the_variogram_of_its_power() {
         let steps = 200_000;
@@ -138,7 +145,7 @@ mod tests {
         assert!((odd_harmonic(32.0) - sum).abs() < 1e-12);
     }
 
-    /// As allantools 2024.6 has them, `edf_greenhall` with d = 2, overlapping (Greenhall and Riley, 2003).
+    /// Reference values from allantools 2024.6, `edf_greenhall` with d = 2, overlapping (Greenhall and Riley, 2003).
     #[test]
     fn degrees_of_freedom_are_those_of_greenhall_and_riley() {
         for (kind, m, samples, expected) in [

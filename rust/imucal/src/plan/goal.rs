@@ -1,52 +1,54 @@
-//! What a plan is good for.
+//! Goals of a plan, and the cost of a program with respect to its goal.
 
 use faer::Mat;
 
 use super::predict::{covariance, log_determinant};
 
-/// The norm that stands for the largest.
-const SHARPNESS: f64 = 8.0;
+/// Order p of the p-norm that approximates the maximum. It is smooth, unlike the maximum.
+const NORM_ORDER: f64 = 8.0;
 
-/// What an optimal program is to do.
+/// Goal of an optimal program.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Goal {
-    /// The most information on all parameters together (D-optimal) in this time, s.
+    /// The most information on all parameters together (D-optimality) in a given time.
     MostIn {
-        /// The time that the program may take, s.
+        /// Maximum duration of the program, s.
         duration_s: f64,
     },
-    /// These standard deviations in the shortest time; infinite where there is no wish.
+    /// Target standard deviations in the shortest time.
     ShortestTo {
-        /// One for each parameter, in the order of [`Sensors`](super::Sensors).
+        /// Target of each parameter, in the order of [`Sensors`](super::Sensors) and in SI units; infinite for no
+        /// target.
         sigma: Vec<f64>,
     },
 }
 
 impl Goal {
-    /// The less, the better: a number to compare programs by. `None` where there is no information.
-    pub(super) fn cost(&self, information: &Mat<f64>, before: &[f64], duration_s: f64) -> Option<f64> {
+    /// Cost of a program for comparison; less is better. `None` if the information is singular.
+    pub(super) fn cost(&self, information: &Mat<f64>, prior: &[f64], duration_s: f64) -> Option<f64> {
         match self {
-            Self::MostIn { .. } => Some(-log_determinant(information, before)? / before.len() as f64),
+            Self::MostIn { .. } => Some(-log_determinant(information, prior)? / prior.len() as f64),
             Self::ShortestTo { .. } => {
-                // Nearly the largest, and smooth: what makes another one smaller pays, too.
-                let shares = self.shares(information, before)?;
-                let worst = shares.iter().map(|share| share.powf(SHARPNESS)).sum::<f64>().powf(1.0 / SHARPNESS);
-                // A variance falls as one over the time: beyond what is wished for time counts more, before it less.
+                // A smooth approximation of the largest ratio, so that reducing any other ratio also reduces the cost.
+                let shares = self.shares(information, prior)?;
+                let worst = shares.iter().map(|share| share.powf(NORM_ORDER)).sum::<f64>().powf(1.0 / NORM_ORDER);
+                // A variance is inversely proportional to the time. Missing the target therefore costs more than the
+                // time to reach it; a variance below the target gains less than the time it costs.
                 let weight = if worst > 1.0 { 2.0 } else { 0.5 };
                 Some(duration_s.ln() + weight * worst.ln())
             }
         }
     }
 
-    /// The largest variance in units of the one that is wished for; above 1 the goal is missed.
-    pub(super) fn worst(&self, information: &Mat<f64>, before: &[f64]) -> Option<f64> {
-        Some(self.shares(information, before)?.into_iter().fold(0.0, f64::max))
+    /// Largest ratio of a variance to its target; above 1 the goal is missed.
+    pub(super) fn worst(&self, information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
+        Some(self.shares(information, prior)?.into_iter().fold(0.0, f64::max))
     }
 
-    /// Each variance in units of the one that is wished for; none without wishes.
-    fn shares(&self, information: &Mat<f64>, before: &[f64]) -> Option<Vec<f64>> {
+    /// Ratio of each variance to its target; empty for a goal without targets.
+    fn shares(&self, information: &Mat<f64>, prior: &[f64]) -> Option<Vec<f64>> {
         let Self::ShortestTo { sigma } = self else { return Some(Vec::new()) };
-        let covariance = covariance(information, before)?;
+        let covariance = covariance(information, prior)?;
         Some(sigma.iter().enumerate().map(|(p, sigma)| covariance[(p, p)] / (sigma * sigma)).collect())
     }
 }

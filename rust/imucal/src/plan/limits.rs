@@ -1,4 +1,4 @@
-//! What the motors of a stand may do.
+//! Limits of the motors of a stand, or of a hand.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,56 +7,57 @@ use nalgebra::Vector3;
 use crate::error::Error;
 use crate::simulate::profile::PEAK_ACCELERATION;
 
-/// Fewest poses: ten rests for the accelerometer's nine numbers.
+/// Minimum number of poses in a program: ten rests for the nine parameters of the accelerometer.
 pub(super) const FEWEST_POSES: usize = 10;
-/// Shorter moves cannot be told from the rests around them.
+/// Shortest move that can be distinguished from the rests around it, s.
 const SHORTEST_MOVE_S: f64 = 0.3;
-/// Times of a program are whole multiples of this, s.
+/// Resolution of the times in a program, s.
 pub(super) const TICK_S: f64 = 0.01;
 
-/// One motor.
+/// Limits of one motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Axis {
-    /// Highest rate, averaged over a turn, rad/s; the peak rate is 4/3 of it.
+    /// Maximum mean rate during a turn, rad/s. The peak rate is 4/3 of it.
     pub max_rate_radps: f64,
-    /// Highest acceleration, rad/s^2.
+    /// Maximum acceleration, rad/s^2.
     pub max_acceleration_radps2: f64,
-    /// Lowest and highest angle, counted through full turns from where the program starts, rad: end stops, or how far the cable may
-    /// wind up.
+    /// Minimum and maximum angle relative to the start, rad, over several revolutions: the range between end stops or
+    /// the range of the cable. `None` for no limit.
     pub range_rad: Option<[f64; 2]>,
 }
 
-/// A part of the motors' angles where the unit must not be, whatever the full turns: a box. `None` is any angle.
+/// A forbidden zone: a box in the space of the motor angles, repeated every revolution. `None` stands for any angle of
+/// a motor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Zone {
-    /// From where to where, rad.
+    /// Lower and upper angle of each motor, rad.
     pub angle_rad: [Option<[f64; 2]>; 3],
 }
 
-/// What a stand, or a hand, can do.
+/// Limits of a stand, or of a hand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Limits {
-    /// Outer motor first; one that is not there stays at zero.
+    /// Limits of each motor, outermost motor first. `None` for a motor that is missing and remains at zero.
     pub axes: [Option<Axis>; 3],
-    /// How long the stand shakes after a turn, s.
+    /// Time after a turn during which the stand vibrates and samples are not used, s.
     pub settle_s: f64,
-    /// Shortest stretch of stillness that is found as a rest, s.
+    /// Minimum duration of a rest that rest detection finds, s.
     pub min_rest_s: f64,
-    /// Shortest turn, s.
+    /// Minimum duration of a turn, s.
     pub min_move_s: f64,
-    /// Where the unit must not be.
+    /// Forbidden zones.
     pub forbidden: Vec<Zone>,
-    /// All poses are whole multiples of this, rad.
+    /// Resolution of the poses, rad.
     pub pose_step_rad: f64,
-    /// Most turns; a hand has no patience for more.
+    /// Maximum number of turns. It limits the effort of a person who moves the unit by hand.
     pub most_moves: usize,
-    /// A hand holds the unit: it trembles at rest.
+    /// Whether a person holds the unit, which then trembles at rest.
     pub in_hand: bool,
 }
 
 impl Limits {
-    /// The paper's motors: three axes without end stops at 120 deg/s. It does not say the acceleration: that which its random program
-    /// asks for, 240 deg in 2 s.
+    /// Limits of the paper's stand: three motors without end stops at 120 deg/s. The paper does not state the
+    /// acceleration; it is set to the one that its random program needs, for 240 deg in 2 s.
     pub fn paper() -> Self {
         let axis = Axis {
             max_rate_radps: 120_f64.to_radians(),
@@ -75,25 +76,25 @@ impl Limits {
         }
     }
 
-    /// Refuses what no stand has.
+    /// Verifies that all limits can be used.
     pub(super) fn check(&self) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("limits of the stand: {message}")));
         if self.axes.iter().all(Option::is_none) {
-            return input("no axis can turn: at least one is needed".into());
+            return input("no axis can turn: give at least one axis".into());
         }
         for (number, axis) in self.axes.iter().enumerate().filter_map(|(k, axis)| Some((k + 1, axis.as_ref()?))) {
             for (name, value) in
                 [("max_rate_radps", axis.max_rate_radps), ("max_acceleration_radps2", axis.max_acceleration_radps2)]
             {
                 if !(value > 0.0 && value.is_finite()) {
-                    return input(format!("{name} of axis {number} is {value}: a positive number is needed"));
+                    return input(format!("{name} of axis {number} is {value}: give a positive number"));
                 }
             }
             if let Some([low, high]) = axis.range_rad
                 && !(low <= 0.0 && high >= 0.0 && high > low && (high - low).is_finite())
             {
                 return input(format!(
-                    "the range of axis {number} is {:.1} deg to {:.1} deg: the program starts at zero, which must be in it",
+                    "the range of axis {number} is {:.1} deg to {:.1} deg: it must contain zero, where a program starts",
                     low.to_degrees(),
                     high.to_degrees()
                 ));
@@ -103,21 +104,24 @@ impl Limits {
             [("settle_s", self.settle_s), ("min_rest_s", self.min_rest_s), ("min_move_s", self.min_move_s)]
         {
             if !(0.0..=3600.0).contains(&value) {
-                return input(format!("{name} is {value}: a time from 0 s to 3600 s is needed"));
+                return input(format!("{name} is {value}: give a time from 0 s to 3600 s"));
             }
         }
         if self.most_moves < FEWEST_POSES - 1 {
-            return input(format!("most_moves is {}: {} or more are needed", self.most_moves, FEWEST_POSES - 1));
+            return input(format!("most_moves is {}: give {} or more", self.most_moves, FEWEST_POSES - 1));
         }
         if !(self.pose_step_rad > 0.0 && self.pose_step_rad <= PI) {
-            return input(format!("pose_step_rad is {}: more than 0 and at most half a turn", self.pose_step_rad));
+            return input(format!(
+                "pose_step_rad is {}: give a positive angle of at most half a revolution",
+                self.pose_step_rad
+            ));
         }
         for zone in &self.forbidden {
             for [low, high] in zone.angle_rad.iter().flatten() {
                 if !(low < high && high - low <= TAU) {
                     return input(format!(
-                        "a forbidden zone goes from {:.1} deg to {:.1} deg: from the lower to the higher angle, at most a \
-                         full turn",
+                        "a forbidden zone is {:.1} deg to {:.1} deg: give the lower angle first, and at most a full \
+                         revolution",
                         low.to_degrees(),
                         high.to_degrees()
                     ));
@@ -126,29 +130,29 @@ impl Limits {
         }
         let start = Vector3::zeros();
         if self.forbidden.iter().any(|zone| zone.is_crossed(&start, &start)) {
-            return input("all motors at zero, where a program starts, is in a forbidden zone".into());
+            return input("the start of a program, all motors at zero, is in a forbidden zone".into());
         }
         Ok(())
     }
 
-    /// The angle of a motor that is nearest to this one and may be.
+    /// The allowed angle of a motor that is nearest to a given angle, rad.
     pub(super) fn nearest(&self, motor: usize, angle_rad: f64) -> f64 {
         let Some(axis) = &self.axes[motor] else { return 0.0 };
         let step = self.pose_step_rad;
         match axis.range_rad {
             None => (angle_rad / step).round() * step,
-            // A step inside the end stops.
+            // Rounds to multiples of the step that lie within the end stops.
             Some([low, high]) => ((angle_rad.clamp(low, high) / step).round() * step)
                 .clamp((low / step - 1e-9).ceil() * step, (high / step + 1e-9).floor() * step),
         }
     }
 
-    /// Whether the motors may turn straight from here to there.
+    /// Whether the motors may turn directly from one pose to another.
     pub(super) fn allow(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
         !self.forbidden.iter().any(|zone| zone.is_crossed(from, to))
     }
 
-    /// How long the motors need for a turn, s.
+    /// Minimum duration of a turn, s.
     pub(super) fn fastest_s(&self, turn: &Vector3<f64>) -> f64 {
         let of_axis = |(turn, axis): (&f64, &Option<Axis>)| {
             axis.as_ref().map_or(0.0, |axis| {
@@ -160,15 +164,16 @@ impl Limits {
     }
 }
 
-/// Up to the next whole tick.
+/// Rounds a time up to a multiple of [`TICK_S`].
 pub(super) fn whole_ticks(time_s: f64) -> f64 {
     (time_s / TICK_S - 1e-6).ceil() * TICK_S
 }
 
 impl Zone {
-    /// Whether the straight way from one set of angles to another one has a point in it.
+    /// Whether the straight path between two sets of motor angles touches the zone.
     fn is_crossed(&self, from: &Vector3<f64>, to: &Vector3<f64>) -> bool {
-        // Shares of the way on which each motor is inside; a motor that goes round comes there more than once.
+        // Intervals of the path, as shares, in which each motor is inside the zone. A motor that makes several
+        // revolutions is inside several times.
         let mut inside = vec![[0.0, 1.0]];
         for motor in 0..3 {
             let Some([low, high]) = self.angle_rad[motor] else { continue };
@@ -212,14 +217,14 @@ mod tests {
         assert!(zone.is_crossed(&deg([90.0, 0.0, 5.0]), &deg([90.0, 0.0, 5.0])));
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([89.0, 0.0, 0.0])));
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 20.0]), &deg([180.0, 0.0, 20.0])));
-        // At 90 deg of the first motor the third one is at 45 deg.
+        // When the first motor is at 90 deg, the third motor is at 45 deg.
         assert!(!zone.is_crossed(&deg([0.0, 0.0, 0.0]), &deg([180.0, 0.0, 90.0])));
     }
 
     #[test]
     fn fewer_moves_than_a_program_has_at_least_are_refused() {
         let with = |most_moves| Limits { most_moves, ..Limits::paper() }.check();
-        assert!(with(8).unwrap_err().to_string().contains("most_moves is 8: 9 or more"));
+        assert!(with(8).unwrap_err().to_string().contains("most_moves is 8: give 9 or more"));
         assert!(with(9).is_ok() && with(usize::MAX).is_ok());
     }
 

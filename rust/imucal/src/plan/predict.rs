@@ -1,32 +1,33 @@
-//! What a motion determines, before anything is recorded.
+//! Prediction of the accuracy of a calibration before anything is recorded.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-use super::chain::Chain;
-use super::leg::{EDGE_S, Leg, Still};
+use super::information_filter::InformationFilter;
+use super::propagation::{EDGE_S, MoveInformation, RestInformation};
 use super::sensors::Sensors;
 use crate::error::Error;
 use crate::simulate::Motion;
 
-/// What a run will tell.
+/// Predicted accuracy of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
-    /// Standard deviation of each parameter, in the order of [`Sensors`]: 21, then those of the effects. What the motion leaves open
-    /// has a tenth of its size.
+    /// Standard deviation of each parameter in SI units, in the order of [`Sensors`]: 21 parameters, then those of the
+    /// effects. A parameter that the motion does not determine has the standard deviation of its prior, a tenth of its
+    /// size.
     pub sigma: Vec<f64>,
-    /// How many rests are long enough to be found.
+    /// Number of rests that are long enough for rest detection.
     pub rests: usize,
 }
 
-/// Standard deviations that the joint fit will have after these motions of one unit, each in a recording of its own.
+/// Standard deviations that the joint fit will have after these motions of one unit, each in a separate recording.
 ///
-/// * `min_rest_s`: rests that are shorter are not found.
-/// * `settle_s`: how much of each rest after a move is not used.
-/// * `in_hand`: a hand holds the unit: it trembles, and the mean rate of a rest is not zero.
+/// * `min_rest_s`: minimum duration of a rest that is found, s.
+/// * `settle_s`: time after each move that is not used, s.
+/// * `in_hand`: a person holds the unit, so that it trembles and the mean rate of a rest is not zero.
 ///
 /// # Errors
-/// [`Error::NotEnoughMotion`] if a motion has no rest, [`Error::Fit`] if the information has no inverse.
+/// [`Error::NotEnoughMotion`] if a motion has no rest that is found; [`Error::Fit`] if the information is singular.
 pub fn predict(
     sensors: &Sensors,
     motions: &[Motion],
@@ -43,21 +44,21 @@ pub fn predict(
                 "the motion has no rest of {min_rest_s} s or more: hold the poses for longer"
             )));
         }
-        let mut chain = Chain::new(n);
+        let mut filter = InformationFilter::new(n);
         for (k, rest) in rests.iter().enumerate() {
             let middle_s = (rest.start_s + rest.end_s) / 2.0;
-            Still::new(sensors, &motion.at(middle_s), middle_s, in_hand).see(&mut chain, rest.used_s);
+            RestInformation::new(sensors, &motion.at(middle_s), middle_s, in_hand).add_to(&mut filter, rest.used_s);
             if let Some(next) = rests.get(k + 1) {
                 let move_s = next.start_s - rest.end_s;
-                Leg::new(sensors, rest.end_s, move_s, settle_s, |time_s| motion.at(time_s)).go(&mut chain);
+                MoveInformation::new(sensors, rest.end_s, move_s, settle_s, |time_s| motion.at(time_s))
+                    .propagate(&mut filter);
             }
         }
-        information += chain.information();
+        information += filter.information();
         found += rests.len();
     }
-    let covariance = covariance(&information, &sensors.before_data()).ok_or_else(|| {
-        Error::Fit("the information of the motion has no inverse: check the noise of the unit".into())
-    })?;
+    let covariance = covariance(&information, &sensors.prior_precision())
+        .ok_or_else(|| Error::Fit("the information of the motion is singular: check the noise of the unit".into()))?;
     Ok(Prediction { sigma: (0..n).map(|p| covariance[(p, p)].sqrt()).collect(), rests: found })
 }
 
@@ -67,38 +68,39 @@ struct RestSpan {
     used_s: f64,
 }
 
-/// The rests that are long enough to be found. The first one has no move before it, the last one none after it.
+/// The rests that are long enough for rest detection. Edges are removed only at ends that have a move.
 fn rests(motion: &Motion, min_rest_s: f64, settle_s: f64) -> Vec<RestSpan> {
     let duration_s = motion.duration_s();
     let span = |(start_s, end_s): (f64, f64)| {
-        let before = if start_s > 0.0 { EDGE_S + settle_s } else { 0.0 };
-        let after = if end_s < duration_s { EDGE_S } else { 0.0 };
-        RestSpan { start_s, end_s, used_s: end_s - start_s - before - after }
+        let at_start = if start_s > 0.0 { EDGE_S + settle_s } else { 0.0 };
+        let at_end = if end_s < duration_s { EDGE_S } else { 0.0 };
+        RestSpan { start_s, end_s, used_s: end_s - start_s - at_start - at_end }
     };
     motion.rests().into_iter().map(span).filter(|rest| rest.used_s >= min_rest_s).collect()
 }
 
-/// Inverse of the information, with what is known before any data.
-pub(super) fn covariance(information: &Mat<f64>, before: &[f64]) -> Option<Mat<f64>> {
-    let n = before.len();
-    let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + before[p]).sqrt()).collect();
-    let normal = scaled(information, before, &size);
+/// Inverse of the information with the prior precision `prior` on its diagonal; `None` if it is not positive definite.
+pub(super) fn covariance(information: &Mat<f64>, prior: &[f64]) -> Option<Mat<f64>> {
+    let n = prior.len();
+    let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();
+    let normal = scaled(information, prior, &size);
     let solved = normal.llt(faer::Side::Lower).ok()?.solve(&Mat::<f64>::identity(n, n));
     Some(Mat::from_fn(n, n, |i, j| solved[(i, j)] / (size[i] * size[j])))
 }
 
-/// Logarithm of the determinant of the information, with what is known before any data.
-pub(super) fn log_determinant(information: &Mat<f64>, before: &[f64]) -> Option<f64> {
-    let n = before.len();
-    let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + before[p]).sqrt()).collect();
-    let factor = scaled(information, before, &size).llt(faer::Side::Lower).ok()?;
+/// Logarithm of the determinant of the information with the prior precision `prior` on its diagonal; `None` if it is
+/// not positive definite.
+pub(super) fn log_determinant(information: &Mat<f64>, prior: &[f64]) -> Option<f64> {
+    let n = prior.len();
+    let size: Vec<f64> = (0..n).map(|p| (information[(p, p)] + prior[p]).sqrt()).collect();
+    let factor = scaled(information, prior, &size).llt(faer::Side::Lower).ok()?;
     let diagonal = (0..n).map(|p| factor.L()[(p, p)].ln()).sum::<f64>();
     Some(2.0 * (diagonal + size.iter().map(|size| size.ln()).sum::<f64>()))
 }
 
-/// With ones on the diagonal.
-fn scaled(information: &Mat<f64>, before: &[f64], size: &[f64]) -> Mat<f64> {
-    Mat::from_fn(before.len(), before.len(), |i, j| {
-        (information[(i, j)] + if i == j { before[i] } else { 0.0 }) / (size[i] * size[j])
+/// Information with the prior precision, scaled to a diagonal of ones.
+fn scaled(information: &Mat<f64>, prior: &[f64], size: &[f64]) -> Mat<f64> {
+    Mat::from_fn(prior.len(), prior.len(), |i, j| {
+        (information[(i, j)] + if i == j { prior[i] } else { 0.0 }) / (size[i] * size[j])
     })
 }

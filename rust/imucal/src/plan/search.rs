@@ -1,7 +1,7 @@
-//! The search for the best program: a pose, a hold or a turn is changed at a time, and what is better stays.
+//! Search for the best program by simulated annealing. Each proposal changes one pose, hold or turn.
 //!
-//! What is a little worse stays now and then, less and less often (simulated annealing): programs that differ in several poses
-//! at once are found that way.
+//! Better programs are accepted. Slightly worse programs are accepted with a probability that decreases during the
+//! search. This allows the search to reach programs that differ in several poses.
 
 use std::f64::consts::{PI, TAU};
 
@@ -18,66 +18,69 @@ use crate::error::Error;
 use crate::plan::limits::FEWEST_POSES;
 use crate::simulate::Program;
 
-/// Numbers of poses to start with; the search adds and removes.
+/// Initial numbers of poses, one for each start of the search. The search can add and remove poses.
 const STARTS: [usize; 4] = [8, 16, 32, 64];
-/// The share of the proposals that each start has before the best one goes on.
+/// Each start gets one part in this many of all proposals; the best start gets the remaining ones.
 const SHARE_OF_START: usize = 16;
-/// Costs are logarithms: from here to there go the differences that are taken by chance half of the time or so.
+/// Temperature at the start of annealing. The cost is a logarithm; differences of this order are accepted about half of
+/// the time.
 const WARM: f64 = 0.006;
+/// Temperature at the end of annealing, at which practically no worse program is accepted.
 const COLD: f64 = 0.00006;
-/// Attempts to find a next pose that the stand can go to.
+/// Maximum number of random poses that are tried to find one that the stand can reach.
 const ATTEMPTS: usize = 200;
-/// Steps to the holds that are just long enough.
+/// Number of bisection steps for holds that are just long enough.
 const HALVINGS: usize = 30;
 
-/// What to look for, and how long.
+/// Goal and length of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Search {
-    /// What the program is for.
+    /// What the program is optimised for.
     pub goal: Goal,
-    /// Of the random numbers: the same seed gives the same program.
+    /// Seed of the random numbers. The same seed gives the same program.
     pub seed: u64,
-    /// How many changes are tried.
+    /// Number of proposals.
     pub proposals: usize,
 }
 
-/// The best program that was found.
+/// Result of a search.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Found {
-    /// It starts with all motors at zero.
+    /// The best program found. It starts with all motors at zero.
     pub program: Program,
-    /// Whether it reaches what was wished for.
+    /// Whether the program reaches the standard deviations of the goal.
     pub reached: bool,
 }
 
-/// The best program for these sensors on this stand.
+/// Finds the best program for these sensors on this stand.
 ///
 /// # Errors
-/// [`Error::Input`] for limits or a goal that cannot be used, [`Error::NotEnoughMotion`] if the stand can run no program in that time.
+/// [`Error::Input`] for limits or a goal that cannot be used; [`Error::NotEnoughMotion`] if the stand can run no
+/// program in the given time.
 pub fn optimal(sensors: &Sensors, limits: &Limits, search: &Search) -> Result<Found, Error> {
     limits.check()?;
     check(&search.goal, sensors)?;
-    let scene = Scene { sensors, limits, goal: &search.goal, before: sensors.before_data() };
-    let mut walk = Walk { scene: &scene, random: ChaCha8Rng::seed_from_u64(search.seed) };
+    let scene = Scene { sensors, limits, goal: &search.goal, prior: sensors.prior_precision() };
+    let mut annealing = Annealing { scene: &scene, random: ChaCha8Rng::seed_from_u64(search.seed) };
     let each = search.proposals / SHARE_OF_START;
     let mut starts: Vec<Trial> = Vec::new();
     for poses in STARTS {
-        if let Some(start) = walk.start(poses.min(limits.most_moves.saturating_add(1))) {
-            starts.push(walk.anneal(start, each, (WARM, WARM / 4.0)));
+        if let Some(start) = annealing.start(poses.min(limits.most_moves.saturating_add(1))) {
+            starts.push(annealing.anneal(start, each, (WARM, WARM / 4.0)));
         }
     }
     let Some(best) = starts.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost)) else {
         return Err(Error::NotEnoughMotion(format!(
-            "no program was found that the stand can run: {FEWEST_POSES} rests of {:.2} s with turns between them are needed: \
+            "no program was found that the stand can run: a program needs {FEWEST_POSES} rests of {:.2} s with turns between them: \
              give more time, wider ranges or smaller forbidden zones",
             scene.shortest_hold_s()
         )));
     };
-    let best = walk.anneal(best, search.proposals.saturating_sub(STARTS.len() * each), (WARM / 2.0, COLD));
+    let best = annealing.anneal(best, search.proposals.saturating_sub(STARTS.len() * each), (WARM / 2.0, COLD));
     match search.goal {
         Goal::MostIn { .. } => Ok(Found { program: best.program(false)?, reached: true }),
         Goal::ShortestTo { .. } => {
-            let (best, reached) = walk.just_enough(best);
+            let (best, reached) = annealing.just_enough(best);
             Ok(Found { program: best.program(true)?, reached })
         }
     }
@@ -87,30 +90,30 @@ fn check(goal: &Goal, sensors: &Sensors) -> Result<(), Error> {
     match goal {
         Goal::MostIn { duration_s } if *duration_s > 0.0 && duration_s.is_finite() => Ok(()),
         Goal::MostIn { duration_s } => {
-            Err(Error::Input(format!("the program may take {duration_s} s: a positive time is needed")))
+            Err(Error::Input(format!("the duration of the program is {duration_s} s: give a positive time")))
         }
         Goal::ShortestTo { sigma } if sigma.len() != sensors.parameters() => Err(Error::Input(format!(
-            "sigma has {} numbers, {} are needed: one for each parameter",
+            "sigma has {} numbers for {} parameters: give one number per parameter",
             sigma.len(),
             sensors.parameters()
         ))),
-        Goal::ShortestTo { sigma } if sigma.iter().any(|sigma| sigma.is_nan() || *sigma <= 0.0) => {
-            Err(Error::Input("sigma holds a number that is not positive: give infinity where there is no wish".into()))
-        }
+        Goal::ShortestTo { sigma } if sigma.iter().any(|sigma| sigma.is_nan() || *sigma <= 0.0) => Err(Error::Input(
+            "sigma has a number that is not positive: give infinity for parameters without a target".into(),
+        )),
         Goal::ShortestTo { sigma } if sigma.iter().all(|sigma| sigma.is_infinite()) => {
-            Err(Error::Input("sigma wishes for nothing: every number is infinite".into()))
+            Err(Error::Input("sigma has no target: give a finite number for at least one parameter".into()))
         }
         Goal::ShortestTo { .. } => Ok(()),
     }
 }
 
-struct Walk<'a> {
+struct Annealing<'a> {
     scene: &'a Scene<'a>,
     random: ChaCha8Rng,
 }
 
-impl Walk<'_> {
-    /// Random poses; fewer than asked for if the time is too short.
+impl Annealing<'_> {
+    /// A program with random poses; it has fewer poses than requested if the time is too short.
     fn start(&mut self, poses: usize) -> Option<Trial> {
         let mut count = poses.max(FEWEST_POSES);
         loop {
@@ -130,7 +133,7 @@ impl Walk<'_> {
         }
     }
 
-    /// A random pose that the stand can go to from here.
+    /// A random pose that the stand can reach from a given pose.
     fn next_pose(&mut self, from: &Vector3<f64>) -> Option<Vector3<f64>> {
         let limits = self.scene.limits;
         (0..ATTEMPTS).find_map(|_| {
@@ -161,10 +164,10 @@ impl Walk<'_> {
         best
     }
 
-    /// A change; `None` if the stand cannot run it.
+    /// A changed program; `None` if the stand cannot run it.
     fn propose(&mut self, trial: &Trial) -> Option<Trial> {
         let count = trial.poses.len();
-        // The first pose is where the motors start.
+        // The first pose is the start position of the motors and cannot be changed.
         let k = self.random.random_range(1..count);
         match self.random.random_range(0..100) {
             0..40 => {
@@ -177,7 +180,7 @@ impl Walk<'_> {
                 self.scene.with_pose(trial, k, pose)
             }
             47..55 => {
-                // The other way round: all poses from here on are a full turn of one motor away.
+                // Turn in the opposite direction: all following poses are moved by a full revolution of one motor.
                 let (motor, turn) =
                     (self.random.random_range(0..3), if self.random.random::<bool>() { TAU } else { -TAU });
                 let mut poses = trial.poses.clone();
@@ -218,17 +221,17 @@ impl Walk<'_> {
         }
     }
 
-    /// Holds that are just long enough for the goal, and whether it is reached.
+    /// Scales the holds until the goal is just reached. Returns the program and whether the goal is reached.
     fn just_enough(&self, trial: Trial) -> (Trial, bool) {
         let scene = self.scene;
         let shortest = scene.shortest_hold_s();
         let with = |factor: f64| {
             let holds = trial.holds_s.iter().map(|hold| (hold * factor).max(shortest)).collect();
             let scaled = scene.with_holds(&trial, holds)?;
-            let worst = scene.goal.worst(&scaled.information(scene), &scene.before)?;
+            let worst = scene.goal.worst(&scaled.information(scene), &scene.prior)?;
             Some((scaled, worst))
         };
-        // Ten times the rest does what can be done by resting.
+        // With ten times longer holds, further accuracy must come from other poses, not from longer rests.
         let (mut low, mut high) = (0.1_f64, 10.0_f64);
         match with(high) {
             Some((_, worst)) if worst <= 1.0 => {}
@@ -246,7 +249,7 @@ impl Walk<'_> {
     }
 
     fn normal(&mut self) -> f64 {
-        // Half a turn and more is no small change.
+        // Limits rare large numbers, so that a change remains small.
         self.random.sample::<f64, _>(StandardNormal).clamp(-PI, PI)
     }
 }

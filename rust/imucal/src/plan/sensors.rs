@@ -1,7 +1,7 @@
-//! What the sensors make of a motion: rows of derivatives by the parameters.
+//! Linearised sensors: rows of derivatives of the readings with respect to the parameters.
 //!
-//! Order of the parameters: that of the joint fit, accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3)
-//! and sensitivity (9, row by row), then those of the effects.
+//! The order of the parameters is that of the joint fit: accelerometer bias (3), accelerometer sensitivity (6,
+//! symmetric frame), gyroscope bias (3), gyroscope sensitivity (9, row by row), then the parameters of the effects.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor as Kind, State, Surroundings};
 use nalgebra::{Matrix3, Vector3};
@@ -13,32 +13,33 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::simulate::{Converter, Moment, Sensor, Unit};
 use crate::two_stage::observability::FARTHEST;
 
-/// Where a gyroscope is at its rails from, as a share of its range: there is noise, and a motor that overshoots.
+/// Maximum share of the gyroscope's range that a plan uses, with a margin for noise and for overshoot of the motors.
 const NEAR_RAILS: f64 = 0.95;
-/// Time constant of an effect that has one, as a share of the run.
+/// Assumed time constant of an effect with a time constant, as a share of the run.
 const SHAPE_SHARE: f64 = 0.3;
 
-/// A unit as a plan sees it: sensitivities, white noise, and the effects that are to be seen.
+/// Model of a unit for planning: sensitivities, white noise, and the effects to be estimated.
 #[derive(Clone, Debug)]
 pub struct Sensors {
     accelerometer: Matrix3<f64>,
     gyroscope: Matrix3<f64>,
     gyroscope_bias: Vector3<f64>,
     from_gyroscope: Matrix3<f64>,
-    /// Variance of a mean over one second.
+    /// Variance of the mean of the accelerometer over one second, (m/s^2)^2.
     pub(super) force_variance: f64,
+    /// Variance of the mean of the gyroscope over one second at rest, (rad/s)^2.
     pub(super) rate_variance: f64,
-    /// The gyroscope's while the unit turns.
+    /// Variance of the mean of the gyroscope over one second during a move, (rad/s)^2.
     pub(super) moving_variance: f64,
     gyroscope_range: f64,
     gravity_mps2: f64,
     effects: Vec<&'static Effect<f64>>,
-    /// How long the run is thought to be, for effects that depend on the time, s.
+    /// Approximate duration of the run, s, for effects that depend on time.
     pub(super) run_s: f64,
 }
 
 impl Sensors {
-    /// Of a unit that is sampled at this rate; its own effects are left out.
+    /// Model of a unit without its effects, at this sampling rate, Hz, and local gravity, m/s^2.
     pub fn of(unit: &Unit, rate_hz: f64, gravity_mps2: f64) -> Self {
         let variance = |sensor: &Sensor, factor: f64| {
             let rounding = sensor.converter.map_or(0.0, |converter| converter.lsb * converter.lsb / 12.0);
@@ -61,10 +62,11 @@ impl Sensors {
         }
     }
 
-    /// With effects that are to be estimated, too; `run_s` is about how long the run will be.
+    /// Adds effects that are estimated as well; `run_s` is the approximate duration of the run, s.
     ///
     /// # Errors
-    /// [`Error::Input`] for an effect of the encoders, and for one that depends on the temperature: no motion shows it.
+    /// [`Error::Input`] for an effect on the encoders, and for an effect of temperature, which no motion makes
+    /// observable.
     pub fn with_effects(mut self, names: &[String], run_s: f64) -> Result<Self, Error> {
         for name in names {
             let Some(effect) = Effect::<f64>::find(name) else {
@@ -87,12 +89,12 @@ impl Sensors {
         Ok(self)
     }
 
-    /// How many parameters.
+    /// Number of parameters.
     pub fn parameters(&self) -> usize {
         BASE + self.effects.iter().map(|effect| effect.plain).sum::<usize>()
     }
 
-    /// Names of the effects' parameters, in the order in which they follow the 21, and their SI units.
+    /// Names and SI units of the effects' parameters, in their order after the 21 parameters of the triads.
     pub fn effect_parameters(&self) -> Vec<(String, &'static str)> {
         let named = |effect: &&'static Effect<f64>| {
             let name = effect.name;
@@ -101,8 +103,9 @@ impl Sensors {
         self.effects.iter().flat_map(named).collect()
     }
 
-    /// Precision that each parameter has before any data: a tenth of its size, ten typical sizes of an effect.
-    pub(super) fn before_data(&self) -> Vec<f64> {
+    /// Prior precision (inverse variance) of each parameter. The prior standard deviation is a tenth of the parameter's
+    /// size, or ten typical sizes for an effect.
+    pub(super) fn prior_precision(&self) -> Vec<f64> {
         let scale = |matrix: &Matrix3<f64>| matrix.norm() / 3f64.sqrt();
         let (accelerometer, gyroscope) = (scale(&self.accelerometer), scale(&self.gyroscope));
         let base = (0..BASE).map(|p| match p {
@@ -115,17 +118,17 @@ impl Sensors {
         base.chain(effects).map(|size| 1.0 / (FARTHEST * size).powi(2)).collect()
     }
 
-    /// Whether the accelerometer has to be looked at inside the moves, as the joint fit does for such an effect.
-    pub(super) fn look_inside(&self) -> bool {
+    /// Whether forces inside moves are used, as the joint fit does for effects of angular acceleration.
+    pub(super) fn uses_forces_in_moves(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::AngularAcceleration))
     }
 
-    /// Whether a row depends on when it is.
+    /// Whether a row depends on the time.
     pub(super) fn depend_on_time(&self) -> bool {
         self.effects.iter().any(|effect| effect.needs.contains(&Need::Time))
     }
 
-    /// By what factor a body rate is too fast for the gyroscope; below 1 it is not.
+    /// Ratio of the reading at this body rate to the usable range of the gyroscope; above 1 the rate is too fast.
     pub(super) fn too_fast(&self, rate: &Vector3<f64>) -> f64 {
         let reading = self.gyroscope * rate;
         let share = |axis: usize| {
@@ -134,7 +137,7 @@ impl Sensors {
         (0..3).map(share).fold(0.0, f64::max)
     }
 
-    /// Three rows of what the accelerometer reads, for a standard deviation of one.
+    /// Rows of the three accelerometer readings, m/s^2, not yet divided by their standard deviation.
     pub(super) fn force_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let to_world = moment.rotation_world_from_body.to_rotation_matrix();
         let [x, y, z] = [0, 1, 2].map(|row| to_world.matrix().row(row).transpose());
@@ -157,7 +160,7 @@ impl Sensors {
         rows
     }
 
-    /// Three rows of what the gyroscope reads at rest, for a standard deviation of one.
+    /// Rows of the three gyroscope readings at rest, rad/s, not yet divided by their standard deviation.
     pub(super) fn rate_rows(&self, moment: &Moment, time_s: f64) -> [Vec<f64>; 3] {
         let mut rows: [Vec<f64>; 3] = std::array::from_fn(|i| {
             let mut row = vec![0.0; DIRECTION + self.parameters()];
@@ -171,9 +174,9 @@ impl Sensors {
         rows
     }
 
-    /// Adds what the gyroscope's reading of `duration_s` around a moment makes of the direction that is carried on: derivatives by
-    /// the parameters, and the gain on white noise.
-    pub(super) fn add_turn(
+    /// Adds the propagation over an interval of `duration_s` around `time_s`: the derivatives of the angles with
+    /// respect to the parameters are added to `by`. Returns the gains of both angles for white noise of the gyroscope.
+    pub(super) fn add_propagation(
         &self,
         moment: &Moment,
         time_s: f64,
@@ -199,7 +202,7 @@ impl Sensors {
         seen
     }
 
-    /// Hands every column of the effects on a sensor to `take`, with the place of its parameter.
+    /// Calls `take` for every column of the effects on a sensor, with the index of its parameter.
     fn effect_columns(&self, sensor: Kind, moment: &Moment, time_s: f64, mut take: impl FnMut(usize, Vector3<f64>)) {
         let mut place = BASE;
         for effect in &self.effects {

@@ -1,35 +1,38 @@
-//! The attitude after each of many turns.
+//! The attitude after each of many rotations.
 //!
-//! Each lane takes its own stretch of consecutive turns twice: first to learn where the next lane begins, then from where it begins itself.
+//! The lanes of a vector register process consecutive parts of the rotations in parallel. A first pass gives the
+//! product over each part, and with it the attitude at the start of each part. A second pass then gives all attitudes.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::lanes::{Lanes, MOST_LANES, Quaternions, begin_of, three};
-use super::step::{half_turn, is_within_reach, turned};
-use super::turn_on;
+use super::lanes::{Lanes, MOST_LANES, Quaternions, lane_start, three};
+use super::rotate_by;
+use super::step::{half_turn, is_within_range, times_quaternion};
 
-/// Turns that are taken at once: they stay in the nearest cache, and no quaternion becomes too long.
+/// Number of rotations per block. A block stays in the L1 cache, and the length of unnormalised quaternions stays
+/// bounded.
 const AT_ONCE: usize = 512;
 
-/// The attitude before the first of these turns, rad, about axes of the body, and after each: `v_start = attitude v_here`.
+/// Attitudes before the first and after each of these rotation vectors, rad, which are relative to the body:
+/// `v_start = attitude v_here`.
 pub(crate) fn attitudes(begin: UnitQuaternion<f64>, turns: &[Vector3<f64>]) -> Vec<UnitQuaternion<f64>> {
     let mut all = Vec::with_capacity(turns.len() + 1);
     all.push(begin);
     for turns in turns.chunks(AT_ONCE) {
         let before = all[all.len() - 1];
-        if turns.iter().all(is_within_reach) {
+        if turns.iter().all(is_within_range) {
             Arch::new().dispatch(InLanes { before, turns, to: &mut all });
         } else {
-            one_by_one(before, turns, &mut all);
+            scalar_steps(before, turns, &mut all);
         }
     }
     all
 }
 
-fn one_by_one(before: UnitQuaternion<f64>, turns: &[Vector3<f64>], to: &mut Vec<UnitQuaternion<f64>>) {
+fn scalar_steps(before: UnitQuaternion<f64>, turns: &[Vector3<f64>], to: &mut Vec<UnitQuaternion<f64>>) {
     to.extend(turns.iter().scan(before, |here, turn| {
-        turn_on(here, turn);
+        rotate_by(here, turn);
         Some(*here)
     }));
 }
@@ -48,13 +51,14 @@ impl WithSimd for InLanes<'_> {
         let Self { before, turns, to } = self;
         let steps = turns.len() / S::F64_LANES;
         let (in_lanes, rest) = turns.split_at(steps * S::F64_LANES);
-        let own: [&[Vector3<f64>]; MOST_LANES] = std::array::from_fn(|l| &in_lanes[begin_of::<S>(l, steps)..][..steps]);
+        let own: [&[Vector3<f64>]; MOST_LANES] =
+            std::array::from_fn(|l| &in_lanes[lane_start::<S>(l, steps)..][..steps]);
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
         let mut halves = Vec::with_capacity(steps);
         let mut product = [one, zero, zero, zero];
         for k in 0..steps {
             let half = half_turn(simd, three(|c| Lanes::from_fn(simd, |l| own[l][k][c])));
-            product = turned(&product, half);
+            product = times_quaternion(&product, half);
             halves.push(half);
         }
         let of_lanes = Quaternions::new(&product);
@@ -67,13 +71,13 @@ impl WithSimd for InLanes<'_> {
         to.resize(first + in_lanes.len(), before);
         let to_lanes = &mut to[first..];
         for (k, half) in halves.into_iter().enumerate() {
-            here = turned(&here, half);
+            here = times_quaternion(&here, half);
             let in_lanes = Quaternions::new(&here);
             for l in 0..S::F64_LANES {
                 to_lanes[l * steps + k] = in_lanes.unit(l);
             }
         }
-        one_by_one(to.last().copied().unwrap_or(before), rest, to);
+        scalar_steps(to.last().copied().unwrap_or(before), rest, to);
     }
 }
 
@@ -98,7 +102,7 @@ mod tests {
     fn attitudes_are_the_products_of_all_turns_before() {
         let begin = so3::exp(&Vector3::new(0.3, -1.0, 2.0));
         for count in [0, 1, 7, 8, 41, 600, 1500] {
-            // The last few turn too far for the polynomials.
+            // The largest angle exceeds the range of the polynomials.
             for most in [0.01, 0.19, 2.0] {
                 let part = |k: usize, c: usize| ((3 * k + c) as f64 * 1.7).sin() * most / 3.0_f64.sqrt();
                 let turns: Vec<Vector3<f64>> = (0..count).map(|k| Vector3::from_fn(|c, _| part(k, c))).collect();

@@ -1,14 +1,15 @@
-//! A linear start value for the gyroscope, from how gravity turns inside the moves (model.md (10)).
+//! Linear start value of the gyroscope's sensitivity from the motion of gravity during moves (`docs/model.md` (10)).
 //!
-//! In the body, gravity turns by `du/dt = u x w`. With `w = P (m - b)` and u from the accelerometer, averaged over short
-//! blocks, each pair of neighbouring blocks gives three equations that are linear in the nine entries of P:
+//! In the body frame the direction u of gravity changes by `du/dt = u x w`. With `w = P (m - b)` and u measured by the
+//! accelerometer, averaged over short blocks, each pair of consecutive blocks gives three equations that are linear in
+//! the nine entries of P:
 //!
 //! ```text
 //! u_(j+1) - u_j = [ubar]x P s,   s = integral of (m - b) between the centres of the blocks
 //! ```
 //!
-//! The accelerometer also feels the motion itself, so this is good to some per cent only: enough to start from in any
-//! raw unit, with any sign and order of axes, and to see units and axes that are wrong.
+//! The accelerometer also measures the acceleration of the motion itself, so the accuracy is only a few per cent. This
+//! is sufficient as a start value for any raw unit, sign and order of axes, and to detect wrong units and axes.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
@@ -16,12 +17,13 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 use crate::recording::Recording;
 use crate::rests::moves::Move;
 
-/// Of the squared turns about the busiest axis, the idlest one needs at least this share.
+/// Minimum ratio of the squared rotation about the least used axis to that about the most used axis. Below it P is not
+/// determined.
 const LEAST_TURN_SHARE: f64 = 0.01;
-/// Length of a block, s.
+/// Length of a block over which u is averaged, s.
 const BLOCK_S: f64 = 0.1;
 
-/// P in `true rate = P (raw - bias)`, or `None` where the motion does not determine it.
+/// P in `true rate = P (raw - bias)`; `None` if the motion does not determine it.
 pub(crate) fn rate_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],
@@ -32,7 +34,7 @@ pub(crate) fn rate_from_gravity(
     for m in moves {
         pairs(&recordings[m.recording], m, accelerometer, gyroscope_bias, &mut equations);
     }
-    // An axis about which the unit hardly turns leaves its column of P to the noise.
+    // If the unit hardly rotates about an axis, the column of P for this axis is determined only by noise.
     let turns: Matrix3<f64> = equations.iter().map(|e: &Pair| e.turn * e.turn.transpose()).sum();
     let energies = turns.symmetric_eigenvalues();
     if energies.min() < LEAST_TURN_SHARE * energies.max() {
@@ -41,7 +43,7 @@ pub(crate) fn rate_from_gravity(
     let size = (equations.iter().map(|e| e.turn.norm_squared()).sum::<f64>() / equations.len().max(1) as f64).sqrt();
     let mut weights = vec![1.0; equations.len()];
     let mut p = None;
-    // Reweighted twice, so that the jolts of a hand count for little.
+    // Reweighted twice, to reduce the influence of jolts in hand-held moves.
     for _ in 0..3 {
         let entries = solve(&equations, &weights, size)?;
         for (weight, equation) in weights.iter_mut().zip(&equations) {
@@ -53,7 +55,8 @@ pub(crate) fn rate_from_gravity(
     p.filter(|p| p.iter().all(|entry| entry.is_finite()))
 }
 
-/// The one scale for all axes in `true rate = scale (raw - bias)`, for motion that does not determine P; `None` without any.
+/// Scale in `true rate = scale (raw - bias)`, the same for all axes, if the motion does not determine P; `None` without
+/// motion.
 pub(crate) fn scale_from_gravity(
     recordings: &[Recording<'_>],
     moves: &[Move],
@@ -70,7 +73,7 @@ pub(crate) fn scale_from_gravity(
     (scale.is_finite() && scale != 0.0).then_some(scale)
 }
 
-/// One pair of neighbouring blocks.
+/// A pair of consecutive blocks: the mean direction, its change, and the integral of the raw rate between the centres.
 struct Pair {
     up: Vector3<f64>,
     change: Vector3<f64>,
@@ -79,7 +82,7 @@ struct Pair {
 
 fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: Vector3<f64>, pairs: &mut Vec<Pair>) {
     let dt_s = m.interval_s;
-    // An even number of samples: the centre of a block lies between two of them.
+    // An even number of samples, so that the centre of a block lies between two samples.
     let block = (((BLOCK_S / dt_s / 2.0).round() as usize).max(1)) * 2;
     let up = |start: usize| {
         let sum: Vector3<f64> = recording.specific_force.slice(start..start + block).iter().map(Vector3::from).sum();
@@ -99,9 +102,10 @@ fn pairs(recording: &Recording<'_>, m: &Move, accelerometer: &Triad<f64>, bias: 
     }
 }
 
-/// Weighted normal equations for the entries of P, row by row.
+/// Solves the weighted normal equations for the entries of P, row by row.
 fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
-    // With the rows of a pair in one matrix, [ubar]x (x) s, its part of the normal matrix is [ubar]x^T [ubar]x (x) s s^T.
+    // The design matrix of a pair is [ubar]x (x) s (Kronecker product), so its normal matrix is [ubar]x^T [ubar]x (x) s
+    // s^T.
     let mut blocks = [[Matrix3::<f64>::zeros(); 3]; 3];
     let mut right = [Vector3::zeros(); 3];
     for (pair, weight) in pairs.iter().zip(weights) {
@@ -116,10 +120,11 @@ fn solve(pairs: &[Pair], weights: &[f64], size: f64) -> Option<Matrix3<f64>> {
             }
         }
     }
-    // The factorisation reads what is on and below the diagonal.
+    // The factorisation uses the lower triangle only.
     let normal = SMatrix::<f64, 9, 9>::from_fn(|row, column| blocks[row / 3][column / 3][(row % 3, column % 3)]);
     let right = SVector::<f64, 9>::from_fn(|row, _| right[row / 3][row % 3]);
-    // A trace of damping: an axis that never turned keeps a zero column, which the caller sees as singular.
+    // Slight damping: without rotation about an axis, the column of this axis is zero, and the caller detects P as
+    // singular.
     let damping = 1e-9 * normal.trace();
     let factor = (normal + SMatrix::identity() * damping).cholesky()?;
     Some(Matrix3::from_row_slice(factor.solve(&right).as_slice()) / size)
@@ -131,7 +136,8 @@ mod tests {
 
     #[test]
     fn finds_scale_sign_and_order_of_the_axes_in_any_unit() {
-        // A slow tumble with a gyroscope in counts whose axes are turned: x reads -y, y reads x.
+        // A slow tumble with a gyroscope in counts whose axes are rotated: its x axis measures -y, its y axis measures
+        // x.
         let sensitivity = Matrix3::new(0.0, -4000.0, 50.0, 4200.0, 0.0, 0.0, 0.0, 80.0, 4100.0);
         let gyroscope = Triad::try_new(sensitivity, Vector3::new(32000.0, 33000.0, 32500.0)).unwrap();
         let (mut time, mut force, mut rate) = (vec![], Vec::<[f64; 3]>::new(), Vec::<[f64; 3]>::new());

@@ -1,4 +1,4 @@
-//! Several numbers side by side in one register: `pulp` chooses the instructions at run time, the operators are spelt here.
+//! Vectors of numbers in one register. `pulp` selects the instructions at run time; the operators are defined here.
 
 use std::ops::{Add, Div, Mul, Sub};
 
@@ -8,14 +8,14 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::aligned::WIDEST;
 
-/// The most lanes that any instruction set has.
+/// Maximum number of lanes of any instruction set.
 pub(super) const MOST_LANES: usize = WIDEST;
 
-/// The instructions that a kernel is made of.
+/// Instruction set of a kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Instructions {
-    /// The widest vectors that this processor has.
+    /// The widest vectors of this processor.
     Best,
     /// 512-bit vectors.
     #[cfg(target_arch = "x86_64")]
@@ -23,12 +23,12 @@ pub enum Instructions {
     /// 256-bit vectors with fused multiply-add.
     #[cfg(target_arch = "x86_64")]
     Avx2,
-    /// One number at a time, on any processor.
+    /// One number per instruction, on any processor.
     Scalar,
 }
 
 impl Instructions {
-    /// All sets that this processor has, and [`Best`](Self::Best).
+    /// All instruction sets of this processor, and [`Best`](Self::Best).
     pub fn available() -> Vec<Self> {
         let mut all = vec![Self::Best];
         #[cfg(target_arch = "x86_64")]
@@ -40,7 +40,7 @@ impl Instructions {
         all
     }
 
-    /// Does `work` with these instructions, or with the best ones if the processor lacks them.
+    /// Runs `work` with these instructions; with the best available ones if the processor lacks them.
     pub(super) fn run<W: WithSimd>(self, work: W) -> W::Output {
         match self {
             #[cfg(target_arch = "x86_64")]
@@ -62,7 +62,7 @@ impl Instructions {
     }
 }
 
-/// One number in each lane.
+/// One number per lane.
 #[derive(Clone, Copy)]
 pub(super) struct Lanes<S: Simd> {
     simd: S,
@@ -75,8 +75,8 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value: simd.splat_f64s(value) }
     }
 
-    /// `value(l)` in lane l. An array of this length in a register is what the compiler makes shuffles of; a longer one in memory,
-    /// written in parts and read as a whole, would wait for its own stores.
+    /// Vector with `value(l)` in lane l. With an array of exactly the register's length the compiler uses shuffles. A
+    /// longer array in memory, written in parts and read as a whole, would cause a store forwarding stall.
     #[inline(always)]
     pub(super) fn from_fn(simd: S, value: impl Fn(usize) -> f64) -> Self {
         let v = &value;
@@ -89,7 +89,7 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value }
     }
 
-    /// The number in each lane; zero for lanes that are not there.
+    /// The number in each lane; zero for lanes beyond the register.
     #[inline(always)]
     pub(super) fn to_array(self) -> [f64; MOST_LANES] {
         let mut all = [0.0; MOST_LANES];
@@ -101,17 +101,17 @@ impl<S: Simd> Lanes<S> {
 
     /// `self * b + c`.
     #[inline(always)]
-    pub(super) fn times_plus(self, b: Self, c: Self) -> Self {
+    pub(super) fn mul_add(self, b: Self, c: Self) -> Self {
         Self { value: self.simd.mul_add_e_f64s(self.value, b.value, c.value), ..self }
     }
 
     /// `c - self * b`.
     #[inline(always)]
-    pub(super) fn times_from(self, b: Self, c: Self) -> Self {
+    pub(super) fn neg_mul_add(self, b: Self, c: Self) -> Self {
         Self { value: self.simd.negate_mul_add_e_f64s(self.value, b.value, c.value), ..self }
     }
 
-    /// The lanes added up.
+    /// Sum over all lanes.
     #[inline(always)]
     pub(super) fn sum(self) -> f64 {
         self.simd.reduce_sum_f64s(self.value)
@@ -155,35 +155,35 @@ impl<S: Simd> Div for Lanes<S> {
     }
 }
 
-/// Three numbers in each lane.
+/// A vector with three components, in each lane.
 pub(super) type Three<S> = [Lanes<S>; 3];
 
-/// Three numbers by their place. An array's `map` is not always inlined, and then its vectors go through memory.
+/// A vector from its components. `map` on an array is not always inlined; the registers would then be stored in memory.
 #[inline(always)]
 pub(super) fn three<S: Simd>(part: impl Fn(usize) -> Lanes<S>) -> Three<S> {
     [part(0), part(1), part(2)]
 }
 
-/// The square of the length.
+/// Squared norm of the vector.
 #[inline(always)]
 pub(super) fn square<S: Simd>(v: &Three<S>) -> Lanes<S> {
-    v[0].times_plus(v[0], v[1].times_plus(v[1], v[2] * v[2]))
+    v[0].mul_add(v[0], v[1].mul_add(v[1], v[2] * v[2]))
 }
 
-/// `a x b`.
+/// Cross product `a x b`.
 #[inline(always)]
 pub(super) fn cross<S: Simd>(a: &Three<S>, b: &Three<S>) -> Three<S> {
-    let part = |i: usize, k: usize| a[k].times_from(b[i], a[i] * b[k]);
+    let part = |i: usize, k: usize| a[k].neg_mul_add(b[i], a[i] * b[k]);
     [part(1, 2), part(2, 0), part(0, 1)]
 }
 
-/// Where a lane's own stretch of so many begins; lanes that are not there read the first one.
+/// Start of a lane's part if each lane processes `count` elements. Lanes beyond the register read the first part.
 #[inline(always)]
-pub(super) fn begin_of<S: Simd>(lane: usize, count: usize) -> usize {
+pub(super) fn lane_start<S: Simd>(lane: usize, count: usize) -> usize {
     if lane < S::F64_LANES { lane * count } else { 0 }
 }
 
-/// A quaternion in each lane.
+/// A quaternion in each lane, not normalised.
 pub(super) struct Quaternions([[f64; MOST_LANES]; 4]);
 
 impl Quaternions {
@@ -192,7 +192,7 @@ impl Quaternions {
         Self([w.to_array(), x.to_array(), y.to_array(), z.to_array()])
     }
 
-    /// That of a lane, its length made one.
+    /// The normalised quaternion of a lane.
     #[inline(always)]
     pub(super) fn unit(&self, lane: usize) -> UnitQuaternion<f64> {
         let [w, x, y, z] = &self.0;
@@ -200,17 +200,19 @@ impl Quaternions {
     }
 }
 
-/// Asks for the memory of as many samples as there are here, `ahead` samples after them, before it is needed.
+/// Prefetches as many samples as `samples` has, from `ahead` samples after its start.
 ///
-/// The lanes read eight places at once, more than the processor follows by itself: without this a rotation takes a fifth longer.
+/// The lanes read eight streams of memory, more than the hardware prefetcher follows. Without this function the
+/// integration takes a fifth longer.
 #[inline(always)]
-pub(super) fn fetch_soon(samples: &[[f64; 3]], ahead: usize) {
+pub(super) fn prefetch(samples: &[[f64; 3]], ahead: usize) {
     #[cfg(target_arch = "x86_64")]
     {
         const LINE: usize = 64;
         let start = samples.as_ptr().wrapping_add(ahead).cast::<i8>();
         for line in 0..size_of_val(samples) / LINE {
-            // SAFETY: a prefetch is a hint; it reads nothing that the program sees and does not fault, wherever it points.
+            // SAFETY: a prefetch is a hint. It does not change the state of the program and does not fault, for any
+            // address.
             #[expect(unsafe_code, reason = "a hint to the processor; the benchmark of the kernels shows what it buys")]
             unsafe {
                 use std::arch::x86_64::{_MM_HINT_T0, _mm_prefetch};

@@ -1,12 +1,12 @@
-//! The rotation and the sums in twice the digits.
+//! Reference implementation of the rotation and the sums in double-double arithmetic.
 
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
-use super::path;
+use super::rate_segment;
 use super::sums::{BY_ENDS, BY_HALVES, SECOND, STEPS_OF_A_NODE};
 
-/// What a path is made of; the time is one interval or stamps.
+/// Inputs of an integration; the time is one step, s, or the times of all samples, s.
 pub(super) struct Samples<'a> {
     pub(super) raw: &'a [[f64; 3]],
     pub(super) time_s: Result<f64, &'a [f64]>,
@@ -14,7 +14,7 @@ pub(super) struct Samples<'a> {
     pub(super) is_cubic: bool,
 }
 
-/// A number as the sum of two, exact to 31 digits: what the kernels are judged by.
+/// A double-double number: the sum of two f64, with 31 digits.
 #[derive(Clone, Copy)]
 pub(super) struct Double(f64, f64);
 
@@ -91,7 +91,7 @@ fn exponential(m: &Square) -> Square {
     let mut sum = term;
     for k in 1..30 {
         term = product(&term, m);
-        // 1/n to 31 digits, from one step of Newton's.
+        // 1/n to 31 digits, by one iteration of Newton's method.
         let n = Double::of(f64::from(k));
         let guess = Double::of(1.0 / n.0);
         term = scaled(&term, guess * (Double::of(2.0) - n * guess));
@@ -100,8 +100,8 @@ fn exponential(m: &Square) -> Square {
     sum
 }
 
-/// Rotation, G_x, G_y, G_z and G_b as the equations at the head of the module say, in twice the digits. The first steps, so many, are
-/// summed at nodes.
+/// Rotation, G_x, G_y, G_z and G_b by the equations in the documentation of the module, in double-double arithmetic.
+/// The first `at_nodes` steps are summed at nodes.
 pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
     let Samples { raw, time_s, triad, is_cubic } = path;
     let third = Double::of(1.0 / 3.0) + Double::of(-1.0 / 3.0 * 3.0 + 1.0) * Double::of(1.0 / 3.0);
@@ -148,7 +148,7 @@ pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
             }
             continue;
         }
-        // R' for a rate in the kernel's units, a sixth of the turn in a step.
+        // R' for a rate in the units of the kernel, a sixth of the rotation in a step.
         let derivative = |rotation: &Square, rate: &Vector| {
             scaled(&product(rotation, &hat_of(rate)), h * h * third * Double::of(0.5))
         };
@@ -180,11 +180,11 @@ pub(super) fn reference(path: &Samples<'_>, at_nodes: usize) -> [Square; 5] {
         }
     }
     let [x, y, z, bias] = sums;
-    let [x, y, z] = with_the_turn([x, y, z], &rotation, &path::Frame::of(triad, 1.0).axes);
+    let [x, y, z] = with_the_turn([x, y, z], &rotation, &rate_segment::Frame::of(triad, 1.0).axes);
     [rotation, x, y, z, bias]
 }
 
-/// Adds R times each part of the rate, and R with a weight.
+/// Adds R times each component of the rate, and R times a weight.
 fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double) {
     for j in 0..3 {
         sums[j] = plus(&sums[j], &scaled(rotation, rate[j]));
@@ -192,7 +192,8 @@ fn add(sums: &mut [Square; 4], rotation: &Square, rate: &Vector, weight: Double)
     sums[3] = plus(&sums[3], &scaled(rotation, weight));
 }
 
-/// The sums of columns and parts of the rate below the diagonal from those above it, in the frame with these axes.
+/// Calculates the sums of columns and rate components below the diagonal from those above it, in the frame with these
+/// axes.
 fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [Square; 3] {
     let out: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(r, c)])));
     let back: Square = std::array::from_fn(|r| std::array::from_fn(|c| Double::of(axes[(c, r)])));
@@ -205,7 +206,7 @@ fn with_the_turn(sums: [Square; 3], rotation: &Square, axes: &Matrix3<f64>) -> [
     let turned = within(rotation);
     let unit = |r: usize, c: usize| Double::of(f64::from(u8::from(r == c)));
     for r in 0..3 {
-        // Each part of R' = R [w]x, summed.
+        // Components of the integral of R' = R [w]x.
         let of_x = turned[r][0] - unit(r, 0);
         let of_y = turned[r][1] - unit(r, 1);
         let of_z = turned[r][2] - unit(r, 2);

@@ -1,8 +1,10 @@
-//! One step in every lane: its quaternion, the rotation before it, and what its first sample adds to the sums.
+//! One integration step in every lane: its quaternion, the rotation before it, and the contribution of its first sample
+//! to the sums.
 //!
-//! In the units of this file a step turns by `3 p`, `p = s + q`, where `s` is a third of the rate's integral and `q` a third of the
-//! coning; for even steps the samples are scaled so that `s = a0 + a1`, `q = a0 x a1`. With `y = |p|^2` the quaternion of a step is
-//! `(1, tau(y) p)` but for its length, with a polynomial tau; the length of the product of all is followed by another.
+//! In the units of this file the rotation vector of a step is `3 p` with `p = s + q`. `s` is a third of the integral of
+//! the rate, `q` a third of the coning term. For equal steps the samples are scaled so that `s = a0 + a1` and
+//! `q = a0 x a1`. With `y = |p|^2` the quaternion of a step is `(1, tau(y) p)` up to its length, where tau is a
+//! polynomial. Another polynomial in y gives the factor by which the length of the product changes.
 
 use nalgebra::Vector3;
 use pulp::Simd;
@@ -10,33 +12,35 @@ use pulp::Simd;
 use super::lanes::{Lanes, Three, cross, square, three};
 use super::sums::Sample;
 
-/// How far the steps of a path turn.
-pub(super) struct Reach {
-    /// At most, rad.
+/// A range of rotation angles per step, and the polynomials for it.
+pub(super) struct AngleRange {
+    /// Maximum rotation angle of a step, rad.
     pub(super) turn_rad: f64,
-    /// Terms of the polynomials that matter then: of the tangent, and of the square of the cosine.
+    /// Numbers of terms of the polynomials that this range needs: for the tangent, and for the squared cosine.
     terms: [usize; 2],
 }
 
-/// From the least to the most. Of the tangent 1e-14 of itself is left out at most, and what is left out of the cosine is made good
-/// once for each tile.
-pub(super) const REACHES: [Reach; 3] = [
-    Reach { turn_rad: 0.001, terms: [2, 3] },
-    Reach { turn_rad: 0.03, terms: [4, 4] },
-    Reach { turn_rad: 0.2, terms: [7, 6] },
+/// Ranges from small to large angles. The truncation error of the tangent is at most 1e-14 relative. The truncation
+/// error of the cosine is removed once per tile.
+pub(super) const ANGLE_RANGES: [AngleRange; 3] = [
+    AngleRange { turn_rad: 0.001, terms: [2, 3] },
+    AngleRange { turn_rad: 0.03, terms: [4, 4] },
+    AngleRange { turn_rad: 0.2, terms: [7, 6] },
 ];
 
-/// Whether sums are taken at nodes and not at each sample: for even steps that keep to the first of [`REACHES`], and so are short.
-pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const REACH: usize>() -> bool {
-    EVEN && SUMS && REACH == 0
+/// Whether sums are calculated at nodes instead of at each sample: for equal steps with angles in the first of the
+/// [`ANGLE_RANGES`].
+pub(super) const fn at_nodes<const EVEN: bool, const SUMS: bool, const RANGE: usize>() -> bool {
+    EVEN && SUMS && RANGE == 0
 }
 
-/// Coefficients of the polynomials in y, with `t^2 = 9 y`: `3 tan(t/2) / t` and `cos^2(t/2)`.
+/// Coefficients in y, with `t^2 = 9 y`, of the polynomial for `3 tan(t/2) / t`.
 const TANGENT: [f64; 7] = by_powers(
     1.5,
     2.25,
     [1.0, 1.0 / 3.0, 2.0 / 15.0, 17.0 / 315.0, 62.0 / 2835.0, 1382.0 / 155_925.0, 21_844.0 / 6_081_075.0],
 );
+/// Coefficients in y, with `t^2 = 9 y`, of the polynomial for `cos^2(t/2)`.
 const COSINE_SQUARED: [f64; 6] = by_powers(1.0, -2.25, [1.0, 1.0, 1.0 / 3.0, 2.0 / 45.0, 1.0 / 315.0, 2.0 / 14_175.0]);
 
 const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients: [f64; N]) -> [f64; N] {
@@ -49,47 +53,47 @@ const fn by_powers<const N: usize>(mut factor: f64, ratio: f64, mut coefficients
     coefficients
 }
 
-/// What is made of a step in turn, but for its sample.
+/// Quantities of a step that do not depend on the previous step.
 ///
-/// Each is made for all steps of a tile before the next one: a step depends on the one before in the product of quaternions alone,
-/// and a processor that has that between the steps looks at no other meanwhile.
+/// They are calculated for all steps of a tile before the quaternions are multiplied. Only the product of quaternions
+/// depends on the previous step. If this product were calculated in between, its latency would stall the processor.
 #[derive(Clone, Copy)]
-#[repr(align(64))] // A register that crosses a line of the cache takes twice as long to store and to load.
-pub(super) struct Term<S: Simd> {
-    /// Vector part of its quaternion over the scalar one.
+#[repr(align(64))] // A vector that crosses a cache line takes twice as long to load and to store.
+pub(super) struct StepTerm<S: Simd> {
+    /// Vector part of the step's quaternion divided by its scalar part.
     vector: Three<S>,
-    /// What the square of the scalar part is of that of the length.
-    shrunk: Lanes<S>,
+    /// Square of the cosine of half the rotation angle: 1 / |(1, vector)|^2.
+    cosine_squared: Lanes<S>,
 }
 
-impl<S: Simd> Term<S> {
+impl<S: Simd> StepTerm<S> {
     #[inline(always)]
     pub(super) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
-        Self { vector: [zero; 3], shrunk: zero }
+        Self { vector: [zero; 3], cosine_squared: zero }
     }
 }
 
-/// Where all lanes are.
+/// State of the integration in all lanes.
 #[repr(align(64))]
-pub(super) struct Running<S: Simd> {
+pub(super) struct LaneState<S: Simd> {
     simd: S,
-    /// The last three samples, the newest last.
+    /// The last three samples, oldest first.
     a: [Three<S>; 3],
     times: [Lanes<S>; 3],
-    /// Length of the step before.
+    /// Length of the previous step, s.
     pub(super) before: Lanes<S>,
-    /// Scalar part first; of any length.
+    /// Product of the step quaternions, scalar part first, not normalised.
     pub(super) quaternion: [Lanes<S>; 4],
-    /// Two over the square of its length.
+    /// Two divided by the squared norm of the quaternion.
     double: Lanes<S>,
-    /// Both samples of each step since their sum was last asked for, added up.
+    /// Sum over the steps of the samples at both ends, since the last call of `sum_of_samples`.
     pairs: Three<S>,
-    /// Largest y.
+    /// Largest y of all steps.
     largest: Lanes<S>,
 }
 
-impl<S: Simd> Running<S> {
+impl<S: Simd> LaneState<S> {
     #[inline(always)]
     pub(super) fn new(simd: S) -> Self {
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
@@ -111,20 +115,21 @@ impl<S: Simd> Running<S> {
         self.times = [self.times[1], self.times[2], time];
     }
 
-    /// Takes the next sample, which ends a step or, for a cubic, comes after its end; writes what is known of the step by itself.
+    /// Adds the next sample. It ends a step; for a cubic it is the sample after the end of the step. Writes the
+    /// quantities of the step that do not depend on the rotation.
     #[inline(always)]
-    pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const REACH: usize>(
+    pub(super) fn take_step<const EVEN: bool, const CUBIC: bool, const SUMS: bool, const RANGE: usize>(
         &mut self,
         next: Three<S>,
         next_time: Lanes<S>,
-        term: &mut Term<S>,
+        term: &mut StepTerm<S>,
         sample: &mut Sample<S>,
     ) {
         let simd = self.simd;
         let splat = |value: f64| Lanes::splat(simd, value);
         let (outside, a0, a1, after) =
             if CUBIC { (self.a[0], self.a[1], self.a[2], next) } else { (self.a[1], self.a[2], next, next) };
-        let at_nodes = at_nodes::<EVEN, SUMS, REACH>();
+        let at_nodes = at_nodes::<EVEN, SUMS, RANGE>();
         let each = SUMS && !at_nodes;
         let mut s = three(|c| a0[c] + a1[c]);
         if at_nodes {
@@ -132,7 +137,7 @@ impl<S: Simd> Running<S> {
         }
         if CUBIC {
             let (inner, outer) = (splat(13.0 / 12.0), splat(1.0 / 12.0));
-            s = three(|c| (outside[c] + after[c]).times_from(outer, s[c] * inner));
+            s = three(|c| (outside[c] + after[c]).neg_mul_add(outer, s[c] * inner));
         }
         let mut q = cross(&a0, &a1);
         if each {
@@ -153,21 +158,21 @@ impl<S: Simd> Running<S> {
         let p = three(|c| s[c] + q[c]);
         let y = square(&p);
         self.largest = self.largest.max(y);
-        let tangent = polynomial(simd, &TANGENT[..REACHES[REACH].terms[0]], y);
+        let tangent = polynomial(simd, &TANGENT[..ANGLE_RANGES[RANGE].terms[0]], y);
         term.vector = three(|c| p[c] * tangent);
         if each {
-            term.shrunk = polynomial(simd, &COSINE_SQUARED[..REACHES[REACH].terms[1]], y);
+            term.cosine_squared = polynomial(simd, &COSINE_SQUARED[..ANGLE_RANGES[RANGE].terms[1]], y);
         }
         self.take(next, next_time);
     }
 
-    /// The sample where the next step begins.
+    /// The sample at the start of the next step.
     #[inline(always)]
     pub(super) fn sample<const CUBIC: bool>(&self) -> Three<S> {
         self.a[if CUBIC { 1 } else { 2 }]
     }
 
-    /// What it adds to the sums with a weight of its own.
+    /// Contribution of this sample to the sums, with a given weight.
     #[inline(always)]
     pub(super) fn here<const CUBIC: bool>(&self, weight: Lanes<S>) -> Sample<S> {
         let sample = self.sample::<CUBIC>();
@@ -186,14 +191,14 @@ impl<S: Simd> Running<S> {
         [[one - (yy + zz), xy + zw, xz - yw], [xy - zw, one - (xx + zz), yz + xw], [xz + yw, yz - xw, one - (xx + yy)]]
     }
 
-    /// The same where the length has not been followed.
+    /// Columns of the rotation matrix if the norm of the quaternion was not tracked.
     #[inline(always)]
     pub(super) fn rotation_at_node(&mut self) -> [Three<S>; 3] {
         self.double = Lanes::splat(self.simd, 2.0) / self.square_of_length();
         self.rotation()
     }
 
-    /// The sum of the samples since it was last asked for, the ends by half.
+    /// Sum of the samples since the last call, with half weight for both ends.
     #[inline(always)]
     pub(super) fn sum_of_samples(&mut self) -> Three<S> {
         let (zero, half) = (Lanes::splat(self.simd, 0.0), Lanes::splat(self.simd, 0.5));
@@ -205,31 +210,31 @@ impl<S: Simd> Running<S> {
     #[inline(always)]
     fn square_of_length(&self) -> Lanes<S> {
         let [w, x, y, z] = self.quaternion;
-        w.times_plus(w, square(&[x, y, z]))
+        w.mul_add(w, square(&[x, y, z]))
     }
 
-    /// Takes the turns of some steps, one after the other.
+    /// Multiplies the rotation by those of several steps, one after the other.
     #[inline(always)]
-    pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[Term<S>], samples: &mut [Sample<S>]) {
+    pub(super) fn turn<const SUMS: bool>(&mut self, terms: &[StepTerm<S>], samples: &mut [Sample<S>]) {
         if SUMS {
-            // A step of Newton's takes away what rounding has added up.
+            // One iteration of Newton's method removes the accumulated rounding error of 2/|q|^2.
             let one = Lanes::splat(self.simd, 1.0);
-            let excess = self.square_of_length().times_from(self.double * Lanes::splat(self.simd, 0.5), one);
-            self.double = self.double.times_plus(excess, self.double);
+            let excess = self.square_of_length().neg_mul_add(self.double * Lanes::splat(self.simd, 0.5), one);
+            self.double = self.double.mul_add(excess, self.double);
         }
         for (term, sample) in terms.iter().zip(samples) {
             if SUMS {
                 sample.rotation = self.rotation();
-                self.double = self.double * term.shrunk;
+                self.double = self.double * term.cosine_squared;
             }
-            self.quaternion = turned(&self.quaternion, term.vector);
+            self.quaternion = times_quaternion(&self.quaternion, term.vector);
         }
     }
 
-    /// Whether no step turned too far for the polynomials.
+    /// Whether the angles of all steps were inside the range of the polynomials.
     #[inline(always)]
-    pub(super) fn is_exact<const REACH: usize>(&self) -> bool {
-        let limit = REACHES[REACH].turn_rad;
+    pub(super) fn is_exact<const RANGE: usize>(&self) -> bool {
+        let limit = ANGLE_RANGES[RANGE].turn_rad;
         let largest = self.largest.to_array().into_iter().fold(0.0, f64::max);
         9.0 * largest <= limit * limit
     }
@@ -238,10 +243,10 @@ impl<S: Simd> Running<S> {
 #[inline(always)]
 fn polynomial<S: Simd>(simd: S, coefficients: &[f64], y: Lanes<S>) -> Lanes<S> {
     let (highest, others) = coefficients.split_last().map_or((0.0, coefficients), |(last, others)| (*last, others));
-    others.iter().rev().fold(Lanes::splat(simd, highest), |sum, c| sum.times_plus(y, Lanes::splat(simd, *c)))
+    others.iter().rev().fold(Lanes::splat(simd, highest), |sum, c| sum.mul_add(y, Lanes::splat(simd, *c)))
 }
 
-/// Vector part over scalar part of the quaternion of a turn, rad.
+/// Vector part divided by scalar part of the quaternion for a rotation vector, rad.
 #[inline(always)]
 pub(super) fn half_turn<S: Simd>(simd: S, turn: Three<S>) -> Three<S> {
     let third = Lanes::splat(simd, 1.0 / 3.0);
@@ -250,19 +255,19 @@ pub(super) fn half_turn<S: Simd>(simd: S, turn: Three<S>) -> Three<S> {
     three(|c| p[c] * tangent)
 }
 
-/// Whether a turn, rad, is as small as [`half_turn`] takes it.
-pub(super) fn is_within_reach(turn: &Vector3<f64>) -> bool {
-    let [.., most] = REACHES;
+/// Whether a rotation vector, rad, is inside the range of [`half_turn`].
+pub(super) fn is_within_range(turn: &Vector3<f64>) -> bool {
+    let [.., most] = ANGLE_RANGES;
     turn.norm_squared() <= most.turn_rad * most.turn_rad
 }
 
-/// `q (1, v)`.
+/// Quaternion product `q (1, v)`.
 #[inline(always)]
-pub(super) fn turned<S: Simd>([w, x, y, z]: &[Lanes<S>; 4], v: Three<S>) -> [Lanes<S>; 4] {
+pub(super) fn times_quaternion<S: Simd>([w, x, y, z]: &[Lanes<S>; 4], v: Three<S>) -> [Lanes<S>; 4] {
     [
-        z.times_from(v[2], y.times_from(v[1], x.times_from(v[0], *w))),
-        z.times_from(v[1], y.times_plus(v[2], w.times_plus(v[0], *x))),
-        x.times_from(v[2], z.times_plus(v[0], w.times_plus(v[1], *y))),
-        y.times_from(v[0], x.times_plus(v[1], w.times_plus(v[2], *z))),
+        z.neg_mul_add(v[2], y.neg_mul_add(v[1], x.neg_mul_add(v[0], *w))),
+        z.neg_mul_add(v[1], y.mul_add(v[2], w.mul_add(v[0], *x))),
+        x.neg_mul_add(v[2], z.mul_add(v[0], w.mul_add(v[1], *y))),
+        y.neg_mul_add(v[0], x.mul_add(v[1], w.mul_add(v[2], *z))),
     ]
 }

@@ -1,37 +1,44 @@
-//! Sums of the rotations, and of those times each part of the rate, over all samples or at nodes.
+//! Sums of the rotations R, and of R times each component of the rate, over all samples or at nodes.
 //!
-//! A node is `n` steps that are summed as one. To the sum of `R w` over its samples it adds `R W + R' D`: the rotation R in its middle
-//! times the sum W of its samples, whose ends count for half, and `R'` there times D, a difference of samples. Of an oscillation with
-//! the phase x from end to end W is `n w (1 - a x^2 + b x^4)`. D is `n a x w (1 - b / a x^2)` and has its phase late by a quarter; as
-//! `R' w'` sums up to what `-R w''` does, and to what only the ends of a path have, nothing up to the fifth power is left out.
+//! A node combines n = 16 short steps. It approximates the sum of `R w` over its samples by `R W + R' D`. R is the
+//! rotation in the middle of the node and R' its derivative. W is the sum of the samples of the node with half weight
+//! for both ends (trapezoidal rule). D is a combination of differences of samples.
+//!
+//! The coefficients of D follow from an oscillating rate w whose phase changes by x over a node. For it, W is
+//! `n w (1 - a x^2 + b x^4)`. D is `n a x w (1 - b / a x^2)` with a phase lag of a quarter period. Integration by parts
+//! transforms the sum of `R' w'` over a segment to that of `-R w''`, except for terms at the ends of the segment, which
+//! [`end_of_nodes`] adds. All terms up to the fifth power of x are therefore exact.
 
 use pulp::Simd;
 
 use super::lanes::{Lanes, Three, cross, three};
 
-/// Steps of a node.
+/// Number of steps in a node.
 pub(super) const STEPS_OF_A_NODE: usize = 16;
 const N: f64 = STEPS_OF_A_NODE as f64;
-/// Of W: a, and b / a.
+/// Coefficient a of W: the relative error of the rectangle rule over a node, to second order in the phase.
 pub(super) const SECOND: f64 = (1.0 + 2.0 / (N * N)) / 24.0;
+/// Ratio b / a of the coefficients of W.
 const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N * N * N)) / SECOND;
-/// What the difference of the sums of both halves, and that of the samples at both ends, have in the place of b / a.
+/// Coefficient in place of b / a if D were only the difference between the sums over both halves.
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
+/// Coefficient in place of b / a if D were only the difference between the samples at both ends.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// How much of D comes from the ends.
+/// Share of the difference of both ends in D, with which D has the coefficient b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
-/// D over either difference, where a rate is a sixth of the turn in one step.
+/// Factor of the difference of the half sums in D, for rates in units of a sixth of the rotation in a step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;
+/// Factor of the difference of the end samples in D, for rates in units of a sixth of the rotation in a step.
 pub(super) const BY_ENDS: f64 = SHARE_OF_ENDS * 6.0 * SECOND * N * N;
 
-/// What a sample adds.
+/// Contribution of a sample to the sums.
 #[derive(Clone, Copy)]
-#[repr(align(64))] // As terms are.
+#[repr(align(64))] // For the reason given at `StepTerm`.
 pub(super) struct Sample<S: Simd> {
-    /// Times its weight.
+    /// Rate times the weight of the sample.
     pub(super) rate: Three<S>,
     pub(super) weight: Lanes<S>,
-    /// Columns of the rotation there.
+    /// Columns of the rotation matrix at the sample.
     pub(super) rotation: [Three<S>; 3],
 }
 
@@ -43,27 +50,29 @@ impl<S: Simd> Sample<S> {
     }
 }
 
-/// What a node adds.
+/// Contribution of a node to the sums.
 pub(super) struct Node<S: Simd> {
-    /// The samples where it begins, in its middle and where it ends.
+    /// The sample at the start of the node.
     begin: Three<S>,
+    /// The sample in the middle of the node.
     middle: Three<S>,
+    /// The sample at the end of the node.
     end: Three<S>,
-    /// Columns of the rotation in its middle.
+    /// Columns of the rotation matrix in the middle of the node.
     rotation: [Three<S>; 3],
-    /// The sums of the samples of its halves, the ends by half.
+    /// Sums of the samples over the first and the second half, with half weight for the ends of each half.
     halves: [Three<S>; 2],
 }
 
 impl<S: Simd> Node<S> {
-    /// The first one begins at this sample.
+    /// The first node, which starts at this sample.
     #[inline(always)]
     pub(super) fn new(simd: S, begin: Three<S>) -> Self {
         let zero = [Lanes::splat(simd, 0.0); 3];
         Self { begin, middle: zero, end: begin, rotation: [zero; 3], halves: [zero; 2] }
     }
 
-    /// Goes on from the end of the last one to the middle.
+    /// Starts the next node at the end of the previous one, and sets its middle.
     #[inline(always)]
     pub(super) fn reach_middle(&mut self, middle: Three<S>, half: Three<S>, rotation: [Three<S>; 3]) {
         (self.begin, self.middle, self.halves[0], self.rotation) = (self.end, middle, half, rotation);
@@ -75,15 +84,16 @@ impl<S: Simd> Node<S> {
     }
 }
 
-/// Sums of all lanes for a column of the rotation, over samples with their weights.
+/// Sums over the samples for one column of the rotation matrix, in all lanes.
 #[derive(Clone, Copy)]
 struct Column<S: Simd> {
     by_one: Three<S>,
-    /// By each part of the rate.
+    /// One sum for each component of the rate.
     by_rate: [Three<S>; 3],
 }
 
-/// Sums of all lanes. The column c by part j of the rate is summed for `j >= c` only: the others follow from where the path ends.
+/// Sums in all lanes. For column c and rate component j only `j >= c` is summed; the other sums follow from the final
+/// rotation.
 #[repr(align(64))]
 pub(super) struct Totals<S: Simd>([Column<S>; 3]);
 
@@ -94,7 +104,8 @@ impl<S: Simd> Totals<S> {
         Self([Column { by_one: zero, by_rate: [zero; 3] }; 3])
     }
 
-    /// Adds the samples of a tile to some sums, then to the next: there are more sums than registers.
+    /// Adds the samples of a tile. Each group of sums is completed before the next group, because there are more sums
+    /// than registers.
     #[inline(always)]
     pub(super) fn add<const EVEN: bool>(&mut self, samples: &[Sample<S>]) {
         self.add_column::<EVEN, 0>(samples);
@@ -107,23 +118,22 @@ impl<S: Simd> Totals<S> {
         let Column { mut by_one, mut by_rate } = self.0[C];
         for sample in samples {
             let column = &sample.rotation[C];
-            by_one =
-                three(|r| if EVEN { by_one[r] + column[r] } else { column[r].times_plus(sample.weight, by_one[r]) });
+            by_one = three(|r| if EVEN { by_one[r] + column[r] } else { column[r].mul_add(sample.weight, by_one[r]) });
             for j in C..3 {
-                by_rate[j] = three(|r| column[r].times_plus(sample.rate[j], by_rate[j][r]));
+                by_rate[j] = three(|r| column[r].mul_add(sample.rate[j], by_rate[j][r]));
             }
         }
         self.0[C] = Column { by_one, by_rate };
     }
 
-    /// Adds a node.
+    /// Adds the contribution of a node.
     #[inline(always)]
     pub(super) fn add_node(&mut self, simd: S, node: &Node<S>) {
         let splat = |value: f64| Lanes::splat(simd, value);
         let (by_halves, by_ends) = (splat(BY_HALVES), splat(BY_ENDS));
         let [left, right] = &node.halves;
         let rate = three(|c| left[c] + right[c]);
-        let late = three(|c| (node.end[c] - node.begin[c]).times_plus(by_ends, (right[c] - left[c]) * by_halves));
+        let late = three(|c| (node.end[c] - node.begin[c]).mul_add(by_ends, (right[c] - left[c]) * by_halves));
         let turned = derivative(&node.rotation, &node.middle);
         self.add::<false>(&[
             Sample { rate, weight: splat(N), rotation: node.rotation },
@@ -131,7 +141,7 @@ impl<S: Simd> Totals<S> {
         ]);
     }
 
-    /// Columns of the summed rotations, and of those times each part of the rate.
+    /// Columns of the sum of R, and of the sums of R times each component of the rate.
     #[inline(always)]
     pub(super) fn columns(&self) -> [[Three<S>; 3]; 4] {
         let [x, y, z] = &self.0;
@@ -140,7 +150,7 @@ impl<S: Simd> Totals<S> {
     }
 }
 
-/// What only the ends of a path have, at the sample where nodes end, or with a `sign` of minus one begin.
+/// Terms at the ends of a segment: at the sample where the nodes end (`sign` 1) or start (`sign` -1).
 #[inline(always)]
 pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation: &[Three<S>; 3]) -> Sample<S> {
     let factor = Lanes::splat(simd, sign * 6.0 * SECOND * N * N);
@@ -148,7 +158,7 @@ pub(super) fn end_of_nodes<S: Simd>(simd: S, sign: f64, rate: Three<S>, rotation
     Sample { rate, weight: Lanes::splat(simd, 1.0), rotation }
 }
 
-/// Columns of R', `R [w]x`.
+/// Columns of the derivative `R' = R [w]x`.
 #[inline(always)]
 fn derivative<S: Simd>(rotation: &[Three<S>; 3], rate: &Three<S>) -> [Three<S>; 3] {
     let row = |r: usize| cross(&three(|c| rotation[c][r]), rate);

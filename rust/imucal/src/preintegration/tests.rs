@@ -1,13 +1,13 @@
-//! The kernels against other roads to the same numbers.
+//! Compares the kernels with independent calculations.
 
-use super::between::shares_of_cubic;
+use super::interpolation::cubic_weights;
 use super::reference::{Samples, reference};
 use super::sums::STEPS_OF_A_NODE;
 use super::*;
 use imucal_core::integrate::Integrator;
 use pulp::{Simd, WithSimd};
 
-/// A tumbling gyroscope, 100 Hz for 2 s, in raw units of a unit that is far from perfect.
+/// A tumbling gyroscope, 100 Hz for 2 s, in raw units, with large scale and misalignment errors.
 fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
     let time: Vec<f64> = (0..200).map(|k| k as f64 * 0.01).collect();
     let sensitivity = Matrix3::new(1.1, 0.05, -0.02, 0.03, 0.9, 0.04, -0.06, 0.01, 1.05);
@@ -17,9 +17,9 @@ fn tumble() -> (Vec<f64>, Vec<[f64; 3]>, Triad<f64>) {
     (time, raw, triad)
 }
 
-fn carry_with(triad: &Triad<f64>, time: &[f64], raw: &[[f64; 3]]) -> Carried {
+fn carry_with(triad: &Triad<f64>, time: &[f64], raw: &[[f64; 3]]) -> Preintegrated {
     let recording = Recording::try_new("tumble", time, raw, raw).unwrap();
-    Path::of(&recording, 0, time.len() - 1).carry(triad)
+    RateSegment::of(&recording, 0, time.len() - 1).preintegrate(triad)
 }
 
 #[test]
@@ -36,15 +36,16 @@ fn the_rotation_is_that_of_the_streaming_integrator() {
 #[test]
 fn derivatives_meet_finite_differences_from_rest_to_rest() {
     let (time, raw, triad) = tumble();
-    // Begun and ended gently, as the moves of a run are.
+    // The rate starts and ends at zero, as in the moves of a run.
     let gently = |k: usize| (std::f64::consts::PI * k as f64 / (time.len() - 1) as f64).sin().powi(4);
     let slowed = |(k, raw): (usize, &[f64; 3])| triad.measure(triad.correct(Vector3::from(*raw)) * gently(k)).into();
     let raw: Vec<[f64; 3]> = raw.iter().enumerate().map(slowed).collect();
-    let carry = |triad: &Triad<f64>| Path::cubic(&raw, Pace::of(&time)).carry(triad);
+    let carry = |triad: &Triad<f64>| RateSegment::cubic(&raw, SampleTimes::of(&time)).preintegrate(triad);
     let carried = carry(&triad);
     let delta = |sensitivity: Matrix3<f64>, bias: Vector3<f64>| {
         let moved = carry(&Triad::try_new(sensitivity, bias).unwrap()).rotation;
-        // The turn is tiny: its vector is the antisymmetric part. An arc cosine would lose half of the digits.
+        // For a tiny rotation the antisymmetric part of the matrix is the rotation vector. An arc cosine would lose
+        // half of the digits.
         let turn = carried.rotation.transpose() * moved;
         Vector3::new(turn.m32 - turn.m23, turn.m13 - turn.m31, turn.m21 - turn.m12) / 2.0
     };
@@ -73,7 +74,7 @@ fn no_time_turns_nothing() {
     let (_, raw, triad) = tumble();
     for samples in [1, 2, 40] {
         let stamps_s = vec![7.5; samples];
-        let carried = Path::straight(&raw[..samples], Pace::of(&stamps_s)).carry(&triad);
+        let carried = RateSegment::linear(&raw[..samples], SampleTimes::of(&stamps_s)).preintegrate(&triad);
         assert!((carried.rotation - Matrix3::identity()).norm() < 1e-15);
         assert!(carried.sensitivity_sums.iter().chain([&carried.bias_sum]).all(|sum| sum.norm() < 1e-15));
     }
@@ -81,10 +82,10 @@ fn no_time_turns_nothing() {
 
 #[test]
 fn a_cubic_through_uneven_samples_is_exact_for_cubics() {
-    let even = shares_of_cubic([0.0, 1.0, 2.0, 3.0]);
+    let even = cubic_weights([0.0, 1.0, 2.0, 3.0]);
     assert!(even.iter().zip([-1.0, 13.0, 13.0, -1.0]).all(|(share, exact)| (share * 24.0 - exact).abs() < 1e-14));
     let times: [f64; 4] = [-0.7, 0.2, 0.9, 3.0];
-    let shares = shares_of_cubic(times);
+    let shares = cubic_weights(times);
     for power in 0..4 {
         let integral = |t: f64| t.powi(power + 1) / f64::from(power + 1);
         let mean = (integral(times[2]) - integral(times[1])) / (times[2] - times[1]);
@@ -96,22 +97,23 @@ fn a_cubic_through_uneven_samples_is_exact_for_cubics() {
 #[test]
 fn uneven_steps_are_as_exact_as_even_ones() {
     let unit = Triad::identity();
-    // About one axis, where the angle is the integral: 2.5 rad in 5 s.
+    // Rotation about one axis, whose angle is the integral of the rate: 2.5 rad in 5 s.
     let angle = |t: f64| 1.25 * (1.0 - (std::f64::consts::PI * t / 5.0).cos());
     let rate = |t: &f64| [0.0, 0.0, 1.25 * std::f64::consts::PI / 5.0 * (std::f64::consts::PI * t / 5.0).sin()];
-    let error = |samples: f64, between: Between| {
+    let error = |samples: f64, interpolation: Interpolation| {
         let at = |k: f64| 5.0 * (k + 0.2 * (k * 1.7).sin()) / samples;
         let times: Vec<f64> = (-1..=samples as i32 + 1).map(|k| at(f64::from(k))).collect();
         let raw: Vec<[f64; 3]> = times.iter().map(rate).collect();
-        let within = if between == Between::Straight { 1..times.len() - 1 } else { 0..times.len() };
-        let path = Path::of_samples((&raw[within.clone()]).into(), Pace::Stamps(&times[within]), between);
+        let within = if interpolation == Interpolation::Linear { 1..times.len() - 1 } else { 0..times.len() };
+        let path =
+            RateSegment::of_samples((&raw[within.clone()]).into(), SampleTimes::Stamps(&times[within]), interpolation);
         let turned = angle(times[times.len() - 2]) - angle(times[1]);
         let found = path.rotation(&unit);
         (found.m21.atan2(found.m11) - turned).abs()
     };
-    let (coarse, fine) = (error(50.0, Between::UnevenCubic), error(100.0, Between::UnevenCubic));
+    let (coarse, fine) = (error(50.0, Interpolation::UnevenCubic), error(100.0, Interpolation::UnevenCubic));
     assert!(coarse < 1e-6 && fine < coarse / 12.0, "{coarse:e} {fine:e}");
-    assert!(error(50.0, Between::Straight) > 100.0 * coarse);
+    assert!(error(50.0, Interpolation::Linear) > 100.0 * coarse);
 }
 
 struct CountLanes;
@@ -125,22 +127,26 @@ impl WithSimd for CountLanes {
 }
 
 impl Samples<'_> {
-    fn path(&self) -> Path<'_> {
-        let pace = match self.time_s {
-            Ok(interval_s) => Pace::Even(interval_s),
-            Err(stamps_s) => Pace::Stamps(stamps_s),
+    fn path(&self) -> RateSegment<'_> {
+        let sample_times = match self.time_s {
+            Ok(interval_s) => SampleTimes::Even(interval_s),
+            Err(stamps_s) => SampleTimes::Stamps(stamps_s),
         };
-        if self.is_cubic { Path::cubic(self.raw, pace) } else { Path::straight(self.raw, pace) }
+        if self.is_cubic {
+            RateSegment::cubic(self.raw, sample_times)
+        } else {
+            RateSegment::linear(self.raw, sample_times)
+        }
     }
 
-    /// The largest error of the rotation, rad, and of the sums, rad and s, with each set of instructions. The sums are judged by those
-    /// of the same nodes, or by those of all samples.
+    /// Largest error of the rotation, rad, and of the sums, rad and s, for each instruction set. The reference sums use
+    /// the same nodes (`by_nodes`) or all samples.
     fn errors(&self, by_nodes: bool) -> Vec<(Instructions, f64, f64)> {
         let error = |instructions: Instructions| {
             let at_nodes = if by_nodes { self.steps_at_nodes(instructions) } else { 0 };
             let reference = reference(self, at_nodes).map(|m| Matrix3::from_fn(|r, c| m[r][c].value()));
             let path = self.path().with(instructions);
-            let carried = path.carry(&self.triad);
+            let carried = path.preintegrate(&self.triad);
             let turn = |rotation: Matrix3<f64>| (rotation - reference[0]).amax();
             let rotation = turn(carried.rotation).max(turn(path.rotation(&self.triad)));
             let [x, y, z] = carried.sensitivity_sums;
@@ -151,7 +157,7 @@ impl Samples<'_> {
         Instructions::available().into_iter().map(error).collect()
     }
 
-    /// Of a path that keeps to the first of the reaches and is one stretch for all lanes.
+    /// Number of steps summed at nodes, for a segment with step angles in the first range that fits into one block.
     fn steps_at_nodes(&self, instructions: Instructions) -> usize {
         let (steps, lanes) = (self.raw.len() - 1 - 2 * usize::from(self.is_cubic), instructions.run(CountLanes));
         let is_short = self.time_s.is_ok_and(|interval_s| interval_s < 1e-3);
@@ -159,7 +165,7 @@ impl Samples<'_> {
     }
 }
 
-/// A tumble of `samples` samples with noise, in raw units; the largest rate is near 4 rad/s times `speed`.
+/// A tumble with `samples` samples and noise, in raw units. The largest rate is about 4 rad/s times `speed`.
 fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> Vec<[f64; 3]> {
     let (_, _, triad) = tumble();
     let noise = |k: usize| (k as f64 * 12.9898).sin() * 43758.5453 % 1.0 * noise_rad_per_s;
@@ -174,7 +180,7 @@ fn shaken(samples: usize, interval_s: f64, speed: f64, noise_rad_per_s: f64) -> 
 #[test]
 fn rotations_and_sums_are_exact_with_all_instructions() {
     let (_, _, triad) = tumble();
-    // Fewer steps than lanes, ragged ends, tiles that are not full, and more than a lane takes of a stretch.
+    // Fewer steps than lanes, incomplete lanes, incomplete tiles, and more steps than one block has per lane.
     for steps in [0, 1, 5, 15, 16, 17, 63, 64, 65, 200, 1023, 8_005] {
         for (interval_s, speed) in [(1.25e-4, 1.0), (1.25e-4, 1.4), (0.01, 1.0), (0.01, 3.9)] {
             for is_cubic in [false, true] {
@@ -200,7 +206,7 @@ fn sums_at_nodes_are_those_of_all_samples() {
         let samples = Samples { raw, time_s: Ok(1.25e-4), triad, is_cubic };
         samples.errors(false).into_iter().map(|(_, _, sums)| sums).fold(0.0, f64::max)
     };
-    // From rest to rest, of less than a stretch for all lanes, and of more.
+    // From rest to rest, with fewer and with more steps than one block.
     for (steps, speed) in [(16_000, 0.5), (24_011, 1.0), (40_013, 1.4)] {
         let gently = |k: usize| (std::f64::consts::PI * k as f64 / f64::from(steps)).sin().powi(4);
         let slowed =
@@ -210,18 +216,19 @@ fn sums_at_nodes_are_those_of_all_samples() {
         let error = worst(&raw, false);
         assert!(error < 1e-12, "{steps}: {error:e}");
     }
-    // In the midst of a turn at 2.4 rad/s, as the moves of the benchmark are.
+    // During a rotation at 2.4 rad/s, as in the moves of the benchmark.
     let error = worst(&shaken(20_001, 1.25e-4, 0.45, 0.0), false);
     assert!(error < 1e-12, "{error:e}");
-    // The same at 7 rad/s, with ragged ends; and with noise, of which a hundredth of what it changes may be missed.
+    // At 7 rad/s with incomplete lanes; and with noise, where the error must be below 1 % of the change due to the
+    // noise.
     for steps in [127, 128, 200, 1023, 8_005] {
         for is_cubic in [false, true] {
             let raw = |noise| shaken(steps + 1 + 2 * usize::from(is_cubic), 1.25e-4, 1.4, noise);
             let error = worst(&raw(0.0), is_cubic);
             assert!(error < 3e-11, "{steps}: {error:e}");
             let sums = |noise| {
-                let Carried { sensitivity_sums, .. } =
-                    Samples { raw: &raw(noise), time_s: Ok(1.25e-4), triad, is_cubic }.path().carry(&triad);
+                let Preintegrated { sensitivity_sums, .. } =
+                    Samples { raw: &raw(noise), time_s: Ok(1.25e-4), triad, is_cubic }.path().preintegrate(&triad);
                 sensitivity_sums
             };
             let (quiet, noisy) = (sums(0.0), sums(0.01));

@@ -1,36 +1,36 @@
-//! An attitude that changes: a rotation with its first two derivatives, and the chain rule for rotations one after the other.
+//! A time-varying attitude: a rotation with its angular rate and angular acceleration, and the chain rule for products.
 //!
 //! ```text
 //! R_ac = R_ab R_bc
-//! w_ac = R_bc^T w_ab + w_bc                                  each rate in the frame that its letters end in
-//! w_ac' = R_bc^T w_ab' + w_bc' + (R_bc^T w_ab) x w_bc        for d/dt R_bc^T v = R_bc^T v' - w_bc x R_bc^T v
+//! w_ac = R_bc^T w_ab + w_bc                                  each rate is in the frame of its second letter
+//! w_ac' = R_bc^T w_ab' + w_bc' + (R_bc^T w_ab) x w_bc        because d/dt R_bc^T v = R_bc^T v' - w_bc x R_bc^T v
 //! ```
 //!
-//! The derivatives are exact, whatever the chain is made of.
+//! The derivatives are exact for any chain of rotations.
 
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::profile::Course;
 
-/// Attitude of a frame in another one, and how it changes; rate and acceleration in the frame that turns.
+/// Attitude of a moving frame relative to a reference frame. Rate and acceleration are in the moving frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Attitude {
-    /// Takes a vector out of the frame that turns.
+    /// Rotation from the moving frame to the reference frame.
     pub(super) rotation: UnitQuaternion<f64>,
-    /// Rate, rad/s.
+    /// Angular rate, rad/s.
     pub(super) rate: Vector3<f64>,
-    /// Derivative of the rate, rad/s^2.
+    /// Derivative of the angular rate, rad/s^2.
     pub(super) acceleration: Vector3<f64>,
 }
 
 impl Attitude {
-    /// A rotation that does not change.
+    /// A constant rotation.
     pub(super) fn fixed(rotation: UnitQuaternion<f64>) -> Self {
         Self { rotation, rate: Vector3::zeros(), acceleration: Vector3::zeros() }
     }
 
-    /// A turn about a fixed axis of length one.
+    /// A rotation about a fixed unit axis by a time-varying angle, rad.
     #[inline]
     pub(super) fn about(axis: Vector3<f64>, angle: Course) -> Self {
         let (sine, cosine) = (angle.value / 2.0).sin_cos();
@@ -41,7 +41,7 @@ impl Attitude {
         }
     }
 
-    /// A turn along a rotation vector: by `share` of `turn_rad`.
+    /// A rotation along a fixed rotation vector, rad: by `share` of `turn_rad`.
     #[inline]
     pub(super) fn along(turn_rad: &Vector3<f64>, share: Course) -> Self {
         Self {
@@ -51,13 +51,14 @@ impl Attitude {
         }
     }
 
-    /// A small rotation whose vector changes in any way.
+    /// A small rotation with a time-varying vector.
     ///
     /// ```text
     /// p = vector / 2 = axis tan(angle / 2),   R = (1, p) / |(1, p)|,   w = 2 (p' - p x p') / (1 + p^2)
     /// ```
     ///
-    /// That is Rodrigues' vector. It is the rotation vector up to a twelfth of its cube, and it has short derivatives.
+    /// This is the Rodrigues vector. It equals the rotation vector except for one twelfth of its cube, and its
+    /// derivatives are simpler.
     #[inline]
     pub(super) fn small(vector: &[Course; 3]) -> Self {
         let half = |part: fn(&Course) -> f64| Vector3::from([0, 1, 2].map(|axis| part(&vector[axis]) / 2.0));
@@ -67,12 +68,12 @@ impl Attitude {
         Self {
             rotation: UnitQuaternion::new_unchecked(Quaternion::from_parts(1.0, p) * (weight / 2.0).sqrt()),
             rate,
-            // p' x p' is zero; the weight's own derivative is -weight^2 p . p'.
+            // p' x p' is zero; the derivative of the weight is -weight^2 p . p'.
             acceleration: (p_acceleration - p.cross(&p_acceleration)) * weight - rate * (weight * p.dot(&p_rate)),
         }
     }
 
-    /// This rotation and then, in the frame that it turns, the next one.
+    /// Product of this rotation and the next one: the next rotation is relative to this moving frame.
     #[inline]
     pub(super) fn then(&self, next: &Self) -> Self {
         let carried = next.rotation.inverse_transform_vector(&self.rate);
@@ -85,7 +86,7 @@ impl Attitude {
         }
     }
 
-    /// This rotation between two that do not change: `before` it, and `after` it in the frame that it turns.
+    /// Product `before * self * after` of this rotation with two constant ones.
     #[inline]
     pub(super) fn between(&self, before: &UnitQuaternion<f64>, after: &UnitQuaternion<f64>) -> Self {
         Self {
@@ -95,7 +96,8 @@ impl Attitude {
         }
     }
 
-    /// A direction that is fixed where the chain starts, as seen by the frame that turns, with its two derivatives.
+    /// A direction that is constant in the reference frame, expressed in the moving frame, with its first two
+    /// derivatives.
     #[inline]
     pub(super) fn seen(&self, direction: &Vector3<f64>) -> [Vector3<f64>; 3] {
         let value = self.rotation.inverse_transform_vector(direction);
@@ -114,7 +116,7 @@ mod tests {
             .map(|(size, frequency, phase)| Course::sine(frequency, phase, t) * size)
     }
 
-    /// Checks rate, acceleration and a seen direction of an attitude over time against central differences.
+    /// Compares rate, acceleration and a transformed direction of an attitude with central differences.
     fn is_differentiated(attitude: impl Fn(f64) -> Attitude) {
         let (h, direction) = (1e-4, Vector3::new(0.2, -0.5, 0.8));
         for i in 0..100 {

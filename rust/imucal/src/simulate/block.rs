@@ -1,7 +1,9 @@
-//! A run in blocks that fit into the processor's cache: first what the unit undergoes, then what its sensors say.
+//! Simulation in blocks that fit into the processor's cache. For each block, the true state is calculated first, then
+//! the measurements.
 //!
-//! The first is a function of time alone, done in pieces on any thread. The second remembers from sample to sample, so each
-//! triad is one job. Nothing depends on which thread does what: the same bytes for any number of threads.
+//! The true state is a function of time, so pieces of a block can be calculated on any thread. The measurements have
+//! memory (noise, filter), so each triad is one sequential job. The result has the same bytes for any number of
+//! threads.
 
 use imucal_core::so3;
 use nalgebra::Vector3;
@@ -15,22 +17,23 @@ use super::truth::Truth;
 use super::{Added, Setup, Simulation};
 use crate::numerics::workers::share_out;
 
-/// Internal steps of a block and of a piece.
+/// Internal steps in a block, whose buffers fit into the cache.
 const BLOCK_STEPS: usize = 32_768;
+/// Internal steps in a piece, which one thread calculates; a block has 32 pieces to share out.
 const PIECE_STEPS: usize = 1024;
 
-/// What all pieces have in common.
+/// Data that all pieces of a run share.
 pub(super) struct Plan<'a> {
     pub(super) setup: &'a Setup<'a>,
     pub(super) truth: Truth<'a>,
-    /// The stand whose encoders are read, if there is one.
+    /// The stand whose encoders are read; `None` without a stand.
     pub(super) stand: Option<&'a Stand>,
     /// Internal steps per sample.
     pub(super) steps: usize,
     pub(super) threads: usize,
 }
 
-/// Fills all columns of a run, whose `time_s` has the stamps.
+/// Fills all columns of a run; its time stamps are already set.
 pub(super) fn fill(plan: &Plan, run: &mut Simulation, triads: [&mut Sampler; 2], clock: &mut Clock) {
     let samples = run.time_s.len();
     let block_samples = (BLOCK_STEPS / plan.steps).max(1);
@@ -54,7 +57,7 @@ pub(super) fn fill(plan: &Plan, run: &mut Simulation, triads: [&mut Sampler; 2],
     }
 }
 
-/// What a block needs besides the columns of the run.
+/// Intermediate data of a block that are not columns of the run.
 struct Buffers {
     true_time_s: Vec<f64>,
     encoder_noise: Vec<Vector3<f64>>,
@@ -75,7 +78,7 @@ impl Buffers {
         }
     }
 
-    /// The random numbers that the pieces need, drawn in the order of the samples.
+    /// Draws the random numbers that the pieces need, in the order of the samples.
     fn draw(&mut self, stamps_s: &[f64], clock: &mut Clock) {
         self.true_time_s.clear();
         self.true_time_s.extend(stamps_s.iter().map(|stamp_s| clock.next(*stamp_s)));
@@ -85,7 +88,7 @@ impl Buffers {
     }
 }
 
-/// Some rows of a run, to be filled by one thread.
+/// Consecutive rows of a run, which one thread fills.
 struct Piece<'r> {
     first: usize,
     true_time_s: &'r [f64],
@@ -97,11 +100,11 @@ struct Piece<'r> {
     angular_acceleration: &'r mut [[f64; 3]],
     rotation: &'r mut [[f64; 4]],
     temperature_degc: &'r mut [f64],
-    /// Empty without a stand.
+    /// Motor angles read by the encoders; empty without a stand.
     stand_rad: &'r mut [[f64; 3]],
 }
 
-/// The samples from `first` up to but without `end`.
+/// The pieces of the samples from `first` to `end` (excluded).
 fn pieces<'r>(
     plan: &Plan,
     run: &'r mut Simulation,
@@ -122,7 +125,7 @@ fn pieces<'r>(
     let mut temperature_degc = run.temperature_degc[first..end].chunks_mut(samples);
     let mut stand_rad = stand_rad.chunks_mut(samples);
     let times = buffers.true_time_s.chunks(samples).enumerate();
-    // All columns have as many rows, but those of a stand that is not there.
+    // All columns have the same number of rows, except the stand's columns, which are empty without a stand.
     times
         .map(|(k, true_time_s)| Piece {
             first: first + k * samples,
@@ -144,26 +147,26 @@ impl Piece<'_> {
     fn fill(self, plan: &Plan) {
         let steps = plan.steps;
         let step_s = 1.0 / (plan.setup.rate_hz * (1.0 + plan.setup.faults.clock_rate_error) * steps as f64);
-        let mut walk = plan.truth.walk();
+        let mut cursor = plan.truth.cursor();
         let mut seen = self.seen_force.iter_mut().zip(self.seen_rate.iter_mut());
         for (i, time_s) in self.true_time_s.iter().enumerate() {
-            // The last step is at the sample's instant: the loop leaves `walk` there.
+            // The last internal step is at the instant of the sample, so after the loop the cursor is at this instant.
             for step in 1..=steps {
-                walk.go_to(time_s - (steps - step) as f64 * step_s);
+                cursor.seek(time_s - (steps - step) as f64 * step_s);
                 let share = step as f64 / steps as f64;
-                let (rate, force) = walk.seen(added(plan.setup.added.as_ref(), self.first + i, share));
+                let (rate, force) = cursor.seen(added(plan.setup.added.as_ref(), self.first + i, share));
                 if let Some((seen_force, seen_rate)) = seen.next() {
-                    *seen_force = Seen { value: force.into(), moving: walk.moving };
-                    *seen_rate = Seen { value: rate.into(), moving: walk.moving };
+                    *seen_force = Seen { value: force.into(), moving: cursor.moving };
+                    *seen_rate = Seen { value: rate.into(), moving: cursor.moving };
                 }
             }
-            let state = &walk.state;
+            let state = &cursor.state;
             let surroundings = &state.surroundings;
             self.specific_force[i] = state.specific_force.into();
             self.angular_rate[i] = state.angular_rate.into();
             self.angular_acceleration[i] = surroundings.angular_acceleration.map_or([0.0; 3], Into::into);
             self.rotation[i] = surroundings.rotation_world_from_body.map_or([1.0, 0.0, 0.0, 0.0], |r| so3::to_wxyz(&r));
-            self.temperature_degc[i] = walk.temperature_degc;
+            self.temperature_degc[i] = cursor.temperature_degc;
             if let (Some(row), Some(stand), Some(motors)) = (self.stand_rad.get_mut(i), plan.stand, &surroundings.stand)
             {
                 *row = stand.read_encoders(motors, &plan.setup.unit.effects, self.encoder_noise[i]).into();
@@ -172,7 +175,7 @@ impl Piece<'_> {
     }
 }
 
-/// What the user adds to rate and force, on the line between two samples.
+/// Additional rate and force of the setup, linearly interpolated between two samples.
 #[inline]
 fn added(added: Option<&Added>, sample: usize, share: f64) -> (Vector3<f64>, Vector3<f64>) {
     let at = |rows: Option<&[[f64; 3]]>| match rows {

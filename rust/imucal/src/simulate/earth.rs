@@ -1,29 +1,29 @@
-//! The Earth under the stand: its gravity and its rotation, after WGS 84 (NIMA TR8350.2, third edition, 2000, chapter 4).
+//! Gravity and rotation of the Earth at a location, from WGS 84 (NIMA TR8350.2, third edition, 2000, chapter 4).
 //!
 //! ```text
 //! g(latitude, 0) = g_e (1 + k sin^2) / sqrt(1 - e^2 sin^2)                         Somigliana's formula
-//! g(latitude, h) = g(latitude, 0) (1 - 2/a (1 + f + m - 2 f sin^2) h + 3/a^2 h^2)  free air, to the second order
+//! g(latitude, h) = g(latitude, 0) (1 - 2/a (1 + f + m - 2 f sin^2) h + 3/a^2 h^2)  free-air correction to second order
 //! ```
 //!
-//! That is gravity of the ellipsoid; the real one differs by up to 1e-3 m/s^2 or so from place to place.
+//! This is normal gravity, that of the reference ellipsoid. Actual gravity differs from it by up to about 1e-3 m/s^2.
 
 use imucal_core::EARTH_RATE_RADPS;
 use nalgebra::Vector3;
 
-/// Gravity on the equator, m/s^2.
+/// Normal gravity on the equator, m/s^2.
 const EQUATOR_MPS2: f64 = 9.780_325_335_9;
-/// Somigliana's constant.
+/// Constant k of Somigliana's formula.
 const SOMIGLIANA: f64 = 0.001_931_852_652_41;
-/// Square of the first eccentricity.
+/// Square of the first eccentricity of the ellipsoid.
 const ECCENTRICITY_SQUARED: f64 = 6.694_379_990_14e-3;
-/// Semi-major axis, m.
+/// Semi-major axis of the ellipsoid, m.
 const SEMI_MAJOR_AXIS_M: f64 = 6_378_137.0;
-/// Flattening.
+/// Flattening of the ellipsoid.
 const FLATTENING: f64 = 1.0 / 298.257_223_563;
-/// Centrifugal force over gravity on the equator: `rate^2 a^2 b / GM`.
+/// Ratio m of centrifugal acceleration to gravity on the equator: `rate^2 a^2 b / GM`.
 const CENTRIFUGAL: f64 = 0.003_449_786_506_84;
 
-/// Gravity at a geodetic latitude and a height above the ellipsoid, m/s^2.
+/// Normal gravity, m/s^2, at a geodetic latitude, rad, and a height above the ellipsoid, m.
 pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
     let sin_squared = latitude_rad.sin().powi(2);
     let at_zero = EQUATOR_MPS2 * (1.0 + SOMIGLIANA * sin_squared) / (1.0 - ECCENTRICITY_SQUARED * sin_squared).sqrt();
@@ -32,7 +32,7 @@ pub fn gravity_mps2(latitude_rad: f64, height_m: f64) -> f64 {
     at_zero * (1.0 - height * (first - 3.0 * height))
 }
 
-/// Rate of the Earth against the stars in the world frame (x north, y west, z up), rad/s.
+/// Rotation rate of the Earth relative to the stars, rad/s, in the world frame (x north, y west, z up).
 pub fn rate_radps(latitude_rad: f64) -> Vector3<f64> {
     let (sine, cosine) = latitude_rad.sin_cos();
     Vector3::new(cosine, 0.0, sine) * EARTH_RATE_RADPS
@@ -46,17 +46,19 @@ mod tests {
 
     #[test]
     fn gravity_is_that_of_the_published_tables() {
-        // TR8350.2, table 3.4: gravity at the poles. At 45 deg that of GRS 80, which is 1.4e-6 more everywhere (Moritz, 2000).
+        // TR8350.2, table 3.4: gravity at the poles. The value at 45 deg is from GRS 80, whose gravity is larger by
+        // 1.4e-6 m/s^2 everywhere (Moritz, 2000).
         assert!((gravity_mps2(FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(-FRAC_PI_2, 0.0) - 9.832_184_937_8).abs() < 1e-10);
         assert!((gravity_mps2(0.0, 0.0) - 9.780_325_335_9).abs() < 1e-12);
         assert!((gravity_mps2(FRAC_PI_4, 0.0) + 1.4e-6 - 9.806_199_2).abs() < 1e-7);
     }
 
-    /// On the axis the ellipsoid's gravity has a closed form: `GM / (z^2 + E^2)` and the quadrupole of the flattened body.
+    /// On the polar axis gravity has a closed form: `GM / (z^2 + E^2)` and the quadrupole term of the ellipsoid.
     #[test]
     fn gravity_falls_with_height_as_on_the_axis_of_the_ellipsoid() {
-        // TR8350.2, chapter 4: the exact component along u, for u = z and beta = 90 deg, where nothing is centrifugal.
+        // TR8350.2, chapter 4: the exact component along u for u = z and beta = 90 deg. There is no centrifugal
+        // acceleration on the axis.
         const GM: f64 = 3.986_004_418e14;
         let semi_minor_m = SEMI_MAJOR_AXIS_M * (1.0 - FLATTENING);
         let eccentric_m = SEMI_MAJOR_AXIS_M * ECCENTRICITY_SQUARED.sqrt();

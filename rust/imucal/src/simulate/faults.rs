@@ -1,12 +1,12 @@
-//! What goes wrong between the sensor and the file: an imperfect clock, samples lost, samples written twice.
+//! Faults between the sensor and the file: clock errors, lost samples, and repeated samples.
 //!
 //! ```text
 //! stamp_i = i / rate
 //! t_i     = stamp_i / (1 + clock_rate_error) + clock_jitter n_i      the true time of sample i
 //! ```
 //!
-//! The stamp stays nominal: a record whose clock is wrong does not say so. The clock of the unit gains `clock_rate_error`
-//! seconds per second on true time.
+//! The time stamps remain nominal, so a clock error is not visible in the recording. The clock of the unit gains
+//! `clock_rate_error` seconds per second relative to true time.
 
 use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
@@ -15,22 +15,23 @@ use rand_distr::StandardNormal;
 use super::stream::Stream;
 use crate::error::Error;
 
-/// Faults of a record.
+/// Faults of a recording.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Faults {
-    /// Share of the samples that are lost, each by itself; their rows are missing. The first sample is always there.
+    /// Share of the samples that are lost, independently of each other; their rows are missing. The first sample is
+    /// never lost.
     pub missing_share: f64,
-    /// Share of the samples that repeat the measured values of the sample before, under a stamp of their own: read before the
-    /// sensor had a new one.
+    /// Share of the samples that repeat the measured values of the previous sample with a new time stamp, as when a
+    /// sensor is read before it has a new sample.
     pub duplicated_share: f64,
-    /// By how much the clock of the unit is fast, relative.
+    /// Relative rate error of the unit's clock; positive if the clock is fast.
     pub clock_rate_error: f64,
-    /// Standard deviation of the true sampling instant around the one that the stamp stands for, s.
+    /// Standard deviation of the true sampling instant about the instant of the time stamp, s.
     pub clock_jitter_s: f64,
 }
 
 impl Faults {
-    /// A record as it should be.
+    /// A recording without faults.
     pub fn none() -> Self {
         Self::default()
     }
@@ -39,27 +40,27 @@ impl Faults {
         let input = |message: String| Err(Error::Input(message));
         for (name, share) in [("missing_share", self.missing_share), ("duplicated_share", self.duplicated_share)] {
             if !(0.0..1.0).contains(&share) {
-                return input(format!("{name} is {share}: a share from 0 to below 1 is needed"));
+                return input(format!("{name} is {share}: give a share from 0 to below 1"));
             }
         }
-        // Half and double the rate are no error of a clock any more.
+        // Errors beyond half and double the rate are not plausible for a clock.
         if !(-0.5..=1.0).contains(&self.clock_rate_error) {
-            return input(format!("clock_rate_error is {}: from -0.5 to 1 can be used", self.clock_rate_error));
+            return input(format!("clock_rate_error is {}: give -0.5 to 1", self.clock_rate_error));
         }
         if !(self.clock_jitter_s.is_finite() && self.clock_jitter_s >= 0.0) {
-            return input(format!("clock_jitter_s is {}: zero or more is needed", self.clock_jitter_s));
+            return input(format!("clock_jitter_s is {}: give zero or a positive value", self.clock_jitter_s));
         }
         Ok(())
     }
 
-    /// Which samples are lost; `None` if none are.
+    /// Flags of the lost samples; `None` if no sample is lost.
     pub(super) fn missing(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut missing = chosen(self.missing_share, samples, Stream::Missing.generator(seed))?;
         missing[0] = false;
         Some(missing)
     }
 
-    /// Which samples repeat the one before; `None` if none do.
+    /// Flags of the samples that repeat the previous one; `None` if no sample does.
     pub(super) fn duplicated(&self, samples: usize, seed: u64) -> Option<Vec<bool>> {
         let mut duplicated = chosen(self.duplicated_share, samples, Stream::Duplicated.generator(seed))?;
         duplicated[0] = false;
@@ -67,18 +68,18 @@ impl Faults {
     }
 }
 
-/// Each of at least one sample with the probability `share`.
+/// Selects each sample with the probability `share`; `None` for a share of zero. There must be at least one sample.
 fn chosen(share: f64, samples: usize, mut generator: ChaCha8Rng) -> Option<Vec<bool>> {
     (share > 0.0).then(|| (0..samples).map(|_| generator.random_bool(share)).collect())
 }
 
-/// Keeps the rows that are not lost.
+/// Removes the rows of the lost samples.
 pub(super) fn lose<T>(rows: &mut Vec<T>, missing: &[bool]) {
     let mut missing = missing.iter();
     rows.retain(|_| missing.next() != Some(&true));
 }
 
-/// Overwrites rows by the row before, in order: two in a row repeat the same.
+/// Overwrites rows by the previous row, in ascending order, so that consecutive repeats have the same values.
 pub(super) fn duplicate<T: Copy>(rows: &mut [T], duplicated: &[bool]) {
     for i in 1..rows.len() {
         if duplicated[i] {
@@ -87,7 +88,7 @@ pub(super) fn duplicate<T: Copy>(rows: &mut [T], duplicated: &[bool]) {
     }
 }
 
-/// The clock of the unit: from stamps to true time.
+/// The clock of the unit, which converts time stamps to true time.
 pub(super) struct Clock {
     rate_error: f64,
     jitter_s: f64,
@@ -103,7 +104,7 @@ impl Clock {
         }
     }
 
-    /// What the clock shows at a true time, s.
+    /// Time stamp of the clock at a true time, s.
     pub(super) fn stamp_s(&self, true_time_s: f64) -> f64 {
         true_time_s * (1.0 + self.rate_error)
     }

@@ -1,34 +1,34 @@
-//! The joints of the stand: three nested axes with the unit at their common point.
+//! Kinematics of the stand: three nested axes; the unit is at their common point.
 //!
 //! ```text
-//! R_wb = R_x(q1) R_y(q2) R_z(q3)                          motor 1 outside (horizontal), motor 3 inside
+//! R_wb = R_x(q1) R_y(q2) R_z(q3)                          motor 1 outermost (horizontal), motor 3 innermost
 //! w    = R_z^T R_y^T e_x q1' + R_z^T e_y q2' + e_z q3'    body rate, in the body frame
 //! ```
 //!
-//! With all motors at zero the body frame is the world frame, z up. Motors 3 and 2 alone point the body's axes in every
-//! direction relative to gravity, which is why the accelerometer program needs no motor 1.
+//! With all motors at zero the body frame equals the world frame, z up. Motors 2 and 3 can give the body any direction
+//! relative to gravity, so the accelerometer program does not use motor 1.
 //!
-//! On a stand whose axes are not square, with all motors at zero,
+//! On a stand with non-orthogonal axes, with all motors at zero,
 //!
 //! ```text
 //! axis 1 = e_x,   axis 2 = R_z(n1) e_y,   axis 3 = R_z(n1) R_x(n2) e_z
 //! ```
 //!
-//! so that neighbours meet at 90 deg + n.
+//! so that axes 1 and 2 form the angle 90 deg + n1, and axes 2 and 3 the angle 90 deg + n2.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::attitude::Attitude;
 use super::profile::MotorState;
 
-/// Attitude of the body on a stand without errors, `v_world = r_wb * v_body`.
+/// Attitude of the body on a stand without errors, `v_world = r_wb * v_body`; the motor angles are in rad.
 pub fn rotation_world_from_body(angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_axis_angle(&Vector3::x_axis(), angle_rad.x)
         * UnitQuaternion::from_axis_angle(&Vector3::y_axis(), angle_rad.y)
         * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle_rad.z)
 }
 
-/// Attitude of the innermost ring in the base, while the motors move as given.
+/// Attitude of the innermost ring relative to the base, with its derivatives, from the state of the motors.
 pub(super) fn inner_ring(motors: &MotorState, non_orthogonality_rad: &[f64; 2]) -> Attitude {
     let [(sin_1, cos_1), (sin_2, cos_2)] = non_orthogonality_rad.map(f64::sin_cos);
     let axes = [Vector3::x(), Vector3::new(-sin_1, cos_1, 0.0), Vector3::new(sin_1 * sin_2, -cos_1 * sin_2, cos_2)];
@@ -44,7 +44,7 @@ mod tests {
 
     const SQUARE: [f64; 2] = [0.0; 2];
 
-    /// Motors that move as smooth functions of time, with their exact derivatives.
+    /// Motors with smooth angle functions and their exact derivatives.
     fn motors(t: f64) -> MotorState {
         MotorState {
             angle_rad: Vector3::new((0.7 * t).sin(), 0.4 + 1.3 * t, 2.0 * (0.5 * t).cos() + t),
@@ -53,7 +53,7 @@ mod tests {
         }
     }
 
-    /// The formulas above, by components.
+    /// The formulas of the module's documentation, written in components.
     fn by_components(motors: &MotorState) -> (Vector3<f64>, Vector3<f64>) {
         let ((sin_2, cos_2), (sin_3, cos_3)) = (motors.angle_rad.y.sin_cos(), motors.angle_rad.z.sin_cos());
         let (rate, acceleration) = (&motors.rate_radps, &motors.acceleration_radps2);
@@ -88,7 +88,7 @@ mod tests {
 
     #[test]
     fn aligned_axes_add_their_rates() {
-        // Middle axis at +90 deg: the inner axis (body z) lies along the outer one.
+        // Middle axis at +90 deg: the innermost axis (body z) is parallel to the outermost axis.
         let state = MotorState {
             angle_rad: Vector3::new(0.3, FRAC_PI_2, 0.0),
             rate_radps: Vector3::new(1.0, 0.0, 2.0),

@@ -1,10 +1,11 @@
-//! How the unit moves, as an exact function of time.
+//! Motion of the unit as an exact function of time.
 //!
 //! ```text
 //! R_wb(t),   w = vee(R_wb^T dR_wb/dt),   dw/dt,   x''(t)
 //! ```
 //!
-//! Each is a closed form, so that the rate is the derivative of the attitude to rounding, and nothing depends on a sample rate.
+//! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude except for
+//! rounding, and nothing depends on a sampling rate.
 
 use imucal_core::effects::StandState;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -20,41 +21,41 @@ use crate::error::Error;
 /// A motion of the unit.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Motion {
-    /// On a stand that runs a program.
+    /// Motion on a stand that runs a program.
     Stand {
-        /// What the motors do.
+        /// Program of the motors.
         program: Program,
-        /// What is wrong with the stand.
+        /// Errors of the stand.
         stand: Stand,
     },
-    /// By hand.
+    /// Hand-held motion.
     Tumble(Tumble),
-    /// Not at all.
+    /// No motion.
     Static {
-        /// The attitude, `v_w = r_wb * v_b`.
+        /// The constant attitude, `v_w = r_wb * v_b`.
         rotation_world_from_body: UnitQuaternion<f64>,
-        /// How long, s.
+        /// Duration, s.
         duration_s: f64,
     },
 }
 
-/// What the unit undergoes at an instant.
+/// Motion of the unit at an instant.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Moment {
-    /// Attitude: takes a vector from the body to the world, `v_w = r_wb * v_b`.
+    /// Attitude: rotation from the body frame to the world frame, `v_w = r_wb * v_b`.
     pub rotation_world_from_body: UnitQuaternion<f64>,
-    /// Angular rate of the body against the world, in the body frame, rad/s.
+    /// Angular rate of the body relative to the world, in the body frame, rad/s.
     pub angular_rate: Vector3<f64>,
-    /// Its derivative in the body frame, rad/s^2.
+    /// Derivative of the angular rate in the body frame, rad/s^2.
     pub angular_acceleration: Vector3<f64>,
-    /// Acceleration of the unit against the world, in the world frame, m/s^2.
+    /// Acceleration of the unit relative to the world, in the world frame, m/s^2.
     pub acceleration: Vector3<f64>,
-    /// Motors of the stand, if there is one.
+    /// State of the stand's motors; `None` without a stand.
     pub stand: Option<StandState<f64>>,
 }
 
 impl Moment {
-    /// On a stand without errors, its motors as given.
+    /// Motion of a unit on a stand without errors, from the state of its motors.
     pub(crate) fn on_perfect_stand(motors: &MotorState) -> Self {
         let attitude = inner_ring(motors, &[0.0; 2]);
         Self {
@@ -70,7 +71,7 @@ impl Moment {
         }
     }
 
-    /// The same with the unit turned further, in the body frame.
+    /// This motion followed by a further rotation of the unit in the body frame.
     pub(super) fn turned(self, turn: &Attitude) -> Self {
         let before = Attitude {
             rotation: self.rotation_world_from_body,
@@ -88,7 +89,7 @@ impl Moment {
 }
 
 impl Motion {
-    /// How long it takes, s.
+    /// Duration of the motion, s.
     pub fn duration_s(&self) -> f64 {
         match self {
             Self::Stand { program, .. } => program.duration_s(),
@@ -97,7 +98,7 @@ impl Motion {
         }
     }
 
-    /// Start and end of each rest, s. A trembling hand does not rest: these are the poses that it holds.
+    /// Start and end of each rest, s. With tremor, these are the intervals in which a pose is held.
     pub fn rests(&self) -> Vec<(f64, f64)> {
         match self {
             Self::Stand { program, .. } => program.rests(),
@@ -106,7 +107,7 @@ impl Motion {
         }
     }
 
-    /// The moment at a time; before the start and after the end it is that of the start and the end.
+    /// Motion at a time, s. Before the start it is that at the start; after the end it is that at the end.
     pub fn at(&self, time_s: f64) -> Moment {
         match self {
             Self::Stand { program, stand } => {
@@ -130,8 +131,8 @@ impl Motion {
         }
     }
 
-    /// Until when [`at`](Self::at) gives the very same moment, that instant included: who asks for one instant after the other
-    /// need not ask again. `None` while something moves.
+    /// The latest time, s, up to which [`at`](Self::at) returns the same values as at `time_s`, so that a caller can
+    /// reuse them. `None` while the unit moves.
     pub fn still_until(&self, time_s: f64) -> Option<f64> {
         match self {
             Self::Stand { program, stand } => {
@@ -146,14 +147,14 @@ impl Motion {
         }
     }
 
-    /// Refuses what cannot be simulated.
+    /// Verifies that the motion can be simulated.
     pub(super) fn check(&self) -> Result<(), Error> {
         match self {
             Self::Stand { stand, .. } => stand.check(),
             Self::Tumble(_) => Ok(()),
             Self::Static { duration_s, .. } if *duration_s > 0.0 && duration_s.is_finite() => Ok(()),
             Self::Static { duration_s, .. } => {
-                Err(Error::Input(format!("the unit rests for {duration_s} s: a positive time is needed")))
+                Err(Error::Input(format!("the unit rests for {duration_s} s: give a positive time")))
             }
         }
     }
@@ -178,7 +179,7 @@ mod tests {
         Motion::Tumble(Tumble::random(&HandMoves { poses: 5, ..moves }, 3).unwrap())
     }
 
-    /// A stand with everything wrong that bends or shakes the unit.
+    /// A stand with every error that bends or vibrates the unit.
     fn bad() -> Stand {
         Stand {
             mount_rotation_rad: Vector3::new(0.02, -0.03, 0.05),
@@ -192,7 +193,7 @@ mod tests {
         }
     }
 
-    /// Each error alone, all at once, and runs by hand.
+    /// Motions with each stand error alone, with all together, and hand-held runs.
     fn motions() -> Vec<Motion> {
         let perfect = Stand::perfect();
         vec![
@@ -213,7 +214,7 @@ mod tests {
         let h = 1e-6;
         for (number, motion) in motions().iter().enumerate() {
             for i in 1..4000 {
-                // An odd step keeps clear of the corners of the acceleration.
+                // An odd number of steps avoids the corners of the acceleration.
                 let t = motion.duration_s() * f64::from(i) / 4001.0;
                 let (before, now, after) = (motion.at(t - h), motion.at(t), motion.at(t + h));
                 let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
@@ -228,7 +229,7 @@ mod tests {
         }
     }
 
-    /// Least-squares slope of log error over log step, from 50 to 8000 Hz.
+    /// Order of convergence: least-squares slope of log error over log step, for rates from 50 to 8000 Hz.
     fn order(motion: &Motion) -> f64 {
         let rates_hz = [50.0, 100.0, 200.0, 400.0, 800.0, 1600.0, 4000.0, 8000.0];
         let points = rates_hz.map(|rate_hz: f64| {
@@ -248,14 +249,14 @@ mod tests {
         products / points.iter().map(|point| (point.0 - x).powi(2)).sum::<f64>()
     }
 
-    /// The integrator joins samples by straight lines: its error is of second order. The corners in the acceleration of the
-    /// motors do not change that, since a corner spoils one step, by an error of third order.
+    /// The integrator assumes a linear rate between samples, so its error is of second order. Corners in the
+    /// acceleration of the motors do not change this, because each affects a single step, with an error of third order.
     #[test]
     fn integrating_the_rate_converges_to_the_attitude_with_the_integrators_order() {
         for (number, motion) in motions().iter().enumerate() {
             let order = order(motion);
             println!("motion {number}: order {order:.3}");
-            // At 50 Hz a vibration of 30 Hz is not sampled well enough to be at the limit yet.
+            // At 50 Hz a vibration of 30 Hz is sampled too coarsely for the asymptotic order.
             assert!((order - 2.0).abs() < 0.03, "motion {number}: order {order}");
         }
     }
@@ -295,7 +296,7 @@ mod tests {
                     assert_eq!(motion.at(until.min(1e6)), motion.at(inside), "motion {number}: {until} s");
                 }
             }
-            // Between the rests there is motion, and nothing is said to stay.
+            // Between the rests the unit moves, and `still_until` must be `None`.
             for pair in motion.rests().windows(2) {
                 for share in [1e-6, 0.3, 0.999_999] {
                     let t = pair[0].1 + share * (pair[1].0 - pair[0].1);
@@ -308,7 +309,7 @@ mod tests {
 
     #[test]
     fn outside_its_time_a_motion_stands_at_its_ends() {
-        // A hand that trembles does so before and after, too.
+        // A tremor continues before the start and after the end, so those motions are excluded.
         for motion in motions().iter().filter(|motion| motion.still_until(0.0).is_some()) {
             assert_eq!(motion.at(-1.0), motion.at(0.0));
             assert_eq!(motion.at(motion.duration_s() + 9.0), motion.at(motion.duration_s()));

@@ -1,26 +1,29 @@
-//! Random errors of a triad, each axis on its own: white noise, bias instability (flicker noise) and rate random walk.
+//! Random errors of a triad, independent for each axis: white noise, bias instability (flicker noise) and random walk.
 //!
 //! ```text
 //!                      two-sided power density        Allan deviation                     a sample at rate r
 //! white noise          N^2                            N / sqrt(tau)                       N sqrt(r) n_i
 //! bias instability     B^2 / (2 pi |f|)               sqrt(2 ln 2 / pi) B = 0.664 B       B sum_k h_k n_(i-k)
-//! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     K / sqrt(r) sum of n_k, k < i
+//! random walk          K^2 / (2 pi f)^2               K sqrt(tau / 3)                     K / sqrt(r) sum_(k<i) n_k
 //! ```
 //!
-//! n are independent normal numbers: model.md (22). (N. Kasdin, Proc. IEEE 83, 802, 1995; densities as in IEEE Std 952.)
+//! The n_i are independent standard normal numbers, `docs/model.md` (22). Sources: N. Kasdin, Proc. IEEE 83, 802, 1995;
+//! densities as in IEEE Std 952.
 //!
 //! # Flicker noise
 //!
-//! h are the coefficients of `(1 - z^-1)^(-1/2)`, half of an integration, whose power `1 / (2 sin(pi f / r))` is `r / (2 pi f)`
-//! where f is small beside the rate. They are moments, so that the filter is a sum of first-order ones with poles p:
+//! h_n are the coefficients of `(1 - z^-1)^(-1/2)`, half an integration. Its power is `1 / (2 sin(pi f / r))`, which is
+//! `r / (2 pi f)` for frequencies f far below the rate r. The h_n are moments of a distribution over poles p, so the
+//! filter is a sum of first-order filters:
 //!
 //! ```text
 //! h_n = 1/pi  integral from 0 to 1 of  p^n / sqrt(p (1 - p)) dp
 //!     = sum_k c_k p_k^n,    p_k = exp(-d_k),  d_k = d_0 2.5^-k,  c_k = ln 2.5 / pi  d_k exp(-d_k / 2) / sqrt(1 - p_k)
 //! ```
 //!
-//! The sum is the trapezoidal rule in ln d, whose error shrinks as exp(-pi^2 / spacing): with poles a factor of 2.5 apart the
-//! power is right to 0.05 %. The slowest pole stands for all slower ones, too; it is slow beside the whole record.
+//! The sum is the trapezoidal rule in ln d, whose error decreases as exp(-pi^2 / spacing). With a ratio of 2.5 between
+//! adjacent poles the error of the power is 0.05 %. The slowest pole also represents all slower poles; its time
+//! constant is longer than the record.
 
 use std::f64::consts::{PI, TAU};
 
@@ -31,13 +34,13 @@ use rand_distr::StandardNormal;
 
 use super::unit::Sensor;
 
-/// Three axes, and a place that fills the processor's vectors.
+/// Values of three axes and an unused fourth, which matches the width of vector registers.
 type Lanes = [f64; 4];
 
 /// One random number generator per axis.
 pub(super) type Generators = [ChaCha8Rng; 3];
 
-/// The random errors of a triad, step by step.
+/// State of the random errors of a triad.
 pub(super) struct Noise {
     white: Option<White>,
     flicker: Option<Flicker>,
@@ -45,7 +48,8 @@ pub(super) struct Noise {
 }
 
 impl Noise {
-    /// For `steps` steps of `rate_hz`. `generators` are for white noise, flicker noise and random walk.
+    /// Random errors for `steps` steps at `rate_hz`. `generators` are those of white noise, flicker noise and random
+    /// walk.
     pub(super) fn new(sensor: &Sensor, rate_hz: f64, steps: usize, generators: [Generators; 3]) -> Self {
         let [white, flicker, walk] = generators;
         Self {
@@ -63,7 +67,7 @@ impl Noise {
         }
     }
 
-    /// Adds the errors of the next step.
+    /// Adds the errors of the next step to `value`.
     #[inline]
     pub(super) fn add_to(&mut self, value: &mut Vector3<f64>, moving: bool) {
         if let Some(white) = &mut self.white {
@@ -81,12 +85,12 @@ impl Noise {
 
 struct White {
     std: f64,
-    /// Factor while the unit moves.
+    /// Factor on the standard deviation while the unit moves.
     in_motion: f64,
     generators: Generators,
 }
 
-/// The first value is zero: the bias of the unit is that at the start.
+/// Random walk. Its first value is zero, because the bias of the unit is defined as the bias at the start.
 struct Walk {
     step_std: Vector3<f64>,
     value: Vector3<f64>,
@@ -102,7 +106,7 @@ impl Walk {
     }
 }
 
-/// One first-order filter of the sum.
+/// One of the first-order filters whose sum is the flicker filter.
 struct Pole {
     /// d in p = exp(-d).
     decay: f64,
@@ -114,21 +118,23 @@ struct Flicker {
     input_std: f64,
     poles: Vec<Pole>,
     states: Vec<Lanes>,
-    /// The sum of the c whose poles are so fast that nothing is left of them in the next step.
+    /// Sum of the coefficients c of poles that are too fast to have memory from one step to the next.
     through: f64,
     generators: Generators,
 }
 
+/// Ratio of the decays d of adjacent poles; the error of the power is then 0.05 %.
 const RATIO: f64 = 2.5;
-/// Faster than this, c is below 1e-12.
+/// Largest decay of a pole. Poles with a larger decay have a coefficient c below 1e-12 and are omitted.
 const FASTEST: f64 = 64.0;
-/// Faster than this, p is below 1e-6.
+/// Decay above which a pole has p below 1e-6 and is treated as a filter without memory.
 const MEMORYLESS: f64 = 14.0;
 
 impl Flicker {
-    /// In its steady state from the first step on: a sensor is switched on long before its record, or wanders as if.
+    /// A filter in its steady state from the first step on, because a sensor has usually been on long before its record
+    /// starts.
     fn new(instability: f64, steps: usize, mut generators: Generators) -> Self {
-        // A tenth of the lowest frequency that the record can show.
+        // Decay of a pole at a tenth of the lowest frequency that the record contains.
         let slowest = TAU / (10.0 * steps.max(1) as f64);
         let mut poles = Vec::new();
         let mut through = 0.0;
@@ -145,7 +151,8 @@ impl Flicker {
             }
             decay /= RATIO;
         }
-        // Slower ones would follow with c shrinking by the root of the ratio: a geometric series.
+        // Poles with smaller decays would follow. Their c is a geometric series with the square root of the ratio; its
+        // sum is added to the last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }
@@ -168,12 +175,12 @@ impl Flicker {
     }
 }
 
-/// States with the covariance `1 / (1 - p_j p_k)` that the filters reach after a long time.
+/// Random states with the covariance `1 / (1 - p_j p_k)` of filters that have run for a long time.
 fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     let n = poles.len();
     let covariance = DMatrix::from_fn(n, n, |j, k| -(-(poles[j].decay + poles[k].decay)).exp_m1().recip());
     let mut states = vec![[0.0; 4]; n];
-    // It is positive definite by construction: its poles differ.
+    // The matrix is positive definite by construction, because its poles differ.
     if let Some(factor) = covariance.cholesky() {
         for (axis, generator) in generators.iter_mut().enumerate() {
             let axis_states = factor.l() * DVector::from_fn(n, |_, _| generator.sample::<f64, _>(StandardNormal));
@@ -183,7 +190,7 @@ fn steady_states(poles: &[Pole], generators: &mut Generators) -> Vec<Lanes> {
     states
 }
 
-/// One standard normal number of each generator.
+/// One standard normal number from each generator.
 #[inline]
 pub(super) fn normals(generators: &mut Generators) -> Vector3<f64> {
     let [x, y, z] = generators;
@@ -204,7 +211,8 @@ mod tests {
         Noise::new(sensor, rate_hz, steps, kinds.map(|kind| generators(kind, seed)))
     }
 
-    /// Allan variance of neighbouring means over m steps, averaged over the axes, and how many pairs there are per axis.
+    /// Allan variance of means over m steps, averaged over the axes, and the number of pairs of consecutive means per
+    /// axis.
     fn allan_variance(values: &[Vector3<f64>], m: usize) -> (f64, f64) {
         let means: Vec<Vector3<f64>> =
             values.chunks_exact(m).map(|chunk| chunk.iter().sum::<Vector3<f64>>() / m as f64).collect();
@@ -212,8 +220,9 @@ mod tests {
         (means.windows(2).map(|w| (w[1] - w[0]).norm_squared()).sum::<f64>() / (6.0 * pairs), pairs)
     }
 
-    /// Against a variance as a function of tau, at four sigma: with K pairs a variance is sure to sqrt(3 / K) for white noise,
-    /// less for the others (for a random walk its neighbours are correlated by a quarter).
+    /// Compares with a variance as a function of tau, within four standard deviations. With K pairs the relative
+    /// standard deviation is sqrt(3 / K) for white noise and less for the other kinds; for a random walk, adjacent
+    /// differences have a correlation of 1/4.
     fn check_allan(sensor: &Sensor, from: usize, expected: impl Fn(f64) -> f64) {
         let (rate_hz, n) = (50.0, 1_000_000);
         let mut noise = noise(sensor, rate_hz, n, 3);
@@ -243,7 +252,8 @@ mod tests {
     #[test]
     fn allan_deviation_of_the_bias_instability_is_flat() {
         let sensor = Sensor { bias_instability: 0.2, ..Sensor::ideal() };
-        // Of few steps it is larger: the power of samples goes on to be 1/sin where 1/f would end.
+        // For few steps it is larger, because the spectrum of the samples follows 1/sin instead of ending at the
+        // Nyquist frequency.
         check_allan(&sensor, 16, |_| 2.0 * 2_f64.ln() / PI * 0.04);
     }
 
@@ -269,13 +279,13 @@ mod tests {
             }
             squares += value.component_mul(&value) / runs as f64;
         }
-        // K^2 t with t = 50 / 25 s; a variance from n numbers is sure to sqrt(2 / n).
+        // K^2 t with t = 50 / 25 s. A variance from n numbers has a relative standard deviation of sqrt(2 / n).
         let band = 4.0 * (2.0 / runs as f64).sqrt();
         assert!((squares.x / 2.0 - 1.0).abs() < band && (squares.z / 18.0 - 1.0).abs() < band, "{squares}");
         assert_eq!(squares.y, 0.0);
     }
 
-    /// The filter's own power, without random numbers, over all frequencies that a record of an hour at 1 kHz can show.
+    /// Power gain of the filter, without random numbers, over all frequencies of a record of one hour at 1 kHz.
     #[test]
     fn power_of_flicker_noise_is_that_of_half_an_integration() {
         let steps = 3_600_000;
@@ -283,7 +293,7 @@ mod tests {
         let power = |angle: f64| {
             let (mut re, mut im) = (flicker.through, 0.0);
             for Pole { decay, p, c } in &flicker.poles {
-                // c / (1 - p exp(-i angle)); 1 - p cos without cancellation.
+                // c / (1 - p exp(-i angle)), with 1 - p cos in a form without cancellation.
                 let (a, b) = (-(-decay).exp_m1() + 2.0 * p * (angle / 2.0).sin().powi(2), p * angle.sin());
                 re += c * a / (a * a + b * b);
                 im -= c * b / (a * a + b * b);
@@ -310,7 +320,7 @@ mod tests {
         let flicker = |seed| Flicker::new(1.0, steps, generators(Stream::Flicker, seed));
         let poles = flicker(0).poles;
         let through = flicker(0).through;
-        // Of the sum: through^2 + 2 through sum c + sum of c_j c_k / (1 - p_j p_k).
+        // Variance of the sum: through^2 + 2 through sum c + sum of c_j c_k / (1 - p_j p_k).
         let mut expected = through * through;
         for a in &poles {
             expected += 2.0 * through * a.c;

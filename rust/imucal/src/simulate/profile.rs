@@ -1,47 +1,49 @@
-//! How a motor turns from rest to rest: a seven-segment profile whose jerk is piecewise constant.
+//! Motion of a motor from rest to rest: a seven-segment profile with piecewise constant jerk.
 //!
 //! ```text
 //! angle(t) = angle_0 + turn s(t / T),    s(0) = 0,  s(1) = 1,  s' and s'' zero at both ends
 //! ```
 //!
-//! A quarter of the duration `T` goes into speeding up, half into turning at constant rate, a quarter into slowing
-//! down; each ramp is jerk up, constant acceleration, jerk down, in thirds. So all is bounded and follows from the
-//! turn and its duration: peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3.
-//! The motors share `T`: they start and stop together.
+//! A motor accelerates during the first quarter of the duration `T`, turns at a constant rate during half of it, and
+//! decelerates during the last quarter. Each ramp has three parts of equal length: positive jerk, constant
+//! acceleration, negative jerk. All derivatives are therefore bounded, and the turn and its duration determine them:
+//! peak rate 4/3 turn/T, peak acceleration 8 turn/T^2, jerk 96 turn/T^3. All motors have the same `T`, so they start
+//! and stop together.
 //!
-//! The jerk jumps, so the acceleration has corners. An integrator of second order, such as that of `imucal_core`, does not
-//! feel them: a corner spoils one step, by an error of third order.
+//! The jerk has steps, so the acceleration has corners. They do not reduce the order of a second-order integrator such
+//! as that of `imucal_core`: a corner affects a single step, with an error of third order.
 
 use std::iter::Sum;
 use std::ops::Mul;
 
 use nalgebra::Vector3;
 
-/// Peak rate of a turn, in units of turn / duration.
+/// Ratio of the peak rate of a turn to turn / duration.
 pub const PEAK_RATE: f64 = 4.0 / 3.0;
-/// Peak acceleration of a turn, in units of turn / duration^2.
+/// Ratio of the peak acceleration of a turn to turn / duration^2.
 pub const PEAK_ACCELERATION: f64 = 8.0;
-/// Size of the jerk wherever it is not zero, in units of turn / duration^3.
+/// Ratio of the magnitude of the jerk, where it is not zero, to turn / duration^3.
 pub const JERK: f64 = 96.0;
 
-/// Angles of the three motors and their first two derivatives; outer motor first.
+/// Angles, rates and accelerations of the three motors, outermost motor first.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotorState {
-    /// Angles, rad; more than a full turn is kept as such.
+    /// Motor angles, rad, not reduced to one revolution.
     pub angle_rad: Vector3<f64>,
-    /// Rates, rad/s.
+    /// Motor rates, rad/s.
     pub rate_radps: Vector3<f64>,
-    /// Accelerations, rad/s^2.
+    /// Motor accelerations, rad/s^2.
     pub acceleration_radps2: Vector3<f64>,
 }
 
 impl MotorState {
-    /// Standing still.
+    /// Motors at rest at these angles, rad.
     pub fn still(angle_rad: Vector3<f64>) -> Self {
         Self { angle_rad, rate_radps: Vector3::zeros(), acceleration_radps2: Vector3::zeros() }
     }
 
-    /// `time_s` after the start of a turn by `turn_rad` that takes `duration_s`; still before and after it.
+    /// State `time_s` seconds after the start of a turn by `turn_rad` that takes `duration_s`; at rest before and after
+    /// it.
     pub fn turning(start_rad: Vector3<f64>, turn_rad: Vector3<f64>, duration_s: f64, time_s: f64) -> Self {
         if time_s <= 0.0 {
             return Self::still(start_rad);
@@ -57,7 +59,7 @@ impl MotorState {
         }
     }
 
-    /// One motor, counted from 0.
+    /// Angle, rate and acceleration of one motor, counted from 0.
     #[inline]
     pub(super) fn course(&self, motor: usize) -> Course {
         Course {
@@ -68,7 +70,7 @@ impl MotorState {
     }
 }
 
-/// A function of time at an instant: its value and its first two derivatives.
+/// Value of a function of time at an instant, with its first two derivatives.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Course {
     pub(super) value: f64,
@@ -76,7 +78,7 @@ pub(super) struct Course {
     pub(super) acceleration: f64,
 }
 
-/// Where each segment of the first half starts, what holds there, and the jerk until the next.
+/// A segment of the first half of the profile: its start, the value and derivatives there, and its constant jerk.
 struct Segment {
     start: f64,
     value: f64,
@@ -94,10 +96,10 @@ const SEGMENTS: [Segment; 4] = [
 ];
 
 impl Course {
-    /// The seven segments: from 0 to 1 while `share` goes from 0 to 1.
+    /// The seven-segment profile: increases from 0 to 1 while `share` increases from 0 to 1.
     #[inline]
     pub(super) fn jerk_limited(share: f64) -> Self {
-        // The second half is the first one backwards, so both ends are met exactly.
+        // The second half is the first half mirrored, so that both ends are exact.
         if share > 0.5 {
             let mirrored = Self::first_half(1.0 - share);
             return Self { value: 1.0 - mirrored.value, rate: mirrored.rate, acceleration: -mirrored.acceleration };
@@ -105,11 +107,12 @@ impl Course {
         Self::first_half(share)
     }
 
-    /// From 0 to 1 while `share` goes from 0 to 1, smoother: three derivatives are zero at both ends, and there is no corner
-    /// between them. `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7`
+    /// Smoother profile from 0 to 1, `35 u^4 - 84 u^5 + 70 u^6 - 20 u^7` for u = `share`. The first three derivatives
+    /// are zero at both ends, and all derivatives are continuous.
     #[inline]
     pub(super) fn smooth_step(share: f64) -> Self {
-        // As above; the polynomial also cancels badly near one.
+        // The second half is mirrored as in `jerk_limited`, because the polynomial loses digits by cancellation near u
+        // = 1.
         let u = share.min(1.0 - share);
         let value = u.powi(4) * (35.0 + u * (-84.0 + u * (70.0 - 20.0 * u)));
         let left = share * (1.0 - share);
@@ -120,7 +123,7 @@ impl Course {
         }
     }
 
-    /// From 0 to 1 and back while `share` goes from 0 to 1, flat in the middle: the smooth step of `4 u (1 - u)`.
+    /// Profile from 0 to 1 and back to 0 while `share` increases from 0 to 1: the smooth step of `4 u (1 - u)`.
     #[inline]
     pub(super) fn swell(share: f64) -> Self {
         let inner = Self { value: 4.0 * share * (1.0 - share), rate: 4.0 - 8.0 * share, acceleration: -8.0 };
@@ -132,14 +135,14 @@ impl Course {
         }
     }
 
-    /// `sin(frequency time + phase)`, the frequency in rad/s.
+    /// The function `sin(frequency time + phase)`, with the frequency in rad/s.
     #[inline]
     pub(super) fn sine(frequency_radps: f64, phase_rad: f64, time_s: f64) -> Self {
         let (sine, cosine) = (frequency_radps * time_s + phase_rad).sin_cos();
         Self { value: sine, rate: frequency_radps * cosine, acceleration: -frequency_radps * frequency_radps * sine }
     }
 
-    /// A function of the share of a duration becomes one of time.
+    /// Converts derivatives with respect to the share of a duration into derivatives with respect to time.
     #[inline]
     pub(super) fn in_time(self, duration_s: f64) -> Self {
         Self {
@@ -217,7 +220,7 @@ mod tests {
         assert_eq!(state(-1.0), MotorState::still(start));
         assert_eq!(state(DURATION_S), MotorState::still(start + turn()));
         assert_eq!(state(3.0), MotorState::still(start + turn()));
-        // The limits from inside, too: no jump where the turn ends.
+        // The limits from inside the turn agree with these values: there is no step at the end of the turn.
         let last = state(DURATION_S * (1.0 - 1e-9));
         assert!((last.angle_rad - start - turn()).norm() < 1e-15);
         assert!(last.rate_radps.norm() < 1e-15);
@@ -233,7 +236,7 @@ mod tests {
             let rate = (after.angle_rad - before.angle_rad) / (2.0 * h);
             let acceleration = (after.rate_radps - before.rate_radps) / (2.0 * h);
             assert!((rate - now.rate_radps).norm() < 1e-8, "rate at {t} s");
-            // Where the jerk steps, the central difference is off by jerk h / 4.
+            // At a step of the jerk, the central difference has an error of jerk h / 4.
             let corner = JERK * turn().norm() / DURATION_S.powi(3) * h / 2.0;
             assert!((acceleration - now.acceleration_radps2).norm() < 1e-8 + corner, "acceleration at {t} s");
         }
@@ -257,7 +260,7 @@ mod tests {
         assert!((jerk - JERK).abs() < 1e-6);
     }
 
-    /// Value, rate and acceleration from central differences agree.
+    /// Whether rate and acceleration agree with central differences.
     fn is_differentiated(course: impl Fn(f64) -> Course, tolerance: f64) {
         let h = 1e-5;
         for i in 1..200 {
@@ -286,7 +289,7 @@ mod tests {
         }
         assert_eq!(Course::smooth_step(1.0) * 1.0, Course { value: 1.0, ..zero });
         assert_eq!(Course::swell(0.5).value, 1.0);
-        // The third derivative is zero there, too: the acceleration grows with the square of the distance.
+        // The third derivative is zero at the start as well, so the acceleration is quadratic in time.
         let ratio = Course::smooth_step(2e-3).acceleration / Course::smooth_step(1e-3).acceleration;
         assert!((ratio - 4.0).abs() < 0.1, "{ratio}");
     }

@@ -1,8 +1,8 @@
-//! A program of the stand: turn, hold, turn, hold, ...
+//! A program of the stand: a sequence of turns and holds.
 //!
-//! Every step turns each motor by an angle (all motors start and stop together, see [`profile`](super::profile)) and
-//! then holds. A program starts with all motors at zero. [`Program::grid`] and [`Program::random`] are the paper's
-//! accelerometer and gyroscope programs; any other is a list of steps.
+//! Every step turns each motor by an angle and then holds. All motors start and stop together, see
+//! [`profile`](super::profile). A program starts with all motors at zero. [`Program::grid`] and [`Program::random`] are
+//! the accelerometer and gyroscope programs of the paper (`docs/model.md`). Any other program is a list of steps.
 
 use std::f64::consts::PI;
 
@@ -13,19 +13,19 @@ use super::profile::MotorState;
 use super::stream::Stream;
 use crate::error::Error;
 
-/// Turn, then hold.
+/// A step of a program: a turn, then a hold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Step {
-    /// By how much each motor turns, rad; outer motor first.
+    /// Angle by which each motor turns, rad, outermost motor first.
     pub turn_rad: [f64; 3],
-    /// How long the turn takes, s.
+    /// Duration of the turn, s.
     pub move_s: f64,
-    /// How long the stand then holds still, s.
+    /// Duration of the hold after the turn, s.
     pub hold_s: f64,
 }
 
 impl Step {
-    /// Hold without turning.
+    /// A step that holds without turning.
     pub fn hold(hold_s: f64) -> Self {
         Self { turn_rad: [0.0; 3], move_s: 0.0, hold_s }
     }
@@ -34,7 +34,7 @@ impl Step {
         self.turn_rad != [0.0; 3]
     }
 
-    /// Sign of each motor's last motion, given that before the step.
+    /// Sign of each motor's last motion after the step, given the signs before it.
     fn direction_after(&self, before: &Vector3<f64>) -> Vector3<f64> {
         before.zip_map(&self.turn_rad.into(), |before, turn: f64| if turn == 0.0 { before } else { turn.signum() })
     }
@@ -42,29 +42,29 @@ impl Step {
     fn check(&self, index: usize) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("step {index} of the program: {message}")));
         if !self.turn_rad.iter().all(|angle| angle.is_finite()) {
-            return input(format!("turn_rad is {:?}: finite angles are needed", self.turn_rad));
+            return input(format!("turn_rad is {:?}: give finite angles", self.turn_rad));
         }
         for (name, value) in [("move_s", self.move_s), ("hold_s", self.hold_s)] {
             if !(value.is_finite() && value >= 0.0) {
-                return input(format!("{name} is {value}: a time of zero or more is needed"));
+                return input(format!("{name} is {value}: give a time of zero or more"));
             }
         }
         if self.turns() && self.move_s == 0.0 {
-            return input("it turns in no time: give move_s".to_owned());
+            return input("the turn takes no time: give a positive move_s".to_owned());
         }
         Ok(())
     }
 }
 
-/// The paper's accelerometer program: motor 3 by equal steps through a full turn, then motor 2 by one such step, until
-/// motor 2 has reached half a turn.
+/// The accelerometer program of the paper. Motor 3 makes a full revolution in equal steps, then motor 2 makes one such
+/// step. This repeats until motor 2 has turned by half a revolution.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Grid {
-    /// Step of both motors, rad; a whole number of them makes half a turn. The paper: 20 deg.
+    /// Step of both motors, rad; half a revolution must be a whole number of steps. The paper uses 20 deg.
     pub step_rad: f64,
-    /// How long each turn takes, s. The paper does not say; 1 s here.
+    /// Duration of each turn, s. The paper does not state it; the default is 1 s.
     pub move_s: f64,
-    /// How long each position is held, s. The paper: 5 s.
+    /// Duration of each hold, s. The paper uses 5 s.
     pub hold_s: f64,
 }
 
@@ -74,17 +74,17 @@ impl Default for Grid {
     }
 }
 
-/// The paper's gyroscope program: random turns of all motors, with a hold before, between and after them.
+/// The gyroscope program of the paper: random turns of all motors, with a hold before, between and after them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct RandomMoves {
-    /// How many turns. The paper: 45.
+    /// Number of turns. The paper uses 45.
     pub moves: usize,
-    /// Bound of each motor's rate averaged over the turn, rad/s: the turn is uniform in +- `max_rate_radps * move_s`.
-    /// 120 deg/s here; the peak rate is 4/3 of it.
+    /// Bound of each motor's mean rate during a turn, rad/s: the turn is uniform within +- `max_rate_radps * move_s`.
+    /// The default is 120 deg/s. The peak rate is 4/3 of the mean rate.
     pub max_rate_radps: f64,
-    /// How long each turn takes, s. The paper: 2 s.
+    /// Duration of each turn, s. The paper uses 2 s.
     pub move_s: f64,
-    /// How long each hold takes, s. The paper: 5 s.
+    /// Duration of each hold, s. The paper uses 5 s.
     pub hold_s: f64,
 }
 
@@ -94,7 +94,7 @@ impl Default for RandomMoves {
     }
 }
 
-/// A checked list of steps, with the time and the angles at which each starts.
+/// A verified list of steps, with the time and the motor angles at the start of each step.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Program {
     steps: Vec<Step>,
@@ -110,22 +110,22 @@ struct Start {
     direction: Vector3<f64>,
 }
 
-/// Where in the program a time is.
+/// State of the program at a time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Phase {
     pub(super) motors: MotorState,
-    /// Sign of each motor's last motion, the one that goes on included.
+    /// Sign of each motor's current or last motion.
     pub(super) direction: Vector3<f64>,
-    /// While the motors turn: the time since the turn began, and how long it takes, s.
+    /// During a turn: time since its start, and its duration, s.
     pub(super) turn: Option<(f64, f64)>,
 }
 
 impl Program {
-    /// From a list of steps.
+    /// A program from a list of steps.
     ///
     /// # Errors
-    /// [`Error::Input`] if the list is empty or lasts no time, an angle or time is not finite, a time is negative, or a
-    /// step turns in no time.
+    /// [`Error::Input`] if the list is empty or has a total duration of zero, an angle or time is not finite, a time is
+    /// negative, or a turn has a duration of zero.
     pub fn try_new(steps: Vec<Step>) -> Result<Self, Error> {
         let mut end = Start { time_s: 0.0, angle_rad: Vector3::zeros(), direction: Vector3::zeros() };
         let mut starts = Vec::with_capacity(steps.len());
@@ -139,7 +139,7 @@ impl Program {
         let program = Self { steps, starts, end };
         if !(end.time_s > 0.0 && end.time_s.is_finite()) {
             return Err(Error::Input(format!(
-                "the program has {} steps and lasts {} s: a positive duration is needed",
+                "the program has {} steps and lasts {} s: give steps with a positive total duration",
                 program.steps.len(),
                 end.time_s
             )));
@@ -147,15 +147,15 @@ impl Program {
         Ok(program)
     }
 
-    /// The paper's accelerometer program; by default 19 x 10 = 190 positions in 1139 s.
+    /// The accelerometer program of the paper; by default 19 x 10 = 190 positions in 1139 s.
     ///
     /// # Errors
-    /// [`Error::Input`] if the step does not divide half a turn, or a time cannot be used.
+    /// [`Error::Input`] if half a revolution is not a whole number of steps, or if a time cannot be used.
     pub fn grid(grid: &Grid) -> Result<Self, Error> {
         let half_turn = (PI / grid.step_rad).round();
         if !(1.0..=180.0).contains(&half_turn) || (half_turn * grid.step_rad - PI).abs() > 1e-6 {
             return Err(Error::Input(format!(
-                "step_rad of the grid is {} ({} deg): take 180 deg divided by a whole number from 1 to 180",
+                "step_rad of the grid is {} ({} deg): give 180 deg divided by a whole number from 1 to 180",
                 grid.step_rad,
                 grid.step_rad.to_degrees()
             )));
@@ -172,15 +172,16 @@ impl Program {
         Self::try_new(steps)
     }
 
-    /// The paper's gyroscope program; by default 46 rests and 45 moves in 320 s. The same seed gives the same turns.
+    /// The gyroscope program of the paper; by default 46 rests and 45 moves in 320 s. The same seed gives the same
+    /// turns.
     ///
     /// # Errors
-    /// [`Error::Input`] if the rate bound or a time cannot be used.
+    /// [`Error::Input`] if the bound of the rate or a time cannot be used.
     pub fn random(random: &RandomMoves, seed: u64) -> Result<Self, Error> {
         let bound_rad = random.max_rate_radps * random.move_s;
         if !(bound_rad.is_finite() && bound_rad > 0.0) {
             return Err(Error::Input(format!(
-                "random moves of up to {} rad/s for {} s: both need to be positive and finite",
+                "random moves of up to {} rad/s for {} s: both must be positive and finite",
                 random.max_rate_radps, random.move_s
             )));
         }
@@ -194,17 +195,17 @@ impl Program {
         Self::try_new(steps)
     }
 
-    /// The steps.
+    /// The steps of the program.
     pub fn steps(&self) -> &[Step] {
         &self.steps
     }
 
-    /// How long the program takes, s.
+    /// Duration of the program, s.
     pub fn duration_s(&self) -> f64 {
         self.end.time_s
     }
 
-    /// Exact angles, rates and accelerations of the motors at a time; still before the start and after the end.
+    /// Exact angles, rates and accelerations of the motors at a time, s; at rest before the start and after the end.
     pub fn motors(&self, time_s: f64) -> MotorState {
         self.phase(time_s).motors
     }
@@ -224,7 +225,7 @@ impl Program {
         }
     }
 
-    /// Until when nothing moves, that instant included; `None` during a turn.
+    /// The latest time, s, up to which no motor moves; `None` during a turn.
     pub(super) fn still_until(&self, time_s: f64) -> Option<f64> {
         let started = self.started(time_s);
         if let Some(index) = started.checked_sub(1)
@@ -237,12 +238,12 @@ impl Program {
         Some(next_turn.map_or(f64::INFINITY, |steps| self.starts[started + steps].time_s))
     }
 
-    /// How many steps have started.
+    /// Number of steps that have started by this time.
     fn started(&self, time_s: f64) -> usize {
         self.starts.partition_point(|start| start.time_s <= time_s)
     }
 
-    /// Start and end of every stretch of time without motion, s; holds that follow each other are one rest.
+    /// Start and end of every interval without motion, s; consecutive holds are one rest.
     pub fn rests(&self) -> Vec<(f64, f64)> {
         let mut rests = Vec::new();
         let mut rest_start = 0.0;
@@ -280,7 +281,8 @@ mod tests {
         for (start, end) in program.rests() {
             assert!((end - start - 5.0).abs() < 1e-9);
         }
-        // Neighbours are 20 deg apart, so no direction is further than half a cell's diagonal, 14.2 deg, from a rest.
+        // Adjacent rests are 20 deg apart, so every direction is within half the diagonal of a cell, 14.2 deg, of a
+        // rest.
         let mut furthest_deg = 0.0_f64;
         for i in 0..2000 {
             let z = 1.0 - (2.0 * f64::from(i) + 1.0) / 2000.0;
@@ -302,7 +304,8 @@ mod tests {
         assert_ne!(program, Program::random(&RandomMoves::default(), 4).unwrap());
     }
 
-    /// 120 deg/s on average, 160 deg/s at the peak, outer and inner axis in line: sqrt(5) 160 = 358 deg/s at worst.
+    /// Mean rate 120 deg/s, peak 160 deg/s; with outermost and innermost axis parallel, at most sqrt(5) 160 = 358
+    /// deg/s.
     #[test]
     fn random_program_stays_within_the_gyroscopes_range() {
         let mut highest_dps = 0.0_f64;

@@ -1,4 +1,4 @@
-//! What lies between the sensing element and its samples: a low-pass filter, and samples of points or of means.
+//! Signal path from the sensing element to the samples: a low-pass filter, and point samples or means.
 //!
 //! ```text
 //! point      y_i = x(t_i)
@@ -6,36 +6,36 @@
 //! low pass   |H(f)|^2 = 1 / (1 + (f / bandwidth)^4),         a Butterworth filter of second order
 //! ```
 //!
-//! The integral and the filter run at a faster internal rate, and so does the noise that passes through them: the integral by
-//! the trapezoidal rule, the filter by the bilinear transform that is exact at its bandwidth. A point sample without a filter
-//! needs no faster rate and has none.
+//! Averaging and filter run at a faster internal rate, as does the noise before them. The integral uses the trapezoidal
+//! rule. The filter uses the bilinear transform that is exact at its bandwidth. A point sample without filter needs no
+//! faster rate.
 
 use std::f64::consts::{PI, SQRT_2};
 
 use nalgebra::Vector3;
 
-/// A filter before sampling.
+/// A low-pass filter before sampling.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct LowPass {
-    /// Where the power is half, Hz.
+    /// Frequency at which the power gain is one half, Hz.
     pub bandwidth_hz: f64,
 }
 
-/// Internal steps per sample where there is averaging or a filter.
+/// Minimum number of internal steps per sample with averaging or a filter.
 pub(super) const MIN_STEPS: usize = 8;
-/// Internal steps per sample at most.
+/// Maximum number of internal steps per sample.
 pub(super) const MAX_STEPS: usize = 64;
-/// Internal steps per period of the bandwidth; the bilinear transform bends frequencies above a fraction of them.
+/// Internal steps per period of the bandwidth. The bilinear transform distorts frequencies near the internal rate.
 const STEPS_PER_PERIOD: f64 = 16.0;
 
 impl LowPass {
-    /// Internal steps per sample for this filter.
+    /// Number of internal steps per sample for this filter, at a sampling rate in Hz.
     pub(super) fn steps(&self, rate_hz: f64) -> usize {
         ((STEPS_PER_PERIOD * self.bandwidth_hz / rate_hz).ceil() as usize).max(MIN_STEPS)
     }
 }
 
-/// The filter at work on a triad.
+/// The discrete filter of a triad, with its state.
 pub(super) struct Filter {
     b: f64,
     a_1: f64,
@@ -44,9 +44,9 @@ pub(super) struct Filter {
 }
 
 impl Filter {
-    /// In its steady state for a constant `input`.
+    /// A filter in its steady state for a constant `input`.
     pub(super) fn new(low_pass: &LowPass, rate_hz: f64, input: &Vector3<f64>) -> Self {
-        // s = (1 - q) / (1 + q) / k in 1 / (1 + sqrt(2) s + s^2), q = z^-1
+        // Bilinear transform: s = (1 - q) / (1 + q) / k in 1 / (1 + sqrt(2) s + s^2), with q = z^-1.
         let k = (PI * low_pass.bandwidth_hz / rate_hz).tan();
         let scale = (1.0 + SQRT_2 * k + k * k).recip();
         let (b, a_1, a_2) = (k * k * scale, 2.0 * (k * k - 1.0) * scale, (1.0 - SQRT_2 * k + k * k) * scale);
@@ -71,14 +71,14 @@ mod tests {
 
     #[test]
     fn gain_is_the_butterworth_filters() {
-        // Small beside the internal rate; at the bandwidth it is exact.
+        // A bandwidth far below the internal rate; at the bandwidth the gain is exact.
         let (rate_hz, bandwidth_hz) = (1000.0, 10.0);
         for frequency_hz in [1.0, 5.0, 10.0, 20.0, 40.0] {
             let mut filter = Filter::new(&LowPass { bandwidth_hz }, rate_hz, &Vector3::zeros());
             let mut power = 0.0;
             for i in 0..4000 {
                 let output = filter.next(&Vector3::repeat((TAU * frequency_hz * f64::from(i) / rate_hz).sin())).x;
-                // Whole periods of every frequency, once the start is forgotten.
+                // The second half contains whole periods of every frequency, and the transient has decayed.
                 if i >= 2000 {
                     power += output * output / 1000.0;
                 }

@@ -1,13 +1,13 @@
-//! A triad at work: from what it sees to what it says.
+//! Simulation of one triad: from its input to its samples.
 //!
 //! ```text
 //! seen     = sensitivity * (true + effects) + bias
 //! measured = convert(sample(low_pass(seen + noise)))         model.md (22)
 //! ```
 //!
-//! White noise of density N has the standard deviation N sqrt(rate) at the rate at which it is drawn (a mean over T has
-//! N / sqrt(T) at every rate): the Allan deviation's and the angle random walk's convention, not the one-sided bandwidth's
-//! N sqrt(rate / 2).
+//! White noise of density N has the standard deviation N sqrt(rate) at the rate at which it is drawn; a mean over T has
+//! N / sqrt(T) at any rate. This is the two-sided convention of Allan deviation and angle random walk. The one-sided
+//! convention would give N sqrt(rate / 2).
 
 use nalgebra::Vector3;
 
@@ -16,25 +16,25 @@ use super::sampling::Filter;
 use super::stream::{Stream, Triad};
 use super::unit::Sensor;
 
-/// What a triad sees in one internal step.
+/// Input of a triad at one internal step: `sensitivity * (true + effects) + bias`.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     pub(super) value: [f64; 3],
-    /// Whether the unit moves.
+    /// Whether the unit moves at this step; this scales the white noise.
     pub(super) moving: bool,
 }
 
-/// One triad, sample by sample; what it remembers from sample to sample is here.
+/// One triad, which is simulated sample by sample, with its state between samples.
 pub(super) struct Sampler<'a> {
     sensor: &'a Sensor,
     noise: Noise,
     analogue: Option<Analogue>,
 }
 
-/// Filter and integral at the internal rate.
+/// Low-pass filter and averaging at the internal rate.
 struct Analogue {
     rate_hz: f64,
-    /// Set by the first value.
+    /// State between samples; `None` before the first value.
     memory: Option<Memory>,
 }
 
@@ -44,7 +44,7 @@ struct Memory {
 }
 
 impl<'a> Sampler<'a> {
-    /// For `samples` of `rate_hz`, each of `steps` internal steps.
+    /// A triad for `samples` samples at `rate_hz`, each with `steps` internal steps.
     pub(super) fn new(sensor: &'a Sensor, triad: Triad, rate_hz: f64, samples: usize, steps: usize, seed: u64) -> Self {
         let steps = if sensor.is_point_sampled() { 1 } else { steps };
         let rate_hz = rate_hz * steps as f64;
@@ -57,7 +57,7 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// The next sample; `seen` are its internal steps, of which the last is at the sample's own instant.
+    /// The next sample. `seen` has its internal steps; the last step is at the instant of the sample.
     #[inline]
     pub(super) fn measure(&mut self, seen: &[Seen]) -> [f64; 3] {
         let measured = match (&mut self.analogue, seen) {
@@ -84,7 +84,8 @@ impl Analogue {
         let (mut last, mut sum) = (Vector3::zeros(), Vector3::zeros());
         for step in steps {
             let now = Vector3::from(step.value);
-            // The mean over the step, so that the mean of all steps is the trapezoidal rule over the interval.
+            // The mean over the internal step; the mean of all steps is then the trapezoidal rule over the sampling
+            // interval.
             let mut value = if sensor.averaging { (memory.seen + now) * 0.5 } else { now };
             memory.seen = now;
             noise.add_to(&mut value, step.moving);
@@ -99,11 +100,12 @@ impl Analogue {
 }
 
 impl Memory {
-    /// As if the unit had stood at the first value for long: a filter that starts without noise would be too quiet at first.
+    /// State after a long time at the first value. A filter that started without noise would have too little noise at
+    /// first.
     fn settled(sensor: &Sensor, noise: &mut Noise, rate_hz: f64, first: &Vector3<f64>) -> Self {
         let filter = sensor.low_pass.map(|low_pass| {
             let mut filter = Filter::new(&low_pass, rate_hz, first);
-            // Three periods of the bandwidth leave exp(-13) of the start.
+            // After three periods of the bandwidth the influence of the start is exp(-13).
             for _ in 0..(3.0 * rate_hz / low_pass.bandwidth_hz).min(1e6) as usize {
                 let mut value = *first;
                 noise.add_to(&mut value, false);
@@ -124,7 +126,7 @@ mod tests {
 
     const RATE_HZ: f64 = 100.0;
 
-    /// Mean square of what `n` samples of nothing say, over all axes, and the mean product of neighbours.
+    /// Mean square of `n` samples at zero input over all axes, and mean product of consecutive samples.
     fn noise_power(sensor: &Sensor, n: usize) -> (f64, f64) {
         let steps = sensor.steps(RATE_HZ);
         let mut sampler = Sampler::new(sensor, Triad::Accelerometer, RATE_HZ, n, steps, 8);
@@ -134,8 +136,8 @@ mod tests {
         (power, values.windows(2).map(|w| w[0].dot(&w[1])).sum::<f64>() / (3 * n) as f64)
     }
 
-    /// The noise power behind the filter in closed form. With u = tan(pi f / r) / k the bilinear filter has
-    /// |H|^2 = 1 / (1 + u^4), and r N^2 times the integral over f is N^2 r 2k / pi times
+    /// Power of the noise after the filter in closed form. With u = tan(pi f / r) / k the bilinear filter has |H|^2 = 1
+    /// / (1 + u^4). Then r N^2 times the integral over f is N^2 r 2k / pi times
     ///
     /// ```text
     /// integral from 0 of du / ((1 + u^4)(1 + k^2 u^2)) = ((1 - k^2) pi / (2 sqrt 2) + k^3 pi / 2) / (1 + k^4)
@@ -153,7 +155,8 @@ mod tests {
             let low_pass = LowPass { bandwidth_hz };
             let sensor = Sensor { noise_density: 0.1, low_pass: Some(low_pass), ..Sensor::ideal() };
             let expected = filtered_power(0.1, bandwidth_hz, RATE_HZ * low_pass.steps(RATE_HZ) as f64);
-            // The analogue filter's noise bandwidth, pi / (2 sqrt 2) of its own, on both sides; the transform bends it a little.
+            // Noise bandwidth of the analogue filter, pi / (2 sqrt 2) times its bandwidth, on both sides. The transform
+            // changes it a little.
             let analogue = 0.01 * 2.0 * PI / (2.0 * SQRT_2) * bandwidth_hz;
             assert!((expected / analogue - 1.0).abs() < 0.04, "{bandwidth_hz} Hz");
             // Samples are correlated over about one period of the bandwidth.
@@ -174,7 +177,8 @@ mod tests {
         assert!((neighbours / (0.01 * RATE_HZ)).abs() < band, "{neighbours}");
     }
 
-    /// Of a parabola: the integral over the interval before each sample, but for the trapezoidal rule's h^2 / 12 of each step.
+    /// For a parabola: the mean is the integral over the interval before each sample, except for the error h^2 / 12 per
+    /// step of the trapezoidal rule.
     #[test]
     fn means_are_integrals_over_the_interval_before_the_sample() {
         let sensor = Sensor { averaging: true, ..Sensor::ideal() };
@@ -187,7 +191,7 @@ mod tests {
             let seen: Vec<Seen> = (0..steps).map(|j| Seen { value: [value(j); 3], moving: true }).collect();
             let measured = sampler.measure(&seen)[0];
             let integral = (end.powi(3) - (end - t).powi(3)) / (3.0 * t);
-            // Nothing is known of the time before the first step.
+            // The input before the first step is unknown, so the first sample is not compared.
             if i > 0 {
                 assert!((measured - integral - h * h / 6.0).abs() < 1e-13, "sample {i}: {measured}, not {integral}");
             }

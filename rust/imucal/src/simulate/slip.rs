@@ -1,10 +1,10 @@
-//! A unit that slips on its mount: from an instant on it sits otherwise, and the stand's encoders know nothing of it.
+//! Slip of the unit on its mount: its attitude on the stand changes once. The encoders of the stand do not measure it.
 //!
 //! ```text
 //! R_wb(t) = R_wb without the slip * exp(turn s((t - time) / 50 ms))
 //! ```
 //!
-//! s is the smooth step from 0 to 1. The gyroscope sees the slip as the turn that it is.
+//! s is the smooth step from 0 to 1. The gyroscope measures the slip as an ordinary rotation.
 
 use nalgebra::Vector3;
 
@@ -12,20 +12,20 @@ use super::attitude::Attitude;
 use super::motion::Moment;
 use super::profile::Course;
 
-/// How long a slip takes, s.
+/// Duration of a slip, s.
 const DURATION_S: f64 = 0.05;
 
-/// When a unit slips, and by how much.
+/// Time and size of a slip.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Slip {
-    /// When it starts, s.
+    /// Start of the slip, s.
     pub time_s: f64,
-    /// Rotation vector in the body frame, rad.
+    /// Rotation vector of the slip in the body frame, rad.
     pub turn_rad: Vector3<f64>,
 }
 
 impl Slip {
-    /// The moment with the slip in it.
+    /// Adds the slip to a motion without slip.
     pub(super) fn turn(&self, moment: Moment, time_s: f64) -> Moment {
         let share = (time_s - self.time_s) / DURATION_S;
         if share <= 0.0 {
@@ -36,7 +36,7 @@ impl Slip {
         moment.turned(&Attitude::along(&self.turn_rad, course))
     }
 
-    /// Until when nothing moves, if without the slip that is `until_s`.
+    /// End of the interval without motion, s, given that it is `until_s` without the slip; `None` during the slip.
     pub(super) fn still_until(&self, time_s: f64, until_s: f64) -> Option<f64> {
         if time_s <= self.time_s {
             return Some(until_s.min(self.time_s));
@@ -66,7 +66,7 @@ mod tests {
 
     #[test]
     fn rate_and_acceleration_are_the_derivatives_through_the_slip() {
-        // Once in a rest and once in a turn: the holds take 5 s and the turns 2 s.
+        // Slip during a rest and slip during a turn: rests take 5 s and turns 2 s.
         for slip_s in [2.0, 6.0] {
             let motion = motion(slip_s);
             let h = 1e-5;

@@ -1,18 +1,19 @@
-//! What is wrong with a stand: its geometry, its stiffness, its shaking and its encoders.
+//! Errors of a stand: geometry, stiffness, vibration and encoders.
 //!
 //! ```text
 //! R_wb = R_tilt  R_gimbal(q)  R_flexure(q)  R_vibration(t)  R_mount
 //! ```
 //!
-//! * The base stands `base_tilt_rad` from level, and the unit sits `mount_rotation_rad` from square on the innermost ring.
-//! * The joints are not at right angles: see [`gimbal`].
-//! * The innermost ring is an arm along axis 3 that its weight bends down, by `flexure_rad` where it is level:
-//!   `vector = flexure_rad (up x axis 3)`, seen in the ring. It bends as the motors turn, without swinging.
-//! * While the motors turn the unit shakes: about and along three axes, a third of a period apart, swelling from nothing and
-//!   back. The shaking that takes it along is seen in the world.
-//! * Encoders read the motor angles, not the attitude: what is above is hidden from them.
+//! * The base is tilted by `base_tilt_rad` from level. The unit is rotated by `mount_rotation_rad` relative to the
+//!   innermost ring.
+//! * The axes are not orthogonal: see [`gimbal`].
+//! * The innermost ring is an arm along axis 3 that bends under its weight, by `flexure_rad` where axis 3 is
+//!   horizontal: `vector = flexure_rad (up x axis 3)`, in the frame of the ring. The bending is quasi-static.
+//! * While the motors turn, the unit vibrates about and along three axes, with phases a third of a period apart and an
+//!   amplitude that rises from zero and falls to zero. The translation is in the world frame.
+//! * Encoders read the motor angles, not the attitude, so the errors above do not appear in their readings.
 //!
-//! All is in closed form: rate and acceleration are exact derivatives, whatever is wrong.
+//! All errors have closed forms: rate and acceleration are exact derivatives.
 
 use std::f64::consts::TAU;
 
@@ -29,16 +30,16 @@ use super::slip::Slip;
 use super::tremor::Tremor;
 use crate::error::Error;
 
-/// Errors of a stand; zero is perfect.
+/// Errors of a stand; zero for a perfect stand.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Stand {
-    /// Rotation vector of the unit on the innermost ring, rad.
+    /// Rotation vector from the innermost ring to the unit, rad.
     pub mount_rotation_rad: Vector3<f64>,
     /// Tilt of the base about the world's x and y axes (a rotation vector), rad.
     pub base_tilt_rad: [f64; 2],
-    /// By how much the angle from axis 1 to axis 2, and from axis 2 to axis 3, is more than 90 deg, rad.
+    /// Deviations from 90 deg of the angles between axes 1 and 2 and between axes 2 and 3, rad; positive if larger.
     pub non_orthogonality_rad: [f64; 2],
-    /// How far the innermost ring sags where axis 3 is level, rad.
+    /// Bending angle of the innermost ring where axis 3 is horizontal, rad.
     pub flexure_rad: f64,
     /// Amplitude of the vibration about each axis, rad.
     pub vibration_rad: f64,
@@ -48,16 +49,16 @@ pub struct Stand {
     pub vibration_hz: f64,
     /// Standard deviation of the white noise of an encoder reading, rad.
     pub encoder_noise_rad: f64,
-    /// Counts of an encoder per turn; `None` reads without rounding.
+    /// Encoder counts per revolution; `None` for no rounding.
     pub encoder_counts: Option<u32>,
-    /// The stand shakes all the time.
+    /// Tremor of the stand at all times; `None` for none.
     pub tremor: Option<Tremor>,
-    /// The unit slips on its mount.
+    /// Slip of the unit on its mount; `None` for none.
     pub slip: Option<Slip>,
 }
 
 impl Stand {
-    /// Neither errors nor noise.
+    /// A stand without errors and noise.
     pub fn perfect() -> Self {
         Self {
             mount_rotation_rad: Vector3::zeros(),
@@ -74,9 +75,9 @@ impl Stand {
         }
     }
 
-    /// What the encoders read, rad: the motor angles, the effects of encoders among `effects`, the noise, and whole counts.
+    /// Encoder readings, rad: motor angles with the encoder effects in `effects`, noise and rounding to counts.
     ///
-    /// `noise` are three numbers with a standard deviation of one.
+    /// `noise` contains three numbers with a standard deviation of one.
     pub fn read_encoders(
         &self,
         stand: &StandState<f64>,
@@ -95,17 +96,17 @@ impl Stand {
         }
     }
 
-    /// Attitude of the unit at rest, `v_world = r_wb * v_body`.
+    /// Attitude of the unit at rest, `v_world = r_wb * v_body`; the motor angles are in rad.
     pub fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
         let motors = MotorState::still(*angle_rad);
         self.moment(&Phase { motors, direction: Vector3::zeros(), turn: None }).rotation_world_from_body
     }
 
-    /// What the unit undergoes in this phase of a program.
+    /// Motion of the unit in this phase of a program.
     pub(super) fn moment(&self, phase: &Phase) -> Moment {
         let [tilt_x, tilt_y] = self.base_tilt_rad;
         let tilt = so3::exp(&Vector3::new(tilt_x, tilt_y, 0.0));
-        // Seen from the base; the world comes last.
+        // The attitude relative to the base; the tilt relative to the world is applied last.
         let mut attitude = gimbal::inner_ring(&phase.motors, &self.non_orthogonality_rad);
         if self.flexure_rad != 0.0 {
             attitude = attitude.then(&self.flexure(&attitude.seen(&tilt.inverse_transform_vector(&Vector3::z()))));
@@ -132,21 +133,21 @@ impl Stand {
         }
     }
 
-    /// The bend of the innermost ring, from its direction up and the two derivatives of that.
+    /// Bending of the innermost ring, from the up-vector in the ring's frame and its first two derivatives.
     fn flexure(&self, [up, rate, acceleration]: &[Vector3<f64>; 3]) -> Attitude {
-        // up x e_z = (up_y, -up_x, 0), and so for its derivatives.
+        // up x e_z = (up_y, -up_x, 0); the same holds for the derivatives.
         let course = |axis: usize| Course { value: up[axis], rate: rate[axis], acceleration: acceleration[axis] };
         let level = Course { value: 0.0, rate: 0.0, acceleration: 0.0 };
         Attitude::small(&[course(1) * self.flexure_rad, course(0) * -self.flexure_rad, level])
     }
 
-    /// The shaking about or along three axes, of an amplitude of one.
+    /// Vibration about or along three axes with an amplitude of one.
     fn vibration(&self, elapsed_s: f64, duration_s: f64) -> [Course; 3] {
         let swell = Course::swell(elapsed_s / duration_s).in_time(duration_s);
         [0.0, 1.0, 2.0].map(|axis| swell * Course::sine(TAU * self.vibration_hz, TAU / 3.0 * axis, elapsed_s))
     }
 
-    /// Refuses what no stand has.
+    /// Verifies that all values can be used.
     pub(super) fn check(&self) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("stand: {message}")));
         let angles = self.mount_rotation_rad.iter().chain(&self.base_tilt_rad).chain(&self.non_orthogonality_rad);
@@ -160,7 +161,7 @@ impl Stand {
             ("encoder_noise_rad", self.encoder_noise_rad),
         ] {
             if !(value.is_finite() && value >= 0.0) {
-                return input(format!("{name} is {value}: zero or more is needed"));
+                return input(format!("{name} is {value}: give zero or a positive value"));
             }
         }
         if !self.tremor.is_none_or(|tremor| tremor.is_finite()) {
@@ -170,7 +171,7 @@ impl Stand {
             return input("a slip needs a finite time and finite angles".to_owned());
         }
         if self.encoder_counts == Some(0) {
-            return input("encoder_counts is 0: give the counts of one turn, or none".to_owned());
+            return input("encoder_counts is 0: give the counts per revolution, or omit it".to_owned());
         }
         Ok(())
     }
@@ -212,7 +213,7 @@ mod tests {
             assert!((straight.angle(&bent) - 0.01).abs() < 1e-6);
             assert!((bent.z - straight.z + 0.01).abs() < 1e-6, "it goes down: {bent:?}");
         }
-        // Upright and upside down the weight has no arm.
+        // With a vertical axis, upright or upside down, the weight has no lever arm.
         for angle in [0.0, 2.0 * FRAC_PI_2] {
             let angles = Vector3::new(angle, 0.0, 0.7);
             assert!(resting(&soft, angles).angle_to(&resting(&Stand::perfect(), angles)) < 1e-15);
@@ -288,7 +289,7 @@ mod tests {
                 direction: phase.direction,
             };
             let read = Stand::perfect().read_encoders(&state, &early, Vector3::zeros());
-            // What is left is half the acceleration, at most 8.4 rad/s^2 per motor, times tau squared.
+            // The remaining difference is half the acceleration (at most 8.4 rad/s^2 per motor) times tau squared.
             assert!((read - program.motors(time_s + tau_s).angle_rad).amax() < 8.4 * tau_s * tau_s, "{time_s} s");
         }
     }

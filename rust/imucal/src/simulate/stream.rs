@@ -1,23 +1,23 @@
-//! Random numbers: one ChaCha stream of the run's seed per purpose.
+//! Random numbers: each purpose has a ChaCha stream of its own, all with the seed of the run.
 //!
-//! So a value depends on the seed and on what it is for, never on what else is drawn, in which order or on which thread.
+//! A random value therefore depends only on the seed and on its purpose, not on other draws, their order or the thread.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 
-/// One of the two sensors of a unit.
+/// The two triads of a unit.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Triad {
     Accelerometer,
     Gyroscope,
 }
 
-/// What random numbers are for. The stream numbers are part of every simulated record: keep them.
+/// Purpose of a random stream. The stream numbers determine every simulated recording, so they must not change.
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Stream {
     /// Turns of a random program.
     Program,
-    /// Poses and tremor of a run by hand.
+    /// Poses and tremor of a hand-held run.
     Tumble,
     /// White noise of one axis.
     White(Triad, u8),
@@ -29,9 +29,9 @@ pub(super) enum Stream {
     Encoder(u8),
     /// Sampling instants.
     Jitter,
-    /// Which samples are lost.
+    /// Selection of lost samples.
     Missing,
-    /// Which samples are written twice.
+    /// Selection of repeated samples.
     Duplicated,
     /// Tremor of a stand.
     Tremor,

@@ -1,12 +1,12 @@
 //! Temperature of the sensors over a run.
 //!
 //! ```text
-//! T(t) = straight lines between knots (t_k, T_k), constant before the first and after the last
+//! T(t) = linear between the knots (t_k, T_k), constant before the first and after the last knot
 //! ```
 
 use crate::error::Error;
 
-/// Knots of a temperature profile.
+/// A temperature profile, defined by its knots.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Temperature {
     time_s: Vec<f64>,
@@ -14,16 +14,16 @@ pub struct Temperature {
 }
 
 impl Temperature {
-    /// The same all the time.
+    /// The profile with a constant temperature, degC.
     pub fn constant(temperature_degc: f64) -> Self {
         Self { time_s: vec![0.0], temperature_degc: vec![temperature_degc] }
     }
 
-    /// From knots, s and degC.
+    /// A profile with knots at these times, s, and temperatures, degC.
     ///
     /// # Errors
-    /// [`Error::Input`] if there is no knot, the columns differ in length, a value is not finite, or a time is not after
-    /// the one before.
+    /// [`Error::Input`] if there is no knot, the columns have different lengths, a value is not finite, or a time is
+    /// not later than the previous one.
     pub fn try_new(time_s: Vec<f64>, temperature_degc: Vec<f64>) -> Result<Self, Error> {
         let input = |message: String| Err(Error::Input(format!("temperature profile: {message}")));
         if time_s.is_empty() || time_s.len() != temperature_degc.len() {
@@ -42,7 +42,7 @@ impl Temperature {
         Ok(Self { time_s, temperature_degc })
     }
 
-    /// Whether all knots have one temperature.
+    /// Whether all knots have the same temperature.
     pub fn is_constant(&self) -> bool {
         self.temperature_degc.iter().all(|value| *value == self.temperature_degc[0])
     }

@@ -1,4 +1,4 @@
-//! The simulation as a whole.
+//! Tests of complete simulated runs.
 
 mod record;
 
@@ -39,7 +39,7 @@ fn an_ideal_unit_says_the_truth() {
     assert_eq!(run.recording("run").len(), 32_000);
 }
 
-/// Midpoint steps have an error of second order: it must be small, and a quarter at twice the rate.
+/// The midpoint rule has an error of second order: it must be small, and a quarter at twice the rate.
 #[test]
 fn integrating_the_true_rate_gives_the_attitude() {
     let error_rad = |rate_hz: f64| {
@@ -113,7 +113,7 @@ fn same_seed_same_bytes() {
     let run = random_run(&Unit::paper(), 100.0, 11);
     assert_eq!(run, random_run(&Unit::paper(), 100.0, 11));
     assert_ne!(run.angular_rate, random_run(&Unit::paper(), 100.0, 12).angular_rate);
-    // A channel's noise does not depend on the other sensor's.
+    // The noise of a channel does not depend on the noise of the other sensor.
     let mut quiet = Unit::paper();
     quiet.accelerometer = Sensor::ideal();
     assert_eq!(run.angular_rate, random_run(&quiet, 100.0, 11).angular_rate);
@@ -145,7 +145,7 @@ fn arguments_that_cannot_be_used_are_refused() {
     }
 }
 
-/// A run by hand that warms up, with everything that a motion can have.
+/// A hand-held run with a rising temperature and all properties that a motion can have.
 fn hand_setup<'a>(motion: &'a Motion, unit: &'a Unit, temperature: &'a Temperature) -> Setup<'a> {
     Setup {
         motion,
@@ -175,7 +175,7 @@ fn warming() -> Temperature {
     Temperature::try_new(vec![0.0, 10.0, 30.0], vec![20.0, 35.0, 30.0]).unwrap()
 }
 
-/// All parameters of the plain form at their typical size.
+/// The plain form of the effect with all parameters at their typical size.
 fn typical(effect: &'static Effect<f64>) -> EffectValues<f64> {
     let values: Vec<f64> = effect.parameters[..effect.plain].iter().map(|parameter| parameter.typical).collect();
     EffectValues::try_new(effect, &values, effect.shape.map(|shape| shape.typical)).unwrap()

@@ -1,4 +1,4 @@
-//! A unit that never rests: a hand trembles, and a table shakes a little all the time.
+//! Tremor: small rotations at all times, from a hand that trembles or from a table that vibrates.
 //!
 //! ```text
 //! R_wb(t) = R_wb without the tremor * R(sum of sines about each axis)
@@ -14,10 +14,11 @@ use super::motion::Moment;
 use super::profile::Course;
 use super::stream::Stream;
 
-/// A hand sways slowly and trembles at about 9 Hz: bands of frequency, Hz, and the share of the variance in each.
+/// Spectrum of hand tremor: slow sway and a tremor at about 9 Hz. Each band has its lowest and highest frequency, Hz,
+/// and its share of the variance.
 const BANDS: [(f64, f64, f64); 3] = [(0.3, 0.8, 0.6), (1.5, 4.0, 0.3), (8.0, 11.0, 0.1)];
 
-/// A tremor: a sine of each band about each axis.
+/// A tremor: about each axis, one sine for each frequency band.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tremor([[Sine; BANDS.len()]; 3]);
 
@@ -46,7 +47,7 @@ impl Tremor {
         }))
     }
 
-    /// The moment with the tremor in it.
+    /// Adds the tremor to a motion without tremor.
     pub(super) fn shake(&self, moment: Moment, time_s: f64) -> Moment {
         moment.turned(&self.attitude(time_s))
     }
@@ -56,7 +57,7 @@ impl Tremor {
     }
 }
 
-/// A sine of the band whose variance is the band's share of the tremor's.
+/// A random sine in a frequency band, whose variance is the band's share of the variance of the tremor.
 fn sine((low_hz, high_hz, share): (f64, f64, f64), tremor_rad: f64, generator: &mut ChaCha8Rng) -> Sine {
     Sine {
         amplitude_rad: tremor_rad * (2.0 * share).sqrt(),
@@ -84,7 +85,7 @@ mod tests {
             let turned = before.rotation_world_from_body.inverse() * after.rotation_world_from_body;
             assert!((so3::log(&turned) / (2.0 * h) - now.angular_rate).norm() < 1e-6, "{t} s");
             let change = (after.angular_rate - before.angular_rate) / (2.0 * h);
-            // Where the jerk of the motors jumps, half a jump over h is left.
+            // At a step of the motors' jerk, the central difference has an error of half the step times h.
             assert!((change - now.angular_acceleration).norm() < 1e-3, "{t} s: {change} {}", now.angular_acceleration);
             assert!(now.angular_rate.norm() > 0.0);
             assert_eq!(motion.still_until(t), None);

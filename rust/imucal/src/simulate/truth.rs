@@ -1,11 +1,11 @@
-//! What the unit undergoes, and what its triads see of it, at any instant.
+//! The true state of the unit and the resulting input of its triads, at any instant.
 //!
 //! ```text
 //! f    = R_wb^T (x'' + g e_z)                                                  specific force
 //! seen = sensitivity * (true + sum_c Phi_c(state) theta_c + added) + bias      model.md (15), (22)
 //! ```
 //!
-//! The state is the true one at the true instant: also where a clock says otherwise.
+//! The state is the true state at the true instant, also if the time stamps are wrong.
 
 use imucal_core::effects::{EffectSet, Need, State, Surroundings};
 use nalgebra::Vector3;
@@ -15,18 +15,18 @@ use super::temperature::Temperature;
 use super::unit::Unit;
 use crate::recording::REFERENCE_TEMPERATURE_DEGC;
 
-/// A motion, a place and a unit.
+/// Motion, location and unit: everything that determines the true state.
 pub(super) struct Truth<'a> {
     motion: &'a Motion,
     unit: &'a Unit,
     gravity_mps2: f64,
     temperature: &'a Temperature,
-    /// The temperature, if it never changes, degC.
+    /// The temperature if it is constant over the run, degC.
     constant_degc: Option<f64>,
     rests: Vec<(f64, f64)>,
-    /// Effects that do not change while the unit is still.
+    /// Effects that are constant while the unit is at rest.
     steady: EffectSet<f64>,
-    /// The others: time and temperature go on.
+    /// Effects that change during a rest, because they depend on time or on a varying temperature.
     changing: EffectSet<f64>,
 }
 
@@ -41,15 +41,15 @@ impl<'a> Truth<'a> {
                 Need::AngularAcceleration | Need::Attitude | Need::Stand => false,
             });
             let place = if changes { &mut changing } else { &mut steady };
-            // A part of a set has room where the set had.
+            // A subset always fits into an `EffectSet`, so this cannot fail.
             let _ = place.push(*member);
         }
         Self { motion, unit, gravity_mps2, temperature, constant_degc, rests: motion.rests(), steady, changing }
     }
 
-    /// From instant to instant; quickest in the order of time.
-    pub(super) fn walk(&self) -> Walk<'_> {
-        Walk {
+    /// A cursor that gives the state at any instant; it is fastest if the instants increase.
+    pub(super) fn cursor(&self) -> Cursor<'_> {
+        Cursor {
             truth: self,
             from_s: f64::INFINITY,
             until_s: f64::NEG_INFINITY,
@@ -70,23 +70,23 @@ impl<'a> Truth<'a> {
     }
 }
 
-/// The state at an instant, kept for as long as nothing moves.
-pub(super) struct Walk<'a> {
+/// The state at an instant. It is reused for as long as the unit is at rest.
+pub(super) struct Cursor<'a> {
     truth: &'a Truth<'a>,
     from_s: f64,
     until_s: f64,
-    /// The true state.
+    /// The true state at the instant.
     pub(super) state: State<f64>,
     pub(super) temperature_degc: f64,
-    /// On rate and force.
+    /// Sum of the constant effects on rate, rad/s, and on force, m/s^2.
     steady: (Vector3<f64>, Vector3<f64>),
-    /// Whether this is no rest.
+    /// Whether the unit moves at this instant.
     pub(super) moving: bool,
 }
 
-impl Walk<'_> {
+impl Cursor<'_> {
     #[inline]
-    pub(super) fn go_to(&mut self, time_s: f64) {
+    pub(super) fn seek(&mut self, time_s: f64) {
         let truth = self.truth;
         let surroundings = &mut self.state.surroundings;
         surroundings.time_s = Some(time_s);
@@ -113,7 +113,7 @@ impl Walk<'_> {
         (self.from_s, self.until_s) = (time_s, truth.motion.still_until(time_s).unwrap_or(time_s));
     }
 
-    /// What gyroscope and accelerometer see, each with what the user adds to the true value.
+    /// Input of gyroscope and accelerometer; `added` is the additional rate and force of the setup.
     #[inline]
     pub(super) fn seen(&self, added: (Vector3<f64>, Vector3<f64>)) -> (Vector3<f64>, Vector3<f64>) {
         let (mut on_rate, mut on_force) = self.steady;

@@ -1,13 +1,13 @@
-//! A unit turned by hand: rests in random poses, and between them turns that carry it along.
+//! A hand-held run: rests in random poses, and moves with rotation and translation between them.
 //!
 //! ```text
 //! R_wb(t) = R_k exp(turn s(u)) exp(sway b(u)) R_tremor(t)       u = (t - end of rest k) / move_s
 //! x(t)    = x_k + (x_(k+1) - x_k) s(u)
 //! ```
 //!
-//! s goes from 0 to 1, b from 0 to 1 and back, both with three derivatives that are zero at the ends, so that a rest is
-//! exactly still. No hand turns about a fixed axis: the sway makes the axis wander. The tremor is a sum of sines about each
-//! axis; it goes on all the time, and with it no rest is still.
+//! s goes from 0 to 1; b goes from 0 to 1 and back. Their first three derivatives are zero at both ends, so the unit is
+//! exactly still at rests. The sway b varies the axis of rotation during a move, because a hand does not rotate a unit
+//! about a fixed axis. The tremor is a sum of sines about each axis and continues during rests.
 
 use imucal_core::so3;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
@@ -22,21 +22,21 @@ use super::stream::Stream;
 use super::tremor::Tremor;
 use crate::error::Error;
 
-/// Standard deviation of the sway's rotation vector per axis, rad.
+/// Standard deviation of the sway's rotation vector per axis, rad. It makes the axis of rotation vary visibly.
 const SWAY_RAD: f64 = 0.3;
 
-/// How a unit is turned by hand.
+/// Parameters of a hand-held run.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HandMoves {
-    /// How many poses.
+    /// Number of poses.
     pub poses: usize,
-    /// How long each pose is held, s.
+    /// Duration of the rest in each pose, s.
     pub hold_s: f64,
-    /// How long each move takes, s.
+    /// Duration of each move, s.
     pub move_s: f64,
-    /// Standard deviation of the tremor about each axis, rad; 0 holds still.
+    /// Standard deviation of the tremor about each axis, rad; 0 for none.
     pub tremor_rad: f64,
-    /// The poses are anywhere in a cube of this edge, m; 0 turns on the spot.
+    /// Edge of the cube in which the positions are uniformly distributed, m; 0 for pure rotation.
     pub translation_m: f64,
 }
 
@@ -46,7 +46,7 @@ impl Default for HandMoves {
     }
 }
 
-/// A run by hand. It starts and ends with a rest.
+/// A hand-held run. It starts and ends with a rest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tumble {
     moves: HandMoves,
@@ -54,7 +54,7 @@ pub struct Tumble {
     tremor: Tremor,
 }
 
-/// A pose, and the move from it to the next.
+/// A pose, and the move from it to the next pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Pose {
     rotation: UnitQuaternion<f64>,
@@ -64,10 +64,10 @@ struct Pose {
 }
 
 impl Tumble {
-    /// Random poses, uniform over all attitudes. The same seed gives the same run.
+    /// A run with random poses, uniform over all attitudes. The same seed gives the same run.
     ///
     /// # Errors
-    /// [`Error::Input`] if there is no pose, a time is not positive, or tremor or translation is negative.
+    /// [`Error::Input`] if there is no pose, a time is not positive, or the tremor or the translation is negative.
     pub fn random(moves: &HandMoves, seed: u64) -> Result<Self, Error> {
         check(moves)?;
         let mut generator = Stream::Tumble.generator(seed);
@@ -75,7 +75,7 @@ impl Tumble {
             (0..moves.poses).map(|_| (attitude(&mut generator), place(&mut generator) * moves.translation_m)).collect();
         let poses = (0..moves.poses).map(|k| {
             let (rotation, place_m) = places[k];
-            // The last pose has no move after it.
+            // The last pose has no move after it; its move is to itself.
             let (next_rotation, next_place_m) = places[(k + 1).min(moves.poses - 1)];
             Pose {
                 rotation,
@@ -89,7 +89,7 @@ impl Tumble {
         Ok(Self { moves: *moves, poses, tremor })
     }
 
-    /// How long it takes, s.
+    /// Duration of the run, s.
     pub fn duration_s(&self) -> f64 {
         self.rest_end_s(self.poses.len() - 1)
     }
@@ -135,7 +135,8 @@ impl Tumble {
         (turned, pose.carry_m * step.acceleration)
     }
 
-    /// The number of the last pose, and the share of the move away from it unless it is held.
+    /// Index of the last pose reached, and the share of the following move that has passed; `None` while the pose is
+    /// held.
     fn place_in_time(&self, time_s: f64) -> (usize, Option<f64>) {
         let last = self.poses.len() - 1;
         let k = ((time_s / (self.moves.hold_s + self.moves.move_s)).max(0.0) as usize).min(last);
@@ -152,13 +153,14 @@ impl Tumble {
     }
 }
 
-/// Uniform over all attitudes: four normal numbers point in any direction of quaternions alike.
+/// A random attitude, uniform over all attitudes: a normalised vector of four normal numbers is uniform on the unit
+/// sphere.
 fn attitude(generator: &mut ChaCha8Rng) -> UnitQuaternion<f64> {
     let [w, x, y, z] = [(); 4].map(|()| generator.sample::<f64, _>(StandardNormal));
     UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z))
 }
 
-/// In a cube of edge 1.
+/// A random point in a cube of edge length 1.
 fn place(generator: &mut ChaCha8Rng) -> Vector3<f64> {
     [(); 3].map(|()| generator.random_range(-0.5..0.5)).into()
 }
@@ -170,16 +172,16 @@ fn normals(generator: &mut ChaCha8Rng) -> Vector3<f64> {
 fn check(moves: &HandMoves) -> Result<(), Error> {
     let input = |message: String| Err(Error::Input(format!("run by hand: {message}")));
     if moves.poses == 0 {
-        return input("poses is 0: one or more is needed".to_owned());
+        return input("poses is 0: give at least one".to_owned());
     }
     for (name, value) in [("hold_s", moves.hold_s), ("move_s", moves.move_s)] {
         if !(value.is_finite() && value > 0.0) {
-            return input(format!("{name} is {value}: a positive time is needed"));
+            return input(format!("{name} is {value}: give a positive time"));
         }
     }
     for (name, value) in [("tremor_rad", moves.tremor_rad), ("translation_m", moves.translation_m)] {
         if !(value.is_finite() && value >= 0.0) {
-            return input(format!("{name} is {value}: zero or more is needed"));
+            return input(format!("{name} is {value}: give zero or a positive value"));
         }
     }
     Ok(())
@@ -207,7 +209,7 @@ mod tests {
     #[test]
     fn poses_are_uniform_over_all_attitudes() {
         let run = tumble(&HandMoves { poses: 3000, ..HandMoves::default() });
-        // The mean of any unit vector is zero and its outer product's a third of the identity, per axis of the body.
+        // A uniformly distributed unit vector has mean zero, and its outer product has the mean I / 3.
         let n = run.poses.len() as f64;
         for axis in [Vector3::x(), Vector3::y(), Vector3::z()] {
             let seen: Vec<Vector3<f64>> = run.poses.iter().map(|pose| pose.rotation * axis).collect();
@@ -249,7 +251,7 @@ mod tests {
         assert_eq!(on_the_spot.moment(5.0).acceleration, Vector3::zeros());
     }
 
-    /// A move about a fixed axis would have a rate of one direction.
+    /// A move about a fixed axis would have a rate of constant direction.
     #[test]
     fn the_axis_wanders_during_a_move() {
         let run = tumble(&HandMoves { poses: 10, ..HandMoves::default() });

@@ -1,4 +1,4 @@
-//! The simulated unit: what its two triads do to specific force and angular rate.
+//! The simulated unit: models of its accelerometer and its gyroscope.
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use imucal_core::effects::EffectSet;
@@ -7,56 +7,61 @@ use nalgebra::{Matrix3, Vector3};
 use super::sampling::{LowPass, MAX_STEPS, MIN_STEPS};
 use crate::error::Error;
 
-/// An accelerometer and a gyroscope on one board.
+/// A unit with an accelerometer and a gyroscope.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Unit {
-    /// Measures specific force, m/s^2.
+    /// The accelerometer, which measures specific force, m/s^2.
     pub accelerometer: Sensor,
-    /// Measures angular rate, rad/s.
+    /// The gyroscope, which measures angular rate, rad/s.
     pub gyroscope: Sensor,
-    /// What the sensors see besides force and rate. Effects of encoders act on the stand that the unit is on.
+    /// Effects on the sensors. Effects on encoders act on the stand that carries the unit.
     pub effects: EffectSet<f64>,
 }
 
-/// A triad: `measured = convert(sample(low_pass(sensitivity * (true + effects) + bias + noise)))`.
+/// A triad: `measured = convert(sample(low_pass(sensitivity * (true + effects) + bias + noise)))`, `docs/model.md`
+/// (22).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sensor {
-    /// The paper's M S; the identity is perfect.
+    /// Sensitivity (M S in the paper); the identity for a sensor without errors.
     pub sensitivity: Matrix3<f64>,
-    /// Constant offset, SI units.
+    /// Bias at the start of the run, SI unit.
     pub bias: Vector3<f64>,
-    /// White noise, continuous: root of the power density as datasheets and Allan plots give it, SI unit/sqrt(Hz). A
-    /// point sample has the standard deviation `noise_density * sqrt(rate_hz)`, a mean over T `noise_density / sqrt(T)`.
+    /// Density of the continuous white noise, SI unit/sqrt(Hz): the square root of the power density, as in datasheets
+    /// and Allan plots. A point sample has the standard deviation `noise_density * sqrt(rate_hz)`; a mean over T has
+    /// `noise_density / sqrt(T)`.
     pub noise_density: f64,
-    /// Factor on the white noise while the unit moves; 1 is none.
+    /// Factor on the white noise while the unit moves; 1 for no change.
     pub noise_in_motion: f64,
-    /// Bias instability B, SI unit: flicker noise whose Allan deviation is flat at `sqrt(2 ln 2 / pi) B = 0.664 B`.
+    /// Bias instability B, SI unit: flicker noise with an Allan deviation of `sqrt(2 ln 2 / pi) B = 0.664 B`.
     pub bias_instability: f64,
-    /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz): after t it has the standard deviation `K sqrt(t)`.
+    /// Random walk K of the bias of each axis, SI unit/s/sqrt(Hz). After a time t its standard deviation is
+    /// `K sqrt(t)`.
     pub random_walk: Vector3<f64>,
-    /// Filters before sampling, noise included.
+    /// Low-pass filter before sampling, which also filters the noise; `None` for no filter.
     pub low_pass: Option<LowPass>,
-    /// A sample is the mean over the time since the one before; otherwise it is the value at its own instant.
+    /// Whether a sample is the mean over the interval since the previous sample, instead of the value at its instant.
     pub averaging: bool,
-    /// Rounds to counts and clips; `None` keeps the value as it is.
+    /// Converter that rounds to counts and clips; `None` for neither.
     pub converter: Option<Converter>,
 }
 
-/// An analogue-to-digital converter in two's complement: whole multiples of `lsb` from `-2^(bits-1)` to `2^(bits-1) - 1`.
+/// An analogue-to-digital converter with two's complement output: integer multiples of `lsb` from `-2^(bits-1)` to
+/// `2^(bits-1) - 1`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Converter {
-    /// One count, SI units.
+    /// Size of one count, SI unit.
     pub lsb: f64,
-    /// Width of the output word.
+    /// Number of bits of the output word.
     pub bits: u32,
 }
 
 impl Converter {
-    /// The output nearest to `value`, SI units; `bits` has passed [`Sensor::check`].
+    /// Output for an input `value`, SI unit: rounded and clipped. [`Sensor::check`] has verified `bits`.
     #[inline]
     pub(super) fn convert(&self, value: f64) -> f64 {
-        // At this size the unit of the last place is one: adding it rounds to the nearest whole number, ties to even, and does
-        // not need an instruction that older processors lack. Counts are far smaller once they are clipped.
+        // At this magnitude the spacing of f64 is one, so adding and subtracting it rounds to the nearest integer, ties
+        // to even. This needs no rounding instruction, which older processors lack. Clipped counts are far smaller, so
+        // the sum is exact.
         const WHOLE: f64 = 1.5 * (1_u64 << 52) as f64;
         let half = (1_u64 << (self.bits - 1)) as f64;
         let counts = (value / self.lsb).clamp(-half, half - 1.0);
@@ -65,7 +70,7 @@ impl Converter {
 }
 
 impl Sensor {
-    /// Neither error nor noise.
+    /// A sensor without errors and noise.
     pub fn ideal() -> Self {
         Self {
             sensitivity: Matrix3::identity(),
@@ -80,12 +85,12 @@ impl Sensor {
         }
     }
 
-    /// Whether a sample depends on nothing but its own instant.
+    /// Whether a sample depends only on the input at its own instant.
     pub(super) fn is_point_sampled(&self) -> bool {
         self.low_pass.is_none() && !self.averaging
     }
 
-    /// Internal steps per sample that filter and averaging ask for.
+    /// Number of internal steps per sample that the filter and the averaging need.
     pub(super) fn steps(&self, rate_hz: f64) -> usize {
         match self.low_pass {
             Some(low_pass) => low_pass.steps(rate_hz),
@@ -94,7 +99,7 @@ impl Sensor {
         }
     }
 
-    /// Refuses what no sensor has; `name` is for the message.
+    /// Verifies that all values can be used; `name` is the name of the sensor in error messages.
     pub(super) fn check(&self, name: &str, rate_hz: f64) -> Result<(), Error> {
         let input = |message: String| Err(Error::Input(format!("{name} of the unit: {message}")));
         if !self.sensitivity.iter().chain(&self.bias).all(|value| value.is_finite()) {
@@ -110,24 +115,24 @@ impl Sensor {
             ("random_walk of z", walk_z),
         ] {
             if !(value.is_finite() && value >= 0.0) {
-                return input(format!("{name} is {value}: zero or more is needed"));
+                return input(format!("{name} is {value}: give zero or a positive value"));
             }
         }
         if let Some(low_pass @ LowPass { bandwidth_hz }) = self.low_pass {
-            // Written so that NaN is refused, too.
+            // This form of the condition is false for NaN, so NaN is refused.
             if !(bandwidth_hz > 0.0 && low_pass.steps(rate_hz) <= MAX_STEPS) {
                 return input(format!(
-                    "the low-pass filter has a bandwidth of {bandwidth_hz} Hz: a positive one up to four times the rate of \
-                     {rate_hz} Hz can be used, a wider one does nothing"
+                    "the low-pass filter has a bandwidth of {bandwidth_hz} Hz: give a positive value up to four times the \
+                     rate of {rate_hz} Hz; a wider filter has no effect"
                 ));
             }
         }
         match self.converter {
             Some(Converter { lsb, .. }) if !(lsb.is_finite() && lsb > 0.0) => {
-                input(format!("one count is {lsb}: a positive size is needed"))
+                input(format!("one count is {lsb}: give a positive value"))
             }
             Some(Converter { bits, .. }) if !(2..=32).contains(&bits) => {
-                input(format!("the output word has {bits} bits: 2 to 32 can be used"))
+                input(format!("the output word has {bits} bits: give 2 to 32"))
             }
             _ => Ok(()),
         }
@@ -135,18 +140,20 @@ impl Sensor {
 }
 
 impl Unit {
-    /// Neither error nor noise.
+    /// A unit without errors and noise.
     pub fn ideal() -> Self {
         Self { accelerometer: Sensor::ideal(), gyroscope: Sensor::ideal(), effects: EffectSet::none() }
     }
 
-    /// The paper's unit (Tables 1 and 2): NXP FXOS8700CQ and FXAS21002CQ, with datasheet noise and counts.
+    /// The unit of the paper (Tables 1 and 2), NXP FXOS8700CQ and FXAS21002CQ, with noise and resolution from the
+    /// datasheets.
     ///
     /// * FXOS8700CQ: 126 ug/sqrt(Hz); 14 bit, range +-2 g, 0.244 mg per count (2 g / 8192).
-    /// * FXAS21002CQ: 0.025 deg/s/sqrt(Hz); 16 bit, range +-500 deg/s, 15.625 mdeg/s per count (clips at 512 deg/s). The
-    ///   paper does not name the range; +-250 deg/s would clip, since the random program reaches up to 358 deg/s.
+    /// * FXAS21002CQ: 0.025 deg/s/sqrt(Hz); 16 bit, range +-500 deg/s, 15.625 mdeg/s per count (clips at 512 deg/s).
+    ///   The paper does not state the range. With +-250 deg/s the random program would clip, because it reaches up to
+    ///   358 deg/s.
     pub fn paper() -> Self {
-        // Table 2 has the names of the gyroscope's two factors the other way round.
+        // Table 2 of the paper exchanges the names of the gyroscope's misalignment and scale.
         let misalignment = Matrix3::new(1.0, 0.0094, -0.0060, -0.0086, 1.0, -0.0031, 0.0089, 0.0035, 1.0);
         let scale = Matrix3::from_diagonal(&Vector3::new(0.9771, 1.0309, 1.0030));
         Self {
@@ -193,7 +200,7 @@ mod tests {
     fn the_papers_unit_has_the_printed_figures() {
         let unit = Unit::paper();
         assert_eq!(unit.accelerometer.sensitivity, unit.accelerometer.sensitivity.transpose());
-        // Row 1 of Table 2: the misalignments times the scales of the columns.
+        // Row 1 of Table 2: each misalignment times the scale of its column.
         assert!((unit.gyroscope.sensitivity[(0, 1)] - 0.0094 * 1.0309).abs() < 1e-15);
         assert!((unit.gyroscope.sensitivity[(1, 0)] + 0.0086 * 0.9771).abs() < 1e-15);
         // -0.0427 g

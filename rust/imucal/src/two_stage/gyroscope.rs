@@ -23,7 +23,7 @@ use crate::numerics::lsq::{self, FitReport, Residuals, Solution, Termination};
 use crate::numerics::robust;
 use crate::numerics::stats::rms;
 use crate::numerics::workers::{in_order, threads_for};
-use crate::preintegration::{Carried, Path};
+use crate::preintegration::{Preintegrated, RateSegment};
 use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move};
 use crate::two_stage::observability;
@@ -37,7 +37,7 @@ pub(crate) struct GyroscopeFit {
     /// Which of the moves the fit uses.
     pub(crate) used: Vec<bool>,
     /// Rotation and sums of every move at the solution.
-    pub(crate) carried: Vec<Carried>,
+    pub(crate) carried: Vec<Preintegrated>,
     /// Entries per error of each used residual in rad, 9 x 2 moves; zero columns for unused moves.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
@@ -45,7 +45,7 @@ pub(crate) struct GyroscopeFit {
 
 /// The moves that the gyroscope is fitted to, and the last pass over their samples.
 pub(crate) struct Carrying<'a> {
-    paths: Vec<Path<'a>>,
+    paths: Vec<RateSegment<'a>>,
     bias: Vector3<f64>,
     last: RefCell<Option<Rc<Linearised>>>,
 }
@@ -53,7 +53,7 @@ pub(crate) struct Carrying<'a> {
 /// The moves as one gyroscope carries them.
 struct Linearised {
     triad: Triad<f64>,
-    carried: Vec<Carried>,
+    carried: Vec<Preintegrated>,
 }
 
 /// A fit that leaves less than this (rms) has found the right valley.
@@ -64,7 +64,7 @@ const LEFT_OUT: f64 = 1e-9;
 
 impl<'a> Carrying<'a> {
     pub(crate) fn new(recordings: &[Recording<'a>], moves: &[Move], bias: Vector3<f64>) -> Self {
-        let paths = moves.iter().map(|m| Path::of(&recordings[m.recording], m.first, m.last)).collect();
+        let paths = moves.iter().map(|m| RateSegment::of(&recordings[m.recording], m.first, m.last)).collect();
         Self { paths, bias, last: RefCell::new(None) }
     }
 
@@ -128,8 +128,8 @@ impl<'a> Carrying<'a> {
             return moved;
         }
         let paths = &self.paths;
-        let threads = threads_for(paths.iter().map(Path::samples).sum());
-        let carried = in_order(threads, paths.len(), |k| paths[k].carry(triad));
+        let threads = threads_for(paths.iter().map(RateSegment::samples).sum());
+        let carried = in_order(threads, paths.len(), |k| paths[k].preintegrate(triad));
         let new = Rc::new(Linearised { triad: *triad, carried });
         *self.last.borrow_mut() = Some(Rc::clone(&new));
         new
@@ -165,7 +165,7 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 }
 
 /// Derivative of a move's residual in rad with respect to the nine entries and the three biases, 2 x 12.
-pub(crate) fn residual_gradient(ends: &Ends, carried: &Carried, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
+pub(crate) fn residual_gradient(ends: &Ends, carried: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
     let carried_up = carried.rotation.tr_mul(&ends.before);
     // A turn delta of the end attitude moves the carried direction by [R^T u]x delta.
     let by_turn = -(ends.across() * hat(&carried_up) * carried.rotation.transpose());

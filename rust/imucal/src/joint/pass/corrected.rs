@@ -12,7 +12,7 @@ use super::Route;
 use crate::joint::model::{Model, surroundings};
 use crate::joint::settle::Settling;
 use crate::joint::terms::{Sample, Terms};
-use crate::preintegration::{Between, turn};
+use crate::preintegration::{Interpolation, turn};
 use crate::recording::Samples;
 
 /// The samples of a move after correction, with one more on either side.
@@ -30,7 +30,7 @@ pub(super) struct Corrected {
 pub(super) struct Step {
     /// The sample before it.
     pub(super) before: usize,
-    is_straight: bool,
+    is_linear: bool,
     /// Of the four samples around it in the mean over it.
     shares: [f64; 4],
 }
@@ -39,8 +39,8 @@ impl Step {
     /// The one after sample `i`.
     #[inline]
     pub(super) fn after(time_s: &[f64], i: usize) -> Self {
-        let (between, shares) = Between::of(time_s, i);
-        Self { before: i, is_straight: between == Between::Straight, shares }
+        let (interpolation, shares) = Interpolation::of(time_s, i);
+        Self { before: i, is_linear: interpolation == Interpolation::Linear, shares }
     }
 
     /// Mean over the step, `value(k)` being that of sample k.
@@ -48,7 +48,7 @@ impl Step {
     pub(super) fn mean(&self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
         let (k, [before, start, end, after]) = (self.before, self.shares);
         let inner = value(k) * start + value(k + 1) * end;
-        if self.is_straight { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
+        if self.is_linear { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
     }
 
     /// What it turns, rad, `rate(k)` being that of sample k, in so long.

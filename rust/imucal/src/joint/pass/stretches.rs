@@ -17,7 +17,7 @@ use super::corrected::{Corrected, Step};
 use super::groups::Groups;
 use crate::joint::model::{Model, mean_surroundings};
 use crate::joint::terms::{Sample, Terms};
-use crate::preintegration::{are_alike, attitudes};
+use crate::preintegration::{are_equal_steps, attitudes};
 use crate::recording::Samples;
 use crate::rests::moves::Move;
 
@@ -169,7 +169,7 @@ impl Route<'_> {
 /// Whether the times before and after one are as far from it.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
-        Some([t0, t1, t2]) => are_alike(t1 - t0, t2 - t1),
+        Some([t0, t1, t2]) => are_equal_steps(t1 - t0, t2 - t1),
         None => false,
     }
 }

@@ -15,7 +15,7 @@ use super::{Asked, Pass, Route};
 use crate::joint::model::Model;
 use crate::joint::terms::SideBySide;
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
-use crate::preintegration::{Sums, carry_smoothly};
+use crate::preintegration::{Sums, preintegrate};
 use crate::recording::Samples;
 
 /// Length of a stretch, s.
@@ -85,7 +85,7 @@ impl Route<'_> {
         let rates: Vec<[f64; 3]> = all.rate.iter().map(|rate| (*rate).into()).collect();
         let (first, last) = (span.first - reach.start, span.last - reach.start);
         let time_s = &self.recording.time_s[reach];
-        let (rotation, mut sums) = carry_smoothly(time_s, Samples::from(&rates), first, last, &Triad::identity());
+        let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
         // The entries multiply the rates that are seen.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));

@@ -1,4 +1,4 @@
-//! What a record makes of the truth: its clock, its losses, its converter, and what the user adds.
+//! Tests of the steps from true values to a recording: clock, losses, converter and added errors.
 
 use super::*;
 
@@ -15,7 +15,7 @@ fn a_wrong_clock_samples_at_other_instants_and_does_not_say_so() {
     }
     assert!((fast.rests[1].0 - 1.01 * motion.rests()[1].0).abs() < 1e-12);
 
-    // A sample that is late by n times the jitter reads n times the angular acceleration more.
+    // A sample that is late by n times the jitter differs by n times the jitter times the angular acceleration.
     let jitter_s = 1e-5;
     let shaken = run(&Setup { faults: Faults { clock_jitter_s: jitter_s, ..Faults::none() }, ..setup }).unwrap();
     let steady = run(&setup).unwrap();
@@ -50,7 +50,7 @@ fn lost_and_repeated_samples_are_counted_and_truth_stays_with_its_stamp() {
         assert_eq!(spoiled.temperature_degc[i], whole.temperature_degc[row]);
         repeated += usize::from(spoiled.angular_rate[i] != whole.angular_rate[row]);
     }
-    // Some that repeat are lost.
+    // Some of the repeated samples are lost.
     assert!(repeated <= spoiled.duplicated && repeated as f64 > 0.8 * spoiled.duplicated as f64);
 }
 
@@ -71,7 +71,7 @@ fn what_the_user_adds_comes_before_the_sensor() {
     assert_eq!(added.specific_force, plain.specific_force);
     assert_eq!(added.true_angular_rate, plain.true_angular_rate);
     let short = run(&Setup { added: Some(Added { force: None, rate: Some(&rate[1..]) }), ..setup });
-    assert!(short.unwrap_err().to_string().contains("rows of rate"));
+    assert!(short.unwrap_err().to_string().contains("added rate has"));
 }
 
 #[test]

@@ -1,44 +1,46 @@
-//! Information along a run: two angles of the direction of gravity where the run is at, and all parameters.
+//! Information filter along a run. Its state is the direction of gravity (two angles) at the current time, and all
+//! parameters.
 //!
 //! ```text
-//! seen      y = A d + B theta + noise
-//! carried   d' = d - C theta + noise of covariance Q,   and d is not asked for any more
+//! measurement   y = A d + B theta + noise
+//! propagation   d' = d - C theta + noise of covariance Q;   d is then eliminated
 //! ```
 //!
-//! Each direction has only the one before and the one after it in common with the rest of the run: to eliminate one after the
-//! other costs as many steps as there are rests.
+//! The direction at a rest is connected only with the previous and the next direction. Directions are therefore
+//! eliminated one after the other, and the cost is proportional to the number of rests.
 
 use faer::Mat;
 use nalgebra::Matrix2;
 
 use super::DIRECTION;
 
-/// Normal equations of the direction where the run is at (first) and of the parameters.
+/// Normal matrix of the current direction (first two rows) and of the parameters.
 #[derive(Clone)]
-pub(super) struct Chain {
+pub(super) struct InformationFilter {
     width: usize,
-    /// Row by row; the upper triangle counts.
+    /// Entries row by row; only the upper triangle is used.
     matrix: Vec<f64>,
 }
 
-/// How the direction of gravity is carried on.
+/// Propagation of the direction of gravity over an interval.
 #[derive(Clone)]
-pub(super) struct Carry {
-    /// Derivative of both angles by the parameters.
-    pub(super) by: [Vec<f64>; 2],
-    /// Of the noise, rad^2.
+pub(super) struct Propagation {
+    /// Derivative of both angles with respect to the parameters.
+    pub(super) jacobian: [Vec<f64>; 2],
+    /// Covariance of the noise of both angles, rad^2.
     pub(super) covariance: Matrix2<f64>,
 }
 
-impl Chain {
-    /// Nothing is known.
+impl InformationFilter {
+    /// A filter without information.
     pub(super) fn new(parameters: usize) -> Self {
         let width = DIRECTION + parameters;
         Self { width, matrix: vec![0.0; width * width] }
     }
 
-    /// A row in units of its standard deviation, `weight` times: direction first, then parameters.
-    pub(super) fn see(&mut self, row: &[f64], weight: f64) {
+    /// Adds a measurement with the given weight. The row is divided by its standard deviation; the direction is first,
+    /// then the parameters.
+    pub(super) fn add_row(&mut self, row: &[f64], weight: f64) {
         for (i, value) in row.iter().enumerate().filter(|(_, value)| **value != 0.0) {
             let factor = weight * value;
             let start = i * self.width;
@@ -48,43 +50,44 @@ impl Chain {
         }
     }
 
-    /// On to the next direction.
-    pub(super) fn carry(&mut self, carry: &Carry) {
+    /// Propagates the direction and eliminates the previous one.
+    pub(super) fn propagate(&mut self, step: &Propagation) {
         let width = self.width;
-        let weight = inverse(&carry.covariance);
+        let weight = inverse(&step.covariance);
         let here = Matrix2::new(self.matrix[0], self.matrix[1], self.matrix[1], self.matrix[width + 1]);
         let left = inverse(&(here + weight));
-        // What the direction that is left shares with the parameters.
+        // Entries between the eliminated direction and the parameters.
         let mut shared = [vec![0.0; width - DIRECTION], vec![0.0; width - DIRECTION]];
-        let mut carried = shared.clone();
+        let mut propagated = shared.clone();
         for p in 0..width - DIRECTION {
-            let by = [carry.by[0][p], carry.by[1][p]];
+            let by = [step.jacobian[0][p], step.jacobian[1][p]];
             for i in 0..2 {
-                carried[i][p] = weight[(i, 0)] * by[0] + weight[(i, 1)] * by[1];
-                shared[i][p] = self.matrix[i * width + DIRECTION + p] - carried[i][p];
+                propagated[i][p] = weight[(i, 0)] * by[0] + weight[(i, 1)] * by[1];
+                shared[i][p] = self.matrix[i * width + DIRECTION + p] - propagated[i][p];
             }
         }
         let solved = |i: usize, p: usize| left[(i, 0)] * shared[0][p] + left[(i, 1)] * shared[1][p];
         for p in 0..width - DIRECTION {
-            let (first, second) = (carried[0][p], carried[1][p]);
-            let (by, gone) = ([carry.by[0][p], carry.by[1][p]], [solved(0, p), solved(1, p)]);
+            let (first, second) = (propagated[0][p], propagated[1][p]);
+            let (by, gone) = ([step.jacobian[0][p], step.jacobian[1][p]], [solved(0, p), solved(1, p)]);
             let row = (DIRECTION + p) * width + DIRECTION;
             if first != 0.0 || second != 0.0 || gone != [0.0; 2] {
                 for q in p..width - DIRECTION {
-                    self.matrix[row + q] +=
-                        by[0] * carried[0][q] + by[1] * carried[1][q] - gone[0] * shared[0][q] - gone[1] * shared[1][q];
+                    self.matrix[row + q] += by[0] * propagated[0][q] + by[1] * propagated[1][q]
+                        - gone[0] * shared[0][q]
+                        - gone[1] * shared[1][q];
                 }
             }
             for i in 0..2 {
                 self.matrix[i * width + DIRECTION + p] =
-                    carried[i][p] + weight[(i, 0)] * gone[0] + weight[(i, 1)] * gone[1];
+                    propagated[i][p] + weight[(i, 0)] * gone[0] + weight[(i, 1)] * gone[1];
             }
         }
         let next = weight - weight * left * weight;
         (self.matrix[0], self.matrix[1], self.matrix[width + 1]) = (next[(0, 0)], next[(0, 1)], next[(1, 1)]);
     }
 
-    /// Information on the parameters, the last direction being unknown.
+    /// Information on the parameters, with the last direction eliminated.
     pub(super) fn information(&self) -> Mat<f64> {
         let (width, n) = (self.width, self.width - DIRECTION);
         let left = inverse(&Matrix2::new(self.matrix[0], self.matrix[1], self.matrix[1], self.matrix[width + 1]));
@@ -97,7 +100,7 @@ impl Chain {
     }
 }
 
-/// Of a symmetric matrix; zero where it has none, for nothing is known then.
+/// Inverse of a symmetric 2x2 matrix. A singular matrix has no information yet; its inverse is set to zero.
 fn inverse(matrix: &Matrix2<f64>) -> Matrix2<f64> {
     let determinant = matrix.determinant();
     if determinant == 0.0 {
@@ -112,36 +115,37 @@ mod tests {
 
     use super::*;
 
-    /// Three directions and two parameters: the whole matrix, then the directions eliminated at once.
+    /// Three directions and two parameters: compares with the full matrix, from which all directions are eliminated at
+    /// once.
     #[test]
     fn what_is_eliminated_step_by_step_is_what_is_eliminated_at_once() {
         let value = |i: usize| ((i * 37 + 11) as f64).sin();
-        let carries: Vec<Carry> = (0..2)
-            .map(|k| Carry {
-                by: [vec![value(4 * k), value(4 * k + 1)], vec![value(4 * k + 2), value(4 * k + 3)]],
+        let steps: Vec<Propagation> = (0..2)
+            .map(|k| Propagation {
+                jacobian: [vec![value(4 * k), value(4 * k + 1)], vec![value(4 * k + 2), value(4 * k + 3)]],
                 covariance: Matrix2::new(0.5, 0.1, 0.1, 0.3 + k as f64),
             })
             .collect();
         let row = |k: usize, r: usize| -> Vec<f64> { (0..4).map(|c| value(100 + 12 * k + 4 * r + c)).collect() };
-        let mut chain = Chain::new(2);
+        let mut filter = InformationFilter::new(2);
         let mut whole = Mat::<f64>::zeros(8, 8);
         for k in 0..3 {
             for r in 0..3 {
                 let row = row(k, r);
-                chain.see(&row, 2.0);
+                filter.add_row(&row, 2.0);
                 let place = |c: usize| if c < 2 { 2 * k + c } else { 4 + c };
                 for (i, j) in (0..4).flat_map(|i| (0..4).map(move |j| (i, j))) {
                     whole[(place(i), place(j))] += 2.0 * row[i] * row[j];
                 }
             }
-            let Some(carry) = carries.get(k) else { break };
-            chain.carry(carry);
-            // The noise is d' - d + C theta.
-            let weight = inverse(&carry.covariance);
+            let Some(step) = steps.get(k) else { break };
+            filter.propagate(step);
+            // The residual of the propagation is d' - d + C theta.
+            let weight = inverse(&step.covariance);
             let noise = |i: usize, c: usize| match c {
                 _ if c == 2 * k + 2 + i => 1.0,
                 _ if c == 2 * k + i => -1.0,
-                6 | 7 => carry.by[i][c - 6],
+                6 | 7 => step.jacobian[i][c - 6],
                 _ => 0.0,
             };
             for (i, j) in (0..8).flat_map(|i| (0..8).map(move |j| (i, j))) {
@@ -154,7 +158,7 @@ mod tests {
         let shared = whole.submatrix(0, 6, 6, 2).to_owned();
         let own = whole.submatrix(6, 6, 2, 2).to_owned();
         let expected = own - shared.transpose() * directions.llt(faer::Side::Lower).unwrap().solve(&shared);
-        let found = chain.information();
+        let found = filter.information();
         for (i, j) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
             assert!(
                 (found[(i, j)] - expected[(i, j)]).abs() < 1e-10,

@@ -1,0 +1,134 @@
+//! A run as a sequence of rests and moves: the information from each rest and the propagation through each move.
+
+use nalgebra::Matrix2;
+
+use super::information_filter::{InformationFilter, Propagation};
+use super::sensors::Sensors;
+use crate::simulate::Moment;
+
+/// Time that rest detection removes from each end of a rest, s. The neighbouring move becomes longer by this time.
+pub(super) const EDGE_S: f64 = 0.01;
+/// Length of a block of forces inside a move, s: the block length of the joint fit.
+const BLOCK_S: f64 = 0.04;
+/// Length of an interval of a hand-held rest, s. The direction of gravity changes from interval to interval.
+const HELD_S: f64 = 0.2;
+/// Number of integration steps in a move. The midpoint rule then has an error of 1e-3 of the information.
+const STEPS: usize = 32;
+
+/// A rest: rows of force and rate for a mean over one second, divided by their standard deviations.
+#[derive(Clone)]
+pub(super) struct RestInformation {
+    force: [Vec<f64>; 3],
+    rate: [Vec<f64>; 3],
+    /// For a hand-held rest: the propagation over half an interval of the rest; `None` on a stand.
+    half_interval: Option<Propagation>,
+}
+
+/// The propagation from a rest to the next one.
+#[derive(Clone)]
+pub(super) struct MoveInformation {
+    sections: Vec<Section>,
+}
+
+#[derive(Clone)]
+struct Section {
+    propagation: Propagation,
+    /// Rows of the force after the propagation, divided by their standard deviations; `None` if forces are not used.
+    force: Option<[Vec<f64>; 3]>,
+}
+
+impl RestInformation {
+    /// Rest at a time, s. `in_hand`: the unit trembles, so that the mean rate contains no information about the bias.
+    pub(super) fn new(sensors: &Sensors, moment: &Moment, time_s: f64, in_hand: bool) -> Self {
+        let scaled = |rows: [Vec<f64>; 3], variance: f64| {
+            rows.map(|row| row.into_iter().map(|value| value / variance.sqrt()).collect::<Vec<f64>>())
+        };
+        Self {
+            force: scaled(sensors.force_rows(moment, time_s), sensors.force_variance),
+            rate: scaled(sensors.rate_rows(moment, time_s), sensors.rate_variance),
+            half_interval: in_hand
+                .then(|| propagation_over(sensors, [(*moment, time_s, HELD_S / 2.0)], sensors.rate_variance)),
+        }
+    }
+
+    /// Adds the information of a rest of this duration, s.
+    pub(super) fn add_to(&self, filter: &mut InformationFilter, duration_s: f64) {
+        let Some(half) = &self.half_interval else {
+            self.force.iter().chain(&self.rate).for_each(|row| filter.add_row(row, duration_s));
+            return;
+        };
+        for _ in 0..(duration_s / HELD_S).round().max(1.0) as usize {
+            filter.propagate(half);
+            self.force.iter().for_each(|row| filter.add_row(row, HELD_S));
+            filter.propagate(half);
+        }
+    }
+}
+
+impl MoveInformation {
+    /// Move that starts at `start_s` and takes `duration_s`. `at` is the motion as a function of time, at rest before
+    /// and after the move. The first `settle_s` of the next rest are not used.
+    pub(super) fn new(
+        sensors: &Sensors,
+        start_s: f64,
+        duration_s: f64,
+        settle_s: f64,
+        at: impl Fn(f64) -> Moment,
+    ) -> Self {
+        let inside = sensors.uses_forces_in_moves();
+        let count = if inside { ((duration_s / BLOCK_S).round() as usize).max(1) } else { 1 };
+        let steps = STEPS.div_ceil(count);
+        let block_s = duration_s / count as f64;
+        let mut sections = Vec::with_capacity(count + 1);
+        for block in 0..count {
+            let first_s = start_s + block_s * block as f64;
+            let step_s = block_s / steps as f64;
+            let mut parts: Vec<(Moment, f64, f64)> = (0..steps)
+                .map(|step| first_s + (step as f64 + 0.5) * step_s)
+                .map(|time_s| (at(time_s), time_s, step_s))
+                .collect();
+            if block == 0 {
+                parts.push((at(start_s), start_s, EDGE_S));
+            }
+            if block + 1 == count {
+                let end_s = start_s + duration_s;
+                parts.push((at(end_s), end_s, EDGE_S + settle_s));
+            }
+            let propagation = propagation_over(sensors, parts, sensors.moving_variance);
+            // The force is evaluated at the middle of its block; the difference from the mean is negligible for the
+            // information.
+            let force = inside.then(|| {
+                let middle_s = first_s + block_s / 2.0;
+                let sigma = (sensors.force_variance / block_s).sqrt();
+                sensors
+                    .force_rows(&at(middle_s), middle_s)
+                    .map(|row| row.into_iter().map(|value| value / sigma).collect())
+            });
+            sections.push(Section { propagation, force });
+        }
+        Self { sections }
+    }
+
+    /// Propagates the direction of gravity through the move.
+    pub(super) fn propagate(&self, filter: &mut InformationFilter) {
+        for Section { propagation, force } in &self.sections {
+            filter.propagate(propagation);
+            force.iter().flatten().for_each(|row| filter.add_row(row, 1.0));
+        }
+    }
+}
+
+/// Propagation by the gyroscope over intervals, each given by the motion at its middle, its time and its duration, s.
+fn propagation_over(
+    sensors: &Sensors,
+    parts: impl IntoIterator<Item = (Moment, f64, f64)>,
+    variance: f64,
+) -> Propagation {
+    let mut by = [vec![0.0; sensors.parameters()], vec![0.0; sensors.parameters()]];
+    let mut covariance = Matrix2::zeros();
+    for (moment, time_s, duration_s) in parts {
+        let [x, y] = sensors.add_propagation(&moment, time_s, duration_s, &mut by);
+        covariance += Matrix2::new(x.dot(&x), x.dot(&y), x.dot(&y), y.dot(&y)) * (duration_s * variance);
+    }
+    Propagation { jacobian: by, covariance }
+}

@@ -1,0 +1,285 @@
+//! Integration of consecutive gyroscope samples.
+
+use imucal_core::sensor::Triad;
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+use super::interpolation::{Interpolation, cubic_weights, end_of_equal_steps};
+use super::kernel::{Block, Increment, Kernel, Map};
+use super::lanes::MOST_LANES;
+use super::step::ANGLE_RANGES;
+use super::{Instructions, Preintegrated, Sums, rotate_by, turn};
+use crate::recording::{Recording, Samples};
+
+/// Times of the samples.
+#[derive(Clone, Copy, Debug)]
+pub enum SampleTimes<'a> {
+    /// Equal steps of this length, s.
+    Even(f64),
+    /// Time of each sample, s.
+    Stamps(&'a [f64]),
+}
+
+impl<'a> SampleTimes<'a> {
+    /// Equal steps if the time stamps deviate from them only by rounding, so that rounding of the stamps does not
+    /// affect the integral.
+    pub fn of(stamps_s: &'a [f64]) -> Self {
+        let (Some(first), Some(last)) = (stamps_s.first(), stamps_s.last()) else { return Self::Stamps(stamps_s) };
+        let interval_s = Self::Stamps(stamps_s).mean_interval_s();
+        let rounding = 2.0 * f64::EPSILON * first.abs().max(last.abs());
+        let is_off = |(k, time): (usize, &f64)| (time - (first + k as f64 * interval_s)).abs() > rounding;
+        let is_even = interval_s > 0.0 && !stamps_s.iter().enumerate().any(is_off);
+        if is_even { Self::Even(interval_s) } else { Self::Stamps(stamps_s) }
+    }
+
+    /// Mean step, s; zero for fewer than two samples.
+    fn mean_interval_s(self) -> f64 {
+        match self {
+            Self::Even(interval_s) => interval_s,
+            Self::Stamps(all @ [first, .., last]) => (last - first) / (all.len() - 1) as f64,
+            Self::Stamps(_) => 0.0,
+        }
+    }
+}
+
+/// Consecutive raw samples of a gyroscope, interpolation whose first and last sample the rotation is calculated.
+#[derive(Clone, Copy, Debug)]
+pub struct RateSegment<'a> {
+    raw: Samples<'a>,
+    sample_times: SampleTimes<'a>,
+    interpolation: Interpolation,
+    instructions: Instructions,
+}
+
+#[cfg(test)]
+thread_local! {
+    /// Number of integrated steps, to count the passes of a fit over the samples.
+    pub(crate) static STEPS_TAKEN: std::cell::Cell<usize> = const { std::cell::Cell::new(0) };
+}
+
+/// Number of steps per lane in a block. It is large, because the first samples of each lane are not prefetched. It is
+/// not a power of two, because the lanes would then use the same cache sets.
+const STEPS_OF_A_LANE: usize = 4000;
+/// Maximum rate for which a range of step angles is tried first, rad/s (340 deg/s). The smaller ranges would often fail
+/// at this rate.
+const FAST_RAD_PER_S: f64 = 5.9;
+/// Minimum number of steps for vectorised integration.
+const FEW: usize = 16;
+
+impl<'a> RateSegment<'a> {
+    /// Linear interpolation of the rate.
+    pub fn linear(raw: impl Into<Samples<'a>>, sample_times: SampleTimes<'a>) -> Self {
+        Self::of_samples(raw.into(), sample_times, Interpolation::Linear)
+    }
+
+    /// Cubic interpolation of the rate through four samples. The first and the last sample are only used for
+    /// interpolation.
+    pub fn cubic(raw: impl Into<Samples<'a>>, sample_times: SampleTimes<'a>) -> Self {
+        Self::of_samples(raw.into(), sample_times, Interpolation::Cubic)
+    }
+
+    pub(crate) fn of_samples(raw: Samples<'a>, sample_times: SampleTimes<'a>, interpolation: Interpolation) -> Self {
+        Self { raw, sample_times, interpolation, instructions: Instructions::Best }
+    }
+
+    /// Number of samples.
+    pub(crate) fn samples(&self) -> usize {
+        self.raw.len()
+    }
+
+    /// Selects the instruction set; the default is the best one.
+    #[must_use]
+    pub fn with(self, instructions: Instructions) -> Self {
+        Self { instructions, ..self }
+    }
+
+    /// Samples `first..=last` of a recording, with linear interpolation.
+    pub(crate) fn of(recording: &Recording<'a>, first: usize, last: usize) -> Self {
+        Self::linear(recording.angular_rate.slice(first..last + 1), SampleTimes::of(&recording.time_s[first..=last]))
+    }
+
+    /// Splits samples `first..=last` into sections with the same interpolation: cubic where possible.
+    pub(crate) fn smooth(
+        time_s: &'a [f64],
+        rates: Samples<'a>,
+        first: usize,
+        last: usize,
+    ) -> impl Iterator<Item = Self> {
+        let mut next = first;
+        std::iter::from_fn(move || {
+            let start = next;
+            let (interpolation, _) = (start < last).then(|| Interpolation::of(time_s, start))?;
+            next = end_of_equal_steps(time_s, start + 1, last, interpolation);
+            let around = if interpolation == Interpolation::Linear { start..next + 1 } else { start - 1..next + 2 };
+            Some(Self::of_samples(rates.slice(around.clone()), SampleTimes::of(&time_s[around]), interpolation))
+        })
+    }
+
+    /// Rotation `v_start = rotation * v_end` for a gyroscope with these parameters.
+    pub fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
+        let (rotation, _) = match self.interpolation {
+            Interpolation::Linear => self.integrate::<false, false>(gyroscope),
+            Interpolation::Cubic | Interpolation::UnevenCubic => self.integrate::<true, false>(gyroscope),
+        };
+        *rotation.to_rotation_matrix().matrix()
+    }
+
+    /// Rotation, and the sums for its derivatives with respect to the parameters.
+    pub fn preintegrate(&self, gyroscope: &Triad<f64>) -> Preintegrated {
+        let (rotation, sums) = self.sums(gyroscope);
+        Preintegrated { rotation, sensitivity_sums: sums.sensitivity, bias_sum: sums.bias }
+    }
+
+    /// Rotation and sums.
+    pub(crate) fn sums(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
+        let (rotation, sums) = match self.interpolation {
+            Interpolation::Linear => self.integrate::<false, true>(gyroscope),
+            Interpolation::Cubic | Interpolation::UnevenCubic => self.integrate::<true, true>(gyroscope),
+        };
+        (*rotation.to_rotation_matrix().matrix(), sums)
+    }
+
+    fn integrate<const CUBIC: bool, const SUMS: bool>(&self, gyroscope: &Triad<f64>) -> (UnitQuaternion<f64>, Sums) {
+        let around = 2 * usize::from(CUBIC);
+        let steps = self.raw.len().saturating_sub(1 + around);
+        #[cfg(test)]
+        STEPS_TAKEN.set(STEPS_TAKEN.get() + steps);
+        let (scale, stamps_s) = match self.sample_times {
+            SampleTimes::Even(interval_s) => (interval_s / 6.0, None),
+            SampleTimes::Stamps(stamps_s) => (1.0, Some(stamps_s)),
+        };
+        let frame = Frame::of(gyroscope, scale);
+
+        let mut all = Increment::nothing();
+        let fast_rad = FAST_RAD_PER_S * self.sample_times.mean_interval_s();
+        let mut angle_range = ANGLE_RANGES
+            .iter()
+            .position(|angle_range| angle_range.turn_rad >= fast_rad)
+            .unwrap_or(ANGLE_RANGES.len() - 1);
+        while all.steps < steps {
+            let at = all.steps;
+            let count = (steps - at).min(MOST_LANES * STEPS_OF_A_LANE);
+            let range = at..at + count + 1 + around;
+            let raw = self.raw.part(range.clone());
+            let block = Block { raw: &raw, stamps_s: stamps_s.map(|s| &s[range]), map: &frame.map };
+            let in_lanes = count >= FEW && self.interpolation != Interpolation::UnevenCubic;
+            let turned = if in_lanes { self.lanes::<CUBIC, SUMS>(block, &mut angle_range) } else { None };
+            // If a step exceeded the range of angles, only some steps are integrated without vectorisation, then the
+            // lanes are tried again.
+            let alone = at..at + count.min(STEPS_OF_A_LANE);
+            all.then(&turned.unwrap_or_else(|| self.scalar_steps::<CUBIC>(gyroscope, &frame, alone)));
+        }
+        let sums = if SUMS { self.all_sums(&all, &frame.axes) } else { Sums::zero() };
+        (frame.rotation * all.rotation * frame.rotation.inverse(), sums)
+    }
+
+    /// Integrates a block in lanes, with the smallest sufficient range of step angles. The next block starts with this
+    /// range.
+    fn lanes<const CUBIC: bool, const SUMS: bool>(
+        &self,
+        block: Block<'_>,
+        angle_range: &mut usize,
+    ) -> Option<Increment> {
+        loop {
+            let turned = match *angle_range {
+                0 => self.instructions.run(Kernel::<CUBIC, SUMS, 0>(block)),
+                1 => self.instructions.run(Kernel::<CUBIC, SUMS, 1>(block)),
+                _ => self.instructions.run(Kernel::<CUBIC, SUMS, 2>(block)),
+            };
+            if turned.is_some() || *angle_range + 1 >= ANGLE_RANGES.len() {
+                return turned;
+            }
+            *angle_range += 1;
+        }
+    }
+
+    /// Integrates steps of any angle, and the steps that the lanes leave over, without vectorisation. It works in the
+    /// frame of the gyroscope, which avoids the rounding of one more transformation.
+    fn scalar_steps<const CUBIC: bool>(
+        &self,
+        gyroscope: &Triad<f64>,
+        frame: &Frame,
+        steps: std::ops::Range<usize>,
+    ) -> Increment {
+        let margin = usize::from(CUBIC);
+        let mut rotation = UnitQuaternion::identity();
+        let mut sums = Sums::zero();
+        let rate = |k: usize| gyroscope.correct(Vector3::from(self.raw.at(k)));
+        let weighted = |rotation: &UnitQuaternion<f64>, h: f64| rotation.to_rotation_matrix().matrix() * (h / 2.0);
+        for k in steps.start + margin..steps.end + margin {
+            let h = match self.sample_times {
+                SampleTimes::Even(interval_s) => interval_s,
+                SampleTimes::Stamps(stamps_s) => stamps_s[k + 1] - stamps_s[k],
+            };
+            let (w0, w1) = (rate(k), rate(k + 1));
+            let inner = w0 + w1;
+            let mean = match (self.interpolation, self.sample_times) {
+                (Interpolation::Linear, _) => inner / 2.0,
+                (Interpolation::UnevenCubic, SampleTimes::Stamps(stamps_s)) => {
+                    let shares = cubic_weights(std::array::from_fn(|n| stamps_s[k - 1 + n]));
+                    (0..4).map(|n| rate(k - 1 + n) * shares[n]).sum()
+                }
+                _ => (inner * 13.0 - (rate(k - 1) + rate(k + 2))) / 24.0,
+            };
+            let before = weighted(&rotation, h);
+            rotate_by(&mut rotation, &turn(&mean, [&w0, &w1], h));
+            sums.add_sample(&before, &w0);
+            sums.add_sample(&weighted(&rotation, h), &w1);
+        }
+        let (by_time, by_turn) = self.units_of_sums();
+        let Frame { axes, rotation: outward, .. } = frame;
+        let [x, y, z] = along(&axes.transpose(), &sums.sensitivity).map(|sum| sum / by_turn);
+        let bias = axes.tr_mul(&sums.bias) * axes / by_time;
+        Increment { rotation: outward.inverse() * rotation * outward, sums: [bias, x, y, z], steps: steps.len() }
+    }
+
+    /// Units of the kernel's sums: of the sum of R, s, and of the sums of R times a component of the rate, rad.
+    fn units_of_sums(&self) -> (f64, f64) {
+        match self.sample_times {
+            SampleTimes::Even(interval_s) => (interval_s, 6.0),
+            SampleTimes::Stamps(_) => (0.5, 0.5),
+        }
+    }
+
+    /// Transforms the sums to the frame of the gyroscope.
+    fn all_sums(&self, all: &Increment, axes: &Matrix3<f64>) -> Sums {
+        let (by_time, by_turn) = self.units_of_sums();
+        let [bias, mut by_rate @ ..] = all.sums;
+        // The entries below the diagonal follow from R' = R [w]x: the difference of the sums of two columns, each times
+        // the rate component of the other, is the change of the third column.
+        let turned = (all.rotation.to_rotation_matrix().matrix() - Matrix3::identity()) / by_turn;
+        for (c, j, sign, across) in [(1, 0, -1.0, 2), (2, 0, 1.0, 1), (2, 1, -1.0, 0)] {
+            let column = by_rate[c].column(j) + turned.column(across) * sign;
+            by_rate[j].set_column(c, &column);
+        }
+        let bias = axes * bias * axes.transpose() * by_time;
+        Sums { sensitivity: along(axes, &by_rate).map(|sum| sum * by_turn), bias }
+    }
+}
+
+/// Sums of R times each component of the rate in another frame; `axes` are the axes of this frame in the other one.
+fn along(axes: &Matrix3<f64>, by_rate: &[Matrix3<f64>; 3]) -> [Matrix3<f64>; 3] {
+    let turned = by_rate.map(|sum| axes * sum * axes.transpose());
+    [0, 1, 2].map(|j| (0..3).map(|i| turned[i] * axes[(j, i)]).sum())
+}
+
+/// Frame in which the matrix from raw readings to rates is upper triangular.
+pub(super) struct Frame {
+    /// Axes of this frame in the sensor's frame, as columns.
+    pub(super) axes: Matrix3<f64>,
+    rotation: UnitQuaternion<f64>,
+    map: Map,
+}
+
+impl Frame {
+    /// `scale` converts rates from rad/s to the units of the kernel.
+    pub(super) fn of(gyroscope: &Triad<f64>, scale: f64) -> Self {
+        let inverse = gyroscope.inverse() * scale;
+        let (axes, upper) = inverse.qr().unpack();
+        // A reflection would change the sign of cross products.
+        let sign = axes.determinant().signum();
+        let (axes, upper) = (axes * sign, upper * sign);
+        let offset = -(upper * gyroscope.bias());
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(axes));
+        Self { axes, rotation, map: Map { upper, offset: offset.into() } }
+    }
+}
