@@ -1,6 +1,6 @@
-"""The one way in for arrays: whatever the caller has becomes C-contiguous, rows are samples.
+"""Conversion of array arguments to C-contiguous arrays with one sample per row.
 
-All is float64, but for the samples of a sensor in float32 or int16, which stay as they are.
+Values become float64, except sensor samples in float32 or int16, which keep their type.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from imucal.errors import InputError
 __all__ = ["FloatArray", "SampleArray", "as_matrix", "as_rows", "as_samples"]
 
 FloatArray: TypeAlias = NDArray[np.float64]
-# What a sensor measured: a long recording in a smaller type is not made larger.
+# Types that sensor samples keep, so that a long recording in a smaller type is not copied to float64.
 SampleArray: TypeAlias = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
 SMALLER: Final = (np.dtype(np.float32), np.dtype(np.int16))
 
@@ -26,10 +26,10 @@ def as_rows(values: ArrayLike, what: str, width: int | None = None, rows: int | 
     An array that is C-contiguous float64 is not copied; anything else is converted once. Masked values become
     NaN.
 
-    what   what the message calls it
-    rows   how many rows are needed; None takes any number
+    what   name of the argument for messages
+    rows   required number of rows; None accepts any number
 
-    Raises InputError if the shape is another one or the values are not real numbers.
+    Raises InputError if the shape is wrong or the values are not real numbers.
     """
     return _as_array(values, what, width, rows, ())
 
@@ -42,13 +42,13 @@ def as_samples(values: ArrayLike, what: str, rows: int) -> SampleArray:
 def _as_array(
     values: ArrayLike, what: str, width: int | None, rows: int | None, kept: tuple[np.dtype[Any], ...]
 ) -> NDArray[Any]:
-    """`values` as float64, or as they are in the types that are kept."""
+    """`values` as float64, or unchanged if their type is one that is kept."""
     shape = "(N,)" if width is None else f"(N, {width})"
     try:
-        # asanyarray keeps a mask, which must not be lost: a masked value is no measurement.
+        # asanyarray keeps the mask, which marks values that are not measurements.
         array = np.asanyarray(values)
         numeric = array.dtype.kind in "fiub" or array.size == 0
-        # Counts have no NaN for what a mask hides.
+        # Integers have no NaN for masked values.
         if numeric and (array.dtype not in kept or isinstance(array, np.ma.MaskedArray)):
             array = array.astype(np.float64, order="C", copy=False)
     except (TypeError, ValueError) as error:
@@ -68,14 +68,14 @@ def _as_array(
         raise InputError(
             f"{what} has {len(array)} rows but {rows} are needed: all columns need one row per sample"
         )
-    # A view, so that the caller's own array stays writable.
+    # A view, so that the caller's array stays writable.
     view = np.ascontiguousarray(array).view(np.ndarray).view()
     view.flags.writeable = False
     return view
 
 
 def as_matrix(values: ArrayLike, what: str, shape: tuple[int, ...]) -> FloatArray:
-    """`values` as a read-only float64 array of exactly this shape; InputError if it is not, or not finite."""
+    """`values` as a read-only float64 array of this shape; InputError otherwise, or if not finite."""
     try:
         array = np.array(values, dtype=np.float64, order="C")
     except (TypeError, ValueError):

@@ -1,1 +1,1 @@
-"""JSON documents, whole files, and plain values."""
+"""JSON documents, atomic writing, file hashes, and plain values."""

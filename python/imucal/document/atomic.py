@@ -1,4 +1,4 @@
-"""Writing a file so that a killed process leaves the old file or the new one, never a part."""
+"""Atomic writing: a killed process leaves either the old file or the complete new one."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ __all__ = ["write_atomically", "write_text"]
 
 @contextmanager
 def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
-    """A binary file that takes the place of `path` when the block ends well.
+    """A binary file that replaces `path` if the block ends without an exception.
 
-    The bytes go to a temporary file in the same folder, are flushed to the disk, and the file is renamed; if
-    anything goes wrong, an interrupt included, the temporary file is removed and `path` is as it was.
-    Devices and pipes cannot be renamed over and are written directly.
+    The bytes are written to a temporary file in the same folder and flushed to the disk; then the file is
+    renamed. After any exception, including an interrupt, the temporary file is removed and `path` is
+    unchanged. Devices and pipes cannot be replaced and are written directly.
 
     Raises InputError if the file cannot be written (no folder, no permission, disk full, ...).
     """
     try:
         given = Path(path)
-        # By the path as it was given: what /dev/stdout of a pipe points to has no path of its own.
+        # Uses the given path: if /dev/stdout is a pipe, its link target is not a usable path.
         if given.exists() and not given.is_file() and not given.is_dir():
             with given.open("wb") as device:
                 yield device
             return
-        # A symbolic link stays a link: the file it points to is replaced.
+        # A symbolic link stays a link; the file to which it points is replaced.
         target = Path(os.path.realpath(given))
         if target.is_dir():
             raise IsADirectoryError(21, "it is a folder, give a file's name")
@@ -59,16 +59,16 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write `text` as UTF-8, the way `write_atomically` does.
+    """Write `text` as UTF-8, atomically.
 
-    A file name that is no text in UTF-8 has lone surrogates; they are written as escapes, as JSON has them.
+    File names that are not valid UTF-8 contain lone surrogates; these are written as JSON-style escapes.
     """
     with write_atomically(path) as file:
         file.write(text.encode("utf-8", "backslashreplace"))
 
 
 def _mode(target: Path) -> int:
-    """The permissions that an ordinary write would leave: those of the old file, or those of the umask."""
+    """The permissions after an ordinary write: those of the old file, or those given by the umask."""
     if target.exists():
         return stat.S_IMODE(target.stat().st_mode)
     mask = os.umask(0)
@@ -77,7 +77,7 @@ def _mode(target: Path) -> int:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the rename itself durable, where the system can."""
+    """Flush the folder, so that the rename is durable on systems that support this."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

@@ -26,11 +26,11 @@ class Figure:
     def optional(
         node: Node, name: str, si_unit: str, shape: tuple[int, ...] = (), *, per_axis: bool = False
     ) -> Any:
-        """The field `name` in SI units: a float, or an array of `shape`; None if it is null or not there.
+        """The field `name` in SI units: a float or an array of `shape`; None if null or missing.
 
-        per_axis  a list of three numbers may stand for one number
+        per_axis  also accept a list of three numbers, one per axis
 
-        Raises FormatError, naming the field, for anything else and for a unit of another kind.
+        Raises FormatError with the name of the field for any other value and for a unit of another quantity.
         """
         if node.mapping().get(name) is None:
             return None

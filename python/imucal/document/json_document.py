@@ -1,4 +1,4 @@
-"""JSON documents: written finite, readable and whole; read with the name of the field that is wrong."""
+"""JSON documents: written atomically, with finite numbers; read with errors that name the field."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ __all__ = ["Node", "now", "read_json", "to_json", "write_json"]
 
 
 def now() -> str:
-    """When a document is made: ISO 8601, UTC, to the second."""
+    """The current time for a document: ISO 8601, UTC, with a resolution of one second."""
     return datetime.now(timezone.utc).isoformat(timespec="seconds")
 
 
 def to_json(document: Any) -> str:
-    """A document as indented JSON text, rows of numbers on one line.
+    """A document as indented JSON text, with each row of numbers on one line.
 
-    Python writes the shortest digits that give the same float64 back, so every number survives bit for bit.
-    Raises InputError, naming the field, for NaN and infinity: JSON has no such numbers.
+    Python writes the shortest decimal form that reads back as the same float64, so numbers are preserved
+    exactly. Raises InputError with the name of the field for NaN and infinity, which JSON does not have.
     """
     document = plain(document)
     for path, number in _numbers(document, "$"):
         if not math.isfinite(number):
             raise InputError(f"{path} is {number}: it is not written, JSON holds finite numbers only")
     text = json.dumps(document, indent=2, ensure_ascii=False)
-    # A string cannot hold a line break as such, so only arrays of numbers match.
+    # A JSON string contains no raw line break, so only arrays of numbers match.
     return re.sub(
         r"\[\n\s*([-+\d.eE]+(?:,\n\s*[-+\d.eE]+)*)\n\s*\]",
         lambda match: "[" + re.sub(r",\n\s*", ", ", match[1]) + "]",
@@ -46,24 +46,24 @@ def to_json(document: Any) -> str:
 
 
 def write_json(document: Any, path: str | os.PathLike[str]) -> None:
-    """Write a document as JSON, whole or not at all; InputError if it cannot be written."""
+    """Write a document as JSON, atomically; InputError if it cannot be written."""
     write_text(path, to_json(document) + "\n")
 
 
 def read_json(path: str | os.PathLike[str]) -> Node:
     """Read a JSON document; FormatError if the file is not JSON."""
-    # It brings the readers of all formats: who calibrates arrays needs none of them.
+    # Imported here because it loads the readers of all formats, which array users do not need.
     from imucal.document.source import open_file
 
     file = open_file(path)
-    # As it was given: among many calibration.json the last part alone says nothing.
+    # The path as given, because many files are called calibration.json.
     given = file.source.path
 
     def refuse(constant: str) -> None:
         raise FormatError(f"{given}: {constant} is no JSON number: finite numbers are needed")
 
     def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-        # json alone would keep the last of two fields of one name and say nothing.
+        # The json module would silently keep the last of two fields with the same name.
         found = dict(pairs)
         if len(found) < len(pairs):
             names = [name for name, _ in pairs]
@@ -82,15 +82,15 @@ def read_json(path: str | os.PathLike[str]) -> Node:
     except (UnicodeDecodeError, RecursionError):
         raise FormatError(f"{given} is not JSON: it is no text in UTF-8") from None
     except ValueError as error:
-        # Of an integer with thousands of digits.
+        # Raised for an integer with thousands of digits.
         raise FormatError(f"{given} is JSON that cannot be read: {error}") from None
 
 
 @dataclass(frozen=True)
 class Node:
-    """A value in a JSON document, with its path ($.accelerometer.T) and the file, for messages.
+    """A value in a JSON document, with its path ($.accelerometer.T) and its file.
 
-    Every method raises FormatError with both if the value is not what is asked for.
+    Every method raises FormatError with path and file if the value has another type.
     """
 
     value: Any
@@ -98,14 +98,14 @@ class Node:
     file: str
 
     def require_schema(self, schema: str) -> None:
-        """Refuse a document whose field `schema` is another one."""
+        """Raise FormatError unless the field `schema` has this value."""
         found = self.value.get("schema") if isinstance(self.value, dict) else None
         if found != schema:
             what = "has no schema" if found is None else f"has the schema {found!r}"
             raise FormatError(f"{self.file}: the document {what}, {schema!r} is needed")
 
     def get(self, name: str) -> Node:
-        """A field that must be there."""
+        """A required field."""
         if not isinstance(self.value, dict):
             raise self._wrong("an object")
         if name not in self.value:
@@ -119,20 +119,20 @@ class Node:
         return [Node(item, f"{self.path}[{index}]", self.file) for index, item in enumerate(self.value)]
 
     def mapping(self) -> dict[str, Any]:
-        """An object, as it is."""
+        """An object as a dictionary."""
         if not isinstance(self.value, dict):
             raise self._wrong("an object")
         return self.value
 
     def text(self, one_of: Sequence[str] = ()) -> str:
-        """A string, one of those given if any are."""
+        """A string, restricted to the given ones if there are any."""
         if not isinstance(self.value, str) or (one_of and self.value not in one_of):
             raise self._wrong(f"one of {', '.join(one_of)}" if one_of else "a string")
         return self.value
 
     def number(self) -> float:
         """A finite number."""
-        # bool is an int to Python, but true is no number to JSON; 1e999 is read as infinity.
+        # bool is an int in Python but not a number in JSON; 1e999 is read as infinity.
         if isinstance(self.value, bool) or not isinstance(self.value, (int, float)):
             raise self._wrong("a number")
         try:
@@ -144,7 +144,7 @@ class Node:
         return number
 
     def whole(self) -> int:
-        """A whole number of zero or more."""
+        """A non-negative integer."""
         if isinstance(self.value, bool) or not isinstance(self.value, int) or self.value < 0:
             raise self._wrong("a whole number, zero or more")
         return self.value
@@ -156,7 +156,7 @@ class Node:
         return self.value
 
     def array(self, *shape: int) -> FloatArray:
-        """Nested lists of numbers of exactly this shape."""
+        """Nested lists of numbers with exactly this shape."""
         items = self.items()
         if len(items) != shape[0]:
             raise self._wrong(f"a list of {shape[0]} items, not {len(items)}")
@@ -170,7 +170,7 @@ class Node:
 
 
 def _numbers(value: Any, path: str) -> Iterator[tuple[str, float]]:
-    """Every float in a plain document, with its path."""
+    """Every float in a document, with its path."""
     if isinstance(value, float):
         yield path, value
     elif isinstance(value, dict):

@@ -1,4 +1,4 @@
-"""Results as plain values: what JSON and tables hold."""
+"""Conversion of results to plain values for JSON and tables."""
 
 from __future__ import annotations
 
@@ -11,12 +11,13 @@ import numpy as np
 
 __all__ = ["plain", "without_nan"]
 
-# What nearly all values of a result are: seen at once, where the checks for all else take ten times as long.
+# Fast path: types returned unchanged. They cover nearly all values, and the general checks take ten times as
+# long.
 _AS_THEY_ARE = frozenset({bool, float, int, str, type(None)})
 
 
 def plain(value: Any) -> Any:
-    """`value` with arrays, NumPy numbers, tuples and dataclasses made lists, numbers and dictionaries."""
+    """`value` with arrays and tuples as lists, NumPy numbers as numbers, and dataclasses as dictionaries."""
     if type(value) in _AS_THEY_ARE:
         return value
     if isinstance(value, np.ndarray):
@@ -33,7 +34,7 @@ def plain(value: Any) -> Any:
 
 
 def without_nan(value: Any) -> Any:
-    """`value` made plain, NaN and infinity made null: for reports, where a figure may not exist."""
+    """`value` as plain values with NaN and infinity replaced by None, for reports with undefined figures."""
     if type(value) in _AS_THEY_ARE:
         return None if type(value) is float and not math.isfinite(value) else value
     return _without_nan(plain(value))
@@ -41,7 +42,8 @@ def without_nan(value: Any) -> Any:
 
 def _without_nan(value: Any) -> Any:
     if isinstance(value, list):
-        # Most are short lists of floats: a call for each costs more than the rest.
+        # Most values are short lists of floats, for which one function call per float would dominate the
+        # time.
         finite = math.isfinite
         return [
             (item if finite(item) else None) if type(item) is float else _without_nan(item) for item in value

@@ -1,4 +1,4 @@
-"""Whole numbers on their way to the compiled library, which takes none below zero."""
+"""Checks of integer arguments for the compiled library, which accepts only non-negative integers."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ LARGEST_COUNT: Final = 2**31 - 1
 
 
 def is_whole(value: Any) -> bool:
-    """Whether this is a whole number: NumPy's are, a float is none, whatever its value."""
+    """Whether this is an integer: NumPy integers are, floats are not, whatever their value."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def check_seed(seed: int) -> None:
-    """Refuse what is no seed, with InputError."""
+    """Raise InputError unless this is a valid seed."""
     if not is_whole(seed) or not 0 <= seed <= LARGEST_SEED:
         raise InputError(f"seed is {seed!r}: a whole number from 0 to 2^64 - 1 is needed")
 
 
 def check_count(count: int, what: str) -> None:
-    """Refuse what is no count of something, with InputError."""
+    """Raise InputError unless this is a positive integer."""
     if not is_whole(count) or not 1 <= count <= LARGEST_COUNT:
         raise InputError(f"{what} is {count!r}: a whole number, one or more, is needed")
 
 
 def check_threads(threads: int | None) -> None:
-    """Refuse what is no number of threads, with InputError; None takes all processors."""
+    """Raise InputError unless this is a valid number of threads; None means all processors."""
     if threads is not None:
         check_count(threads, "threads")

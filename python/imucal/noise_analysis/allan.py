@@ -1,4 +1,4 @@
-"""Overlapping Allan deviations of any series at equal intervals."""
+"""Overlapping Allan deviations of equally spaced samples."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ def allan_deviation(
     values   (N,), or (N, C) with one series in each column; float64 is read in place, strided or not
     taus_s   "octave" (1, 2, 4, ... samples), "decade" (1, 2, 4, 10, ...), or averaging times in s, of which
              each is rounded to whole samples
-    threads  how many share the work; None takes all processors. The result is the same.
+    threads  number of threads; None uses all processors. The result does not depend on it.
 
-    docs/model.md (29). Raises InputError for values that are no numbers, and for a time of less than one
-    sample or of more than half of them.
+    docs/model.md (29). Raises InputError for values that are not numbers, and for an averaging time of less
+    than one sample or of more than half of the samples.
     """
     check_threads(threads)
     if not (np.isfinite(rate_hz) and rate_hz > 0):
@@ -48,7 +48,7 @@ def allan_deviation(
         wanted = np.asarray(taus_s, dtype=np.float64)
         if wanted.ndim != 1 or not np.all(np.isfinite(wanted)) or np.any(wanted < 0):
             raise InputError("taus_s needs finite averaging times in s, or octave or decade")
-        # What is longer than all samples is refused below; as an integer it would wrap.
+        # Limited because a very long time would overflow as an integer; longer times are refused below.
         most = float(len(array) + 1)
         factors = np.unique(np.minimum(np.round(wanted * rate_hz), most)).astype(np.int64).tolist()
     columns = _core.allan_deviations(array, factors, threads)

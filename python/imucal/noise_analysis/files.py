@@ -1,4 +1,4 @@
-"""The figures of a unit's noise for other programs: Kalibr's imu.yaml, and a unit file of the simulation."""
+"""Noise figures as files for other programs: Kalibr's imu.yaml, and unit files for the simulation."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from imucal.rig.unit import Sensor, Unit
 __all__ = ["kalibr_yaml", "unit_of_noise"]
 
 ROSTOPIC: Final = "/imu0"
-# Kalibr's name -> triad, figure, and the unit that Kalibr means.
+# Kalibr's name: triad, figure, and Kalibr's unit.
 KALIBR: Final = {
     "accelerometer_noise_density": ("accel", "noise_density", "m/s^2/sqrt(Hz)"),
     "accelerometer_random_walk": ("accel", "random_walk", "m/s^3/sqrt(Hz)"),
@@ -25,8 +25,8 @@ KALIBR: Final = {
 def kalibr_yaml(noise: NoiseResult, rostopic: str = ROSTOPIC) -> str:
     """Kalibr's imu.yaml: continuous-time figures in SI units, the largest of the three axes.
 
-    A random walk that the recording does not show is written as the end of its 95 % band, for Kalibr takes no
-    zero; the comment beside it says so. Raises InputError for a recording in raw counts.
+    A random walk that is not detected is written as the upper end of its 95 % band, with a comment, because
+    Kalibr does not accept zero. Raises InputError for a recording in raw counts.
     """
     _require_si(noise)
     lines = [
@@ -40,7 +40,7 @@ def kalibr_yaml(noise: NoiseResult, rostopic: str = ROSTOPIC) -> str:
         if not np.isfinite(value):
             raise InputError(f"{noise.name}: an axis of the {sensor} is constant: {name} is not known")
         how = "not seen on any axis: the end of its 95 % band" if std is None else f"1 sigma {std:.2g}"
-        # YAML 1.1 reads a number without a point as text: 1e-05.
+        # YAML 1.1 reads a number without a decimal point, such as 1e-05, as text.
         lines.append(f"{name}: {np.format_float_scientific(value, precision=9, trim='0')}  # {unit}, {how}")
     quoted = rostopic.replace("'", "''")
     rate = np.format_float_positional(noise.rate_hz, precision=6, trim="0")
@@ -48,7 +48,7 @@ def kalibr_yaml(noise: NoiseResult, rostopic: str = ROSTOPIC) -> str:
 
 
 def unit_of_noise(noise: NoiseResult, name: str = "measured") -> Unit:
-    """A unit for the simulation that is perfect but for this noise; what was not seen is zero.
+    """A unit for the simulation with this noise and no other error; processes not detected are zero.
 
     Noise density and bias instability are root mean squares over the axes. Raises InputError for raw counts.
     """

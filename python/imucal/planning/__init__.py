@@ -1,1 +1,1 @@
-"""Motions that determine the parameters, before they are run."""
+"""Planning of motions and prediction of their accuracy."""

@@ -1,4 +1,4 @@
-"""A card of poses to hold by hand: one self-contained HTML page, to be printed or shown beside the work."""
+"""A card of poses to hold by hand: one self-contained HTML page for print or screen."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from imucal.rig.motion import Program
 
 __all__ = ["write_card"]
 
-# The unit: its edges along x, y and z, and where the arrows of its axes end.
+# The drawn unit: its edges along x, y and z, and the ends of the axis arrows.
 BOX: Final = np.array([1.0, 0.7, 0.35])
 ARROW: Final = 1.75
 COLOURS: Final = ("#d55e00", "#008560", "#0072b2")
 SIZE_PX: Final = 170
-# Seen from the front right and above: image axes right and up, and the way to the eye.
+# View from the front right and above: the image axes right and up, and the direction to the eye.
 RIGHT: Final = np.array([0.88, 0.48, 0.0])
 UP: Final = np.array([-0.19, 0.35, 0.92])
 EYE: Final = np.cross(RIGHT, UP)
@@ -51,9 +51,9 @@ def write_card(program: Program, path: str | os.PathLike[str]) -> None:
 <meta http-equiv="Content-Security-Policy" content="default-src 'none'; style-src 'unsafe-inline'">
 <style>{STYLE}</style></head><body>
 <h1>Poses to hold</h1>
-<p>{len(program.steps)} poses, {minutes:.1f} min. The arrows are the axes of the sensor as its data sheet
-has them; the picture is seen from the front, a little from the right and from above. Start recording, hold
-each pose as still as you can, and turn to the next one in about {move_s:.0f} s. A few degrees off do no harm;
+<p>{len(program.steps)} poses, {minutes:.1f} min. The arrows are the axes of the sensor as in its datasheet.
+The view is from the front, slightly from the right and from above. Start recording, hold each pose as still
+as you can, and rotate to the next one in about {move_s:.0f} s. Deviations of a few degrees do no harm, but
 rests that are too short do.</p>
 <ol>
 {items}
@@ -63,7 +63,7 @@ rests that are too short do.</p>
 
 
 def _attitude(angle_rad: FloatArray) -> FloatArray:
-    """From the body to the world: motor 1 about x, then 2 about y, then 3 about z."""
+    """Rotation from body to world: motor 1 about x, then 2 about y, then 3 about z."""
     (c1, c2, c3), (s1, s2, s3) = np.cos(angle_rad), np.sin(angle_rad)
     about_x = np.array([[1, 0, 0], [0, c1, -s1], [0, s1, c1]])
     about_y = np.array([[c2, 0, s2], [0, 1, 0], [-s2, 0, c2]])
@@ -81,7 +81,7 @@ def _item(number: int, attitude: FloatArray, hold_s: float) -> str:
 
 
 def _words(attitude: FloatArray) -> str:
-    """Which axes point up or down, by how much."""
+    """The axes that point up or down, with their angles."""
     up = attitude[2]
     names = [
         f"{'xyz'[axis]} {'up' if up[axis] > 0 else 'down'}"
@@ -92,7 +92,7 @@ def _words(attitude: FloatArray) -> str:
 
 
 def _picture(attitude: FloatArray) -> str:
-    """Faces that the eye sees, and the axes, the far ones first."""
+    """The visible faces and the axes, the far ones first."""
     shapes: list[tuple[float, str]] = []
     for axis in range(3):
         for sign in (-1.0, 1.0):
@@ -108,7 +108,7 @@ def _picture(attitude: FloatArray) -> str:
                 shapes.append((0.0, f'<polygon points="{points}" {look}/>'))
     for axis in range(3):
         tip, foot = attitude[:, axis] * ARROW, attitude[:, axis] * BOX[axis]
-        # An axis that points away from the eye is hidden by the box as far as that.
+        # The box hides this part of an axis that points away from the eye.
         shapes.append((float(np.sign(round(float(tip @ EYE), 6))) or 1.0, _arrow(foot, tip, axis)))
     return "".join(shape for _, shape in sorted(shapes, key=lambda item: item[0]))
 
@@ -128,7 +128,7 @@ def _arrow(foot: FloatArray, tip: FloatArray, axis: int) -> str:
 
 
 def _flat(point: Sequence[float] | FloatArray) -> tuple[float, float]:
-    """On the picture, y downwards."""
+    """Coordinates in the picture, y downwards."""
     return float(np.dot(RIGHT, point)), -float(np.dot(UP, point))
 
 

@@ -1,1 +1,1 @@
-"""What one unit measured."""
+"""Recordings of a unit."""

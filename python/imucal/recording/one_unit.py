@@ -1,4 +1,4 @@
-"""Recordings of one unit: of the same raw units, each with a name of its own, and none that judges itself."""
+"""Checks of several recordings of one unit: same raw units, different names, independent control."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from imucal.recording.recording import Recording, as_recordings
 
 __all__ = ["of_one_unit", "require_different", "require_other_data", "with_own_names"]
 
-# Samples that tell two runs apart.
+# Number of samples, from the start, that are compared first: two different runs nearly always differ there.
 BEGINNING: Final = 100
 
 
 def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
-    """The recordings as a list; they must agree on what the numbers are."""
+    """The recordings as a list; InputError if their raw units differ."""
     unit_data = as_recordings(recordings)
     if not unit_data:
         raise InputError("there is no recording: give at least one")
@@ -34,7 +34,7 @@ def of_one_unit(recordings: Recording | Sequence[Recording]) -> list[Recording]:
 
 
 def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings, each with a name that no other has: results say by name which one a rest is of."""
+    """The recordings with unique names, by which results refer to them."""
     names: list[str] = []
     for recording in recordings:
         name, number = recording.name, 1
@@ -49,7 +49,7 @@ def with_own_names(recordings: Sequence[Recording]) -> list[Recording]:
 
 
 def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recording]) -> None:
-    """A control recording must not be one that the calibration is made of."""
+    """Raise InputError if a control recording is also a calibration recording."""
     for judge in judges:
         for recording in unit_data:
             if _is_same_run(judge, recording):
@@ -60,7 +60,7 @@ def require_other_data(unit_data: Sequence[Recording], judges: Sequence[Recordin
 
 
 def require_different(judges: Sequence[Recording]) -> None:
-    """Control recordings count once."""
+    """Raise InputError if two control recordings have the same samples."""
     for number, judge in enumerate(judges):
         for other in judges[:number]:
             if _is_same_run(judge, other):
@@ -71,8 +71,8 @@ def require_different(judges: Sequence[Recording]) -> None:
 
 
 def _is_same_run(one: Recording, other: Recording) -> bool:
-    """Whether both have the same samples; one that was held or logged twice counts once."""
-    # Nearly always their beginnings differ.
+    """Whether both have the same samples; a sample that is repeated counts once."""
+    # Fast path: the first samples nearly always differ.
     starts = [_changes(recording, BEGINNING) for recording in (one, other)]
     shared = min(map(len, starts))
     if not np.array_equal(starts[0][:shared], starts[1][:shared]):
@@ -81,7 +81,7 @@ def _is_same_run(one: Recording, other: Recording) -> bool:
 
 
 def _changes(recording: Recording, end: int | None = None) -> NDArray[Any]:
-    """The rows up to `end` that differ from the one before, (n, 6)."""
+    """The rows up to `end` that differ from the previous row, (n, 6)."""
     rows = np.hstack((recording.specific_force[:end], recording.angular_rate[:end]))
     is_new = np.ones(len(rows), dtype=bool)
     is_new[1:] = (rows[1:] != rows[:-1]).any(axis=1)

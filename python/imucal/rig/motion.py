@@ -1,7 +1,7 @@
-"""Motions that a simulated unit undergoes: a program on a stand, turned by hand, or still.
+"""Motions of a simulated unit: a program on a stand, rotation by hand, or rest.
 
-Angles are in degrees and small lengths in millimetres where people give them, the unit in the name; the same
-seed gives the same motion.
+The public interface has angles in degrees and small lengths in millimetres, with the unit in the name. The
+same seed gives the same motion.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ SCHEMA: Final = "imucal.program/1"
 
 @dataclass(frozen=True)
 class Step:
-    """Turn the three motors by `turn_deg` (outer motor first) in `move_s`, then hold still for `hold_s`."""
+    """Rotate the three motors by `turn_deg` (outermost first) in `move_s`, then rest for `hold_s`."""
 
     turn_deg: tuple[float, float, float]
     move_s: float
@@ -37,9 +37,9 @@ class Step:
 
 @dataclass(frozen=True)
 class Program:
-    """What the stand's motors are told to do: a list of steps, from all motors at zero.
+    """A program for the motors of a stand: a list of steps, starting with all motors at zero.
 
-    stand  the errors of the stand that it runs on; None is a perfect one
+    stand  the errors of the stand on which the program runs; None is a perfect stand
     """
 
     steps: tuple[Step, ...]
@@ -47,16 +47,16 @@ class Program:
 
     @property
     def duration_s(self) -> float:
-        """All turns and holds, s."""
+        """Total duration of all rotations and rests, s."""
         return sum(step.move_s + step.hold_s for step in self.steps)
 
     @staticmethod
     def random(
         *, seed: int, moves: int = 45, max_rate_dps: float = 120.0, move_s: float = 2.0, hold_s: float = 5.0
     ) -> Program:
-        """The paper's gyroscope program: random turns of all motors, a hold before, between and after them.
+        """The paper's gyroscope program: random rotations of all motors, each between two rests.
 
-        max_rate_dps  bound of each motor's mean rate over a turn, deg/s
+        max_rate_dps  limit of the mean rate of each motor over a rotation, deg/s
         """
         check_seed(seed)
         check_count(moves, "moves")
@@ -64,12 +64,12 @@ class Program:
 
     @staticmethod
     def grid(*, step_deg: float = 20.0, move_s: float = 1.0, hold_s: float = 5.0) -> Program:
-        """The paper's accelerometer program: motor 3 through full turns, motor 2 through half a turn."""
+        """The paper's accelerometer program: motor 3 over full turns, motor 2 over half a turn."""
         return Program.of_steps(_core.grid_program(math.radians(step_deg), move_s, hold_s))
 
     @staticmethod
     def of_steps(steps: Sequence[tuple[Sequence[float], float, float]]) -> Program:
-        """A program of the compiled library's steps: turns in rad, how long turn and hold take in s."""
+        """A program from steps of the compiled library: rotations in rad, durations of move and rest in s."""
         return Program(
             tuple(
                 Step(_triple([math.degrees(angle) for angle in turn_rad]), move_s, hold_s)
@@ -79,13 +79,13 @@ class Program:
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Program:
-        """Read a program file (schema imucal.program/1); FormatError names the field that is wrong."""
+        """Read a program file (schema imucal.program/1); FormatError names the invalid field."""
         node = read_json(path)
         node.require_schema(SCHEMA)
         return program_of(node)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the program file, whole or not at all."""
+        """Write the program file, atomically."""
         write_json({"schema": SCHEMA, **self.to_dict()}, path)
 
     def to_dict(self) -> dict[str, Any]:
@@ -104,12 +104,12 @@ class Program:
 
 @dataclass(frozen=True)
 class Tumble:
-    """A unit turned by hand: rests in random poses, and between them turns that carry it along.
+    """A unit rotated by hand: rests in random poses, with rotation and translation between them.
 
-    poses           how many rests
-    hold_s, move_s  how long a rest and a move take
-    tremor_deg      standard deviation of the tremor about each axis; 0 holds still
-    translation_mm  the poses are anywhere in a cube of this edge; 0 turns on the spot
+    poses           number of rests
+    hold_s, move_s  duration of a rest and of a move
+    tremor_deg      standard deviation of the tremor about each axis; 0 is no tremor
+    translation_mm  edge of the cube in which the poses are; 0 is rotation in place
     """
 
     seed: int
@@ -121,7 +121,7 @@ class Tumble:
 
     @property
     def duration_s(self) -> float:
-        """All rests and moves, s."""
+        """Total duration of all rests and moves, s."""
         return self.poses * self.hold_s + (self.poses - 1) * self.move_s
 
     def __post_init__(self) -> None:
@@ -142,7 +142,7 @@ class Tumble:
 
 @dataclass(frozen=True)
 class Static:
-    """A unit that lies still; `rotation_wxyz` takes a vector from the body to the world (x north, z up)."""
+    """A unit at rest; `rotation_wxyz` maps a vector from body to world (x north, z up)."""
 
     duration_s: float = 60.0
     rotation_wxyz: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)
@@ -153,7 +153,7 @@ class Static:
             raise InputError(f"rotation_wxyz is {self.rotation_wxyz}: four numbers, not all zero, are needed")
 
     def in_si(self) -> Static:
-        """The motion as the compiled library reads it: this one has no angles."""
+        """The motion as the compiled library reads it, without angles."""
         return self
 
 
@@ -183,7 +183,7 @@ class TumbleMotion:
 def motion_of(
     program: Motion | str | os.PathLike[str], seed: int, options: dict[str, float | int] | None = None
 ) -> Motion:
-    """A motion as people name it: an object, "random", "grid", "tumble", "static", or a program file.
+    """The motion for an argument: an object, "random", "grid", "tumble", "static", or a program file.
 
     seed     of the random program's moves and of the tumble's poses
     options  arguments of the named motion, such as `moves` of "random"
@@ -217,7 +217,7 @@ def motion_of(
 
 
 def motion_to_dict(motion: Motion) -> dict[str, Any]:
-    """The motion in a truth file: its kind, and what gives it again."""
+    """The motion for a truth file: its kind, and the parameters that reproduce it."""
     if isinstance(motion, Program):
         return {"kind": "program", **motion.to_dict()}
     kind = "tumble" if isinstance(motion, Tumble) else "static"

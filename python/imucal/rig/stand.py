@@ -1,4 +1,4 @@
-"""What is wrong with a stand: its geometry, its stiffness, its shaking and its encoders."""
+"""Errors of a stand: geometry, stiffness, vibration and encoders."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from imucal.errors import FormatError, InputError
 __all__ = ["Stand"]
 
 SCHEMA: Final = "imucal.stand/1"
-# Standard deviations of a cheap stand: hobby servos, magnetic encoders, printed rings, screwed on by eye.
+# Standard deviations for a cheap stand: hobby servos, magnetic encoders, printed rings, aligned by eye.
 CHEAP: Final = {
     "mount_rotation_deg": 1.0,
     "base_tilt_deg": 0.5,
@@ -29,7 +29,7 @@ CHEAP: Final = {
     "vibration_mm": 0.05,
     "encoder_noise_deg": 0.02,
 }
-# Its encoders: 12 bit, and the typical sizes of the catalogue.
+# Its encoders have 12 bits, and effects with the typical sizes of the catalogue.
 CHEAP_COUNTS: Final = 4096
 CHEAP_ENCODERS: Final = ("encoder_eccentricity", "encoder_time_offset", "encoder_backlash")
 CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)
@@ -37,19 +37,19 @@ CHEAP_VIBRATION_HZ: Final = (20.0, 80.0)
 
 @dataclass(frozen=True)
 class Stand:
-    """Errors of a stand; all at zero is a perfect one.
+    """Errors of a stand; a perfect stand has all of them at zero.
 
     mount_rotation_deg     rotation vector of the unit on the innermost ring
     base_tilt_deg          tilt of the base about the world's x and y axes
-    non_orthogonality_deg  by how much axis 2 on axis 1, and axis 3 on axis 2, miss the right angle
-    flexure_deg            how far the innermost ring sags where axis 3 is level
-    vibration_deg, vibration_mm, vibration_hz   amplitudes and frequency of the shaking while motors turn
+    non_orthogonality_deg  deviations from a right angle of axis 2 to axis 1, and of axis 3 to axis 2
+    flexure_deg            sag of the innermost ring with axis 3 horizontal
+    vibration_deg, vibration_mm, vibration_hz   amplitudes and frequency of the vibration while motors rotate
     encoder_noise_deg      standard deviation of the white noise of a reading
-    encoder_counts         counts of an encoder per turn, or None: no steps
-    encoder_effects        effects of the catalogue on what the encoders read
-    tremor_deg             standard deviation about each axis of a shaking that goes on at rest, too
-    tremor_seed            of its frequencies and phases
-    slip_deg, slip_time_s  from this time on the unit sits on its mount turned by this rotation vector
+    encoder_counts         counts of an encoder per revolution, or None for no quantisation
+    encoder_effects        effects of the catalogue on the encoder readings
+    tremor_deg             standard deviation about each axis of a vibration that continues at rest
+    tremor_seed            seed of its frequencies and phases
+    slip_deg, slip_time_s  rotation vector by which the unit slips on its mount, and the time of the slip
     """
 
     mount_rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -79,12 +79,12 @@ class Stand:
 
     @staticmethod
     def cheap(seed: int) -> Stand:
-        """A stand as bad as a cheap one, drawn from a spread; the same seed gives the same stand.
+        """A cheap stand with random errors; the same seed gives the same stand.
 
-        Normal about perfect with a standard deviation of 1 deg (mount, per axis), 0.5 deg (tilt, right
-        angles) and 0.1 deg (flexure); vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder noise
-        (0.02 deg) are absolute values of such draws. The encoders have 4096 counts, and eccentricity, time
-        offset and backlash with the catalogue's typical sizes as standard deviations.
+        The errors are normally distributed with standard deviations of 1 deg (mount, per axis), 0.5 deg
+        (tilt, right angles) and 0.1 deg (flexure). Vibration (0.02 deg, 0.05 mm, at 20 to 80 Hz) and encoder
+        noise (0.02 deg) are absolute values of normal draws. The encoders have 4096 counts, and
+        eccentricity, time offset and backlash with the catalogue's typical sizes as standard deviations.
         """
         check_seed(seed)
         random = np.random.default_rng(seed)
@@ -110,13 +110,13 @@ class Stand:
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Stand:
-        """Read a stand file (schema imucal.stand/1); FormatError names the field that is wrong."""
+        """Read a stand file (schema imucal.stand/1); FormatError names the invalid field."""
         node = read_json(path)
         node.require_schema(SCHEMA)
         return stand_of(node)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the stand file, whole or not at all."""
+        """Write the stand file, atomically."""
         write_json({"schema": SCHEMA, **self.to_dict()}, path)
 
     def to_dict(self) -> dict[str, Any]:
@@ -163,7 +163,7 @@ class StandErrors:
 
 
 def stand_of(node: Node) -> Stand:
-    """The stand in a file; fields that are not there are perfect."""
+    """The stand in a file; missing fields have no error."""
     known = {field.name: field.default for field in dataclasses.fields(Stand)}
     found: dict[str, Any] = {}
     for name in node.mapping():
@@ -191,13 +191,13 @@ def stand_of(node: Node) -> Stand:
 
 
 def stand_from_name(stand: Stand | str | os.PathLike[str]) -> Stand:
-    """A stand as people name it: a Stand, "perfect", "cheap" or "cheap:SEED", or the path of a stand file."""
+    """The stand for an argument: a Stand, "perfect", "cheap" or "cheap:SEED", or the path of a stand file."""
     if isinstance(stand, Stand):
         return stand
     name, _, seed = os.fspath(stand).partition(":")
     if name == "perfect" and not seed:
         return Stand()
-    # Two runs on one stand are the rule: its seed is not that of the run.
+    # Separate from the seed of the run, because a run and its control run usually share one stand.
     if name == "cheap" and (seed or "1").isdigit():
         return Stand.cheap(int(seed or "1"))
     return Stand.read(stand)

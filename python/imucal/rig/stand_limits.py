@@ -1,7 +1,7 @@
-"""What a stand can do: how far and how fast its motors turn, and where they must not be.
+"""Limits of a stand: ranges, rates and accelerations of its motors, and forbidden zones.
 
-A file (schema imucal.stand-limits/1, JSON Schema in the package) or one of `NAMED`: the paper's stand, stands
-with fewer motors, and a hand.
+The limits come from a file (schema imucal.stand-limits/1, JSON Schema in the package) or from `NAMED`: the
+paper's stand, stands with fewer motors, and a hand.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ SCHEMA: Final = "imucal.stand-limits/1"
 AXES: Final = ("axis_1", "axis_2", "axis_3")
 AXIS_FIELDS: Final = ("max_rate_dps", "max_acceleration_dps2", "range_deg", "cable_wrap_deg")
 FIELDS: Final = ("schema", "description", "axes", "settle_s", "min_rest_s", "minutes", "forbidden_deg")
-# The paper does not say the acceleration: it is what its random program asks for, 240 deg in 2 s.
+# The paper does not give the acceleration: this is what its random program needs, 240 deg in 2 s.
 PAPER_DPS: Final = 120.0
 PAPER_DPS2: Final = 480.0
 
@@ -30,12 +30,12 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class AxisLimits:
-    """One motor.
+    """Limits of one motor.
 
-    max_rate_dps           highest rate, mean over a turn; the peak rate is 4/3 of it
-    max_acceleration_dps2  highest acceleration
-    range_deg              end stops, counted from where a program starts; None: none
-    cable_wrap_deg         how far the cable may wind up to either side of there; None: slip rings
+    max_rate_dps           maximum of the mean rate over a rotation; the peak rate is 4/3 of it
+    max_acceleration_dps2  maximum acceleration
+    range_deg              end stops, relative to the start of a program; None if there are none
+    cable_wrap_deg         angle by which the cable may wind up in either direction; None for slip rings
     """
 
     max_rate_dps: float = PAPER_DPS
@@ -58,15 +58,15 @@ class AxisLimits:
 
 @dataclass(frozen=True)
 class StandLimits:
-    """What a stand, or a hand, can do.
+    """Limits of a stand or of a hand.
 
-    axes           the three motors, outer one first; None: there is none, and it stays at zero
-    settle_s       how long the stand shakes after a turn: a rest is held for that much longer
-    min_rest_s     shortest stillness that is found as a rest
-    minutes        most that a program may take, or None
-    forbidden_deg  boxes of motor angles where the unit must not be, whatever the full turns: from and to for
-                   each motor, None for any angle
-    in_hand        no stand: a hand holds poses in steps of 45 deg, and trembles
+    axes           the three motors, outermost first; None for a motor that does not exist
+    settle_s       duration of the vibration after a rotation; rests are longer by this time
+    min_rest_s     minimum duration of a rest
+    minutes        maximum duration of a program, or None
+    forbidden_deg  boxes of motor angles, modulo full revolutions, that the unit must not enter: from and to
+                   for each motor, None for any angle
+    in_hand        no stand: a hand with tremor, and poses in steps of 45 deg
     """
 
     axes: tuple[AxisLimits | None, AxisLimits | None, AxisLimits | None] = (
@@ -82,7 +82,7 @@ class StandLimits:
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> StandLimits:
-        """Read a file; FormatError names the field that is wrong."""
+        """Read a file; FormatError names the invalid field."""
         node = read_json(path)
         node.require_schema(SCHEMA)
         _require_known(node, FIELDS)
@@ -97,7 +97,7 @@ class StandLimits:
         return StandLimits((first, second, third), **numbers, forbidden_deg=tuple(map(_zone, zones)))
 
     def write(self, path: str | os.PathLike[str], description: str = "") -> None:
-        """Write the file, whole or not at all; InputError for a hand, which has no file."""
+        """Write the file, atomically; InputError for a hand, which has no file."""
         if self.in_hand:
             raise InputError("limits of a hand have no file: pass the name, hand")
         zones = [
@@ -117,7 +117,7 @@ class StandLimits:
 
     @property
     def axis_count(self) -> int:
-        """How many motors there are."""
+        """The number of motors."""
         return sum(axis is not None for axis in self.axes)
 
     def in_si(self) -> CoreLimits:
@@ -155,7 +155,7 @@ class CoreLimits:
 
 STEP_DEG: Final = 0.1
 MOST_MOVES: Final = 400
-# A hand: poses that a picture shows clearly, and time to look at the next one.
+# A hand: poses that are clear in a picture, and enough time to look at the next picture.
 HAND_STEP_DEG: Final = 45.0
 HAND_MOVE_S: Final = 2.0
 HAND_MOVES: Final = 40
@@ -175,7 +175,7 @@ NAMED: Final[dict[str, StandLimits]] = {
 
 
 def stand_limits_of(limits: StandLimits | str | os.PathLike[str]) -> StandLimits:
-    """Limits as people name them: an object, a name out of `NAMED`, or a file."""
+    """The limits for an argument: an object, a name of `NAMED`, or a file."""
     if isinstance(limits, StandLimits):
         return limits
     if isinstance(limits, str) and limits in NAMED:

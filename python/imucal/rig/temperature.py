@@ -1,4 +1,4 @@
-"""Temperature of a simulated unit over time: knots, linear between them, constant outside."""
+"""Temperature of a simulated unit: piecewise linear between knots, constant outside them."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ from imucal.errors import FormatError, InputError
 
 __all__ = ["Temperature"]
 
-# What sensitivities and biases are for: the compiled library counts the effects of temperature from here.
+# Reference temperature of sensitivities and biases; temperature effects are relative to it.
 REFERENCE_DEGC: Final = 25.0
 ABSOLUTE_ZERO_DEGC: Final = -273.15
-# The exponential of a warm-up is drawn as 50 straight lines per time constant, for 12 of them: followed to
-# 5e-5 of the rise, and what is left at the end is 6e-6 of it.
+# A warm-up is approximated by 50 straight lines per time constant, over 12 time constants: the error is 5e-5
+# of the rise, and 6e-6 of the rise remain at the end.
 KNOTS_PER_CONSTANT: Final = 50
 CONSTANTS: Final = 12
 FORMS: Final = (
@@ -33,9 +33,9 @@ FORMS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Temperature:
-    """Knots: `time_s` (K,) rising, `temp_degc` (K,). One knot is a constant temperature.
+    """Knots: `time_s` (K,), increasing, and `temp_degc` (K,). One knot is a constant temperature.
 
-    Raises InputError for knots that do not rise, and for no or impossible temperatures.
+    Raises InputError for times that do not increase, and for missing or impossible temperatures.
     """
 
     time_s: FloatArray
@@ -57,12 +57,12 @@ class Temperature:
 
     @staticmethod
     def constant(temp_degc: float) -> Temperature:
-        """The same all the time."""
+        """A constant temperature."""
         return Temperature(_row(0.0), _row(temp_degc))
 
     @staticmethod
     def warm_up(start_degc: float, end_degc: float, time_constant_s: float) -> Temperature:
-        """A unit that warms itself: end + (start - end) exp(-t / time_constant)."""
+        """A unit that warms up: end + (start - end) exp(-t / time_constant)."""
         if not (math.isfinite(time_constant_s) and time_constant_s > 0):
             raise InputError(
                 f"the time constant of the warm-up is {time_constant_s} s: a positive one is needed"
@@ -72,14 +72,14 @@ class Temperature:
 
     @staticmethod
     def cycle(low_degc: float, high_degc: float, duration_s: float) -> Temperature:
-        """Heated from low to high in half the duration, and cooled again in the other half."""
+        """Heating from low to high in the first half of the duration, and cooling in the second half."""
         if not (math.isfinite(duration_s) and duration_s > 0):
             raise InputError(f"the heat-cool cycle takes {duration_s} s: a positive time is needed")
         return Temperature(_row(0.0, duration_s / 2.0, duration_s), _row(low_degc, high_degc, low_degc))
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Temperature:
-        """Read a CSV file with the columns time_s and temp_degc; FormatError says what is wrong with it."""
+        """Read a CSV file with the columns time_s and temp_degc; FormatError if it is invalid."""
         file = open_file(path)
         try:
             rows = list(csv.DictReader(io.StringIO(file.content.decode("utf-8-sig"))))
@@ -95,7 +95,7 @@ class Temperature:
 
 
 def temperature_of(given: Temperature | float | str | os.PathLike[str]) -> Temperature:
-    """A temperature as people give it: an object, a number, `warmup:...`, `cycle:...`, or a CSV file."""
+    """The temperature for an argument: an object, a number, `warmup:...`, `cycle:...`, or a CSV file."""
     if isinstance(given, Temperature):
         return given
     if isinstance(given, (int, float)):
@@ -109,7 +109,7 @@ def temperature_of(given: Temperature | float | str | os.PathLike[str]) -> Tempe
             return forms[kind](first, second, third)
         return Temperature.constant(float(text))
     except ValueError as error:
-        # An InputError is a ValueError that says enough.
+        # InputError is a ValueError with a sufficient message.
         if isinstance(error, InputError):
             raise
     if kind in forms or not Path(text).exists():

@@ -1,9 +1,10 @@
-"""Units: the sensors that a run is simulated with, and the files that they come from.
+"""Simulated units: their sensors, and unit files.
 
     measured = convert(sensitivity (true + effects) + bias + noise)
 
-A unit file (schema imucal.unit/1) holds figures as datasheets print them, each with its unit and source;
-`null` is what the source does not give, and it is simulated as perfect. The package brings `unit_names()`.
+A unit file (schema imucal.unit/1) has the figures of a datasheet, each with its unit and source. A figure
+that the source does not give is `null` and is simulated as perfect. The package contains the units
+`unit_names()`.
 """
 
 from __future__ import annotations
@@ -31,11 +32,11 @@ __all__ = ["Sensor", "Unit", "unit_names"]
 
 SCHEMA: Final = "imucal.unit/1"
 FOLDER: Final = Path(__file__).parent / "shipped"
-# Flicker of coefficient B has the Allan deviation sqrt(2 ln 2 / pi) B where it is flat (IEEE Std 952-1997).
+# Minimum of the Allan deviation of flicker noise with coefficient B: sqrt(2 ln 2 / pi) B (IEEE Std 952-1997).
 FLOOR_PER_INSTABILITY: Final = math.sqrt(2.0 * math.log(2.0) / math.pi)
-# A datasheet's typical tolerance is one standard deviation of the drawn units, a maximum is three.
+# A typical tolerance of a datasheet is one standard deviation of the drawn units, a maximum is three.
 DEVIATIONS: Final = {"typical": 1.0, "maximum": 3.0}
-# Shape and unit of what is drawn besides effects; the order is that in which the random numbers are used.
+# Shape and unit of the drawn figures other than effects, in the order in which random numbers are used.
 DRAWN: Final[dict[str, tuple[int, str]]] = {
     "accel_bias": (3, "m/s^2"),
     "accel_scale": (3, "1"),
@@ -56,18 +57,18 @@ SENSOR_FIELDS: Final = (
 
 @dataclass(frozen=True, eq=False)
 class Sensor:
-    """Three axes of one kind, in SI units (v is m/s^2 or rad/s).
+    """A triad of sensors, in SI units (v is m/s^2 or rad/s).
 
     sensitivity       (3, 3), 1 is perfect
     bias              (3,) v
     noise_density     white noise, continuous, v/sqrt(Hz): a point sample has noise_density * sqrt(rate_hz)
     bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
     random_walk       (3,) rate random walk K per axis, v/s/sqrt(Hz): the Allan deviation is K sqrt(tau / 3)
-    noise_in_motion   factor on the white noise while the unit turns
-    lsb, bits         one count in v and the width of the word, or None: no steps, no rails
+    noise_in_motion   factor on the white noise during moves
+    lsb, bits         one count in v and the word width, or None for no quantisation and no saturation
     filter_hz         bandwidth of the low-pass filter before sampling, or None: point samples
     averaging         samples are means over the sampling interval
-    bandwidth_hz      that of the datasheet; it is used where `filter_hz="datasheet"` is asked for
+    bandwidth_hz      bandwidth of the datasheet, used with `filter_hz="datasheet"`
     """
 
     sensitivity: FloatArray = field(default_factory=lambda: np.eye(3))
@@ -90,10 +91,10 @@ class Sensor:
             raise InputError("lsb and bits of a sensor belong together: give both or neither")
 
     def with_range(self, limit: float) -> Sensor:
-        """The same sensor with rails at +-limit: its counts become finer or coarser, their number stays."""
+        """The sensor with the range +-limit and the same number of counts."""
         if not (math.isfinite(limit) and limit > 0):
             raise InputError(f"the range of a sensor is {limit}: a positive number is needed")
-        # A word of 32 bits has steps far below any noise: a sensor without steps gets rails alone.
+        # With 32 bits the quantisation is far below any noise, so only the saturation has an effect.
         bits = self.bits or 32
         return dataclasses.replace(self, lsb=limit / 2.0 ** (bits - 1), bits=bits)
 
@@ -117,9 +118,9 @@ class Sensor:
 
 @dataclass(frozen=True, eq=False)
 class Unit:
-    """An accelerometer and a gyroscope on one board, and the effects that they have besides.
+    """An accelerometer and a gyroscope on one board, with their effects.
 
-    description, sources   what it is and where its figures come from
+    description, sources   description of the unit, and the sources of its figures
     """
 
     accelerometer: Sensor = field(default_factory=Sensor)
@@ -131,24 +132,24 @@ class Unit:
 
     @staticmethod
     def named(name: str) -> Unit:
-        """A unit that the package brings, by its name; InputError names them all."""
+        """A unit of the package by its name; InputError lists the names."""
         return unit_from(_shipped(name))
 
     @staticmethod
     def read(path: str | os.PathLike[str]) -> Unit:
-        """Read a unit file; FormatError names the field that is wrong."""
+        """Read a unit file; FormatError names the invalid field."""
         return unit_from(read_json(path))
 
     @staticmethod
     def random(profile: str | os.PathLike[str], seed: int) -> Unit:
-        """A unit drawn from a profile's spread; the same seed gives the same unit.
+        """A random unit within the tolerances of a profile; the same seed gives the same unit.
 
-        Every figure is drawn from a normal distribution about the perfect sensor. Its standard deviation is
-        the tolerance of the spread where that is typical, a third of it where that is a maximum. Off-diagonal
-        entries of both sensitivities are drawn in the frame of the package and turned into the body frame, in
-        which the accelerometer's is symmetric. Noise, counts and filters are those of the profile.
+        Every figure is drawn from a normal distribution around the perfect sensor. Its standard deviation is
+        a typical tolerance, or a third of a maximum tolerance. Off-diagonal entries of both sensitivities are
+        drawn in the frame of the package and rotated to the body frame, in which the accelerometer's
+        sensitivity is symmetric. Noise, quantisation and filters are those of the profile.
 
-        profile  a name out of `unit_names()`, or the path of a unit file
+        profile  a name of `unit_names()`, or the path of a unit file
         """
         node = (
             _shipped(profile) if isinstance(profile, str) and profile in unit_names() else read_json(profile)
@@ -156,7 +157,7 @@ class Unit:
         return _draw(node, seed)
 
     def write(self, path: str | os.PathLike[str]) -> None:
-        """Write the unit file, whole or not at all; reading it gives every number back bit for bit."""
+        """Write the unit file, atomically; all numbers are preserved exactly."""
         write_json(self.to_dict(), path)
 
     def to_dict(self) -> dict[str, Any]:
@@ -173,20 +174,20 @@ class Unit:
 
 
 def unit_names() -> tuple[str, ...]:
-    """The units that the package brings."""
+    """The names of the units in the package."""
     names = (Path(file.name).stem for file in FOLDER.iterdir() if file.name.endswith(".json"))
     return tuple(sorted(names))
 
 
 def unit_of(unit: Unit | str | os.PathLike[str]) -> Unit:
-    """A unit as people name it: a Unit, a name, `random:NAME:SEED`, or the path of a unit file."""
+    """The unit for an argument: a Unit, a name, `random:NAME:SEED`, or the path of a unit file."""
     if isinstance(unit, Unit):
         return unit
     text = os.fspath(unit)
     if text in unit_names():
         return Unit.named(text)
     if text.startswith("random:"):
-        # Two runs of one unit are the rule: its seed is not that of the run.
+        # Separate from the seed of the run, because a run and its control run are of the same unit.
         profile, _, seed = text.removeprefix("random:").partition(":")
         if not (profile and (seed or "1").isdigit()):
             raise InputError(f"the unit {text!r} is not understood: give random:NAME or random:NAME:SEED")
@@ -220,7 +221,7 @@ def unit_from(node: Node) -> Unit:
 
 
 def _sensor(node: Node, unit: str) -> Sensor:
-    """The sensor of a unit file; every figure may be null or left out."""
+    """The sensor in a unit file; every figure may be null or missing."""
     _require_known(node, SENSOR_FIELDS)
     floor = Figure.optional(node, "allan_floor", unit)
     instability = Figure.optional(node, "bias_instability", unit)
@@ -247,7 +248,7 @@ def _sensor(node: Node, unit: str) -> Sensor:
 
 
 def _require_known(node: Node, fields: Iterable[str]) -> None:
-    """Refuse a field that is none: a figure with a slip in its name would be simulated as perfect."""
+    """Raise FormatError for an unknown field: a figure with a misspelt name would be simulated as perfect."""
     unknown = [name for name in node.mapping() if name not in fields]
     if unknown:
         raise FormatError(
@@ -263,7 +264,8 @@ def _draw(node: Node, seed: int) -> Unit:
     if not any(value is not None for value in spread.mapping().values()):
         raise InputError(f"{node.file} gives no spread: take its unit as it is, or another profile")
     random = np.random.default_rng(seed)
-    # All numbers are drawn whether they are used or not: a figure of the spread does not change the others.
+    # All numbers are drawn whether used or not, so that the tolerance of one figure does not change the
+    # others.
     drawn = {
         name: random.normal(size=size) * _deviation(spread, name, unit, size)
         for name, (size, unit) in DRAWN.items()
@@ -278,7 +280,7 @@ def _draw(node: Node, seed: int) -> Unit:
         if name not in DRAWN and value is not None:
             effect = find(name)
             deviation = _deviation(spread, name, effect.parameters[0].unit, effect.plain)
-            # Nothing says how long a time constant varies from unit to unit.
+            # Datasheets give no tolerance of a time constant.
             shape = None if effect.shape is None else effect.shape.typical
             effects.append(EffectValues(name, random.normal(size=effect.plain) * deviation, shape))
     return dataclasses.replace(
@@ -296,9 +298,9 @@ def _draw(node: Node, seed: int) -> Unit:
 
 
 def _deviation(spread: Node, name: str, unit: str, count: int) -> FloatArray:
-    """Standard deviation of a drawn figure of so many numbers: one for all; 0 where there is no spread.
+    """Standard deviation of a drawn figure with this many numbers: one value for all; 0 without a tolerance.
 
-    Of three there may be one per axis.
+    A figure of three numbers may have one value per axis.
     """
     tolerance = Figure.optional(spread, name, unit, per_axis=count == 3)
     if tolerance is None:

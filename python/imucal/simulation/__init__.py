@@ -1,1 +1,1 @@
-"""Simulated runs, with their truth."""
+"""Simulated runs and their truth."""

@@ -1,4 +1,4 @@
-"""Everything that a simulated run depends on: the same setup gives the same bytes."""
+"""The setup of a simulated run: the same setup gives the same bytes."""
 
 from __future__ import annotations
 
@@ -24,22 +24,22 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Setup"]
 
-# What the clock and the link do, in the names of the compiled library.
+# Names of the clock and link parameters in the compiled library.
 LINK: Final = ("missing_share", "duplicated_share", "clock_rate_error", "clock_jitter_s")
 
 
 @dataclass(frozen=True, eq=False)
 class Setup:
-    """The motion, the unit with its errors, the place, the temperature, the faults, the seed of the noise.
+    """The motion, the unit with its errors, the place, the temperature, the faults, and the noise seed.
 
-    effects             of the catalogue, besides the unit's own and those of the stand's encoders
-    user_effects        definitions of the user's own effects, and their numbers
+    effects             effects of the catalogue, in addition to those of the unit and of the encoders
+    user_effects        definitions of user-defined effects, and their values
     missing_share       share of the samples that are lost
-    duplicated_share    share of the samples that repeat the one before
-    clock_rate_error    by how much the unit's clock is fast, relative
+    duplicated_share    share of the samples that repeat the previous one
+    clock_rate_error    relative error of the unit's clock, positive if fast
     clock_jitter_s      standard deviation of the sampling instant about its time stamp
 
-    Raises InputError for a seed that is none and for an effect that stands twice.
+    Raises InputError for an invalid seed and for an effect given twice.
     """
 
     motion: Motion
@@ -64,7 +64,7 @@ class Setup:
 
     @property
     def all_effects(self) -> tuple[EffectValues, ...]:
-        """Those of the unit, of the stand and those given besides; of the same name, the given one counts."""
+        """The effects of unit, stand and setup; an effect of the setup replaces one with the same name."""
         given = {effect.name for effect in self.effects}
         own = [effect for effect in self.unit.effects if effect.name not in given]
         stand = self.motion.stand if isinstance(self.motion, Program) else None
@@ -73,7 +73,7 @@ class Setup:
 
     @property
     def needs_temperature(self) -> bool:
-        """Whether an effect depends on the temperature, or it changes."""
+        """Whether the temperature changes, or an effect depends on it."""
         needs = {row.name: row.needs for row in catalogue()}
         return len(self.temperature.time_s) > 1 or any(
             "temperature" in needs.get(effect.name, ()) for effect in self.all_effects
@@ -123,7 +123,7 @@ class Setup:
 
 @dataclass(frozen=True, eq=False)
 class CoreSetup:
-    """What the compiled library reads, by these names; SI units."""
+    """The setup under the names of the compiled library, in SI units."""
 
     motion: Any
     unit: Unit
@@ -142,7 +142,7 @@ class CoreSetup:
 
 
 def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
-    """The setup in a truth file; InputError if the definition of a user's effect is missing."""
+    """The setup in a truth file; InputError if the definition of a user-defined effect is missing."""
     definitions = by_name(user_effects)
     for item in node.get("user_effects").items():
         name = item.get("name").text()
@@ -170,14 +170,14 @@ def setup_from(node: Node, user_effects: Sequence[UserEffect] = ()) -> Setup:
 
 
 def with_disturbances(setup: Setup, disturbances: Iterable[EffectValues]) -> Setup:
-    """The setup with noise and faults of these sizes; InputError for one that this motion cannot have."""
+    """The setup with these noise processes and faults; InputError for a fault that the motion cannot have."""
     for disturbance in disturbances:
         setup = DISTURB[disturbance.name](setup, disturbance.values)
     return setup
 
 
 def _sensors(setup: Setup, **changed: Callable[[Sensor], Sensor]) -> Setup:
-    """The setup with one sensor or both changed."""
+    """The setup with one or both sensors replaced."""
     sensors: dict[str, Any] = {name: change(getattr(setup.unit, name)) for name, change in changed.items()}
     return dataclasses.replace(setup, unit=dataclasses.replace(setup.unit, **sensors))
 
@@ -205,7 +205,7 @@ def _trembling(setup: Setup, tremor_rad: FloatArray) -> Setup:
 
 
 def _slipping(setup: Setup, angle_rad: FloatArray) -> Setup:
-    """A slip about the diagonal of the body frame, in the turn that is nearest to the middle of the run."""
+    """A slip about the diagonal of the body frame, during the move closest to the middle of the run."""
     if not isinstance(setup.motion, Program):
         raise InputError("mount_slip needs a stand: give the motion random, grid or a program file")
     starts_s = np.cumsum([0.0, *(step.move_s + step.hold_s for step in setup.motion.steps)])

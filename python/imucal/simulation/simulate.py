@@ -1,9 +1,9 @@
-"""Simulated runs of a unit, with the truth beside the recording.
+"""Simulated runs of a unit, with the truth.
 
     run = imucal.simulate("random", unit="bmi088", effects={"gyro_g_sensitivity": 1e-4}, seed=7)
     run.recording, run.truth
 
-The motion, the unit, its effects and its faults are one `Setup`; the truth keeps it, `repeat` runs it again.
+Motion, unit, effects and faults form a `Setup`, which is part of the truth; `repeat` runs it again.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Auxiliary: TypeAlias = Mapping[str, ArrayLike | Callable[[FloatArray], ArrayLike
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """A simulated run: what the unit recorded, and the truth."""
+    """A simulated run: the recording of the unit, and the truth."""
 
     recording: Recording
     truth: Truth
@@ -64,29 +64,29 @@ def simulate(
     filter_hz: float | str | None = None,
     averaging: bool = False,
 ) -> Simulation:
-    """Run a motion with a unit; the same arguments give the same bytes.
+    """Simulate a motion of a unit; the same arguments give the same bytes.
 
     program       "random" (the paper's gyroscope program, its moves drawn from `seed`), "grid" (its
                   accelerometer program), "tumble" (by hand), "static", a Program, Tumble or Static, or the
                   path of a program file
     seed          of the noise, and of the random program and the tumble
-    unit          a name out of `unit_names()`, "random:NAME:SEED", a Unit, or the path of a unit file
-    effects       name -> numbers (see `imucal.effect_values`): effects of the catalogue, noise, faults, and
-                  the user's own; they replace those of the unit that have the same name
-    user_effects  definitions of the user's own effects in `effects`
-    auxiliary     name -> (N,) values at the samples, or a function of their times in s: recorded along, and
-                  what user effects may depend on
+    unit          a name of `unit_names()`, "random:NAME:SEED", a Unit, or the path of a unit file
+    effects       name -> values (see `imucal.effect_values`): effects of the catalogue, noise, faults, and
+                  user-defined effects; they replace effects of the unit with the same name
+    user_effects  definitions of the user-defined effects in `effects`
+    auxiliary     name -> (N,) values at the samples, or a function of their times in s: recorded, and
+                  available to user-defined effects
     stand         errors of the stand: a Stand, "cheap" or "cheap:SEED", or the path of a stand file; None
-                  takes the program's own
-    gravity_mps2  local gravity; None takes that of `latitude_deg` and `height_m`, or the standard
-    latitude_deg  adds the Earth's rate at this latitude, the effect earth_rate; None adds none
+                  uses the stand of the program
+    gravity_mps2  local gravity; None uses that of `latitude_deg` and `height_m`, or standard gravity
+    latitude_deg  adds the Earth rate at this latitude, the effect earth_rate; None adds none
     temperature   a Temperature, degC, "warmup:20:35:300", "cycle:10:50:1200", or a CSV file; it is recorded
                   if it is given or an effect depends on it
-    clock_rate_error  by how much the unit's clock is fast, relative
+    clock_rate_error  relative error of the unit's clock, positive if fast
     filter_hz     bandwidth of the low-pass filter before sampling, or "datasheet"
     averaging     samples are means over the sampling interval
 
-    Raises InputError for arguments that cannot be used, FormatError for a bad file.
+    Raises InputError for invalid arguments, FormatError for an invalid file.
     """
     given = give_effects(effects, user_effects)
     unit = _filtered(unit_of(unit), filter_hz, averaging)
@@ -118,11 +118,11 @@ def repeat(
     user_effects: Sequence[UserEffect] = (),
     auxiliary: Auxiliary | None = None,
 ) -> Simulation:
-    """Run the setup of a truth file again: the same bytes, if the version is the same.
+    """Repeat the run of a truth file: the same version of imucal writes the same bytes.
 
-    user_effects, auxiliary  what the run had: a file cannot hold them
+    user_effects, auxiliary  those of the original run; a file cannot contain them
 
-    Raises InputError if the definition of an effect is missing, FormatError for a bad file.
+    Raises InputError if the definition of an effect is missing, FormatError for an invalid file.
     """
     node = read_json(truth)
     node.require_schema("imucal.truth/1")
@@ -130,12 +130,12 @@ def repeat(
 
 
 def run(setup: Setup, auxiliary: Auxiliary | None = None, keep_temperature: bool = False) -> Simulation:
-    """Run a setup."""
+    """Simulate a setup."""
     samples: dict[str, FloatArray] = {}
     sampled_s = np.zeros(0)
     added: dict[str, FloatArray | None] = {}
     if setup.user_effects or auxiliary:
-        # Once without noise: what a user's effect depends on is the truth.
+        # A first run without noise gives the true state, on which user-defined effects depend.
         truth = _core.simulate(setup.noise_free().for_core())
         sampled_s = truth.time_s
         samples = {name: _column(name, given, sampled_s) for name, given in (auxiliary or {}).items()}
@@ -147,7 +147,7 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, keep_temperature: bool
         core.angular_rate,
         temperature_degc=core.temperature_degc if keep_temperature or setup.needs_temperature else None,
         stand_rad=core.stand_rad,
-        # Lost samples are lost here, too.
+        # The same samples are lost as in the first run.
         auxiliary={name: np.interp(core.time_s, sampled_s, given) for name, given in samples.items()},
         name=f"simulated-{setup.seed}",
     )
@@ -155,7 +155,7 @@ def run(setup: Setup, auxiliary: Auxiliary | None = None, keep_temperature: bool
 
 
 def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dict[str, FloatArray | None]:
-    """What the user's effects add to the true force and rate of every sample."""
+    """The contribution of user-defined effects to the true force and rate of every sample."""
     state = State(
         truth.true_angular_rate,
         truth.true_specific_force,
@@ -177,7 +177,7 @@ def _added(setup: Setup, truth: Any, auxiliary: Mapping[str, FloatArray]) -> dic
 def _column(
     name: str, given: ArrayLike | Callable[[FloatArray], ArrayLike], time_s: FloatArray
 ) -> FloatArray:
-    """An auxiliary column, one value for each sample before any is lost."""
+    """An auxiliary column, with one value per sample before samples are lost."""
     values = given(time_s) if callable(given) else given
     return as_rows(values, f"auxiliary[{name!r}]", None, len(time_s))
 
@@ -220,7 +220,7 @@ def _place(
     height_m: float | None,
     given: tuple[EffectValues, ...],
 ) -> tuple[float, tuple[EffectValues, ...]]:
-    """Gravity and the Earth's rate of a place."""
+    """Gravity and the Earth rate of a place."""
     if latitude_deg is None:
         if height_m is not None:
             raise InputError("height_m without latitude_deg says nothing of gravity: give the latitude, too")
