@@ -1,4 +1,4 @@
-"""What can go wrong. Every message says what, where, the number, and what to do about it."""
+"""Exceptions. Every message says what is wrong, where, with which value, and what to do."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ __all__ = ["FitError", "FormatError", "ImucalError", "InputError", "NotEnoughMot
 
 
 class ImucalError(Exception):
-    """Base of every error that this package raises on purpose.
+    """Base class of all exceptions of this package.
 
-    `findings` lists the faults of the data when the checks of a recording refused it; it is empty otherwise.
+    `findings` lists the faults if the checks refused a recording; otherwise it is empty.
     """
 
     def __init__(self, message: str, findings: Sequence[Finding] = ()) -> None:
@@ -21,7 +21,7 @@ class ImucalError(Exception):
         self.findings: list[Finding] = list(findings)
 
     def to_dict(self) -> dict[str, Any]:
-        """The document of `--json`, schema imucal.error/1, of a command that came to no result."""
+        """The `--json` document of a command without a result, schema imucal.error/1."""
         return {
             "schema": "imucal.error/1",
             "verdict": "no_result",
@@ -32,7 +32,7 @@ class ImucalError(Exception):
 
 
 class InputError(ImucalError, ValueError):
-    """An argument or a recording that cannot be used."""
+    """An argument or a recording is invalid."""
 
 
 class NotEnoughMotionError(ImucalError):
@@ -40,8 +40,8 @@ class NotEnoughMotionError(ImucalError):
 
 
 class FitError(ImucalError):
-    """The estimation did not come to an acceptable end."""
+    """The fit did not end acceptably."""
 
 
 class FormatError(ImucalError):
-    """A file that is not what it should be: damaged, incomplete, or of another format."""
+    """A file is damaged, incomplete, or of another format."""

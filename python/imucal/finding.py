@@ -1,4 +1,4 @@
-"""What the checks of a recording found."""
+"""Findings: results of the checks of a recording."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["Finding", "Place"]
 
 @dataclass(frozen=True)
 class Place:
-    """A stretch of samples, both ends included."""
+    """A range of samples, both ends included."""
 
     first_sample: int
     last_sample: int
@@ -21,10 +21,11 @@ class Place:
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that is wrong with a recording.
+    """A fault of a recording.
 
-    `code` is a stable word for scripts. `severity` "error": a calibration would be wrong and is refused.
-    `columns` is empty if the whole recording is concerned. `value`, in `unit`, is the number that decided.
+    `code` is a stable identifier for scripts. With the `severity` "error" a calibration would be wrong and is
+    refused. `columns` is empty if the fault concerns the whole recording. `value`, in `unit`, is the decisive
+    number.
     """
 
     code: str
@@ -43,7 +44,7 @@ class Finding:
 
     @property
     def line(self) -> str:
-        """As in texts and reports: the severity, and what `str` says."""
+        """The text for summaries and reports: the severity, and the text of `str`."""
         return f"{self.severity}: {self}"
 
     def to_dict(self) -> dict[str, Any]:

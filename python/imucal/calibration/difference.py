@@ -1,11 +1,11 @@
-"""Which parameters differ between two calibrations, by more than they are known.
+"""Parameters that differ significantly between two calibrations.
 
     difference = b - a,    covariance = covariance of a + covariance of b
 
-A unit that has not moved gives a difference of this covariance, as two recordings have errors of their own.
-Two tests ask whether it is more, each with half of the false alarms of `sigmas`: every parameter alone, at
-the limit that all of them together keep (Bonferroni), and all at once by chi2, which sees what is spread over
-many.
+For an unchanged unit the difference has this covariance, because the errors of the two recordings are
+independent. There are two tests, each with half of the false alarm rate of `sigmas`: of every single
+parameter (Bonferroni), and of all parameters together by chi2, which detects small changes of many
+parameters.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ SIGMAS: Final = 3.0
 class Change:
     """One parameter in both calibrations.
 
-    before, after   its values; 0 where a calibration does not carry its effect
-    std             of the difference, of both covariances
-    moved           whether it is beyond the limit
+    before, after   its values; 0 in a calibration without the effect
+    std             standard deviation of the difference, from both covariances
+    moved           whether the difference exceeds the limit
     """
 
     name: str
@@ -48,12 +48,12 @@ class Change:
 
     @property
     def difference(self) -> float:
-        """After less before."""
+        """After minus before."""
         return self.after - self.before
 
     @property
     def sigmas(self) -> float:
-        """The difference in its own standard deviations; infinite if an exact number has changed."""
+        """The difference in standard deviations; infinite if a number without uncertainty has changed."""
         if self.difference == 0.0:
             return 0.0
         return self.difference / self.std if self.std > 0 else math.copysign(math.inf, self.difference)
@@ -64,10 +64,10 @@ class Difference:
     """Two calibrations compared.
 
     changes           every parameter, in the order of the file
-    limit_sigmas      beyond which a parameter has moved
-    false_alarm       how often a pair of an unmoved unit is called moved
-    chi2, dof, p_value   all parameters at once
-    notes             what is worth knowing about the pair
+    limit_sigmas      limit of a single parameter, in standard deviations
+    false_alarm       probability that an unchanged unit is reported as moved
+    chi2, dof, p_value   test of all parameters together
+    notes             remarks about the pair
     serial_numbers, provenances   of the first calibration, and of the second
     """
 
@@ -83,17 +83,17 @@ class Difference:
 
     @property
     def moved(self) -> tuple[Change, ...]:
-        """The parameters beyond the limit, the largest first."""
+        """The parameters that exceed the limit, the largest first."""
         return tuple(sorted((c for c in self.changes if c.moved), key=lambda c: -abs(c.sigmas)))
 
     @property
     def verdict(self) -> str:
-        """`same` within uncertainty, or `moved`."""
+        """`same` (within the uncertainties) or `moved`."""
         return "moved" if self.reasons else "same"
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why it is called moved, the largest first; empty if it is not."""
+        """The reasons for the verdict `moved`, the largest first; otherwise empty."""
         single = tuple(
             f"{c.name} has moved by {c.difference:.4g} {c.unit}, {abs(c.sigmas):.1f} sigma (the limit is "
             f"{self.limit_sigmas:.2f})".replace(" 1,", ",")
@@ -135,14 +135,14 @@ class Difference:
 
 
 def diff(before: Calibration, after: Calibration, *, sigmas: float = SIGMAS) -> Difference:
-    """What has moved from `before` to `after`.
+    """Compare two calibrations of a unit.
 
-    sigmas   false alarms are as rare as a normal number beyond so many standard deviations: of a pair of
-             calibrations of an unmoved unit, 0.27 % are called moved at 3
+    sigmas   the false alarm rate is the probability of a normal variable beyond this number of standard
+             deviations: at 3, 0.27 % of the pairs of an unchanged unit are reported as moved
 
-    An effect that one of them does not carry is zero there, exactly; its shape, a time constant, is not
-    compared.
-    Raises InputError for other raw units, another body frame, and a calibration without a covariance.
+    An effect that only one calibration has is exactly zero in the other one. Its shape, a time constant, is
+    not compared.
+    Raises InputError for different raw units or body frames, and for a calibration without a covariance.
     """
     if not (math.isfinite(sigmas) and sigmas > 0):
         raise InputError(f"sigmas is {sigmas}: a positive number is needed")
@@ -197,7 +197,7 @@ def _require_comparable(before: Calibration, after: Calibration) -> None:
 
 
 def _names(before: Calibration, after: Calibration) -> tuple[list[str], list[str]]:
-    """All parameters with their units, but the shapes of effects that only one of them carries."""
+    """All parameters with their units, without the shapes of effects that only one calibration has."""
     both = {values.name for values in before.effects} & {values.name for values in after.effects}
     units: dict[str, str] = {}
     for calibration in (before, after):
@@ -218,7 +218,7 @@ def _values(calibration: Calibration, names: list[str]) -> list[float]:
 
 
 def _covariance(calibration: Calibration, names: list[str]) -> FloatArray:
-    """The covariance of these parameters; of what a calibration does not carry it is zero."""
+    """The covariance of these parameters; zero for parameters that the calibration does not have."""
     full = np.zeros((len(names), len(names)))
     if calibration.covariance is None:
         return full
@@ -230,7 +230,7 @@ def _covariance(calibration: Calibration, names: list[str]) -> FloatArray:
 
 
 def _joint(change: FloatArray, covariance: FloatArray) -> tuple[float, int]:
-    """chi2 of all parameters, and its degrees of freedom: directions that have an uncertainty."""
+    """chi2 of all parameters, and its degrees of freedom: the number of directions with an uncertainty."""
     std = np.sqrt(np.diag(covariance))
     known = std > 0
     if not known.any():

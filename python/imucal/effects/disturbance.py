@@ -1,7 +1,7 @@
-"""What spoils a recording and has no field: noise that is not white, and faults of the data or of the stand.
+"""Disturbances without a field: coloured noise, and faults of the data or of the stand.
 
-They complete the catalogue of `imucal.effects`: a simulation can make them, a search names them. They cannot
-be taken away, so no calibration carries them.
+They complete the catalogue of `imucal.effects`. A simulation can include them and a search can name them, but
+they cannot be compensated, so they are not part of a calibration.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ class DisturbanceParameter:
 
 @dataclass(frozen=True)
 class Disturbance:
-    """Noise, or a fault.
+    """A noise process or a fault.
 
     sensor     "accelerometer", "gyroscope", "both", or "stand"
     kind       "noise" or "fault"
@@ -59,7 +59,7 @@ def disturbances() -> tuple[Disturbance, ...]:
             "gyro_bias_random_walk",
             "gyroscope",
             "noise",
-            # 0.001 deg/s/sqrt(s): seen in a run of five minutes.
+            # 0.001 deg/s/sqrt(s), which is detectable in a run of five minutes.
             _axes("rad/s/s/sqrt(Hz)", 1e-3 * DEGREE),
             "a bias that changes randomly from rest to rest, more over longer intervals",
         ),

@@ -1,9 +1,9 @@
-"""Effects with numbers: as people give them, and in files.
+"""Values of effects: as arguments, on the command line, and in files.
 
-{"gyro_g_sensitivity": 1e-4}                                   all parameters alike
-{"gyro_bias_drift": [1e-6, 0, 0]}                              one by one, in the order of the catalogue
-{"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
-{"gyro_bias_warmup": "typical"}                                what ordinary MEMS sensors have
+{"gyro_g_sensitivity": 1e-4}                                   all parameters equal {"gyro_bias_drift":
+[1e-6, 0, 0]}                              one value per parameter, in the order of the catalogue
+{"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}} {"gyro_bias_warmup": "typical"}
+the typical size in MEMS sensors
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ Definition: TypeAlias = Effect | UserEffect | Disturbance
 def give_effects(
     effects: Mapping[str, EffectInput] | Iterable[EffectValues], user_effects: Sequence[UserEffect] = ()
 ) -> tuple[EffectValues, ...]:
-    """Effects, noise and faults as people name them, with numbers that fit their definitions.
+    """Values of effects, noise and faults given by name.
 
-    Raises InputError for a name that is not known and for numbers that do not fit it.
+    Raises InputError for an unknown name and for values that do not match its definition.
     """
     known = _definitions(user_effects)
     if isinstance(effects, Mapping):
@@ -48,7 +48,7 @@ def give_effects(
 
 
 def parse_effects(texts: Iterable[str]) -> dict[str, EffectInput]:
-    """Names and numbers in NAME=V[,V...][@SHAPE] or NAME=typical, as commands have them."""
+    """Names and values of the options NAME=V[,V...][@SHAPE] and NAME=typical."""
     effects: dict[str, EffectInput] = {}
     for text in texts:
         name, given = _parse(text)
@@ -78,12 +78,12 @@ def _parse(text: str) -> tuple[str, EffectInput]:
 
 
 def effects_to_list(effects: Iterable[EffectValues]) -> list[dict[str, Any]]:
-    """Effects with numbers, as files have them."""
+    """Values of effects in the form of files."""
     return [{"name": effect.name, "values": effect.values, "shape": effect.shape} for effect in effects]
 
 
 def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[EffectValues, ...]:
-    """The effects in a list of a file, of the catalogue or the user's own; FormatError names a wrong one."""
+    """The effects in a list of a file, of the catalogue or user-defined; FormatError names an invalid one."""
     own = by_name(user_effects)
     effects = []
     for item in node.items():
@@ -100,7 +100,7 @@ def effects_of(node: Node, user_effects: Sequence[UserEffect] = ()) -> tuple[Eff
 
 
 def _definitions(user_effects: Sequence[UserEffect]) -> dict[str, Definition]:
-    """All that a name may mean; a user's effect has a name of its own."""
+    """All definitions by name: effects, noise, faults, and user-defined effects."""
     known: dict[str, Definition] = {row.name: row for row in catalogue()}
     known.update((row.name, row) for row in disturbances())
     return known | by_name(user_effects)
@@ -110,7 +110,7 @@ def _give(name: str, given: EffectInput, known: Mapping[str, Definition]) -> Eff
     if name not in known:
         raise not_known(name, known)
     definition = known[name]
-    # A fault has one form and no shape.
+    # A fault has only one form and no shape.
     plain = len(definition.parameters) if isinstance(definition, Disturbance) else definition.plain
     needed = None if isinstance(definition, Disturbance) else definition.shape
     shape: Any = None

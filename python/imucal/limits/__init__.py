@@ -1,1 +1,1 @@
-"""What a unit must keep, and how it does."""
+"""Acceptance limits of units, and their judgement."""

@@ -1,4 +1,4 @@
-"""The file of limits, schema imucal.limits/1. A name that nothing has is refused: it would judge nothing."""
+"""The limits file, schema imucal.limits/1. Unknown names are refused: such a limit would test nothing."""
 
 from __future__ import annotations
 
@@ -48,11 +48,11 @@ def document_of(
 
 
 def fields_of(node: Node, user_effects: Sequence[UserEffect]) -> dict[str, Any]:
-    """The fields of Limits in a document, by name; FormatError names a field that is wrong."""
+    """The fields of Limits in a document, by name; FormatError names an invalid field."""
     node.require_schema(SCHEMA)
     _require_known(node, FIELDS)
     given = node.mapping()
-    # Numbers in a file that contradict each other are an error of the file.
+    # Contradicting numbers in a file are an error of the file, not of an argument.
     try:
         fields = {
             "parameters": _parameters(node.get("parameters"), user_effects) if "parameters" in given else (),
@@ -119,7 +119,7 @@ def _side(figure: str) -> str:
 
 
 def _known_units(user_effects: Sequence[UserEffect]) -> Mapping[str, tuple[str, ...]]:
-    """Every parameter that a calibration can have, with the units that it can be in."""
+    """Every parameter that a calibration can have, with its possible units."""
     known: dict[str, tuple[str, ...]] = {}
     accel_entries = dict.fromkeys(entry for frame in ACCEL_ENTRIES.values() for entry in frame)
     for sensor, entries, unit in (
@@ -135,7 +135,7 @@ def _known_units(user_effects: Sequence[UserEffect]) -> Mapping[str, tuple[str, 
 
 
 def _require_known(node: Node, fields: Sequence[str]) -> None:
-    """Refuse a field that is none: a limit with a slip in its name would judge nothing."""
+    """Raise FormatError for an unknown field: a limit with a misspelt name would test nothing."""
     _require_some(node)
     for name in node.mapping():
         if name not in fields:

@@ -1,8 +1,8 @@
-"""What limits say of one unit: each value beside its limit, and whether the limit is kept.
+"""Judgement of one unit: each value with its limit, and whether the limit is kept.
 
-    kept: low <= value <= high          the value alone decides
+    kept: low <= value <= high          only the value decides
 
-A parameter less than 2 sigma from its limit gets a warning besides: measured again it may fall on the
+A parameter within 2 sigma of its limit also gets a warning, because a repeated measurement may be on the
 other side.
 """
 
@@ -22,13 +22,13 @@ NEAR_SIGMAS: Final = 2.0
 
 @dataclass(frozen=True)
 class Check:
-    """One value beside its limit.
+    """One value with its limit.
 
     what       a parameter, "std of" a parameter, a figure of a set of recordings, or "effects not allowed"
     value      in `unit`; None if it does not exist
-    low, high  least and largest value; None where that side is free
+    low, high  minimum and maximum; None for a side without a limit
     std        standard deviation of a parameter, None if not known
-    problem    why the limit is not kept whatever the value is, such as a control recording that is missing
+    problem    reason why the limit fails whatever the value, such as a missing control recording
     """
 
     what: str
@@ -41,7 +41,7 @@ class Check:
 
     @property
     def passed(self) -> bool:
-        """Whether the limit is kept. A value at its limit is, NaN never is."""
+        """Whether the limit is kept. A value equal to its limit keeps it; NaN does not."""
         if self.problem or self.value is None:
             return False
         least = -math.inf if self.low is None else self.low
@@ -52,7 +52,7 @@ class Check:
     def used(self) -> float:
         """Share of the limit: 0 in the middle of a range, 1 at its ends, infinite without a value.
 
-        It orders checks by how near to failing they are. A least number is kept or not: 0, or above 1.
+        Checks are ordered by it. A minimum number is either kept (0) or not (above 1).
         """
         if self.problem or self.value is None or math.isnan(self.value):
             return math.inf
@@ -66,7 +66,7 @@ class Check:
 
     @property
     def reason(self) -> str:
-        """Why the limit is not kept; empty if it is."""
+        """The reason why the limit is not kept; empty if it is kept."""
         if self.passed:
             return ""
         if self.problem or self.value is None:
@@ -77,7 +77,7 @@ class Check:
 
     @property
     def warning(self) -> str:
-        """That a limit is nearer than 2 sigma; empty if none is."""
+        """The warning if the value is within 2 sigma of a limit; otherwise empty."""
         if self.problem or self.value is None or not self.std:
             return ""
         for limit in (self.low, self.high):
@@ -96,19 +96,19 @@ class Check:
 
     @property
     def limit_text(self) -> str:
-        """The limit in words."""
+        """The limit as text."""
         if self.low is not None and self.high is not None:
             return f"{self.low:.10g} to {self.high:.10g}"
         return f"at least {self.low:.10g}" if self.low is not None else f"at most {self.high:.10g}"
 
     def _against(self, limit: float | None) -> str:
-        """The value in words, with as many digits as set it apart from its limit."""
+        """The value as text, with enough digits to distinguish it from its limit."""
         same = self.value_text == f"{limit:.7g}"
         unit = "" if self.unit == "1" else f" {self.unit}".rstrip()
         return f"{self.what} is {self.value if same else self.value_text}{unit}"
 
     def to_dict(self) -> dict[str, Any]:
-        """The check for JSON; `used` is null where it is infinite."""
+        """The check for JSON; `used` is null if it is infinite."""
         limit = {"min": self.low, "max": self.high}
         return {
             "what": self.what,
@@ -137,34 +137,34 @@ class Judgement:
 
     @property
     def failed(self) -> tuple[Check, ...]:
-        """The checks that are not kept, the worst first."""
+        """The failed checks, the worst first."""
         return tuple(check for check in self.by_use if not check.passed)
 
     @property
     def by_use(self) -> tuple[Check, ...]:
-        """The checks, the worst first: those not kept, then those that use most of their limit."""
+        """The checks, the worst first: failed ones, then those closest to their limit."""
         return tuple(sorted(self.checks, key=lambda check: (check.passed, -check.used)))
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the unit fails, the worst first; empty if it passes."""
-        # A set of recordings that is missing is one reason, however many limits are for it.
+        """The reasons why the unit fails, the worst first; empty if it passes."""
+        # A missing set of recordings is one reason, even if several limits apply to it.
         return tuple(dict.fromkeys(check.reason for check in self.failed))
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Parameters too near a limit to be sure on which side they are."""
+        """Warnings for parameters within 2 sigma of a limit."""
         return tuple(check.warning for check in self.by_use if check.warning)
 
     def summary(self) -> str:
-        """What is not kept, what is near, and how many checks there were, as plain text."""
+        """Failed checks, warnings, and the number of checks, as plain text."""
         lines = [f"fail: {reason}" for reason in self.reasons]
         lines += [f"warning: {warning}" for warning in self.warnings]
         return "\n".join([*lines, self.count])
 
     @property
     def count(self) -> str:
-        """How many of the limits are kept."""
+        """The number of limits that are kept, as text."""
         kept = len(self.checks) - len(self.failed)
         of = f" of {self.source.path}" if self.source else ""
         return f"{kept} of {len(self.checks)} limits{of} are kept"

@@ -15,20 +15,20 @@ from imucal.limits.judgement import Check
 
 __all__ = ["COUNTS", "FIGURES", "FigureLimit", "ParameterLimit"]
 
-# Figures that have a largest value, with their units, and those that have a least one.
+# Figures with a maximum, with their units, and figures with a minimum.
 FIGURE_UNITS: Final = {
     "chi2_per_dof": "",
     "gravity_norm_rms_mps2": "m/s^2",
     "gravity_direction_rms_deg": "deg",
 }
 COUNTS: Final = ("rests", "moves")
-# Set of recordings -> the figures that a limit can be for.
+# Set of recordings: the figures that may have a limit.
 FIGURES: Final[dict[str, tuple[str, ...]]] = {
     "calibration_set": (*FIGURE_UNITS, *COUNTS),
     "control_set": (*FIGURE_UNITS, *COUNTS),
     "held_out": ("gravity_direction_rms_deg",),
 }
-# Why a set is not there.
+# Reasons for a missing set of recordings.
 MISSING: Final = {
     "calibration_set": "the calibration has no figures of the recordings it was made of",
     "control_set": "there is no control recording: give one with --control",
@@ -38,11 +38,11 @@ MISSING: Final = {
 
 @dataclass(frozen=True)
 class ParameterLimit:
-    """A range, a largest standard deviation, or both, for one parameter or a group.
+    """A range, a maximum standard deviation, or both, for a parameter or a group of parameters.
 
-    name       a parameter, such as gyro_bias_x; `*` stands for any part without an underscore: gyro_bias_*
-    unit       of the numbers; a parameter in another unit does not keep the limit
-    low, high  least and largest value, both or neither
+    name       a parameter, such as gyro_bias_x; `*` matches any part without an underscore: gyro_bias_*
+    unit       unit of the numbers; a parameter in another unit fails the limit
+    low, high  minimum and maximum, both or neither
     """
 
     name: str
@@ -64,12 +64,12 @@ class ParameterLimit:
             raise InputError(f"the limit of {self.name} has max_std {self.max_std}: it must be positive")
 
     def covers(self, name: str) -> bool:
-        """Whether this limit is for the parameter of that name."""
-        # gyro_bias_* is the bias and not gyro_bias_temperature_x.
+        """Whether this limit applies to the parameter with this name."""
+        # gyro_bias_* matches the bias but not gyro_bias_temperature_x.
         return re.fullmatch(re.escape(self.name).replace(r"\*", "[^_]+"), name) is not None
 
     def checks(self, calibration: Calibration) -> list[Check]:
-        """The checks of every parameter that the limit covers."""
+        """The checks of all parameters to which the limit applies."""
         covered = [parameter for parameter in calibration.parameters if self.covers(parameter.name)]
         if not covered:
             carried = ", ".join(values.name for values in calibration.effects) or "none"
@@ -97,11 +97,11 @@ class ParameterLimit:
 
 @dataclass(frozen=True)
 class FigureLimit:
-    """A largest figure of a set of recordings, or a least number of its rests or moves.
+    """A maximum of a figure of a set of recordings, or a minimum number of its rests or moves.
 
     of      "calibration_set", "control_set" or "held_out"
     figure  one of `FIGURES[of]`
-    limit   the least number for "rests" and "moves", the largest value for all others
+    limit   the minimum for "rests" and "moves", the maximum for all others
     """
 
     of: str
@@ -119,7 +119,7 @@ class FigureLimit:
             )
 
     def check(self, figures: Mapping[str, Any] | None) -> Check:
-        """The check of these figures, None if there are none."""
+        """The check of these figures; None if there are none."""
         value = None if figures is None else figures.get(self.figure)
         exists = isinstance(value, (int, float)) and not isinstance(value, bool)
         what = f"{self.of} {self.figure}"

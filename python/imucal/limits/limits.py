@@ -1,11 +1,10 @@
-"""Limits: what a unit must keep to leave the line.
+"""Acceptance limits of a unit.
 
     limits = imucal.Limits.load("limits.json")
     result = imucal.calibrate(recording, control=control).judged_by(limits)
 
-A limit is a range and a largest standard deviation of parameters, a largest figure or a least number of
-rests of a set of recordings, or the effects that a calibration may carry. What a limit asks for and is not
-there is a limit not kept.
+A limit is a range or a maximum standard deviation of parameters, a maximum figure or a minimum number of
+rests or moves of a set of recordings, or a list of permitted effects. A missing value fails its limit.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ __all__ = ["Limits"]
 
 
 class CalibrationRun(Protocol):
-    """What limits read of the result of `calibrate`."""
+    """The part of the result of `calibrate` that limits use."""
 
     @property
     def calibration(self) -> Calibration:
@@ -41,11 +40,11 @@ class CalibrationRun(Protocol):
 
 @dataclass(frozen=True)
 class Limits:
-    """What a unit must keep. Every limit that covers a parameter must be kept.
+    """Acceptance limits of a unit. If several limits match a parameter, all of them apply.
 
-    effects      names of the effects that a calibration may carry; None: any
-    description  what the limits are for, in words
-    source       the file that they were read from
+    effects      names of the permitted effects; None permits all
+    description  purpose of the limits, as text
+    source       file from which the limits were read
     """
 
     parameters: tuple[ParameterLimit, ...] = ()
@@ -61,9 +60,9 @@ class Limits:
     def judge(
         self, unit: CalibrationRun | Calibration, *, control_set: Mapping[str, Any] | None = None
     ) -> Judgement:
-        """Check a calibration, or the result of `calibrate`, which knows held-out figures besides.
+        """Judge a calibration, or the result of `calibrate`, which also has held-out figures.
 
-        control_set  figures on other recordings than the calibration's own control set
+        control_set  figures on recordings other than the control set of the calibration
         """
         calibration = unit if isinstance(unit, Calibration) else unit.calibration
         sets = {
@@ -84,14 +83,14 @@ class Limits:
     def load(path: str | os.PathLike[str], *, user_effects: Sequence[UserEffect] = ()) -> Limits:
         """Read a limits file, schema imucal.limits/1.
 
-        user_effects  effects of one's own that limits may name
+        user_effects  user-defined effects that the limits may name
 
-        Raises InputError if it cannot be read, and FormatError, naming the field, if it is not a limits file.
+        Raises InputError if it cannot be read, and FormatError with the field if it is not a limits file.
         """
         return Limits(**fields_of(read_json(path), user_effects), source=open_file(path).source)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the limits file, whole or not at all; InputError if it cannot be written."""
+        """Write the limits file, atomically; InputError if it cannot be written."""
         write_json(self.to_dict(), path)
 
     def to_dict(self) -> dict[str, Any]:

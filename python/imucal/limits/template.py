@@ -1,4 +1,4 @@
-"""First limits from units that are known to be good: where they lie, and k times how far they spread.
+"""A first limits file from good units: mean and k standard deviations over the units.
 
 min, max = mean -+ k s        s: standard deviation over the units
 """
@@ -20,22 +20,24 @@ from imucal.limits.limits import Limits
 
 __all__ = ["DEVIATIONS", "limits_from"]
 
-# With 3, one good unit of 18 would fail, as each of 21 parameters is outside with a probability of 0.27 %;
-# with 4, one of 750.
+# Half width of the ranges in standard deviations. With 3, one good unit of 18 would fail, because each of 21
+# parameters is outside with a probability of 0.27 %; with 4, one of 750.
 DEVIATIONS: Final = 4.0
-# Standard deviations follow motion and noise, which hardly differ from unit to unit.
+# Factor on the largest standard deviation of a parameter, which depends on motion and noise and hardly
+# differs between units.
 STD_MARGIN: Final = 2.0
 
 
 def limits_from(calibrations: Sequence[Calibration], deviations: float = DEVIATIONS) -> Limits:
-    """Limits that units like these keep.
+    """Limits for units of this kind.
 
-    Parameters and figures get mean +- `deviations` standard deviations over the units, standard deviations
-    twice the largest, rests and moves the least number, effects those that any unit carries. Figures are
-    those of the calibration and control sets, where every unit has them.
+    The limits of parameters and figures are the mean +- `deviations` standard deviations over the units. The
+    limit of a standard deviation is twice the largest one, that of rests and moves the smallest number.
+    Effects are permitted if any unit has them. Figures are those of the calibration and control sets, if all
+    units have them.
 
-    Raises InputError for fewer than two units, a unit given twice, one whose own figures are poor, and units
-    of different parameters.
+    Raises InputError for fewer than two units, a unit given twice, a unit with poor figures, and units with
+    different parameters.
     """
     if not (math.isfinite(deviations) and deviations > 0):
         raise InputError(f"the number of standard deviations is {deviations}: a positive number is needed")
@@ -115,5 +117,5 @@ def _figures(calibrations: Sequence[Calibration], deviations: float) -> list[Fig
 
 
 def _rounded(number: float, scale: float) -> float:
-    """`number` with three digits of `scale`: more say nothing."""
+    """`number` rounded to three significant digits of `scale`."""
     return round(number, 2 - math.floor(math.log10(scale))) if scale > 0 else number

@@ -1,4 +1,4 @@
-"""The noise of a unit from a recording at rest: Allan deviations, and what they are made of."""
+"""Noise of a unit from a recording at rest: Allan deviations and noise figures."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from imucal.recording.recording import MIN_REST_S, Recording, as_recording
 __all__ = ["AxisNoise", "NoiseFigure", "NoiseResult", "noise"]
 
 SCHEMA: Final = "imucal.noise/1"
-# Figures and their units, v being that of the sensor.
+# Figures and their units; {} is the unit of the sensor.
 FIGURES: Final = {
     "noise_density": "{}/sqrt(Hz)",
     "bias_instability": "{}",
     "random_walk": "{}/s/sqrt(Hz)",
     "quantisation": "{} s",
 }
-# Findings with which the figures are not to be relied on.
+# Findings that make the verdict poor, because the figures are not reliable.
 POOR: Final = ("noise_below_lsb", "noise_model")
 
 
 @dataclass(frozen=True)
 class NoiseFigure:
-    """One figure: maximum-likelihood estimate, standard deviation and 95 % band.
+    """A noise figure: maximum-likelihood estimate, standard deviation and 95 % band.
 
-    A kind of noise that the recording does not show has neither value nor std: `low` is 0, and `high` is what
-    the recording excludes, infinite for an axis that is constant.
+    A process that is not detected has no value and no std: `low` is 0 and `high` is its upper bound, infinite
+    for a constant axis.
     """
 
     value: float | None
@@ -57,16 +57,16 @@ class AxisNoise:
     noise_density     white noise N, v/sqrt(Hz); of a gyroscope the angle random walk
     bias_instability  flicker coefficient B, v: the Allan deviation is flat at 0.664 B
     random_walk       rate random walk K, v/s/sqrt(Hz)
-    quantisation      Q of an integrated output, v s; rounding to counts is none, and is no part of N
+    quantisation      Q of an integrated output, v s; rounding to counts is not part of Q or N
     lsb               one count: the smallest step between samples, v
-    is_below_lsb      white noise is less than half a count: no figure has a value then
-    shortest_period_s what was fitted: noise of shorter periods has been filtered
-    misfit            how far an octave of frequencies is off the model, in standard deviations, the worst one
+    is_below_lsb      white noise is less than half a count, so no figure has a value
+    shortest_period_s shortest period used in the fit; a filter has coloured shorter ones
+    misfit            largest deviation of an octave of frequencies from the model, in standard deviations
     taus_s            (K,) averaging times, s
     deviations        (K,) overlapping Allan deviations, v
-    low, high         (K,) their 95 % bands
-    dof               (K,) their equivalent degrees of freedom
-    model             (K,) Allan deviations of the figures
+    low, high         (K,) 95 % bands of the deviations
+    dof               (K,) equivalent degrees of freedom of the deviations
+    model             (K,) Allan deviations computed from the figures
     """
 
     noise_density: NoiseFigure
@@ -86,7 +86,7 @@ class AxisNoise:
 
     @property
     def figures(self) -> dict[str, NoiseFigure]:
-        """The four figures by their names."""
+        """The four figures by name."""
         return {name: getattr(self, name) for name in FIGURES}
 
 
@@ -95,8 +95,8 @@ class NoiseResult:
     """The noise of both triads of a unit.
 
     axes              accel_x, accel_y, accel_z, gyro_x, gyro_y, gyro_z
-    start_s, end_s    the stretch at rest that was used
-    findings          what is worth knowing about the recording
+    start_s, end_s    the rest that was used
+    findings          findings about the recording
     """
 
     name: str
@@ -115,12 +115,12 @@ class NoiseResult:
 
     @property
     def duration_s(self) -> float:
-        """Length of the stretch at rest, s."""
+        """Duration of the rest, s."""
         return self.end_s - self.start_s
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why the verdict is poor; empty for a good one."""
+        """The reasons of a poor verdict; empty for a good one."""
         return tuple(f"{', '.join(f.columns)}: {f.code}" for f in self.findings if f.code in POOR)
 
     @property
@@ -129,14 +129,14 @@ class NoiseResult:
         return "poor" if self.reasons else "good"
 
     def heading(self) -> str:
-        """What was used, in one line."""
+        """The data used, in one line."""
         return (
             f"{self.name}: {self.samples} samples at rest, {self.start_s:.2f} s to {self.end_s:.2f} s, "
             f"{self.rate_hz:.6g} Hz"
         )
 
     def summary(self) -> str:
-        """One line for each figure that was found or bounded, and the findings."""
+        """One line for each figure with a value or a bound, and the findings."""
         lines = [self.heading()]
         for name, axis in self.axes.items():
             for figure, estimate in axis.figures.items():
@@ -157,11 +157,11 @@ class NoiseResult:
 def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int | None = None) -> NoiseResult:
     """Identify white noise, bias instability, random walk and quantisation of a unit at rest.
 
-    The longest rest of the recording is used; hours at a constant temperature are good. Figures are in the
-    recording's units and have the definitions of the simulation, docs/model.md (22), and those of the unit
-    files. threads: None takes all processors; the result is the same.
+    The longest rest of the recording is used; several hours at a constant temperature are best. Figures are
+    in the units of the recording, with the definitions of the simulation and of unit files, docs/model.md
+    (22). threads: None uses all processors; the result does not depend on it.
 
-    Raises InputError for faults, lost and repeated samples among them, and for rests of fewer than 1000
+    Raises InputError for faults, including lost and repeated samples, and for a rest of fewer than 1000
     samples; NotEnoughMotionError if the unit is never at rest.
     """
     as_recording(recording)

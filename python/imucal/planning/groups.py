@@ -9,7 +9,7 @@ from typing import Any, Final
 
 __all__ = ["GROUPS", "PlannedParameter", "is_of", "worst_of"]
 
-# The group is the start of its parameters' names; its SI unit.
+# Group, which is the start of the names of its parameters: SI unit.
 GROUPS: Final = {
     "accel_sensitivity": "1",
     "accel_bias": "m/s^2",
@@ -20,7 +20,7 @@ GROUPS: Final = {
 
 @dataclass(frozen=True)
 class PlannedParameter:
-    """Predicted standard deviation of a parameter, SI units; None where the motion does not determine it."""
+    """Predicted standard deviation of a parameter in SI units; None if the motion does not determine it."""
 
     name: str
     std: float | None
@@ -28,7 +28,7 @@ class PlannedParameter:
 
 
 def is_of(name: str, group: str) -> bool:
-    """Whether a parameter is one of a group: effects may have names that begin as those of a group do."""
+    """Whether a parameter belongs to a group; names of effects may begin with the name of a group."""
     if group in GROUPS:
         return re.fullmatch(f"{group}_[xyz]+", name) is not None
     return name.startswith(f"{group}_")
@@ -37,7 +37,7 @@ def is_of(name: str, group: str) -> bool:
 def worst_of(
     parameters: Sequence[PlannedParameter], effects: Sequence[str]
 ) -> dict[str, dict[str, Any] | None]:
-    """The largest standard deviation of each group; None where one of them is not determined."""
+    """The largest standard deviation of each group; None if a parameter of the group is not determined."""
     worst: dict[str, dict[str, Any] | None] = {}
     for group in (*GROUPS, *effects):
         members = [p for p in parameters if is_of(p.name, group)]

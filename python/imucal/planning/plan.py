@@ -1,10 +1,10 @@
-"""What a motion will determine, before it is run, and the program that determines most.
+"""Predicted accuracy of a motion, and optimal programs.
 
     planned = imucal.plan("optimal", targets={"accel_sensitivity": "50 ppm", "gyro_bias": 5e-5})
     planned.program.write("program.json"); print(planned.summary())
 
-Standard deviations are those of the joint fit, from the model and the white noise of the unit. Detection
-limits are those that `imucal gap` states: of a simulated run.
+Standard deviations are those of the joint fit, computed from the model and the white noise of the unit.
+Detection limits are those that `imucal gap` reports for a simulated run.
 """
 
 from __future__ import annotations
@@ -40,11 +40,11 @@ __all__ = ["plan"]
 
 DEFAULT_MINUTES: Final = 3.0
 PROPOSALS: Final = 12000
-# Of what only explores which parameters a stand determines at all.
+# Number of search steps to find out which parameters a stand can determine.
 FEW_PROPOSALS: Final = 300
-# Tremor of a hand in the run that detection limits come from, deg.
+# Tremor of a hand in the simulated run for detection limits: standard deviation about each axis, deg.
 TREMOR_DEG: Final = 0.05
-# A goal that is missed by less is rounding.
+# A target counts as reached up to this factor, which allows for rounding.
 ROUNDING: Final = 1.001
 
 
@@ -63,26 +63,27 @@ def plan(
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
     options: Mapping[str, float | int] | None = None,
 ) -> Plan:
-    """Predict what a motion will determine, or find the program that determines most.
+    """Predict the accuracy of a motion, or find an optimal program.
 
     kind       "optimal"; "random", "grid" or "tumble"; a Program, Tumble or Static; or a program file
-    unit       whose noise it is: a name out of `unit_names()`, a Unit, or the path of a unit file
+    unit       the unit with its noise: a name of `unit_names()`, a Unit, or the path of a unit file
     stand      limits of the stand: "paper" (three motors, 120 deg/s), "two-axis", "one-axis", "hand" (poses
                to hold, without a stand), a StandLimits, or the path of a limits file
-    targets    of the optimal program: standard deviation that the worst of a group is to reach, in SI units
-               or as text with a unit ("50 ppm"); groups are accel_bias, accel_sensitivity, gyro_bias,
-               gyro_sensitivity and the names in `effects`. The shortest program is found. Without targets it
-               is the one with most information on all parameters (D-optimal) in `minutes`
-    minutes    the time that the optimal program may take; the limits' own if not given, or 3
-    effects    names of effects that the program is to show, too
-    seed       of the search and of the random program
-    proposals  how many changes of the program the search tries
-    detection_limits  False leaves them and `not_observable` out, which take most of the time
-    rate_hz    sample rate of the unit
-    options    of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`, `poses`, ...
+    targets    of the optimal program: largest permitted standard deviation in a group, in SI units or as text
+               with a unit ("50 ppm"); groups are accel_bias, accel_sensitivity, gyro_bias, gyro_sensitivity
+               and the names in `effects`. The shortest program is found. Without targets it is the program
+               with the most information on all parameters (D-optimal) in `minutes`
+    minutes    maximum duration of the optimal program; by default that of the stand limits, or 3
+    effects    names of further effects that the program must determine
+    seed       seed of the search and of the random program
+    proposals  number of changes of the program that the search tries
+    detection_limits  False omits detection limits and `not_observable`, which take most of the time
+    rate_hz    sampling rate of the unit
+    options    options of the named motions: `moves`, `max_rate_dps`, `move_s`, `hold_s`, `step_deg`,
+    `poses`, ...
 
-    Raises InputError for what cannot be used, FormatError for a bad file, NotEnoughMotionError if the stand
-    can run no program in the time.
+    Raises InputError for invalid arguments, FormatError for an invalid file, NotEnoughMotionError if the
+    stand cannot run any program in this time.
     """
     check_seed(seed)
     check_count(proposals, "proposals")
@@ -102,9 +103,9 @@ def plan(
                 "everything; give a unit with the noise of its datasheet"
             )
     planner = _Planner(unit, limits, tuple(effects), seed, proposals, rate_hz, gravity_mps2)
-    wishes = targets_of(targets or {}, effects)
+    targets_si = targets_of(targets or {}, effects)
     if kind != "optimal":
-        if wishes:
+        if targets_si:
             raise InputError("targets are for the optimal program: plan optimal, or leave them out")
         motion = motion_of(kind, seed, dict(options or {}))
         name = kind if isinstance(kind, str) and kind in ("random", "grid", "tumble") else "program"
@@ -113,15 +114,15 @@ def plan(
         return dataclasses.replace(planned, reached=within)
     if options:
         raise InputError(f"{next(iter(options))} is no option of the optimal program: leave it out")
-    motion, reached = planner.optimal(wishes, minutes)
-    planned = planner.predicted("optimal", motion, wishes, detection_limits)
+    motion, reached = planner.optimal(targets_si, minutes)
+    planned = planner.predicted("optimal", motion, targets_si, detection_limits)
     within = minutes is None or planned.minutes <= minutes * ROUNDING
     return dataclasses.replace(planned, reached=reached and within)
 
 
 @dataclass(frozen=True)
 class CoreSensors:
-    """What the compiled library reads of the unit, by these names."""
+    """The properties of the unit under the names of the compiled library."""
 
     unit: Unit
     rate_hz: float
@@ -142,26 +143,26 @@ class _Planner:
     rate_hz: float
     gravity_mps2: float
 
-    def optimal(self, wishes: Mapping[str, float], minutes: float | None) -> tuple[Program, bool]:
-        """The optimal program, and whether it reaches the wishes."""
+    def optimal(self, targets: Mapping[str, float], minutes: float | None) -> tuple[Program, bool]:
+        """The optimal program, and whether it reaches the targets."""
         minutes_allowed = DEFAULT_MINUTES if minutes is None else minutes
-        if not wishes:
+        if not targets:
             return self._search(minutes_allowed, None, self.proposals)
-        sigma = sigma_of(wishes, self._parameters(minutes_allowed))
+        sigma = sigma_of(targets, self._parameters(minutes_allowed))
         if self.limits.axis_count < 3 or any(axis and axis.in_si()[2] for axis in self.limits.axes):
-            # What no program of this stand determines is no wish.
+            # A parameter that no program of this stand determines has no target.
             trial, _ = self._search(minutes_allowed, None, FEW_PROPOSALS)
             determined, _ = self._determined(self._run(trial))
             base = [s if known else math.inf for s, known in zip(sigma, determined, strict=False)]
             sigma = [*base, *sigma[len(base) :]]
             if not any(map(math.isfinite, sigma)):
                 raise InputError(
-                    "this stand determines nothing of what the targets ask for: take a stand with more axes"
+                    "this stand determines no parameter that has a target: use a stand with more axes"
                 )
         return self._search(minutes_allowed, sigma, self.proposals)
 
-    def predicted(self, kind: str, motion: Motion, wishes: Mapping[str, float], thorough: bool) -> Plan:
-        """What a motion will tell."""
+    def predicted(self, kind: str, motion: Motion, targets: Mapping[str, float], thorough: bool) -> Plan:
+        """The plan of a motion."""
         minutes = motion.duration_s / 60.0
         sigma, rests = self._sigma([motion], minutes)
         run = self._run(motion)
@@ -189,7 +190,7 @@ class _Planner:
             rests=rests,
             parameters=parameters,
             worst=worst_of(parameters, self.effects),
-            targets=wishes,
+            targets=targets,
             reached=True,
             detection_limits=visible,
             not_observable=blind,
@@ -240,14 +241,14 @@ class _Planner:
         return Options(self.gravity_mps2, "symmetric", min(1.0, self.limits.min_rest_s), False, None, None)
 
     def _determined(self, run: Recording) -> tuple[list[bool], str | None]:
-        """Which of the 21 parameters a run determines, and what is missing in words."""
+        """Whether a run determines each of the 21 parameters, and a text on what is missing."""
         prospect = _core.prospect([run], self._options())
         return [sigma is not None for sigma in prospect.predicted_sigma], prospect.missing
 
     def _visible(
         self, run: Recording
     ) -> tuple[dict[str, dict[str, Any]], tuple[dict[str, str], ...], list[str]]:
-        """Detection limits, what cannot be seen, and why there are none."""
+        """Detection limits, effects that are not observable, and notes if there are no limits."""
         candidates = [(effect.name, False) for effect in catalogue()]
         try:
             visible, blind = _core.smallest_visible([run], self._options(), candidates)
@@ -264,7 +265,8 @@ class _Planner:
         for name, motions in (("grid", [grid]), ("random", [random]), ("grid and random", [grid, random])):
             minutes = sum(motion.duration_s for motion in motions) / 60.0
             sigma, _ = own._sigma(motions, minutes)
-            # The grid turns about one axis at a time and says nothing of the gyroscope's cross entries.
+            # The grid rotates about one axis at a time and does not determine the gyroscope's off-diagonal
+            # entries.
             parameters = [
                 PlannedParameter(parameter, std if std < OPEN else None, unit)
                 for (parameter, unit), std in zip(own._parameters(minutes), sigma, strict=True)
@@ -281,7 +283,8 @@ class _Planner:
         ]
 
 
-# An open parameter has a tenth of its size by convention; what is below a fifth of that has been seen.
+# Largest predicted standard deviation of a determined parameter, as a share of its size: a fifth of the 0.1
+# that the prior gives to an unobservable parameter.
 OPEN: Final = 0.02
 
 

@@ -1,4 +1,4 @@
-"""A plan: a motion and what it will determine, in words and tables."""
+"""A plan: a motion and its predicted accuracy, with summary and tables."""
 
 from __future__ import annotations
 
@@ -15,28 +15,29 @@ from imucal.units import units_of
 
 __all__ = ["Plan", "headline", "worst_rows"]
 
-# How people say sizes of this kind.
+# Factor and unit in which standard deviations are shown.
 READ_IN: Final = {"1": "ppm", "m/s^2": "ug"}
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion, and what it will determine.
+    """A motion and its predicted accuracy.
 
     kind              "optimal", "random", "grid", "tumble" or "program"
-    motion            the motion; `program` is it where a stand runs it
-    minutes           how long it takes on the stand
-    moves, rests      how many; rests that are too short to be found do not count
-    parameters        the 21 parameters, then those of the effects asked for
-    worst             largest standard deviation of each group, {"accel_bias": {value, unit}, ...}; None where
-                      one of the group is not determined
-    targets           what was wished for, by group, SI units
-    reached           whether all targets, and the time allowed, are kept
+    motion            the motion; `program` gives it as a program of a stand
+    minutes           duration on the stand
+    moves, rests      their numbers, without rests that are too short to be found
+    parameters        the 21 parameters, then those of the requested effects
+    worst             largest standard deviation of each group, {"accel_bias": {value, unit}, ...}; None if
+                      a parameter of the group is not determined
+    targets           targets by group, SI units
+    reached           whether all targets and the permitted duration are kept
     detection_limits  by effect: the smallest size that `imucal gap` would find with 90 % probability
     not_observable    effects that such a run cannot show: {name, needs}
-    undetermined      what the motion does not determine and what would, in words; None if nothing is open
+    undetermined      text on parameters that are not determined and what would determine them; None if all
+    are
     comparison        the paper's programs with this unit: {name, minutes, worst} of each, and of both
-    notes             what the figures leave out
+    notes             errors that the prediction does not include
     """
 
     kind: str
@@ -58,7 +59,7 @@ class Plan:
 
     @property
     def program(self) -> Program:
-        """The program of the stand; InputError for a motion that has none."""
+        """The program of the stand; InputError for a motion without a program."""
         if not isinstance(self.motion, Program):
             raise InputError(f"a {self.kind} is no program of a stand: plan grid, random or optimal")
         return self.motion
@@ -72,12 +73,12 @@ class Plan:
         return document
 
     def summary(self) -> str:
-        """For people: time, the worst standard deviation of each group, and what is missing."""
+        """A summary: duration, the worst standard deviation of each group, and undetermined parameters."""
         return _summary(self)
 
 
 def headline(plan: Plan) -> str:
-    """Time, moves and rests."""
+    """Duration, moves and rests."""
     return (
         f"{plan.kind}: {plan.minutes:.2f} min, {plan.moves} moves, {plan.rests} rests, "
         f"for the noise of the unit {plan.unit}"
@@ -93,7 +94,7 @@ def shown(size: Mapping[str, Any] | None) -> str:
 
 
 def worst_rows(plan: Plan) -> list[list[str]]:
-    """Worst standard deviation of each group: of this plan, and of the paper's programs."""
+    """Worst standard deviation of each group, for this plan and for the paper's programs."""
     rows = [["this plan", f"{plan.minutes:.2f}", *(shown(plan.worst[group]) for group in GROUPS)]]
     for row in plan.comparison:
         rows.append([row["name"], f"{row['minutes']:.2f}", *(shown(row["worst"][group]) for group in GROUPS)])
@@ -101,14 +102,14 @@ def worst_rows(plan: Plan) -> list[list[str]]:
 
 
 def _summary(plan: Plan) -> str:
-    """A few lines."""
+    """The summary, several lines."""
     lines = [headline(plan)]
     for group, size in plan.worst.items():
-        wish = plan.targets.get(group)
-        wished = "" if wish is None or size is None else f" (wished: {shown({**size, 'value': wish})})"
-        lines.append(f"  worst {group}: {shown(size)}{wished}")
+        target = plan.targets.get(group)
+        of = "" if target is None or size is None else f" (target: {shown({**size, 'value': target})})"
+        lines.append(f"  worst {group}: {shown(size)}{of}")
     if not plan.reached:
-        lines.append("  what was wished for is not reached")
+        lines.append("  targets not reached")
     if plan.undetermined is not None:
         lines.append(f"  not determined: {plan.undetermined}")
     lines += [f"  {note}" for note in plan.notes]

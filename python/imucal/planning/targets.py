@@ -1,4 +1,4 @@
-"""The groups of parameters that a plan is judged by, and what is wished of them."""
+"""Targets: largest permitted standard deviations of groups of parameters."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ NUMBER: Final = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\
 
 
 def targets_of(given: Mapping[str, float | str], effects: Sequence[str]) -> dict[str, float]:
-    """Wishes by group in SI units; InputError for a group or a unit that there is not."""
-    wishes = {}
-    for group, wish in given.items():
+    """Targets by group in SI units; InputError for an unknown group or unit."""
+    targets = {}
+    for group, target in given.items():
         if group in GROUPS:
             unit = GROUPS[group]
         elif group in effects:
@@ -29,26 +29,26 @@ def targets_of(given: Mapping[str, float | str], effects: Sequence[str]) -> dict
             raise InputError(
                 f"targets has {group!r}: give {', '.join(GROUPS)}, or an effect that is in effects, too"
             )
-        value = _value(group, wish, unit)
+        value = _value(group, target, unit)
         if not 0 < value < math.inf:
-            raise InputError(f"the target of {group} is {wish}: a positive number is needed")
-        wishes[group] = value
-    return wishes
+            raise InputError(f"the target of {group} is {target}: a positive number is needed")
+        targets[group] = value
+    return targets
 
 
-def _value(group: str, wish: float | str, unit: str) -> float:
-    if not isinstance(wish, str):
-        return float(wish)
-    match = NUMBER.fullmatch(wish)
+def _value(group: str, target: float | str, unit: str) -> float:
+    if not isinstance(target, str):
+        return float(target)
+    match = NUMBER.fullmatch(target)
     units = units_of(unit)
     if match is None or (match[2] or unit) not in units:
-        raise InputError(f"the target of {group} is {wish!r}: give a number and one of {', '.join(units)}")
+        raise InputError(f"the target of {group} is {target!r}: give a number and one of {', '.join(units)}")
     return float(match[1]) * units[match[2] or unit]
 
 
-def sigma_of(wishes: Mapping[str, float], parameters: Sequence[tuple[str, str]]) -> list[float]:
-    """The wish for each parameter; infinite where there is none."""
+def sigma_of(targets: Mapping[str, float], parameters: Sequence[tuple[str, str]]) -> list[float]:
+    """The target of each parameter; infinite if it has none."""
     return [
-        next((wish for group, wish in wishes.items() if is_of(name, group)), math.inf)
+        next((target for group, target in targets.items() if is_of(name, group)), math.inf)
         for name, _ in parameters
     ]

@@ -1,8 +1,8 @@
-"""A recording: what one unit measured, rows are samples.
+"""A recording: the measurements of one unit, with one sample per row.
 
 1. Time is in seconds. A triad is either in SI units (m/s^2, rad/s) or in raw counts ("lsb").
-2. A still accelerometer reads +g on the axis that points up.
-3. Values are kept as they were recorded: NaN, gaps and rails are for the checks to find, not for this type.
+2. An accelerometer at rest reads +g on the axis that points up.
+3. Values are kept as recorded. The checks, not this type, detect NaN, gaps and saturation.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ __all__ = [
     "as_recordings",
 ]
 
-# Shortest stretch of stillness that counts as a rest if no other is given, s.
+# Default of the minimum duration of a rest, s.
 MIN_REST_S: Final = 1.0
 
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
@@ -38,19 +38,19 @@ GyroUnit: TypeAlias = Literal["rad/s", "lsb"]
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Recording:
-    """What one unit measured; every column is a read-only, C-contiguous array.
+    """The measurements of one unit; every column is a read-only, C-contiguous array.
 
     time_s            (N,)    s
     specific_force    (N, 3)  in `accel_unit`, along the accelerometer's axes
     angular_rate      (N, 3)  in `gyro_unit`, along the gyroscope's axes
     temperature_degc  (N,)    degC, or None
     stand_rad         (N, 3)  angles of the stand's motors from their encoders, rad, or None
-    auxiliary         name -> (N,)  everything else that was recorded along
-    findings          what a reader had to do to the data, and what it knows of them
+    auxiliary         name -> (N,)  other columns of the file
+    findings          repairs and remarks of the reader of the file
 
-    All are float64, but a force or a rate that is given in float32 or int16 stays so. An array that is
-    C-contiguous and of such a type already is not copied; anything else (lists, other integers, Fortran
-    order, strides) is converted once. Masked values become NaN.
+    All are float64, except that force and rate may also be float32 or int16. A C-contiguous array of such a
+    type is not copied; anything else (lists, other integers, Fortran order, strides) is converted once.
+    Masked values become NaN.
 
     Raises InputError if a column has the wrong shape, another length than `time_s`, or no real numbers.
     """
@@ -89,7 +89,7 @@ class Recording:
             if unit not in known:
                 raise InputError(f"{name}: {what} is {unit!r}: give one of {', '.join(known)}")
 
-        # A file's name need not be text in UTF-8; a message is.
+        # A file name may be invalid UTF-8, but messages must be valid.
         printable = name.encode("utf-8", "backslashreplace").decode()
 
         def column(values: ArrayLike, what: str, width: int | None, rows: int | None) -> FloatArray:
@@ -125,7 +125,7 @@ class Recording:
         return self.said(len(self), self.duration_s)
 
     def said(self, samples: int, duration_s: float) -> str:
-        """One line on it, or on the recording that it is the first piece of."""
+        """A one-line description, or that of the whole recording of which this is the first piece."""
         extras = [
             *(["temperature"] if self.temperature_degc is not None else []),
             *(["stand angles"] if self.stand_rad is not None else []),
@@ -151,7 +151,7 @@ class Recording:
         return float(self.time_s[-1] - self.time_s[0]) if len(self) > 1 else 0.0
 
     def between(self, start_s: float | None = None, end_s: float | None = None) -> Recording:
-        """The samples with start_s <= time_s < end_s; None leaves that end open."""
+        """The samples with start_s <= time_s < end_s; None means no limit."""
         keep = np.ones(len(self), dtype=bool)
         if start_s is not None:
             keep &= self.time_s >= start_s
@@ -173,7 +173,7 @@ class Recording:
 
 
 def as_recording(given: Recording) -> Recording:
-    """`given`; InputError, with the way out, if it is no Recording."""
+    """`given` if it is a Recording; otherwise InputError with what to do."""
     if isinstance(given, Recording):
         return given
     if isinstance(given, (str, os.PathLike)):
@@ -189,7 +189,7 @@ def as_recording(given: Recording) -> Recording:
 
 
 def as_recordings(given: Recording | Iterable[Recording] | None) -> list[Recording]:
-    """One recording or several as a list, empty for None; InputError for anything else."""
+    """One or several recordings as a list, empty for None; InputError for any other type."""
     if given is None:
         return []
     if isinstance(given, (Recording, str, Mapping, np.ndarray)) or not isinstance(given, Iterable):

@@ -1,4 +1,4 @@
-"""The truth of a simulated run: what the unit underwent, and all that made the recording what it is."""
+"""The truth of a simulated run: the motion of the unit, its errors, and the setup of the run."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ SCHEMA: Final = "imucal.truth/1"
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """What the simulated unit underwent, one row per sample of the recording, and the unit itself.
+    """The true motion, one row per sample of the recording, and the true calibration of the unit.
 
-    calibration           the unit's own triads and effects, without uncertainty
-    setup                 everything that the run depends on
+    calibration           triads and effects of the unit, without uncertainty
+    setup                 the complete setup of the run
     time_s                (N,)    the time stamps of the recording
     specific_force        (N, 3)  in the body frame, m/s^2
     angular_rate          (N, 3)  in the body frame, rad/s
     angular_acceleration  (N, 3)  in the body frame, rad/s^2
-    rotation_wxyz         (N, 4)  attitude: takes a vector from the body to the world
+    rotation_wxyz         (N, 4)  attitude, maps a vector from body to world
     temperature_degc      (N,)    degC
     rests                 start and end of each rest, s
-    has_temperature       whether the recording has it
+    has_temperature       whether the recording has a temperature
     """
 
     calibration: Calibration
@@ -90,7 +90,7 @@ def is_truth(path: str | os.PathLike[str]) -> bool:
 
 
 def truth_of(setup: Setup, core: Any, recording: Recording) -> Truth:
-    """The truth of a run of the compiled library."""
+    """The truth from the result of the compiled library."""
     unit = setup.unit
     calibration = Calibration(
         Triad(unit.accelerometer.sensitivity, unit.accelerometer.bias),
