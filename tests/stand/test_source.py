@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import imucal
+from children import HANGS_S
 from imucal import Program, Step
 from imucal.stand.lines import LineDecoder
 from imucal.stand.link import link_to
@@ -253,7 +254,7 @@ def test_over_tcp_and_again_after_the_connection_broke(tmp_path):
     thread.start()
     link = link_to(f"tcp://127.0.0.1:{server.getsockname()[1]}", 0)
     source = StreamSource(link, LineDecoder(",".join(["time_s", *AXES])))
-    done = record(Idle(len(lines)), source, tmp_path / "run.csv", steps=1)
+    done = record(Idle(len(lines)), source, tmp_path / "run.csv", steps=1, silent_s=HANGS_S)
     thread.join()
     server.close()
     assert done.state == "completed"
