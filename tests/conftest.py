@@ -1,4 +1,4 @@
-"""What several tests share: the real recordings, the installed command, a recording made from truth."""
+"""Fixtures of several tests: real recordings, the installed command, a recording made from a true motion."""
 
 import os
 import shlex
@@ -46,7 +46,7 @@ def command():
 
 @pytest.fixture(scope="session")
 def known():
-    """What tests of readers write: a unit at rest, 8 s at 50 Hz, in numbers that float32 holds exactly."""
+    """The data that tests of readers write: a unit at rest, 8 s at 50 Hz, exact in float32."""
     random, rows = np.random.default_rng(11), 400
     force = np.array([0.5, -0.25, 9.75]) + random.normal(scale=0.02, size=(rows, 3))
     rate = np.array([0.01, -0.02, 0.03]) + random.normal(scale=0.002, size=(rows, 3))
@@ -73,7 +73,7 @@ def example_of(command, tmp_path, monkeypatch):
         assert done.returncode == 0, done.stderr
         recording = imucal.read("rec.csv")
         done = command("inspect", *given)
-        # A unit that only rests is not enough for a calibration.
+        # A unit at rest does not determine a calibration, so the verdict is poor.
         assert done.returncode in (0, 2), done.stdout + done.stderr
         assert f"{len(recording)} samples" in done.stdout
         return recording
@@ -83,7 +83,7 @@ def example_of(command, tmp_path, monkeypatch):
 
 @pytest.fixture(scope="session")
 def measured():
-    """Make the recording that a unit (a calibration) gives of a true motion: T true + bias + white noise.
+    """Make the recording of a true motion by a unit with a given calibration: T true + bias + white noise.
 
     sigma   standard deviation of one sample, (rad/s, m/s^2)
     """

@@ -1,4 +1,4 @@
-"""A process that dies while it writes leaves the old file or the new one, whole, and no broken one.
+"""A process that is killed while it writes leaves the complete old file or the complete new one.
 
 `write_json` is called directly, because no command writes a document alone.
 """
@@ -21,8 +21,8 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POS
 
 COMMAND = Path(sys.executable).with_name("imucal")
 
-# Writes the old file, then forks a child for every moment: a profiler counts the calls of the writing child
-# and kills it at the given one. The parent prints how often it found the old bytes, the new ones, and others.
+# Writes the old file and then forks one child per moment. A profile function counts the calls of the writing
+# child and kills it at the given call. The parent prints the counts of old, new and other bytes.
 MOMENTS = """
 import os, signal, sys
 from pathlib import Path
@@ -77,7 +77,7 @@ new = target.read_bytes()
 assert in_child(lambda: finished(kind, 1.5)) == 0
 old = target.read_bytes()
 assert old != new
-# Every one of the first calls, then a sample of them up to the end.
+# Each of the first calls, then calls at growing distances up to the end.
 seen, moment = {"old": 0, "new": 0, "broken": 0}, 1
 while True:
     status = in_child(lambda: killed_at(kind, moment))
@@ -114,14 +114,14 @@ def test_killed_at_any_call_leaves_the_old_or_the_new_file(tmp_path, name, kind)
     assert broken == 0
     assert old > 20
     assert new > 0
-    # What a killed process cannot remove is hidden, and its ending is not that of any recording.
+    # A killed process leaves its temporary file: hidden, and without the ending of a recording.
     others = [path.name for path in tmp_path.iterdir() if path != target]
     assert all(other.startswith(f".{name}.") and other.endswith(".tmp") for other in others)
 
 
 @pytest.fixture(scope="module")
 def long_recording(tmp_path_factory):
-    """Long enough that reading and writing it as text takes a while."""
+    """Long enough for a process to be stopped while it writes it as text."""
     path = tmp_path_factory.mktemp("long") / "run.parquet"
     values = np.random.default_rng(0).normal(size=(400_000, 6))
     imucal.write(imucal.Recording(np.arange(400_000) / 1000, values[:, :3], values[:, 3:]), path)
@@ -153,7 +153,7 @@ def test_installed_command_killed_while_it_writes(long_recording, tmp_path):
     process.communicate()
     assert process.returncode == -signal.SIGKILL
     assert output.read_text() == "old"
-    # The next run is not disturbed by what the killed one left.
+    # The temporary file of the killed process does not disturb the next one.
     subprocess.run(
         [COMMAND, "convert", str(long_recording), "-o", str(output)], check=True, capture_output=True
     )
@@ -184,7 +184,7 @@ def test_interrupted_while_it_writes(long_recording, tmp_path, command, name, co
 
 
 def test_a_signal_that_is_ignored_stays_ignored(long_recording, tmp_path):
-    """As by nohup."""
+    """As under nohup."""
     output = tmp_path / "out.csv"
     process = writing(
         output,

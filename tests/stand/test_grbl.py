@@ -35,7 +35,7 @@ from virtual_clock import VirtualClock
 TURNS = ((0, 0, 0), (40, 0, 0), (0, 60, -30), (-20, 0, 90), (35, -20, 10))
 PROGRAM = Program(tuple(Step(turn, 1.0 if any(turn) else 0.0, 1.0) for turn in TURNS))
 POSES = np.cumsum(TURNS, axis=0)
-# Longer than a busy computer may keep a thread waiting.
+# Longer than any delay on a busy computer, s.
 ENDLESS = Timeouts(answer_s=60.0, stall_s=60.0, reconnect_s=600.0)
 UNIT_BAUD, UNIT_HZ = 921600, 500.0
 NAMES = (*(f"accel_{axis}_lsb" for axis in "xyz"), *(f"gyro_{axis}_lsb" for axis in "xyz"))
@@ -48,16 +48,16 @@ PACKET = PacketFormat(
 
 
 def packet(number):
-    """The sample of this number, known by its six values."""
+    """The packet of a sample; its six values identify its number."""
     values = [(number * factor + 7) % 60000 - 30000 for factor in (1, 3, 7, 11, 13, 17)]
     return PACKET.pack(number % 65536, number * 2000 % 2**32, *values)
 
 
 def damaged(number, whole, draw):
-    """One in twenty packets comes otherwise: bits flipped, bytes lost, noise before it, cut, or none."""
+    """Damage 5 % of the packets: bits flipped, bytes lost, noise before the packet, truncated, or missing."""
     if number < 20 or draw.random() > 0.05:
         return whole
-    # A packet without its last byte may be made whole by the first of the next, so that more is cut off.
+    # More than one byte is cut off, because the first byte of the next packet may equal a missing last one.
     kind, at = draw.randrange(5), draw.randrange(1, len(whole) - 4)
     return (
         whole[:at] + bytes([whole[at] ^ draw.randrange(1, 256)]) + whole[at + 1 :],
@@ -86,7 +86,7 @@ def bench(tmp_path):
         try:
             done = record(driver, source, output, steps=len(program.steps), watch=watch, clock=clock)
         except Interruption:
-            # The last bytes are on their way.
+            # The controller receives the last bytes.
             clock.sleep(1.0)
             return None, stand, unit, None, None
         return done, stand, unit, *read_back(output)
@@ -126,7 +126,7 @@ def read_back(output):
 
 
 def assert_every_intact_sample_once(unit, read, numbers):
-    """No sample is lost or doubled, and none is in the record that was not sent so."""
+    """Every sample that was sent undamaged is recorded once, and no other sample."""
     assert len(set(numbers)) == len(numbers)
     intact = [number for number in unit.intact if numbers[0] <= number <= numbers[-1]]
     assert numbers.tolist() == intact
@@ -145,12 +145,12 @@ def assert_poses_were_held(stand):
 
 
 def moving(controller):
-    """On its way to the third pose."""
+    """Whether it moves to the third pose."""
     return len(controller.dwelt) == 2 and controller.speed > 20.0
 
 
 def holding(controller):
-    """Holding the third pose."""
+    """Whether it holds the third pose."""
     return len(controller.dwelt) == 3 and controller.dwell is not None
 
 
@@ -166,7 +166,7 @@ def test_a_run_without_trouble(bench):
     dwelt = np.array([pose for pose, _ in stand.controller.dwelt])
     assert dwelt == pytest.approx(np.array([*POSES, (0, 0, 0)]), abs=1e-3)
     assert_every_intact_sample_once(unit, read, numbers)
-    # The angles of the controller are there, from the first pose to the last and back.
+    # The recorded angles of the controller range from the first pose to the last and back to zero.
     angles = np.degrees(read.stand_rad)
     assert np.allclose(angles[0], POSES[0], atol=0.01)
     assert np.abs(angles[-1]).max() < 1.0
@@ -187,7 +187,7 @@ def test_the_start_is_where_the_stand_is(bench):
 
 
 def test_feeds_are_those_that_the_motors_can(bench):
-    """A slow controller takes longer: nothing is taken for a stall, and lines never overflow its buffer."""
+    """A slow controller is not mistaken for a stalled one, and lines never overflow its buffer."""
     slow = Controller(max_rate_dpm=(900.0,) * 3, acceleration=(200.0,) * 3)
     done, stand, unit, read, numbers = bench(slow, latency_s=0.05)
     assert (done.state, codes(done)) == ("completed", [])
@@ -216,7 +216,7 @@ def test_damaged_packets_are_counted_and_never_recorded(bench):
 
 
 class Mishearing(Controller):
-    """Takes one line otherwise than it was sent, or loses one answer."""
+    """Executes one line other than the one that was sent, or loses one answer."""
 
     def __init__(self, heard=None, keeps_ok=True):
         super().__init__()
@@ -249,7 +249,7 @@ def test_what_one_lost_byte_does_is_seen_and_made_good(bench, controller, code):
     done, stand, unit, read, numbers = bench(controller())
     assert done.state == "completed", (done.message, done.events)
     assert codes(done) == [code, "resumed"]
-    # However far the motors were sent, they were stopped on the way.
+    # A wrong target may be far away; the motors are stopped before they reach it.
     assert stand.controller.reached_deg < 200.0
     assert_poses_were_held(stand)
     assert_every_intact_sample_once(unit, read, numbers)
@@ -264,7 +264,7 @@ def power_cycle(port):
 
 
 def power_cycle_with_a_report(port):
-    # The welcome and a report from the new zero arrive together.
+    # The welcome message and a report relative to the new zero arrive together.
     port.controller.power_cycle()
     port.controller.out += port.controller.report()
 
@@ -276,12 +276,12 @@ def test_a_reset_in_the_middle(bench, event, when):
     assert done.state == "completed", (done.message, done.events)
     assert "resumed" in codes(done)
     assert_every_intact_sample_once(unit, read, numbers)
-    # At rest in a pose the zero is lost with the supply, and only then.
+    # At rest in a pose the zero position is lost only if the controller loses its supply.
     if when is holding:
         assert ("position_lost" in codes(done)) == (event is not reset)
     if "position_lost" not in codes(done):
         assert_poses_were_held(stand)
-    # The angles go on, whatever the controller takes for zero: the last pose is the program's.
+    # Recorded angles are continuous whatever the controller's zero is: the last pose is that of the program.
     angles = np.degrees(read.stand_rad)
     assert (np.abs(angles - POSES[-1]).max(axis=1) < 0.1).any()
     assert np.abs(angles[-1]).max() < 1.0
@@ -408,7 +408,7 @@ def line(number):
     ("name", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )
 def test_the_motors_are_stopped_when_the_command_is_ended(name, code, tmp_path):
-    # Holds that no load of the computer outlasts.
+    # The holds are longer than any delay on a busy computer, so that the program cannot end first.
     long_holds = Program(tuple(Step(turn, 4.0 if any(turn) else 0.0, 600.0) for turn in TURNS[1:]))
     long_holds.write(tmp_path / "program.json")
     output = tmp_path / "run.csv"
@@ -433,7 +433,7 @@ def test_the_motors_are_stopped_when_the_command_is_ended(name, code, tmp_path):
         assert child.poll() is None, child.stderr.read()
         child.send_signal(name)
         if name == signal.SIGHUP:
-            # From the shell, after that of the terminal.
+            # A shell repeats the terminal's SIGHUP.
             time.sleep(0.01)
             child.send_signal(name)
         _, shown = child.communicate()

@@ -70,7 +70,7 @@ def test_a_target_ends_the_run_early(tmp_path):
     done = record(stand, stand, output, steps=steps, targets=targets, clock=clock)
     assert done.state == "target_reached"
     assert done.step < steps - 1
-    # What was promised is what the calibration of the file then says.
+    # The calibration of the recording reaches the predicted standard deviations.
     result = imucal.calibrate(imucal.read(output))
     bias = [p.std for p in result.parameters if p.name.startswith("gyro_bias")]
     assert max(bias) < 2e-4 * 1.2
@@ -167,7 +167,7 @@ def test_a_journal_that_is_being_written_is_not_called_interrupted(tmp_path, mon
         shown = capsys.readouterr().err
         assert "another process is recording into it" in shown
         assert "remove" not in shown
-        # Who looks does not take the lock away.
+        # A second attempt does not release the lock.
         assert main(run) == 1
         assert "another process is recording into it" in capsys.readouterr().err
     assert main(run) == 1
@@ -321,7 +321,7 @@ def test_what_is_no_journal_is_refused(content, tmp_path):
 
 
 def test_positions_are_joined_to_the_samples_at_their_instants(tmp_path):
-    """Samples arrive late by up to 30 ms; the unit's clock is even, so that the joined angle is not."""
+    """Samples arrive up to 30 ms late; their time stamps are regular, so the joined angles are accurate."""
     draw, rate_hz = random.Random(5), 100.0
     path = tmp_path / "run.csv.journal"
     columns = ("time_us", *(f"accel_{a}_mps2" for a in "xyz"), *(f"gyro_{a}_radps" for a in "xyz"))
@@ -334,7 +334,7 @@ def test_positions_are_joined_to_the_samples_at_their_instants(tmp_path):
     recover(path, tmp_path / "run.csv")
     read = imucal.read(tmp_path / "run.csv")
     expected = np.degrees(read.stand_rad[:980, 0])
-    # 10 deg/s: 5 ms of delay that cannot be known are 0.05 deg.
+    # At 10 deg/s an unobservable delay of 5 ms is 0.05 deg.
     assert np.abs(expected - 10.0 * read.time_s[:980]).max() < 0.2
     assert np.allclose(read.stand_rad[:, 2], -2 * read.stand_rad[:, 0])
 
@@ -366,7 +366,7 @@ for name in sys.stdin:
             global told, left
             if moment.acknowledged > told:
                 told, left = moment.acknowledged, left - 1
-                # In one piece, whenever it is killed.
+                # One write, so that a kill cannot split the line.
                 os.write(1, f"{told}\\n".encode())
             if left == 0:
                 signal.pause()
@@ -424,7 +424,7 @@ def test_killed_at_fifty_moments_every_acknowledged_sample_is_recovered(tmp_path
         logged = recover(journal, output)
         read = imucal.read(output)
         assert len(read) == len(logged.samples) >= acknowledged
-        # Those of the unit from the first on, each once, and bit for bit.
+        # The samples of the unit from the first one, each once, bit for bit.
         assert np.array_equal(read.time_s, expected.time_s[: len(read)])
         assert np.array_equal(read.angular_rate, expected.angular_rate[: len(read)])
         kept.append(acknowledged)
