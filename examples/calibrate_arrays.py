@@ -14,7 +14,7 @@ def my_recording() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 time_s, specific_force, angular_rate = my_recording()
 recording = imucal.Recording(time_s, specific_force, angular_rate, name="bench 3, unit 42")
 
-# Every accelerometer scale is in proportion to gravity: give the local one.
+# All accelerometer scales are proportional to gravity, so give the local value.
 try:
     result = imucal.calibrate(recording, gravity_mps2=9.8124, serial_number="42")
 except imucal.ImucalError as error:

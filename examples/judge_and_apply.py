@@ -1,4 +1,4 @@
-"""Judge a calibration on a control run that the fit never saw, then correct new samples with it."""
+"""Judge a calibration on a control recording, which the fit does not use, and correct samples with it."""
 
 import numpy as np
 
@@ -13,7 +13,7 @@ print(f"gravity direction per move, uncalibrated: {before['gravity_direction_rms
 print(f"gravity direction per move, calibrated:   {after['gravity_direction_rms_deg']:.3f} deg rms")
 print(f"verdict: {result.verdict}")
 
-# The file is all that a later program needs.
+# A later program needs only the file.
 result.calibration.save("unit.json")
 calibration = imucal.Calibration.load("unit.json")
 rate, force = calibration.apply(control.angular_rate, control.specific_force)

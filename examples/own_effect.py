@@ -1,7 +1,7 @@
-"""An effect of your own: the gyroscope's bias follows the supply voltage, recorded along.
+"""A user-defined effect: the bias of the gyroscope depends on the recorded supply voltage.
 
-Simulate it, estimate it together with the 21 parameters, judge on a run that the fit never saw,
-and let it be found.
+The program simulates the effect, estimates it together with the 21 parameters, judges the result on a control
+recording, and searches for the effect.
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import imucal
 
 
 def field(state: imucal.State) -> np.ndarray:
-    """What one unit of each parameter adds to the true rate: (N, 3, 3), rad/s per V off 3.3 V."""
+    """Change of the true rate per unit of each parameter, (N, 3, 3): the voltage minus 3.3 V on each axis."""
     return (state.auxiliary["supply_v"] - 3.3)[:, None, None] * np.eye(3)
 
 
@@ -21,7 +21,7 @@ supply = imucal.UserEffect(
     field,
 )
 
-# A battery that empties, and a load that comes and goes. Real recordings bring such a column along.
+# A discharging battery with a load that is switched on and off. A real recording has such a column.
 TRUE = {"gyro_bias_supply": [0.02, -0.01, 0.015]}
 run, control = (
     imucal.simulate(
@@ -45,11 +45,11 @@ for name, judged in (("before", plain), ("after", result)):
 for parameter, true in zip(result.parameters[21:], TRUE["gyro_bias_supply"], strict=True):
     print(f"{parameter.name}: {parameter.value:.5f} +- {parameter.std:.5f} {parameter.unit}, true {true}")
 
-# Is it that effect? The search knows all of the catalogue, too.
+# The search compares the effect with the whole catalogue.
 gap = imucal.find_gap(run, control=control, user_effects=[supply])
 print(gap.summary())
 
-# The file has the numbers, not the function: give the definition again.
+# The file contains the values but not the function, so the definition is given again.
 result.calibration.save("unit.json")
 calibration = imucal.Calibration.load("unit.json", user_effects=[supply])
 for name, used in (("before", plain.calibration), ("after", calibration)):

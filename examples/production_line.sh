@@ -1,18 +1,18 @@
 #!/bin/sh
-# One unit on the line: calibrate it, judge it by limits.json, and put its file where the verdict says.
+# Calibrates one unit, judges it by limits.json, and moves its calibration file to passed/ or rejected/.
 #
 #   production_line.sh SERIAL RUN.CSV CONTROL.CSV
 #
-# Exit codes are those of imucal: 0 passed, 1 no result, 2 rejected.
+# The exit codes are those of imucal: 0 passed, 1 no result, 2 rejected.
 set -u
 serial=$1 run=$2 control=$3
 
-# It names files.
+# The serial number is used in file names.
 case $serial in
     ''|.*|*/*) echo "the serial number is '$serial': read it again" >&2; exit 1 ;;
 esac
 
-# A unit that comes a second time must not stay where its first verdict put it.
+# Removes the results of an earlier calibration of the same unit.
 mkdir -p passed rejected results || exit 1
 rm -f -- "$serial.json" "passed/$serial.json" "rejected/$serial.json" "results/$serial.json" || exit 1
 

@@ -1,6 +1,6 @@
-"""How well would a program of your own calibrate the unit? Try it before you go to the stand.
+"""Simulate your own program to see how accurate its calibration is, before you run it on a stand.
 
-A shorter program: 24 positions, every motor in turn, with holds of 2 s.
+This program is shorter than the paper's: 24 positions, one motor at a time, with rests of 2 s.
 """
 
 import imucal
