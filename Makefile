@@ -3,18 +3,18 @@
 #   make test      lint, Rust tests, the source distribution in an empty environment, Python tests, the pages
 #   make test-fast formatting, clippy, ruff, mypy, Rust tests, and the Python tests that are not marked slow
 #   make lint      formatting, clippy, rustdoc, ruff, import-linter, mypy, stubtest
-#   make demo      simulate the stand, calibrate, judge, and leave a page under demo/
-#   make bench     speed beside SciPy, of starting, growth and memory, of the simulation, and of Allan deviations
+#   make demo      simulate the stand, calibrate, judge, and write a page to demo/
+#   make bench     speed compared with SciPy, start time, growth and memory, simulation, and Allan deviations
 #   make accuracy  Monte Carlo accuracy over the theoretical bounds, to docs/results/accuracy.md, and of noise figures
-#   make gap-benchmark  hidden effects to be found, to docs/results/gap.md; SHARE=0.1 takes a tenth, LOG=file goes on
+#   make gap-benchmark  blind test with hidden effects, to docs/results/gap.md; SHARE=0.1 runs a tenth, LOG=file resumes
 #   make plan      planned standard deviations over those of simulated runs, to docs/results/plan.md
-#   make stand     what a line makes of good units and of hidden faults, to docs/results/stand.md
-#   make docs      the pages under docs/ as a site, site/index.html; a link that leads nowhere is an error
+#   make stand     verdicts of a simulated line for good units and hidden faults, to docs/results/stand.md
+#   make docs      the pages under docs/ as a site, site/index.html; a broken link is an error
 #   make docs-figures  one picture of each effect, to docs/effects/; convergence, to docs/results/convergence.md
 #   make docs-pictures  screenshots of a report, to docs/pictures; needs Chromium
 #   make wheel     dist/*.whl
 #   make format    format Rust and Python
-#   make clean     forget .venv and dist; target/ stays, its dependencies take minutes to build
+#   make clean     remove .venv and dist; target/ stays, because its dependencies take minutes to build
 
 PYTHON ?= python3
 VENV := .venv
@@ -27,13 +27,13 @@ SHELL := /bin/bash
 .DELETE_ON_ERROR:
 MAKEFLAGS += --no-builtin-rules
 
-# One target folder and one profile for tests, benchmarks, wheel and sdist: the numerical dependencies are built once.
+# One target folder and one profile for tests, benchmarks, wheel and sdist, so that dependencies are built once.
 export CARGO_TARGET_DIR ?= $(CURDIR)/target
 export PYO3_PYTHON := $(CURDIR)/$(PY)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-# The whole workspace even where one crate would do: cargo unites the features of what it builds together, and another
-# set of features builds the dependencies again.
+# Always the whole workspace: cargo unifies the features of the packages that it builds together, and another set of
+# features compiles the dependencies again.
 CARGO_TEST := cargo test --release --locked --workspace
 
 MANIFESTS := Cargo.toml Cargo.lock pyproject.toml README.md LICENSE-MIT LICENSE-APACHE

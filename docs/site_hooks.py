@@ -1,8 +1,8 @@
-"""What `make docs` does to pages on their way into the site; mkdocs.yml names this file twice.
+"""Processing of the pages by `make docs`; mkdocs.yml names this file twice.
 
-To mkdocs it is a hook: the navigation, the source files that pages link to, the page of the commands, and
-the public names that the page of the Python interface does not list by itself. To mkdocstrings it is an
-extension: docstrings name arguments and fields in aligned columns, which become lists.
+As a hook of mkdocs it completes the navigation, adds the source files to which pages link and the page of the
+commands, and adds public names that the page of the Python interface does not list. As an extension of
+mkdocstrings it converts aligned columns in docstrings, which describe arguments and fields, to lists.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ import imucal
 ROOT = Path(__file__).resolve().parent.parent
 DOCS = ROOT / "docs"
 LINK = re.compile(r"(!?\[[^\]]*\])\((?!https?://|#)([^)#\s]+)(#[^)]*)?\)")
-# `name, other_name   what they are`: two spaces or more part the columns.
+# `name, other_name   description`: at least two spaces separate the columns.
 COLUMNS = re.compile(r"(\w+(?:, \w+)*) {2,}(\S.*)")
-# Some build servers ask for colour.
+# Terminal colours, which some build servers switch on.
 COLOUR = re.compile(r"\x1b\[[0-9;]*m")
 DIRECTIVE = re.compile(r"^::: imucal\.(\w+)$", re.MULTILINE)
 COMMANDS_HEAD = """# Commands
@@ -38,7 +38,7 @@ LANGUAGES = {".py": "python", ".rs": "rust", ".sh": "sh", ".c": "c", ".toml": "t
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Fill in the navigation."""
+    """Complete the navigation."""
     config.nav = _navigation(config.nav or [])
     return config
 
@@ -72,7 +72,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def source_page(path: Path) -> str:
-    """Where in the site a file outside docs/ is shown."""
+    """The page of the site for a file outside docs/."""
     name = str(path.relative_to(ROOT))
     return f"source/{name}" if path.suffix == ".md" else f"source/{name}.md"
 
@@ -86,7 +86,7 @@ def _source_text(path: Path) -> str:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead links out of docs/ to the pages of these files; complete the page of the Python interface."""
+    """Redirect links that leave docs/ to the pages of their files; complete the page of the Python names."""
     folder = (DOCS / page.file.src_uri).parent
 
     def lead(link: re.Match[str]) -> str:
@@ -105,9 +105,10 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def like_github(markdown: str) -> str:
-    """Two things that Python-Markdown reads in another way than GitHub.
+    """Adapt two constructs that Python-Markdown reads differently from GitHub.
 
-    What goes on in an item of a list is indented by four, and a bar in code needs no backslash in a table.
+    Continuation lines of a list item are indented by four spaces, and a bar in code within a table has no
+    backslash.
     """
     lines: list[str] = []
     in_item = in_code = False
@@ -126,7 +127,7 @@ def like_github(markdown: str) -> str:
 
 
 def _unlisted(page: str) -> str:
-    """Directives for the public names that the page does not have."""
+    """Directives for the public names that are missing on the page."""
     listed = {*DIRECTIVE.findall(page), "__version__"}
     names = [
         name
@@ -137,8 +138,8 @@ def _unlisted(page: str) -> str:
 
 
 def commands_page() -> str:
-    """The help of every command, as a terminal shows it."""
-    os.environ["TERMINAL_WIDTH"] = "100"  # what typer asks for when it is imported
+    """The help of every command as shown in a terminal."""
+    os.environ["TERMINAL_WIDTH"] = "100"  # read by typer when it is imported
     from imucal.cli.app import app, main
 
     def shown(words: list[str]) -> str:
@@ -163,7 +164,7 @@ def _command_name(command: Any) -> str:
 
 
 class AlignedColumns(griffe.Extension):
-    """Turns the aligned columns of a docstring into a definition list."""
+    """Converts aligned columns of a docstring to a definition list."""
 
     def on_object(self, *, obj: griffe.Object, **_: Any) -> None:
         """Rewrite the docstring of a module, class, function or attribute."""
@@ -172,9 +173,9 @@ class AlignedColumns(griffe.Extension):
 
 
 def definitions(docstring: str) -> str:
-    """Aligned columns as Markdown; everything else as it is.
+    """The docstring with aligned columns as Markdown lists.
 
-    A line that goes on is indented; a formula is, too, but no column comes before it.
+    An indented line after a column continues it; other indented lines are formulas and stay unchanged.
     """
     lines: list[str] = []
     inside = False
@@ -194,5 +195,5 @@ def definitions(docstring: str) -> str:
 
 
 def _plain(text: str) -> str:
-    """Text that is no HTML."""
+    """Text with escaped HTML characters."""
     return text.replace("<", "&lt;")
