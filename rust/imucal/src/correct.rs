@@ -13,7 +13,7 @@
 use crate::numerics::derivative::Derivative;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use imucal_core::calibration::Calibration;
-use imucal_core::effects::{Need, Surroundings};
+use imucal_core::effects::{Effect, Need, Sensor, Surroundings};
 use nalgebra::Vector3;
 
 /// Number of iterations for the angular acceleration. It is the derivative of the true rate, which is only known after
@@ -21,6 +21,12 @@ use nalgebra::Vector3;
 /// delay tau of the gyroscope, the remaining error is `tau^3` times the third derivative of the rate. Further
 /// iterations would amplify noise.
 const PASSES: usize = 2;
+
+/// Whether a correction leaves an effect in the data: it depends on what no recording gives, or acts on the encoders of a stand.
+pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
+    let is_given = |need: &Need| matches!(need, Need::Time | Need::Temperature | Need::AngularAcceleration);
+    effect.sensor == Sensor::Encoder || !effect.needs.iter().all(is_given)
+}
 
 /// Corrects every sample: true `(angular_rate, specific_force)` in rad/s and m/s^2 in the body frame.
 ///

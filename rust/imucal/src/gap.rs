@@ -19,10 +19,15 @@ mod evidence;
 mod generic;
 mod known;
 mod moments;
+mod move_blocks;
+mod parameter_uncertainty;
 mod path;
 mod pattern;
 mod predict;
+mod predicted_error;
 mod products;
+mod residual_channels;
+mod residuals_by_place;
 mod revise;
 mod score;
 mod shares;
@@ -35,6 +40,10 @@ pub use attitudes::attitudes;
 pub use earth::is_earth_rate;
 pub use generic::{Block, Kernel};
 pub use path::{Visible, linearise, search, smallest_visible};
+pub use predicted_error::{BriefMeans, PredictedError, PredictedErrors, UserCorrection, predicted_errors};
+pub use residuals_by_place::{
+    ChannelResidual, CorrectedFit, Dependence, ItemResidual, Regressor, ResidualKind, ResidualsByPlace, residuals_by_place,
+};
 
 /// What a search has found.
 #[derive(Clone, Debug)]

@@ -1,0 +1,186 @@
+//! A move in blocks of 40 ms: attitudes at the edges and in the middle of each block, and means over it.
+//!
+//! Inside a move a single sample of the accelerometer is dominated by noise. Means over 40 ms are not, and within 40 ms
+//! the motion changes little, so residuals inside the moves are residuals of these means.
+
+use std::ops::Range;
+
+use imucal_core::integrate::Integrator;
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use super::residual_channels::Regressor;
+use crate::evaluate::MoveReport;
+use crate::recording::{Recording, Samples};
+
+/// Length of a block, s: short against a move of a second, long enough for at least two samples at 50 Hz.
+const BLOCK_S: f64 = 0.04;
+
+/// A temperature column that changes by less over its recording is not used as an explanation of residuals, K.
+pub(super) const LEAST_TEMPERATURE_CHANGE_K: f64 = 0.5;
+
+/// One move of a corrected recording.
+pub(super) struct MoveBlocks {
+    /// Rotation from the body at the end of the move to the body at its start.
+    pub(super) rotation: UnitQuaternion<f64>,
+    /// Consecutive blocks from the first sample of the move to its last one.
+    pub(super) blocks: Vec<Block>,
+}
+
+/// Consecutive samples inside a move; the last sample of a block is the first one of the next.
+pub(super) struct Block {
+    /// Rotations from the body at the first sample, half-way and at the last sample to the body at the start of the move.
+    rotations: [Matrix3<f64>; 3],
+    /// Time of the first sample, s.
+    start_s: f64,
+    /// Time from the start of the move to the last sample, s.
+    pub(super) since_start_s: f64,
+    /// Time from the first sample to the last one, s.
+    pub(super) length_s: f64,
+    /// Mean over the block, rad/s, body frame.
+    pub(super) angular_rate: Vector3<f64>,
+    /// Mean over the block, m/s^2, body frame.
+    pub(super) specific_force: Vector3<f64>,
+    /// Mean over the block, rad/s^2, body frame.
+    pub(super) angular_acceleration: Vector3<f64>,
+    /// Temperature of the first sample less the mean over the recording, K, if the temperature is used.
+    temperature_k: Option<f64>,
+}
+
+impl MoveBlocks {
+    /// The blocks of a move of a corrected recording (SI units, body frame).
+    pub(super) fn new(corrected: &Recording<'_>, span: &MoveReport, temperature: Option<&RelativeTemperature<'_>>) -> Self {
+        let (time_s, edges) = (corrected.time_s, edges(corrected.time_s, span));
+        let mut rotation = UnitQuaternion::identity();
+        let mut blocks = Vec::with_capacity(edges.len());
+        for pair in edges.windows(2) {
+            let (first, last) = (pair[0], pair[1]);
+            let over_block = rotation_over(corrected, first, last);
+            let middle = rotation * UnitQuaternion::from_scaled_axis(over_block.scaled_axis() * 0.5);
+            let end = rotation * over_block;
+            let length_s = time_s[last] - time_s[first];
+            let rate_at = |sample: usize| Vector3::from(corrected.angular_rate.at(sample));
+            blocks.push(Block {
+                rotations: [rotation, middle, end].map(|r| *r.to_rotation_matrix().matrix()),
+                start_s: time_s[first],
+                since_start_s: time_s[last] - time_s[span.first],
+                length_s,
+                angular_rate: mean(time_s, corrected.angular_rate, first, last),
+                specific_force: mean(time_s, corrected.specific_force, first, last),
+                angular_acceleration: (rate_at(last) - rate_at(first)) / length_s,
+                temperature_k: temperature.map(|temperature| temperature.at(first)),
+            });
+            rotation = end;
+        }
+        Self { rotation, blocks }
+    }
+
+    /// Rotation from the body at the end of the move to the body at its start as a rotation vector of at most half a turn, rad.
+    pub(super) fn rotation_vector(&self) -> Vector3<f64> {
+        self.rotation.scaled_axis()
+    }
+
+    /// Whether the temperature of the recording may explain residuals.
+    pub(super) fn has_temperature(&self) -> bool {
+        self.blocks.iter().all(|block| block.temperature_k.is_some())
+    }
+
+    /// By what errors of the angular rate, one unit of each, rotate the attitude at the end of the move: for each regressor,
+    /// one row per body axis at the end of the move and one column per unit error.
+    pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
+        let to_end = self.rotation.inverse().to_rotation_matrix();
+        let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotations[1] * block.length_s));
+        let mut by_gravity: [Vec<f64>; 3] = std::array::from_fn(|_| vec![0.0; 9]);
+        for (block, change) in blocks() {
+            for (axis, row) in by_gravity.iter_mut().enumerate() {
+                for k in 0..9 {
+                    row[k] += change[(axis, k / 3)] * block.specific_force[k % 3];
+                }
+            }
+        }
+        // An error of the rate about each body axis that is proportional to a factor of that axis.
+        let by_axis = |factor: &dyn Fn(&Block) -> Vector3<f64>| -> [Vec<f64>; 3] {
+            let sum = blocks().fold(Matrix3::zeros(), |sum: Matrix3<f64>, (block, change)| {
+                sum + change * Matrix3::from_diagonal(&factor(block))
+            });
+            std::array::from_fn(|axis| sum.row(axis).iter().copied().collect())
+        };
+        let mut changes = vec![
+            (Regressor::Gravity, by_gravity),
+            (Regressor::RateSquared, by_axis(&|block| block.angular_rate.component_mul(&block.angular_rate))),
+            (Regressor::SignOfTheRate, by_axis(&|block| block.angular_rate.abs())),
+        ];
+        if self.has_temperature() {
+            let temperature = |block: &Block| Vector3::repeat(block.temperature_k.unwrap_or_default());
+            changes.push((Regressor::Temperature, by_axis(&temperature)));
+        }
+        changes.push((Regressor::Time, by_axis(&|block| Vector3::repeat(block.start_s))));
+        changes
+    }
+}
+
+impl Block {
+    /// Mean over the block of a direction that is constant in the world and `at_start` in the body at the start of the move, by
+    /// Simpson's rule.
+    pub(super) fn mean_of_constant(&self, at_start: &Vector3<f64>) -> Vector3<f64> {
+        let [first, middle, last] = self.rotations.map(|rotation| rotation.tr_mul(at_start));
+        (first + 4.0 * middle + last) / 6.0
+    }
+}
+
+/// A temperature column that changes enough to explain residuals, less its mean.
+pub(super) struct RelativeTemperature<'a> {
+    temperature_degc: &'a [f64],
+    mean_degc: f64,
+}
+
+impl<'a> RelativeTemperature<'a> {
+    /// `None` if the recording has no temperature, one that is not known throughout, or one that hardly changes.
+    pub(super) fn of(recording: &Recording<'a>) -> Option<Self> {
+        let temperature_degc = recording.temperature_degc?;
+        let least = temperature_degc.iter().copied().fold(f64::INFINITY, f64::min);
+        let most = temperature_degc.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let mean_degc = temperature_degc.iter().sum::<f64>() / temperature_degc.len() as f64;
+        (mean_degc.is_finite() && most - least >= LEAST_TEMPERATURE_CHANGE_K).then_some(Self { temperature_degc, mean_degc })
+    }
+
+    fn at(&self, sample: usize) -> f64 {
+        self.temperature_degc[sample] - self.mean_degc
+    }
+
+    /// Mean over samples, degC.
+    pub(super) fn mean_over(&self, samples: Range<usize>) -> f64 {
+        let count = samples.len() as f64;
+        self.temperature_degc[samples].iter().sum::<f64>() / count
+    }
+}
+
+/// First and last samples of the blocks of a move; the last block is the longest.
+fn edges(time_s: &[f64], span: &MoveReport) -> Vec<usize> {
+    let (first, last) = (span.first, span.last);
+    let samples = BLOCK_S * (last - first) as f64 / (time_s[last] - time_s[first]);
+    let step = (samples.round_ties_even() as usize).max(2);
+    let mut edges: Vec<usize> = (first..).step_by(step).take_while(|edge| edge + step <= last).collect();
+    if edges.is_empty() {
+        edges.push(first);
+    }
+    edges.push(last);
+    edges
+}
+
+/// Rotation from the body at sample `last` to the body at sample `first`.
+fn rotation_over(recording: &Recording<'_>, first: usize, last: usize) -> UnitQuaternion<f64> {
+    let mut integrator = Integrator::new();
+    for sample in first..=last {
+        let step_s = if sample == first { 0.0 } else { recording.time_s[sample] - recording.time_s[sample - 1] };
+        integrator.push(step_s, Vector3::from(recording.angular_rate.at(sample)));
+    }
+    integrator.rotation()
+}
+
+/// Mean over time by the trapezoidal rule, both ends included.
+fn mean(time_s: &[f64], values: Samples<'_>, first: usize, last: usize) -> Vector3<f64> {
+    let area: Vector3<f64> = (first..last)
+        .map(|k| (Vector3::from(values.at(k)) + Vector3::from(values.at(k + 1))) * (0.5 * (time_s[k + 1] - time_s[k])))
+        .sum();
+    area / (time_s[last] - time_s[first])
+}

@@ -1,0 +1,288 @@
+//! Errors that the parameters of a calibration may have, and what these do to corrected signals averaged over one second.
+
+use std::ops::Range;
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Sensor, State, Surroundings};
+use nalgebra::{Matrix3, Vector3};
+
+use crate::calibrate::{Outcome, TermEstimate, UserField};
+use crate::correct::{angular_acceleration, is_left_in_data};
+use crate::error::Error;
+use crate::frame::Frame;
+use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
+
+/// Corrected signals are averaged over windows of this length, s: errors of a calibration are as slow as the motion, and white noise
+/// of density N leaves N / sqrt(1 s).
+pub(super) const WINDOW_S: f64 = 1.0;
+/// Least size of an effect in typical sizes: a smaller estimate counts as this size.
+const LEAST_SIZE: f64 = 0.01;
+/// Iterations of the size of an effect, which settles in a few.
+const SIZE_ITERATIONS: usize = 30;
+/// Relative step of the difference quotient by a time constant.
+const SHAPE_STEP: f64 = 0.01;
+
+/// Corrected rate and force, rad/s and m/s^2: gyroscope x, y, z, accelerometer x, y, z.
+pub(super) type Signals = [f64; 6];
+
+/// The estimated parameters of a calibration: those with a standard deviation above zero.
+pub(super) struct Parameters {
+    /// Place of each in the parameters of the calibration.
+    places: Vec<usize>,
+    /// Standard deviations, in the units of the parameters.
+    sigma: Vec<f64>,
+    correlation: Mat<f64>,
+}
+
+/// A recording, and windows of one second of it.
+pub(super) struct Windows {
+    samples: Vec<Range<usize>>,
+}
+
+impl Windows {
+    /// Whole windows from the first sample on; at least one.
+    pub(super) fn of(time_s: &[f64]) -> Self {
+        let (Some(&start), Some(&end)) = (time_s.first(), time_s.last()) else {
+            return Self { samples: Vec::new() };
+        };
+        let count = (((end - start) / WINDOW_S) as usize).max(1);
+        let sample = |edge: usize| time_s.partition_point(|time| *time < start + WINDOW_S * edge as f64);
+        Self { samples: (0..count).map(|k| sample(k)..sample(k + 1)).collect() }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.samples.len()
+    }
+
+    /// Means over each window; NaN where there is no sample.
+    pub(super) fn means(&self, row: impl Fn(usize) -> Vector3<f64>) -> Vec<Vector3<f64>> {
+        let mean = |samples: &Range<usize>| samples.clone().map(&row).sum::<Vector3<f64>>() / samples.len() as f64;
+        self.samples.iter().map(mean).collect()
+    }
+}
+
+impl Parameters {
+    pub(super) fn of(outcome: &Outcome) -> Self {
+        let covariance = &outcome.covariance;
+        let places: Vec<usize> = (0..covariance.len()).filter(|&p| covariance[p][p] > 0.0).collect();
+        let sigma: Vec<f64> = places.iter().map(|&p| covariance[p][p].sqrt()).collect();
+        let correlation = Mat::from_fn(places.len(), places.len(), |i, j| {
+            covariance[places[i]][places[j]] / (sigma[i] * sigma[j])
+        });
+        Self { places, sigma, correlation }
+    }
+
+    pub(super) fn count(&self) -> usize {
+        self.places.len()
+    }
+
+    /// Change of the corrected signals in each window by one standard deviation of each parameter, (P, windows).
+    ///
+    /// `corrected` is `recording` after correction; `user_fields` are columns of the user's effects at its samples. How the effects
+    /// themselves change with the corrected signals is neglected: effects are small against the signals.
+    pub(super) fn slopes(
+        &self,
+        outcome: &Outcome,
+        recording: &Recording<'_>,
+        corrected: &Recording<'_>,
+        windows: &Windows,
+        user_fields: &[(Sensor, &[f64])],
+    ) -> Result<Vec<Vec<Signals>>, Error> {
+        let mut slopes = sensor_slopes(outcome, recording, windows);
+        slopes.extend(effect_slopes(outcome, corrected, windows, user_fields)?);
+        let scaled = |(&place, &sigma): (&usize, &f64)| {
+            slopes[place].iter().map(|signals| signals.map(|slope| slope * sigma)).collect()
+        };
+        Ok(self.places.iter().zip(&self.sigma).map(scaled).collect())
+    }
+
+    /// Expected errors of the parameters, and the covariance of these errors, in standard deviations; `typical` are the typical sizes
+    /// of the linear parameters of each effect.
+    ///
+    /// The prior of the fit takes an effect for at least as large as is typical, model.md (23). If all parameters of an effect together
+    /// are smaller, a prior of that smaller size applies as well to the directions that the recordings do not show.
+    pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
+        let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
+        let mut first = 21;
+        for (term, typical) in outcome.effects.iter().zip(typical) {
+            let of_effect = first..first + term.values.len();
+            first += term.parameter_names.len();
+            let own: Vec<usize> = (0..self.count()).filter(|&k| of_effect.contains(&self.places[k])).collect();
+            if own.is_empty() {
+                continue;
+            }
+            let in_sigma = |k: usize, value: f64| value / self.sigma[k];
+            let values: Vec<f64> =
+                own.iter().map(|&k| in_sigma(k, outcome.values[self.places[k]]) - errors[k]).collect();
+            let typical: Vec<f64> =
+                own.iter().map(|&k| in_sigma(k, typical[self.places[k] - of_effect.start])).collect();
+            let (shift, narrowed) = narrowed(&covariance, &own, &values, &typical);
+            errors.iter_mut().zip(shift).for_each(|(error, shift)| *error += shift);
+            covariance = narrowed;
+        }
+        (errors, covariance)
+    }
+}
+
+/// By how much parameters are too large, and their covariance, with the estimated size of the effect in its prior if that is below
+/// typical.
+fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
+    let (n, p) = (covariance.nrows(), own.len());
+    let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
+    for _ in 0..SIZE_ITERATIONS {
+        let of_own = || own.iter().zip(values).zip(typical);
+        let visible: f64 =
+            of_own().map(|((&k, _), typical)| 1.0 - narrowed[(k, k)] / (square * typical * typical)).sum();
+        let size: f64 = of_own().map(|((&k, value), typical)| ((value - shift[k]) / typical).powi(2)).sum();
+        square = (size / visible.max(1e-3)).clamp(LEAST_SIZE * LEAST_SIZE, 1.0);
+        let weight: Vec<f64> = typical.iter().map(|typical| (1.0 / square - 1.0).sqrt() / typical).collect();
+        let across = Mat::from_fn(n, p, |i, j| covariance[(i, own[j])] * weight[j]);
+        let within = Mat::from_fn(p, p, |i, j| f64::from(u8::from(i == j)) + weight[i] * across[(own[i], j)]);
+        narrowed = covariance - &across * within.partial_piv_lu().solve(across.transpose());
+        shift = (0..n)
+            .map(|i| (0..p).map(|j| narrowed[(i, own[j])] * weight[j] * weight[j] * values[j]).sum())
+            .collect();
+    }
+    (shift, narrowed)
+}
+
+/// Derivatives of the corrected signals by the 21 parameters of both triads.
+fn sensor_slopes(outcome: &Outcome, recording: &Recording<'_>, windows: &Windows) -> Vec<Vec<Signals>> {
+    let seen = |raw: Samples<'_>, triad: &imucal_core::sensor::Triad<f64>| {
+        windows.means(|sample| triad.correct(Vector3::from(raw.at(sample))))
+    };
+    let (accelerometer, gyroscope) = (&outcome.calibration.accelerometer, &outcome.calibration.gyroscope);
+    let (force, rate) = (seen(recording.specific_force, accelerometer), seen(recording.angular_rate, gyroscope));
+    let free = outcome.frame.free_entries();
+    (0..21)
+        .map(|p| match p {
+            0..3 => by_bias(accelerometer.inverse(), p, force.len(), Sensor::Accelerometer),
+            3..9 => {
+                let (i, j) = free[p - 3];
+                let mut slope = by_sensitivity(accelerometer.inverse(), (i, j), &force, Sensor::Accelerometer);
+                if outcome.frame == Frame::Symmetric && i != j {
+                    let mirrored = by_sensitivity(accelerometer.inverse(), (j, i), &force, Sensor::Accelerometer);
+                    slope.iter_mut().flatten().zip(mirrored.iter().flatten()).for_each(|(slope, other)| *slope += other);
+                }
+                slope
+            }
+            9..12 => by_bias(gyroscope.inverse(), p - 9, rate.len(), Sensor::Gyroscope),
+            _ => by_sensitivity(gyroscope.inverse(), ((p - 12) / 3, (p - 12) % 3), &rate, Sensor::Gyroscope),
+        })
+        .collect()
+}
+
+/// `corrected = T^-1 (raw - b)`, so `d corrected / d b_i = -T^-1 e_i`.
+fn by_bias(inverse: &Matrix3<f64>, i: usize, windows: usize, sensor: Sensor) -> Vec<Signals> {
+    vec![signals(-inverse.column(i), sensor); windows]
+}
+
+/// `d corrected / d T_ij = -T^-1 e_i corrected_j`.
+fn by_sensitivity(
+    inverse: &Matrix3<f64>,
+    (i, j): (usize, usize),
+    corrected: &[Vector3<f64>],
+    sensor: Sensor,
+) -> Vec<Signals> {
+    corrected.iter().map(|corrected| signals(-inverse.column(i) * corrected[j], sensor)).collect()
+}
+
+/// Derivatives by the parameters of each effect: the linear ones, and the time constant.
+fn effect_slopes(
+    outcome: &Outcome,
+    corrected: &Recording<'_>,
+    windows: &Windows,
+    user_fields: &[(Sensor, &[f64])],
+) -> Result<Vec<Vec<Signals>>, Error> {
+    let states = states(corrected);
+    let mut user_fields = user_fields.iter();
+    let mut slopes = Vec::new();
+    for term in &outcome.effects {
+        match Effect::<f64>::find(&term.name).filter(|_| term.in_catalogue) {
+            Some(effect) if is_left_in_data(effect) => {
+                slopes.extend(vec![vec![[0.0; 6]; windows.count()]; term.parameter_names.len()]);
+            }
+            Some(effect) => slopes.extend(catalogue_slopes(effect, term, &states, windows)),
+            None => {
+                let missing = || Error::Input(format!("the field of {} is missing", term.name));
+                let (sensor, columns) = user_fields.next().ok_or_else(missing)?;
+                let width = term.values.len();
+                if columns.len() != states.len() * 3 * width {
+                    return Err(missing());
+                }
+                for k in 0..width {
+                    let field = |sample: usize| Vector3::from_fn(|axis, _| columns[(3 * sample + axis) * width + k]);
+                    slopes.push(windows.means(field).into_iter().map(|mean| signals(-mean, *sensor)).collect());
+                }
+            }
+        }
+    }
+    Ok(slopes)
+}
+
+fn catalogue_slopes(
+    effect: &Effect<f64>,
+    term: &TermEstimate,
+    states: &[State<f64>],
+    windows: &Windows,
+) -> Vec<Vec<Signals>> {
+    let field = |shape: Option<f64>, state: &State<f64>| {
+        let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];
+        effect.field(state, shape.unwrap_or(1.0), &mut columns);
+        columns
+    };
+    let fields: Vec<Columns<f64>> = states.iter().map(|state| field(term.shape, state)).collect();
+    let slope = |of_sample: &dyn Fn(usize) -> Vector3<f64>| {
+        windows.means(of_sample).into_iter().map(|mean| signals(-mean, effect.sensor)).collect()
+    };
+    let mut slopes: Vec<Vec<Signals>> =
+        (0..term.values.len()).map(|k| slope(&|sample| fields[sample][k])).collect();
+    if let Some(shape) = term.shape {
+        let step = SHAPE_STEP * shape;
+        slopes.push(slope(&|sample| {
+            let changed = field(Some(shape + step), &states[sample]);
+            let by_parameter = changed.iter().zip(&fields[sample]).zip(&term.values);
+            by_parameter.map(|((changed, plain), value)| (changed - plain) * (*value / step)).sum()
+        }));
+    }
+    slopes
+}
+
+/// The states at which the fields of the effects are taken: corrected signals, time since the first sample, temperature.
+fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
+    let rate: Vec<[f64; 3]> = corrected.angular_rate.iter().collect();
+    let acceleration = angular_acceleration(corrected.time_s, &rate);
+    let start_s = corrected.time_s.first().copied().unwrap_or(0.0);
+    let state = |sample: usize| State {
+        angular_rate: Vector3::from(rate[sample]),
+        specific_force: Vector3::from(corrected.specific_force.at(sample)),
+        surroundings: Surroundings {
+            time_s: Some(corrected.time_s[sample] - start_s),
+            angular_acceleration: acceleration.get(sample).map(|value| Vector3::from(*value)),
+            temperature_difference_k: corrected.temperature_degc.map(|degc| degc[sample] - REFERENCE_TEMPERATURE_DEGC),
+            ..Surroundings::unknown()
+        },
+    };
+    (0..corrected.len()).map(state).collect()
+}
+
+/// A change of one sensor's corrected signal.
+fn signals(change: Vector3<f64>, sensor: Sensor) -> Signals {
+    let [x, y, z] = change.into();
+    match sensor {
+        Sensor::Gyroscope => [x, y, z, 0.0, 0.0, 0.0],
+        Sensor::Accelerometer => [0.0, 0.0, 0.0, x, y, z],
+        Sensor::Encoder => [0.0; 6],
+    }
+}
+
+/// Typical sizes of the linear parameters of each effect of a calibration.
+pub(super) fn typical_sizes(outcome: &Outcome, user_fields: &[UserField<'_>]) -> Vec<Vec<f64>> {
+    let mut user_fields = user_fields.iter();
+    let of = |term: &TermEstimate| match Effect::<f64>::find(&term.name).filter(|_| term.in_catalogue) {
+        Some(effect) => effect.parameters.iter().map(|parameter| parameter.typical).collect(),
+        None => user_fields.next().map(|field| field.typical.clone()).unwrap_or_default(),
+    };
+    outcome.effects.iter().map(of).collect()
+}

@@ -1,0 +1,317 @@
+//! Errors of corrected signals with and without the effects that were found, predicted without any truth.
+//!
+//! ```text
+//! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
+//! ```
+//!
+//! All averaged over one second: white noise of density N leaves N / sqrt(1 s), `e` are the errors that the parameters may have, `D`
+//! their derivatives in the corrected signals, and `d` the difference of the signals corrected by the two calibrations.
+
+use faer::Mat;
+use imucal_core::calibration::Calibration;
+use imucal_core::effects::Sensor;
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
+
+use super::parameter_uncertainty::{Parameters, Signals, WINDOW_S, Windows, typical_sizes};
+use super::residual_channels::noise_densities;
+use crate::calibrate::{Outcome, UserField};
+use crate::correct::{correct, is_left_in_data};
+use crate::error::Error;
+use crate::recording::Recording;
+use crate::stats::quantile;
+
+/// Length of the means that are corrected instead of samples, s: errors of a calibration are as slow as the motion.
+const BRIEF_MEAN_S: f64 = 0.1;
+/// Number of random draws for the interval of the factor, and the seed of the draws.
+const DRAWS: usize = 1000;
+const SEED: u64 = 1;
+/// Probabilities of the ends of the interval: 95 % lie within.
+const INTERVAL: [f64; 2] = [0.025, 0.975];
+/// Relative variance of a mean squared noise density, times seconds of rest: the density is half the mean square of differences
+/// of means over 0.25 s on three axes, model.md (10).
+const NOISE_VARIANCE_S: f64 = 0.25;
+/// Least mean square in a draw, and least noise in a draw, in mean squares of the noise: a draw of the products of noise and errors
+/// may otherwise be negative.
+const LEAST_MEAN_SQUARE: f64 = 0.1;
+
+/// Predicted errors of both corrected signals.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PredictedErrors {
+    /// Of the angular rate, rad/s.
+    pub angular_rate: PredictedError,
+    /// Of the specific force, m/s^2.
+    pub specific_force: PredictedError,
+}
+
+/// Root mean square over samples and axes of the error of a corrected signal that is averaged over one second.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PredictedError {
+    /// Without the effects.
+    pub before: f64,
+    /// With them.
+    pub after: f64,
+    /// `before / after`.
+    pub factor: f64,
+    /// Lower end of the 95 % interval of the factor on these recordings.
+    pub factor_low: f64,
+    /// Upper end.
+    pub factor_high: f64,
+}
+
+/// What a caller computes itself of a calibration with effects of its own, on the [`BriefMeans`] of each recording.
+#[derive(Clone, Copy)]
+pub struct UserCorrection<'a> {
+    /// Brief means corrected by the first calibration, SI units, body frame.
+    pub before: &'a [Recording<'a>],
+    /// Brief means corrected by the second calibration.
+    pub after: &'a [Recording<'a>],
+    /// Fields of the user's effects of the second calibration at the samples of `after`, in the order of its effects.
+    pub fields: &'a [UserField<'a>],
+}
+
+/// Means over consecutive stretches of 0.1 s of a recording.
+#[derive(Clone, Debug)]
+pub struct BriefMeans {
+    /// Number of samples of each mean; what is left at the end is dropped.
+    pub samples: usize,
+    time_s: Vec<f64>,
+    specific_force: Vec<[f64; 3]>,
+    angular_rate: Vec<[f64; 3]>,
+    temperature_degc: Option<Vec<f64>>,
+}
+
+impl BriefMeans {
+    /// Of the time, the force, the rate and the temperature of a recording.
+    pub fn of(recording: &Recording<'_>) -> Self {
+        let samples = brief_samples(recording.time_s);
+        let mean = |values: &[f64]| -> Vec<f64> {
+            values.chunks_exact(samples).map(|part| part.iter().sum::<f64>() / samples as f64).collect()
+        };
+        let mean_rows = |rows: crate::recording::Samples<'_>| -> Vec<[f64; 3]> {
+            let axes = [0, 1, 2].map(|axis| mean(&rows.axis(axis).collect::<Vec<f64>>()));
+            (0..axes[0].len()).map(|k| [axes[0][k], axes[1][k], axes[2][k]]).collect()
+        };
+        Self {
+            samples,
+            time_s: mean(recording.time_s),
+            specific_force: mean_rows(recording.specific_force),
+            angular_rate: mean_rows(recording.angular_rate),
+            temperature_degc: recording.temperature_degc.map(mean),
+        }
+    }
+
+    /// The means as a recording in the units of the one that they are of.
+    pub fn recording<'a>(&'a self, of: &Recording<'a>) -> Recording<'a> {
+        Recording {
+            time_s: &self.time_s,
+            specific_force: (&self.specific_force).into(),
+            angular_rate: (&self.angular_rate).into(),
+            temperature_degc: self.temperature_degc.as_deref(),
+            stand_rad: None,
+            ..*of
+        }
+    }
+}
+
+/// Number of samples of a brief mean.
+fn brief_samples(time_s: &[f64]) -> usize {
+    let (Some(first), Some(last)) = (time_s.first(), time_s.last()) else { return 1 };
+    let step_s = (last - first) / time_s.len().saturating_sub(1).max(1) as f64;
+    if step_s > 0.0 { ((BRIEF_MEAN_S / step_s).round_ties_even() as usize).max(1) } else { 1 }
+}
+
+/// Predicted errors of signals corrected by `before` and by `after`, on raw recordings. With effects of a user's own, `user` has what
+/// these change.
+///
+/// # Errors
+/// [`Error::Input`] if `user` does not fit the recordings and the effects of `after`.
+pub fn predicted_errors(
+    before: &Calibration<f64>,
+    after: &Outcome,
+    recordings: &[Recording<'_>],
+    user: Option<&UserCorrection<'_>>,
+) -> Result<PredictedErrors, Error> {
+    let parameters = Parameters::of(after);
+    // Of each window: the change by one standard deviation of each parameter, and the difference of the two calibrations last.
+    let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
+    for (index, recording) in recordings.iter().enumerate() {
+        let means = BriefMeans::of(recording);
+        let brief = means.recording(recording);
+        let [own_before, own_after] = [before, &after.calibration].map(|calibration| correct(&brief, calibration));
+        let corrected = [(&own_before, user.map(|user| user.before)), (&own_after, user.map(|user| user.after))];
+        let corrected = corrected.map(|((rate, force), given)| match given {
+            Some(given) => given.get(index).filter(|given| given.len() == brief.len()).copied().ok_or_else(|| {
+                Error::Input(format!("{}: its corrected means are missing or of another length", recording.name))
+            }),
+            None => Ok(Recording { specific_force: force.into(), angular_rate: rate.into(), ..brief }),
+        });
+        let [corrected_before, corrected_after] = corrected;
+        let (corrected_before, corrected_after) = (corrected_before?, corrected_after?);
+        let windows = Windows::of(brief.time_s);
+        let fields: Vec<(Sensor, &[f64])> = user
+            .map_or(&[][..], |user| user.fields)
+            .iter()
+            .map(|field| (field.sensor, field.columns.get(index).copied().unwrap_or_default()))
+            .collect();
+        let slopes = parameters.slopes(after, &brief, &corrected_after, &windows, &fields)?;
+        let difference = difference(&corrected_before, &corrected_after, &windows);
+        columns.iter_mut().zip(slopes.into_iter().chain([difference])).for_each(|(all, own)| all.extend(own));
+    }
+    let typical = typical_sizes(after, user.map_or(&[], |user| user.fields));
+    let (errors, covariance) = parameters.expected_errors(after, &typical);
+    let rest_s: f64 = after.rests.iter().map(|rest| rest.end_s - rest.start_s).sum();
+    let draws = Draws::new(errors.len());
+    let [angular_rate, specific_force] = noise_mean_squares(after);
+    let signal = |noise: f64, axes: std::ops::Range<usize>| {
+        let (gram, count) = mean_products(&columns, axes);
+        let relative_variance = NOISE_VARIANCE_S / rest_s;
+        Signal { noise, gram, errors: &errors, covariance: &covariance, count, relative_variance }.predict(&draws)
+    };
+    Ok(PredictedErrors { angular_rate: signal(angular_rate, 0..3)?, specific_force: signal(specific_force, 3..6)? })
+}
+
+/// Difference of the signals corrected by the first and by the second calibration, in each window.
+fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) -> Vec<Signals> {
+    let means = |recording: &Recording<'_>| {
+        let [rate, force] = [recording.angular_rate, recording.specific_force];
+        let [rate, force] = [rate, force].map(|rows| windows.means(|sample| nalgebra::Vector3::from(rows.at(sample))));
+        rate.into_iter().zip(force)
+    };
+    means(before)
+        .zip(means(after))
+        .map(|(before, after)| {
+            let (rate, force) = (before.0 - after.0, before.1 - after.1);
+            [rate.x, rate.y, rate.z, force.x, force.y, force.z]
+        })
+        .collect()
+}
+
+/// Mean products of the columns over all windows and some axes, and over how many: those at which all columns are known.
+fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
+    let windows = columns.first().map_or(0, Vec::len);
+    let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);
+    for window in 0..windows {
+        for axis in axes.clone() {
+            let row: Vec<f64> = columns.iter().map(|column| column[window][axis]).collect();
+            if row.iter().all(|value| value.is_finite()) {
+                count += 1;
+                for (i, a) in row.iter().enumerate() {
+                    row.iter().enumerate().for_each(|(j, b)| sums[(i, j)] += a * b);
+                }
+            }
+        }
+    }
+    (sums * faer::Scale(1.0 / count as f64), count)
+}
+
+/// Mean squares over one second of what no correction removes, of rate and of force.
+///
+/// The rate of the Earth stays in the rate; about an axis of the unit it changes with the attitude.
+fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
+    let (accelerometer, gyroscope) = noise_densities(after);
+    let mean_square = |values: &[f64]| values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64;
+    let instability = after.bias_instability_radps.map_or(0.0, |instability| mean_square(&instability));
+    let left: f64 = after
+        .calibration
+        .effects
+        .iter()
+        .filter(|values| is_left_in_data(values.effect()) && values.effect().sensor == Sensor::Gyroscope)
+        .map(|values| mean_square(values.values()))
+        .sum();
+    [
+        mean_square(gyroscope.as_slice()) / WINDOW_S + instability + left,
+        mean_square(accelerometer.as_slice()) / WINDOW_S,
+    ]
+}
+
+/// One signal on these recordings.
+struct Signal<'a> {
+    /// Mean square of the noise of an average over one second.
+    noise: f64,
+    /// (P+1, P+1) mean products of the changes by each parameter's standard deviation, and of the difference of the calibrations,
+    /// which is last.
+    gram: Mat<f64>,
+    /// (P,) expected errors of the parameters, in standard deviations.
+    errors: &'a [f64],
+    /// (P, P) covariance of these errors.
+    covariance: &'a Mat<f64>,
+    /// Number of averages.
+    count: usize,
+    /// Relative variance of `noise`.
+    relative_variance: f64,
+}
+
+/// Standard normal numbers, the same for both signals.
+struct Draws {
+    /// (P, draws), errors of the parameters.
+    parameters: Mat<f64>,
+    /// (P+1, draws), products of the noise with each column.
+    products: Mat<f64>,
+    /// Mean square of the noise.
+    noise: Vec<f64>,
+}
+
+impl Draws {
+    fn new(parameters: usize) -> Self {
+        let mut generator = ChaCha8Rng::seed_from_u64(SEED);
+        let mut normal = || StandardNormal.sample(&mut generator);
+        Self {
+            parameters: Mat::from_fn(parameters, DRAWS, |_, _| normal()),
+            products: Mat::from_fn(parameters + 1, DRAWS, |_, _| normal()),
+            noise: (0..DRAWS).map(|_| normal()).collect(),
+        }
+    }
+}
+
+impl Signal<'_> {
+    fn predict(&self, draws: &Draws) -> Result<PredictedError, Error> {
+        let parameters = self.errors.len();
+        let pairs = (0..parameters).flat_map(|i| (0..parameters).map(move |j| (i, j)));
+        let of_covariance: f64 = pairs.map(|(i, j)| self.gram[(i, j)] * self.covariance[(i, j)]).sum();
+        let expected = |difference: f64| (self.noise + self.square(self.errors, difference) + of_covariance).sqrt();
+        let (before, after) = (expected(1.0), expected(0.0));
+        let mut factors = self.factors(draws)?;
+        let [factor_low, factor_high] = INTERVAL.map(|probability| quantile(&mut factors, probability));
+        Ok(PredictedError { before, after, factor: before / after, factor_low, factor_high })
+    }
+
+    /// Mean square of the change by these errors of the parameters, and `difference` times that of the calibrations.
+    fn square(&self, errors: &[f64], difference: f64) -> f64 {
+        let at = |i: usize| errors.get(i).copied().unwrap_or(difference);
+        let all = 0..=errors.len();
+        all.clone().map(|i| at(i) * all.clone().map(|j| self.gram[(i, j)] * at(j)).sum::<f64>()).sum()
+    }
+
+    /// The factor of units and recordings that these may be draws of.
+    fn factors(&self, draws: &Draws) -> Result<Vec<f64>, Error> {
+        let parameters = self.errors.len();
+        let errors = root(self.covariance)? * &draws.parameters;
+        let products = root(&self.gram)? * &draws.products;
+        let scale = (self.noise / self.count as f64).sqrt();
+        let deviation = (2.0 / self.count as f64 + self.relative_variance).sqrt();
+        let factor = |draw: usize| {
+            let own: Vec<f64> = (0..parameters).map(|p| self.errors[p] + errors[(p, draw)]).collect();
+            let noise = self.noise * (1.0 + deviation * draws.noise[draw]).max(LEAST_MEAN_SQUARE);
+            let mean_square = |difference: f64| {
+                let with_noise: f64 = (0..parameters).map(|p| own[p] * products[(p, draw)]).sum::<f64>()
+                    + difference * products[(parameters, draw)];
+                let square = self.square(&own, difference) + 2.0 * scale * with_noise + noise;
+                square.max(LEAST_MEAN_SQUARE * self.noise)
+            };
+            (mean_square(1.0) / mean_square(0.0)).sqrt()
+        };
+        Ok((0..DRAWS).map(factor).collect())
+    }
+}
+
+/// The symmetric root of a covariance, which may be singular.
+fn root(covariance: &Mat<f64>) -> Result<Mat<f64>, Error> {
+    let eigen = covariance
+        .self_adjoint_eigen(faer::Side::Lower)
+        .map_err(|_| Error::Fit("the covariance of the parameters has no eigenvalues: check the data".into()))?;
+    let (vectors, n) = (eigen.U(), covariance.nrows());
+    let scaled = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * eigen.S()[k].max(0.0).sqrt());
+    Ok(scaled * vectors.transpose())
+}

@@ -1,0 +1,363 @@
+//! Residuals of a calibration by kind and body axis, with the standard deviation that sensor noise explains.
+//!
+//! ```text
+//! rest_norm        |f| - g at a rest
+//! rest_rate        mean angular rate at a rest, which is zero
+//! move_direction   u_after x R^T u_before: by how much the integrated gyroscope misses the direction of gravity after a move
+//! move_force       f(t) - g R(t)^T u_before inside the moves, means over 40 ms
+//! ```
+//!
+//! All of corrected signals, SI units, body frame. `u` are directions of gravity, `R` the attitude from the gyroscope.
+
+use std::collections::HashMap;
+
+use nalgebra::Vector3;
+
+use super::CorrectedFit;
+use super::move_blocks::{MoveBlocks, RelativeTemperature};
+use crate::evaluate::{MoveReport, RestReport};
+use crate::recording::Samples;
+
+/// Bound of the noise densities from below, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): a simulation without noise has no scatter, and
+/// its residuals are compared with these instead of zero.
+const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
+
+/// Smallest share of a direction error that counts as visible along an axis: an error about gravity itself is not visible, so
+/// its standard deviation would be zero.
+const LEAST_VISIBLE_SHARE: f64 = 1e-4;
+
+/// Kind of a residual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ResidualKind {
+    /// Length of the specific force at a rest less gravity, m/s^2.
+    RestNorm,
+    /// Mean angular rate at a rest, rad/s.
+    RestRate,
+    /// Direction of gravity after a move, predicted by the gyroscope, against the measured one, rad.
+    MoveDirection,
+    /// Specific force inside a move less gravity, m/s^2.
+    MoveForce,
+}
+
+impl ResidualKind {
+    /// The name in documents.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::RestNorm => "rest_norm",
+            Self::RestRate => "rest_rate",
+            Self::MoveDirection => "move_direction",
+            Self::MoveForce => "move_force",
+        }
+    }
+
+    /// The SI unit of the residual.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::RestNorm | Self::MoveForce => "m/s^2",
+            Self::RestRate => "rad/s",
+            Self::MoveDirection => "rad",
+        }
+    }
+}
+
+/// A quantity that residuals may be correlated with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Regressor {
+    /// Angular acceleration, three components.
+    AngularAcceleration,
+    /// Direction of gravity in the body frame; of moves, specific force on rate errors about each axis.
+    Gravity,
+    /// Squares and products of the components of gravity.
+    GravitySquared,
+    /// Squares of the angular rate; inside the moves with the products of its components.
+    RateSquared,
+    /// Sign of the rotation vector of the move before a rest.
+    SignOfTheLastTurn,
+    /// Sign of the angular rate.
+    SignOfTheRate,
+    /// Temperature.
+    Temperature,
+    /// Time in the recording.
+    Time,
+}
+
+impl Regressor {
+    /// The name in documents.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::AngularAcceleration => "angular_acceleration",
+            Self::Gravity => "gravity",
+            Self::GravitySquared => "gravity_squared",
+            Self::RateSquared => "rate_squared",
+            Self::SignOfTheLastTurn => "sign_of_the_last_turn",
+            Self::SignOfTheRate => "sign_of_the_rate",
+            Self::Temperature => "temperature",
+            Self::Time => "time",
+        }
+    }
+}
+
+/// Residuals of one kind on one axis.
+pub(super) struct Channel {
+    pub(super) kind: ResidualKind,
+    /// Body axis 0, 1 or 2; `None` for a length.
+    pub(super) axis: Option<usize>,
+    /// In the unit of the kind.
+    pub(super) values: Vec<f64>,
+    /// Standard deviation of each value that sensor noise explains.
+    pub(super) sigma: Vec<f64>,
+    /// Number of rests or moves that the values are of: blocks of one move share its error.
+    pub(super) items: usize,
+    /// Rows of numbers, one for each value, that the values may be a linear function of.
+    pub(super) regressors: Vec<(Regressor, Vec<Vec<f64>>)>,
+}
+
+/// chi2 of a rest or move.
+pub(super) struct Item {
+    pub(super) recording: usize,
+    /// Index of the rest or move in the result.
+    pub(super) index: usize,
+    pub(super) chi2: f64,
+    /// Degrees of freedom of chi2.
+    pub(super) dof: usize,
+    /// |f| - g, m/s^2, of a rest; angle between predicted and measured gravity, deg, of a move.
+    pub(super) error: f64,
+    /// Whether the fit left it out because it contradicts the others.
+    pub(super) left_out: bool,
+}
+
+/// All residuals of a fit on the recordings that it was made from: of the rests and moves in the fit, and of those that were left
+/// out because they contradict the others.
+pub(super) struct Residuals {
+    pub(super) channels: Vec<Channel>,
+    pub(super) rests: Vec<Item>,
+    pub(super) moves: Vec<Item>,
+    /// Rotation vector of each move from its end to its start, rad, by the index of the move in the result.
+    pub(super) rotation_vectors: HashMap<usize, Vector3<f64>>,
+}
+
+/// White noise and bias instability of the sensors by axis, and the tremor of the hand that holds them.
+struct Noise {
+    /// m/s^2/sqrt(Hz)
+    accelerometer: Vector3<f64>,
+    /// rad/s/sqrt(Hz)
+    gyroscope: Vector3<f64>,
+    /// rad/s
+    bias_instability: Vector3<f64>,
+    /// Standard deviation, rad.
+    tremor: f64,
+}
+
+impl Residuals {
+    /// `bias_instability` of the gyroscope, rad/s. The force inside the moves is compared with gravity if `inside_moves` says
+    /// that the unit rotates in one place.
+    pub(super) fn new(fit: &CorrectedFit<'_>, bias_instability: Option<[f64; 3]>, inside_moves: bool) -> Self {
+        let outcome = fit.outcome;
+        let (accelerometer, gyroscope) = noise_densities(outcome);
+        let noise = Noise {
+            accelerometer,
+            gyroscope,
+            bias_instability: bias_instability.map_or_else(Vector3::zeros, Vector3::from),
+            tremor: outcome.tremor_rad.iter().flatten().copied().fold(0.0, f64::max),
+        };
+        let temperatures: Vec<_> = fit.corrected.iter().map(RelativeTemperature::of).collect();
+        let blocks: Vec<(usize, &MoveReport, MoveBlocks)> = outcome
+            .moves
+            .iter()
+            .enumerate()
+            .filter(|(_, span)| is_examined(span.excluded))
+            .map(|(k, span)| {
+                let temperature = temperatures[span.recording].as_ref();
+                (k, span, MoveBlocks::new(&fit.corrected[span.recording], span, temperature))
+            })
+            .collect();
+        let rotation_vectors = blocks.iter().map(|(k, _, blocks)| (*k, blocks.rotation_vector())).collect();
+        let mut found = Self { channels: Vec::new(), rests: Vec::new(), moves: Vec::new(), rotation_vectors };
+        found.add_rests(fit, &noise, &temperatures);
+        found.add_moves(fit, &noise, &blocks);
+        if inside_moves {
+            found.add_inside(fit, &noise, &blocks);
+        }
+        found.channels.retain(|channel| !channel.values.is_empty());
+        found
+    }
+
+    fn add_rests(&mut self, fit: &CorrectedFit<'_>, noise: &Noise, temperatures: &[Option<RelativeTemperature<'_>>]) {
+        let outcome = fit.outcome;
+        let rotation_before: HashMap<usize, Vector3<f64>> =
+            self.rotation_vectors.iter().map(|(k, vector)| (outcome.moves[*k].to_rest, *vector)).collect();
+        let rests: Vec<(usize, &RestReport)> =
+            outcome.rests.iter().enumerate().filter(|(_, rest)| is_examined(rest.excluded)).collect();
+        let with_temperature = rests.iter().all(|(_, rest)| temperatures[rest.recording].is_some());
+        let mut channels = [None, Some(0), Some(1), Some(2)].map(|axis| {
+            let kind = if axis.is_none() { ResidualKind::RestNorm } else { ResidualKind::RestRate };
+            Channel::empty(kind, axis, rests.len())
+        });
+        for (k, rest) in rests {
+            let samples = rest.first..rest.end;
+            let corrected = &fit.corrected[rest.recording];
+            let (force, rate) = (corrected.specific_force.slice(samples.clone()), corrected.angular_rate.slice(samples.clone()));
+            let (force, rate) = (mean(force), mean(rate));
+            let (norm, up, duration_s) = (force.norm(), force.normalize(), rest.end_s - rest.start_s);
+            let squared = |v: &Vector3<f64>| v.component_mul(v);
+            let sigma_norm = (squared(&up).dot(&squared(&noise.accelerometer)) / duration_s).sqrt();
+            // A trembling hand rotates the unit by a random angle between the two ends of the rest.
+            let by_tremor = 2.0 * (noise.tremor / duration_s).powi(2);
+            let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability)).map(|variance| {
+                (variance + by_tremor).sqrt()
+            });
+            let values = [norm - fit.gravity_mps2, rate.x, rate.y, rate.z];
+            let sigma = [sigma_norm, sigma_rate.x, sigma_rate.y, sigma_rate.z];
+            let sign = rotation_before.get(&k).map_or_else(Vector3::zeros, |v| v.map(sign));
+            let mut regressors = vec![
+                (Regressor::Gravity, up.as_slice().to_vec()),
+                (Regressor::GravitySquared, products(&up).to_vec()),
+                (Regressor::SignOfTheLastTurn, sign.as_slice().to_vec()),
+            ];
+            if let Some(temperature) = temperatures[rest.recording].as_ref().filter(|_| with_temperature) {
+                regressors.push((Regressor::Temperature, vec![temperature.mean_over(samples)]));
+            }
+            regressors.push((Regressor::Time, vec![rest.start_s]));
+            for (channel, (value, sigma)) in channels.iter_mut().zip(values.into_iter().zip(sigma)) {
+                channel.push(value, sigma, regressors.clone());
+            }
+            self.rests.push(Item {
+                recording: rest.recording,
+                index: k,
+                chi2: values.iter().zip(sigma).map(|(value, sigma)| (value / sigma).powi(2)).sum(),
+                dof: 4,
+                error: values[0],
+                left_out: rest.excluded.is_some(),
+            });
+        }
+        self.channels.extend(channels);
+    }
+
+    fn add_moves(&mut self, fit: &CorrectedFit<'_>, noise: &Noise, moves: &[(usize, &MoveReport, MoveBlocks)]) {
+        let with_temperature = moves.iter().all(|(_, _, blocks)| blocks.has_temperature());
+        let mut channels = axes().map(|axis| Channel::empty(ResidualKind::MoveDirection, axis, moves.len()));
+        for (k, span, blocks) in moves {
+            let [before, after] = fit.gravity_at_ends(span);
+            let predicted = blocks.rotation.inverse() * before;
+            let error = after.cross(&predicted);
+            let sigma = direction_sigma(span, noise, fit.gravity_mps2);
+            let mut changes = blocks.attitude_changes();
+            changes.retain(|(regressor, _)| with_temperature || *regressor != Regressor::Temperature);
+            for (axis, channel) in channels.iter_mut().enumerate() {
+                let visible = (1.0 - after[axis] * after[axis]).max(LEAST_VISIBLE_SHARE).sqrt();
+                let row = changes.iter().map(|(regressor, rows)| (*regressor, rows[axis].clone())).collect();
+                channel.push(error[axis], sigma * visible, row);
+            }
+            self.moves.push(Item {
+                recording: span.recording,
+                index: *k,
+                chi2: error.norm_squared() / (sigma * sigma),
+                dof: 2,
+                error: error.norm().atan2(after.dot(&predicted)).to_degrees(),
+                left_out: span.excluded.is_some(),
+            });
+        }
+        self.channels.extend(channels);
+    }
+
+    fn add_inside(&mut self, fit: &CorrectedFit<'_>, noise: &Noise, moves: &[(usize, &MoveReport, MoveBlocks)]) {
+        let gravity = fit.gravity_mps2;
+        let mut channels = axes().map(|axis| Channel::empty(ResidualKind::MoveForce, axis, moves.len()));
+        for (_, span, blocks) in moves {
+            let [before, _] = fit.gravity_at_ends(span);
+            for block in &blocks.blocks {
+                let up = block.mean_of_constant(&before);
+                let error = block.specific_force - gravity * up;
+                let regressors = vec![
+                    (Regressor::AngularAcceleration, block.angular_acceleration.as_slice().to_vec()),
+                    (Regressor::GravitySquared, products(&up).to_vec()),
+                    (Regressor::RateSquared, products(&block.angular_rate).to_vec()),
+                ];
+                for (axis, channel) in channels.iter_mut().enumerate() {
+                    // The attitude error from the gyroscope's noise grows with time, and tilts gravity.
+                    let tilt = (gravity * noise.gyroscope[axis]).powi(2) * block.since_start_s;
+                    let across = 1.0 - up[axis] * up[axis];
+                    let variance = noise.accelerometer[axis].powi(2) / block.length_s + across * tilt;
+                    channel.push(error[axis], variance.sqrt(), regressors.clone());
+                }
+            }
+        }
+        self.channels.extend(channels);
+    }
+}
+
+impl Channel {
+    fn empty(kind: ResidualKind, axis: Option<usize>, items: usize) -> Self {
+        Self { kind, axis, values: Vec::new(), sigma: Vec::new(), items, regressors: Vec::new() }
+    }
+
+    fn push(&mut self, value: f64, sigma: f64, regressors: Vec<(Regressor, Vec<f64>)>) {
+        self.values.push(value);
+        self.sigma.push(sigma);
+        if self.regressors.is_empty() {
+            self.regressors = regressors.iter().map(|(regressor, _)| (*regressor, Vec::new())).collect();
+        }
+        for ((_, rows), (_, row)) in self.regressors.iter_mut().zip(regressors) {
+            rows.push(row);
+        }
+    }
+
+    /// Root mean square of the values over their standard deviations.
+    pub(super) fn times_noise(&self) -> f64 {
+        crate::stats::rms(self.values.iter().zip(&self.sigma).map(|(value, sigma)| value / sigma))
+    }
+}
+
+impl CorrectedFit<'_> {
+    /// Directions of gravity in the body frame before and after a move: those of the fit, or those of the rests if the fit left
+    /// the move out.
+    fn gravity_at_ends(&self, span: &MoveReport) -> [Vector3<f64>; 2] {
+        [(span.gravity_before, span.from_rest), (span.gravity_after, span.to_rest)].map(|(known, rest)| {
+            if known.iter().all(|value| value.is_finite()) {
+                return known;
+            }
+            let rest = &self.outcome.rests[rest];
+            mean(self.corrected[rest.recording].specific_force.slice(rest.first..rest.end)).normalize()
+        })
+    }
+}
+
+/// White noise of accelerometer and gyroscope by axis, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz).
+pub(super) fn noise_densities(outcome: &crate::calibrate::Outcome) -> (Vector3<f64>, Vector3<f64>) {
+    let noise = &outcome.noise_density;
+    let [accelerometer, gyroscope] = LEAST_DENSITY;
+    (noise.specific_force.map(|density| density.max(accelerometer)), noise.angular_rate.map(|density| density.max(gyroscope)))
+}
+
+/// Standard deviation of each component of a direction after a move that noise explains, rad.
+fn direction_sigma(span: &MoveReport, noise: &Noise, gravity_mps2: f64) -> f64 {
+    let sigma = span.direction_sigma_deg.to_radians();
+    if sigma > 0.0 {
+        return sigma;
+    }
+    // The fit left the move out: angle random walk over the move, and a second of accelerometer at either end.
+    let ends = 2.0 * noise.accelerometer.norm_squared() / 3.0 / (gravity_mps2 * gravity_mps2);
+    (noise.gyroscope.norm_squared() / 3.0 * span.duration_s + ends).sqrt()
+}
+
+/// Whether a rest or move is in the fit, or was left out only because it contradicts the others.
+fn is_examined(excluded: Option<&str>) -> bool {
+    excluded.is_none_or(|reason| reason.starts_with("contradicts"))
+}
+
+fn axes() -> [Option<usize>; 3] {
+    [Some(0), Some(1), Some(2)]
+}
+
+fn sign(value: f64) -> f64 {
+    if value == 0.0 { 0.0 } else { value.signum() }
+}
+
+/// Squares and products of three components.
+fn products(v: &Vector3<f64>) -> [f64; 6] {
+    [v.x * v.x, v.y * v.y, v.z * v.z, v.x * v.y, v.x * v.z, v.y * v.z]
+}
+
+fn mean(rows: Samples<'_>) -> Vector3<f64> {
+    rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64
+}

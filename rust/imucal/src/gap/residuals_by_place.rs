@@ -1,0 +1,222 @@
+//! Where recordings disagree with a calibration: by kind of residual and body axis, by rest and move, and by what the residuals
+//! depend on.
+//!
+//! A channel, a rest or a move is significant if its chi2 exceeds what noise makes of it with a probability of 0.1 % in any of them.
+//! Dependence is found by linear regression of a channel on each [`Regressor`]: with `n` rests or moves and a share `r` of the
+//! sum of squares explained, `-n ln(1 - r)` has a chi2 distribution under the null hypothesis of no dependence.
+
+use std::collections::HashMap;
+
+use faer::Mat;
+use nalgebra::Vector3;
+
+use super::residual_channels::{Channel, Item, Residuals};
+pub use super::residual_channels::{Regressor, ResidualKind};
+use crate::calibrate::Outcome;
+use crate::correct::is_left_in_data;
+use crate::lsq::singular;
+use crate::recording::Recording;
+use crate::stats::{p_value, rms};
+
+/// Probability under the null hypothesis below which a channel, a rest, a move or a dependence is significant; divided by the
+/// number of channels, of rests or of moves that are tested.
+const SIGNIFICANCE: f64 = 1e-3;
+/// Most regressors that are reported for a channel.
+const MOST_REGRESSORS: usize = 3;
+/// Least share of the sum of squares that a reported regressor explains.
+const LEAST_SHARE: f64 = 0.1;
+/// Singular values of a regressor's columns below this share of the largest one are rounding errors of dependent columns.
+const DEPENDENT_COLUMNS: f64 = 1e-6;
+/// Moves rotate about a common body axis if at least this share of the square of each rotation vector is along it.
+const ALONG_ONE_AXIS: f64 = 0.8;
+
+/// A calibration with the recordings that it was made from, corrected by it.
+#[derive(Clone, Copy)]
+pub struct CorrectedFit<'a> {
+    /// The calibration, in the symmetric frame.
+    pub outcome: &'a Outcome,
+    /// Its recordings after correction, SI units, body frame; in the order of the calibration.
+    pub corrected: &'a [Recording<'a>],
+    /// Local gravity of the calibration, m/s^2.
+    pub gravity_mps2: f64,
+}
+
+/// Residuals of a calibration on its own recordings, and what a second calibration leaves of them.
+#[derive(Clone, Debug)]
+pub struct ResidualsByPlace {
+    /// Each kind of residual on each axis.
+    pub channels: Vec<ChannelResidual>,
+    /// What the significant channels depend on, the largest share of a channel first.
+    pub dependences: Vec<Dependence>,
+    /// Rests whose residuals are significant.
+    pub rests: Vec<ItemResidual>,
+    /// Moves whose residuals are significant.
+    pub moves: Vec<ItemResidual>,
+    /// Body axis (0, 1 or 2) that all significant moves rotate about, if they share one.
+    pub rotation_axis: Option<usize>,
+}
+
+/// Residuals of one kind on one axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChannelResidual {
+    /// Kind of residual, with its unit.
+    pub kind: ResidualKind,
+    /// Body axis 0, 1 or 2; `None` for the length of gravity.
+    pub axis: Option<usize>,
+    /// Root mean square of the residuals, in the unit of the kind.
+    pub rms: f64,
+    /// Root mean square of their standard deviations from sensor noise, in the same unit.
+    pub noise_rms: f64,
+    /// Root mean square of the residuals over their standard deviations; 1 if noise is all there is.
+    pub times_noise: f64,
+    /// Whether chi2 of the channel is significant.
+    pub is_significant: bool,
+    /// `times_noise` of the second calibration; `None` if its effects cannot be removed from recorded signals.
+    pub times_noise_after: Option<f64>,
+}
+
+/// A significant linear dependence of a channel on a quantity.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Dependence {
+    /// Kind of residual of the channel.
+    pub kind: ResidualKind,
+    /// Body axis of the channel.
+    pub axis: Option<usize>,
+    /// What the residuals depend on.
+    pub regressor: Regressor,
+    /// Share of the sum of squares about the mean that the regression explains.
+    pub share: f64,
+    /// Probability of such a share under the null hypothesis.
+    pub p_value: f64,
+}
+
+/// A rest or move whose residuals are significant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ItemResidual {
+    /// Index of the recording.
+    pub recording: usize,
+    /// Index in the rests or moves of the calibration.
+    pub index: usize,
+    /// Root of chi2 per degree of freedom.
+    pub times_noise: f64,
+    /// |f| - g of a rest, m/s^2; angle between predicted and measured gravity after a move, deg.
+    pub error: f64,
+    /// Whether the fit left it out because it contradicts the others.
+    pub left_out: bool,
+}
+
+/// Residuals of `before` on its recordings, and what `after`, another calibration of the same recordings, leaves of them; `None` if
+/// there is no other one.
+///
+/// `inside_moves` says that the unit rotates in one place, so that the specific force inside the moves is gravity.
+pub fn residuals_by_place(
+    before: &CorrectedFit<'_>,
+    after: Option<&CorrectedFit<'_>>,
+    inside_moves: bool,
+) -> ResidualsByPlace {
+    let last = after.unwrap_or(before);
+    // The bias instability that remains with the effects in the model: without them, their trace counts as bias instability.
+    let instability = last.outcome.bias_instability_radps;
+    let residuals = Residuals::new(before, instability, inside_moves);
+    let remaining = after.map(|after| Residuals::new(after, instability, inside_moves));
+    let of_after = &remaining.as_ref().unwrap_or(&residuals).channels;
+    let is_removable = last.outcome.calibration.effects.iter().all(|values| !is_left_in_data(values.effect()));
+    let count = residuals.channels.len() as f64;
+    let channels: Vec<ChannelResidual> = residuals
+        .channels
+        .iter()
+        .map(|channel| {
+            let times_noise = channel.times_noise();
+            let statistic = times_noise.powi(2) * channel.items as f64;
+            let same = |other: &&Channel| (other.kind, other.axis) == (channel.kind, channel.axis);
+            ChannelResidual {
+                kind: channel.kind,
+                axis: channel.axis,
+                rms: rms(channel.values.iter().copied()),
+                noise_rms: rms(channel.sigma.iter().copied()),
+                times_noise,
+                is_significant: p_value(statistic, channel.items) < SIGNIFICANCE / count,
+                times_noise_after: of_after.iter().find(same).filter(|_| is_removable).map(Channel::times_noise),
+            }
+        })
+        .collect();
+    let significant = channels.iter().zip(&residuals.channels).filter(|(row, _)| row.is_significant);
+    let dependences = significant.flat_map(|(_, channel)| dependences(channel)).collect();
+    let moves = significant_items(&residuals.moves);
+    ResidualsByPlace {
+        channels,
+        dependences,
+        rests: significant_items(&residuals.rests),
+        rotation_axis: common_axis(&moves, &residuals.rotation_vectors),
+        moves,
+    }
+}
+
+/// What a channel depends on, the largest share first.
+fn dependences(channel: &Channel) -> Vec<Dependence> {
+    let mut found: Vec<Dependence> = channel
+        .regressors
+        .iter()
+        .filter_map(|(regressor, rows)| {
+            let (share, parameters) = explained_share(channel, rows)?;
+            let statistic = -(channel.items as f64) * (1.0 - share).max(1e-300).ln();
+            let p_value = p_value(statistic, parameters);
+            let (kind, axis, regressor) = (channel.kind, channel.axis, *regressor);
+            (p_value < SIGNIFICANCE && share > LEAST_SHARE)
+                .then_some(Dependence { kind, axis, regressor, share, p_value })
+        })
+        .collect();
+    found.sort_by(|a, b| b.share.total_cmp(&a.share));
+    found.truncate(MOST_REGRESSORS);
+    found
+}
+
+/// Share of the sum of squares about the mean that a linear function of `rows` explains, and its number of independent parameters.
+fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
+    let (n, width) = (rows.len(), rows.first()?.len());
+    let centred = |values: Vec<f64>| {
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        values.into_iter().map(|value| value - mean).collect::<Vec<f64>>()
+    };
+    let z = centred(channel.values.iter().zip(&channel.sigma).map(|(value, sigma)| value / sigma).collect());
+    let columns: Vec<Vec<f64>> = (0..width)
+        .map(|j| centred(rows.iter().zip(&channel.sigma).map(|(row, sigma)| row[j] / sigma).collect()))
+        .collect();
+    let (sizes, right) = singular(&Mat::from_fn(n, width, |i, j| columns[j][i])).ok()?;
+    let independent = sizes.iter().filter(|size| **size > DEPENDENT_COLUMNS * sizes[0].max(1e-300)).count();
+    if independent == 0 || independent + 2 >= n {
+        return None;
+    }
+    // U^T z = S^-1 V^T A^T z
+    let products: Vec<f64> =
+        columns.iter().map(|column| column.iter().zip(&z).map(|(a, z)| a * z).sum()).collect();
+    let explained: f64 = (0..independent)
+        .map(|k| ((0..width).map(|j| right[(j, k)] * products[j]).sum::<f64>() / sizes[k]).powi(2))
+        .sum();
+    Some((explained / z.iter().map(|z| z * z).sum::<f64>(), independent))
+}
+
+fn significant_items(items: &[Item]) -> Vec<ItemResidual> {
+    let limit = SIGNIFICANCE / items.len() as f64;
+    items
+        .iter()
+        .filter(|item| p_value(item.chi2, item.dof) < limit)
+        .map(|item| ItemResidual {
+            recording: item.recording,
+            index: item.index,
+            times_noise: (item.chi2 / item.dof as f64).sqrt(),
+            error: item.error,
+            left_out: item.left_out,
+        })
+        .collect()
+}
+
+/// The body axis that all of these moves rotate about.
+fn common_axis(moves: &[ItemResidual], rotation_vectors: &HashMap<usize, Vector3<f64>>) -> Option<usize> {
+    let shares: Vec<Vector3<f64>> = moves
+        .iter()
+        .map(|item| rotation_vectors.get(&item.index).map_or_else(Vector3::zeros, |v| v.component_mul(v) / v.norm_squared()))
+        .collect();
+    let axis = shares.iter().sum::<Vector3<f64>>().imax();
+    (!shares.is_empty() && shares.iter().all(|share| share[axis] > ALONG_ONE_AXIS)).then_some(axis)
+}
