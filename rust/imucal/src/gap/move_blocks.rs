@@ -184,3 +184,73 @@ fn mean(time_s: &[f64], values: Samples<'_>, first: usize, last: usize) -> Vecto
         .sum();
     area / (time_s[last] - time_s[first])
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rests::moves::Move;
+
+    /// A move whose rate turns and changes, with one error added to the rate.
+    fn blocks(error: impl Fn(f64, &Vector3<f64>) -> Vector3<f64>) -> MoveBlocks {
+        let time_s: Vec<f64> = (0..401).map(|k| f64::from(k) * 5e-3).collect();
+        let rate = |t: f64| Vector3::new(1.2 * t, 0.8 - t, 0.5 * (2.0 * t).sin());
+        let rates: Vec<[f64; 3]> = time_s.iter().map(|&t| (rate(t) + error(t, &rate(t))).into()).collect();
+        let force = vec![[1.0, -2.0, 9.0]; time_s.len()];
+        let temperature: Vec<f64> = time_s.iter().map(|t| 20.0 + t).collect();
+        let recording = Recording {
+            temperature_degc: Some(&temperature),
+            ..Recording::try_new("run", &time_s, &force, &rates).unwrap()
+        };
+        let span = Move { recording: 0, from: 0, to: 1, first: 0, last: 400, duration_s: 2.0 };
+        let report = crate::evaluate::unusable_report(&span, "");
+        MoveBlocks::new(&recording, &report, RelativeTemperature::of(&recording).as_ref())
+    }
+
+    #[test]
+    fn changes_of_the_attitude_are_those_of_finite_differences() {
+        const STEP: f64 = 1e-5;
+        let plain = blocks(|_, _| Vector3::zeros());
+        assert_eq!(plain.blocks.len(), 50);
+        for (regressor, rows) in plain.attitude_changes() {
+            for column in 0..rows[0].len() {
+                let (axis, k) = if rows[0].len() == 9 { (column / 3, column % 3) } else { (column, 0) };
+                let changed = blocks(|t, rate| {
+                    let size = match regressor {
+                        Regressor::Gravity => [1.0, -2.0, 9.0][k],
+                        Regressor::RateSquared => rate[axis] * rate[axis],
+                        Regressor::SignOfTheRate => rate[axis].abs(),
+                        Regressor::Temperature => t - 1.0,
+                        _ => t,
+                    };
+                    Vector3::ith(axis, STEP * size)
+                });
+                let numeric = (plain.rotation.inverse() * changed.rotation).scaled_axis() / STEP;
+                let expected = Vector3::new(rows[0][column], rows[1][column], rows[2][column]);
+                // Rates, times and temperatures are constant within a block in these sums.
+                let tolerance = 0.04 * (1.0 + expected.norm());
+                assert!((numeric - expected).norm() < tolerance, "{regressor:?} {column}: {numeric} {expected}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_constant_direction_is_averaged_over_a_block() {
+        let plain = blocks(|_, _| Vector3::zeros());
+        let last = plain.blocks.last().unwrap();
+        let up = Vector3::new(0.6, 0.0, 0.8);
+        let at_end = plain.rotation.inverse() * up;
+        // Half a block from the end, at 1.5 rad/s.
+        assert!((last.mean_of_constant(&up) - at_end).norm() < 0.06);
+        assert!((last.since_start_s - 2.0).abs() < 1e-12 && (last.length_s - BLOCK_S).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_move_of_two_samples_is_one_block() {
+        let (time_s, zero) = ([0.0, 0.1], [[0.0; 3]; 2]);
+        let recording = Recording::try_new("run", &time_s, &[[0.0, 0.0, 9.8]; 2], &zero).unwrap();
+        let span = Move { recording: 0, from: 0, to: 1, first: 0, last: 1, duration_s: 0.1 };
+        let found = MoveBlocks::new(&recording, &crate::evaluate::unusable_report(&span, ""), None);
+        assert_eq!((found.blocks.len(), found.rotation_vector()), (1, Vector3::zeros()));
+        assert!((found.blocks[0].specific_force.z - 9.8).abs() < 1e-12);
+    }
+}

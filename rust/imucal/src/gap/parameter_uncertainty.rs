@@ -286,3 +286,84 @@ pub(super) fn typical_sizes(outcome: &Outcome, user_fields: &[UserField<'_>]) ->
     };
     outcome.effects.iter().map(of).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::{EffectChoice, Options, calibrate};
+    use crate::correct::correct;
+    use crate::simulate::{Program, RandomMoves, Unit, simulate};
+    use imucal_core::calibration::Calibration;
+    use imucal_core::effects::EffectValues;
+    use imucal_core::sensor::Triad;
+
+    /// The calibration with one of its parameters changed.
+    fn changed(outcome: &Outcome, place: usize, change: f64) -> Calibration<f64> {
+        let mut values = outcome.values.clone();
+        values[place] += change;
+        let free = Frame::Symmetric.free_entries();
+        let mut force = *outcome.calibration.accelerometer.sensitivity();
+        for (k, (i, j)) in free.into_iter().enumerate() {
+            (force[(i, j)], force[(j, i)]) = (values[3 + k], values[3 + k]);
+        }
+        let triad = |sensitivity, bias: &[f64]| Triad::try_new(sensitivity, Vector3::from_column_slice(bias)).unwrap();
+        let mut calibration = Calibration::new(
+            triad(force, &values[..3]),
+            triad(Matrix3::from_row_slice(&values[12..21]), &values[9..12]),
+        );
+        let mut first = 21;
+        for term in &outcome.effects {
+            let (linear, shape) = values[first..first + term.parameter_names.len()].split_at(term.values.len());
+            first += term.parameter_names.len();
+            let effect = Effect::find(&term.name).unwrap();
+            calibration.effects.push(EffectValues::try_new(effect, linear, shape.first().copied()).unwrap()).unwrap();
+        }
+        calibration
+    }
+
+    #[test]
+    fn slopes_are_differences_of_corrected_signals() {
+        let effects = ["gyro_g_sensitivity", "gyro_bias_warmup", "accel_scale_quadratic"];
+        let run = simulate(&Program::random(&RandomMoves::default(), 4).unwrap(), &Unit::paper(), 50.0, 9.80665, 4).unwrap();
+        let recording = run.recording("run");
+        let choice = |name: &&str| EffectChoice { effect: Effect::find(name).unwrap(), full: false };
+        let options = Options { effects: effects.iter().map(choice).collect(), ..Options::default() };
+        let outcome = calibrate(&[recording], &options).unwrap();
+        let (parameters, windows) = (Parameters::of(&outcome), Windows::of(recording.time_s));
+        assert_eq!(parameters.count(), 21 + 9 + 4 + 3);
+        let means = |calibration: &Calibration<f64>| {
+            let (rate, force) = correct(&recording, calibration);
+            let [rate, force] = [rate, force].map(|rows| windows.means(|sample| Vector3::from(rows[sample])));
+            rate.into_iter().zip(force).map(|(w, f)| [w.x, w.y, w.z, f.x, f.y, f.z]).collect::<Vec<Signals>>()
+        };
+        let (rate, force) = correct(&recording, &outcome.calibration);
+        let corrected = Recording { angular_rate: (&rate).into(), specific_force: (&force).into(), ..recording };
+        let slopes = parameters.slopes(&outcome, &recording, &corrected, &windows, &[]).unwrap();
+        for ((place, sigma), slope) in parameters.places.iter().zip(&parameters.sigma).zip(&slopes) {
+            let step = 1e-2 * sigma;
+            let (above, below) = (means(&changed(&outcome, *place, step)), means(&changed(&outcome, *place, -step)));
+            let size = slope.iter().flatten().fold(0.0f64, |most, value| most.max(value.abs()));
+            for (k, ((above, below), slope)) in above.iter().zip(&below).zip(slope).enumerate() {
+                for axis in 0..6 {
+                    let numeric = (above[axis] - below[axis]) / (2.0 * step) * sigma;
+                    // Effects are neglected in the slopes of other parameters, 1 % of them.
+                    assert!(
+                        (numeric - slope[axis]).abs() < 0.02 * size + 1e-12,
+                        "{} window {k} axis {axis}: {numeric:e} {:e}",
+                        outcome.names[*place],
+                        slope[axis]
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_effect_smaller_than_typical_narrows_its_prior_in_all_directions() {
+        let covariance = Mat::from_fn(3, 3, |i, j| if i == j { 1.0 } else { 0.0 });
+        // The first parameter is visible and zero; the second one is as uncertain as its prior.
+        let (shift, narrowed) = narrowed(&covariance, &[0, 1], &[0.1, 0.0], &[10.0, 1.0]);
+        assert!(narrowed[(1, 1)] < 0.1 && narrowed[(2, 2)] == 1.0, "{}", narrowed[(1, 1)]);
+        assert!(shift[0].abs() < 0.1 && shift[2] == 0.0, "{shift:?}");
+    }
+}

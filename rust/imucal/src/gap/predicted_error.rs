@@ -20,7 +20,7 @@ use crate::calibrate::{Outcome, UserField};
 use crate::correct::{correct, is_left_in_data};
 use crate::error::Error;
 use crate::recording::Recording;
-use crate::stats::quantile;
+use crate::numerics::stats::quantile;
 
 /// Length of the means that are corrected instead of samples, s: errors of a calibration are as slow as the motion.
 const BRIEF_MEAN_S: f64 = 0.1;
@@ -314,4 +314,57 @@ fn root(covariance: &Mat<f64>) -> Result<Mat<f64>, Error> {
     let (vectors, n) = (eigen.U(), covariance.nrows());
     let scaled = Mat::from_fn(n, n, |i, k| vectors[(i, k)] * eigen.S()[k].max(0.0).sqrt());
     Ok(scaled * vectors.transpose())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::{EffectChoice, Options, calibrate};
+    use crate::simulate::{Program, RandomMoves, Simulation, Unit, simulate};
+    use imucal_core::effects::{Effect, EffectValues};
+
+    fn run(effect: &'static Effect<f64>, values: &[f64]) -> Simulation {
+        let mut unit = Unit::paper();
+        unit.effects.push(EffectValues::try_new(effect, values, None).unwrap()).unwrap();
+        simulate(&Program::random(&RandomMoves::default(), 2).unwrap(), &unit, 100.0, 9.80665, 2).unwrap()
+    }
+
+    fn calibrated(recording: &Recording<'_>, effects: &[&'static Effect<f64>]) -> Outcome {
+        let effects = effects.iter().map(|effect| EffectChoice { effect, full: false }).collect();
+        calibrate(&[*recording], &Options { effects, ..Options::default() }).unwrap()
+    }
+
+    #[test]
+    fn an_effect_in_the_model_reduces_the_error_of_its_sensor_alone() {
+        let effect = Effect::find("gyro_g_sensitivity").unwrap();
+        let run = run(effect, &[3e-4, 0.0, 0.0, 0.0, -3e-4, 0.0, 0.0, 0.0, 3e-4]);
+        let recording = run.recording("run");
+        let (before, after) = (calibrated(&recording, &[]), calibrated(&recording, &[effect]));
+        let found = predicted_errors(&before.calibration, &after, &[recording], None).unwrap();
+        let PredictedErrors { angular_rate: rate, specific_force: force } = found;
+        assert!(rate.factor > 2.0 && rate.factor_low < rate.factor && rate.factor < rate.factor_high, "{rate:?}");
+        assert!(force.factor_low < 1.02 && force.factor_high > 0.98, "{force:?}");
+        // 3e-4 rad/s per m/s^2 under gravity, a third of its square on each axis.
+        assert!((rate.before - 3e-4 * 9.8 / 3f64.sqrt()).abs() < 0.3 * rate.before, "{rate:?}");
+    }
+
+    #[test]
+    fn brief_means_are_means_of_a_tenth_of_a_second() {
+        let time_s: Vec<f64> = (0..25).map(|k| f64::from(k) * 0.01).collect();
+        let rows: Vec<[f64; 3]> = (0..25).map(|k| [f64::from(k), 1.0, 0.0]).collect();
+        let recording = Recording::try_new("run", &time_s, &rows, &rows).unwrap();
+        let means = BriefMeans::of(&recording);
+        let brief = means.recording(&recording);
+        assert_eq!((means.samples, brief.len()), (10, 2));
+        assert!((brief.time_s[1] - 0.145).abs() < 1e-12);
+        assert_eq!(brief.angular_rate.at(1), [14.5, 1.0, 0.0]);
+    }
+
+    #[test]
+    fn the_root_of_a_singular_covariance_reproduces_it() {
+        let factor = Mat::from_fn(4, 2, |i, j| (i + 1) as f64 - 1.5 * j as f64);
+        let covariance = &factor * factor.transpose();
+        let root = root(&covariance).unwrap();
+        assert!((&root * root.transpose() - covariance).norm_max() < 1e-12);
+    }
 }

@@ -304,7 +304,7 @@ impl Channel {
 
     /// Root mean square of the values over their standard deviations.
     pub(super) fn times_noise(&self) -> f64 {
-        crate::stats::rms(self.values.iter().zip(&self.sigma).map(|(value, sigma)| value / sigma))
+        crate::numerics::stats::rms(self.values.iter().zip(&self.sigma).map(|(value, sigma)| value / sigma))
     }
 }
 

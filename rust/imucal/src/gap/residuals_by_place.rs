@@ -14,9 +14,9 @@ use super::residual_channels::{Channel, Item, Residuals};
 pub use super::residual_channels::{Regressor, ResidualKind};
 use crate::calibrate::Outcome;
 use crate::correct::is_left_in_data;
-use crate::lsq::singular;
+use crate::numerics::lsq::singular;
 use crate::recording::Recording;
-use crate::stats::{p_value, rms};
+use crate::numerics::stats::{p_value, rms};
 
 /// Probability under the null hypothesis below which a channel, a rest, a move or a dependence is significant; divided by the
 /// number of channels, of rests or of moves that are tested.
@@ -219,4 +219,80 @@ fn common_axis(moves: &[ItemResidual], rotation_vectors: &HashMap<usize, Vector3
         .collect();
     let axis = shares.iter().sum::<Vector3<f64>>().imax();
     (!shares.is_empty() && shares.iter().all(|share| share[axis] > ALONG_ONE_AXIS)).then_some(axis)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::{EffectChoice, Options, calibrate};
+    use crate::correct::correct;
+    use crate::simulate::{Program, RandomMoves, Unit, simulate};
+    use imucal_core::effects::{Effect, EffectValues};
+
+    const GRAVITY: f64 = 9.80665;
+
+    /// Residuals of a simulated unit with this effect, without the effect in the model and with it.
+    fn residuals(effect: Option<(&str, &[f64])>) -> ResidualsByPlace {
+        let mut unit = Unit::paper();
+        let row = effect.map(|(name, values)| (Effect::find(name).unwrap(), values));
+        if let Some((row, values)) = row {
+            unit.effects.push(EffectValues::try_new(row, values, None).unwrap()).unwrap();
+        }
+        let program = Program::random(&RandomMoves::default(), 3).unwrap();
+        let run = simulate(&program, &unit, 100.0, GRAVITY, 3).unwrap();
+        let recording = run.recording("run");
+        let with = |effects: Vec<EffectChoice>| {
+            let outcome = calibrate(&[recording], &Options { effects, ..Options::default() }).unwrap();
+            let samples = correct(&recording, &outcome.calibration);
+            (outcome, samples)
+        };
+        let before = with(vec![]);
+        let after = row.map(|(effect, _)| with(vec![EffectChoice { effect, full: false }]));
+        let corrected = |(_, (rate, force)): &'_ (Outcome, (Vec<[f64; 3]>, Vec<[f64; 3]>))| {
+            [Recording { angular_rate: rate.as_slice().into(), specific_force: force.as_slice().into(), ..recording }]
+        };
+        let of_before = corrected(&before);
+        let fit = |outcome, corrected| CorrectedFit { outcome, corrected, gravity_mps2: GRAVITY };
+        match &after {
+            None => residuals_by_place(&fit(&before.0, &of_before), None, true),
+            Some(after) => {
+                let of_after = corrected(after);
+                residuals_by_place(&fit(&before.0, &of_before), Some(&fit(&after.0, &of_after)), true)
+            }
+        }
+    }
+
+    #[test]
+    fn residuals_that_noise_explains_are_not_significant() {
+        let found = residuals(None);
+        assert_eq!(found.channels.len(), 10);
+        assert!(found.channels.iter().all(|channel| !channel.is_significant), "{:?}", found.channels);
+        assert!(found.dependences.is_empty() && found.rests.is_empty() && found.moves.is_empty());
+        assert!(found.channels.iter().all(|channel| channel.times_noise_after == Some(channel.times_noise)));
+    }
+
+    #[test]
+    fn a_g_sensitivity_shows_in_the_rates_at_rest_as_a_function_of_gravity_and_is_gone_with_it_in_the_model() {
+        let found = residuals(Some(("gyro_g_sensitivity", &[2e-4, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])));
+        let channel = |axis| {
+            let is_it = |c: &&ChannelResidual| (c.kind, c.axis) == (ResidualKind::RestRate, Some(axis));
+            found.channels.iter().find(is_it).unwrap()
+        };
+        assert!(channel(0).is_significant && channel(0).times_noise > 5.0, "{:?}", channel(0));
+        assert!(!channel(1).is_significant && !channel(2).is_significant);
+        assert!(channel(0).times_noise_after.unwrap() < 1.3, "{:?}", channel(0));
+        let of_rates = found.dependences.iter().find(|d| d.kind == ResidualKind::RestRate).unwrap();
+        assert_eq!((of_rates.axis, of_rates.regressor), (Some(0), Regressor::Gravity));
+        assert!(of_rates.share > 0.9 && of_rates.p_value < 1e-10);
+    }
+
+    #[test]
+    fn moves_about_one_axis_share_it() {
+        let item = |index| ItemResidual { recording: 0, index, times_noise: 9.0, error: 1.0, left_out: false };
+        let vectors = HashMap::from([(2, Vector3::new(0.1, 0.0, -1.5)), (5, Vector3::new(0.2, -0.1, 0.9))]);
+        assert_eq!(common_axis(&[item(2), item(5)], &vectors), Some(2));
+        let vectors = HashMap::from([(2, Vector3::new(0.1, 0.0, -1.5)), (5, Vector3::new(0.9, -0.1, 0.9))]);
+        assert_eq!(common_axis(&[item(2), item(5)], &vectors), None);
+        assert_eq!(common_axis(&[], &vectors), None);
+    }
 }
