@@ -22,7 +22,8 @@ use nalgebra::Vector3;
 /// iterations would amplify noise.
 const PASSES: usize = 2;
 
-/// Whether a correction leaves an effect in the data: it depends on what no recording gives, or acts on the encoders of a stand.
+/// Whether a correction leaves an effect in the data: it depends on what no recording gives, or acts on the encoders of
+/// a stand.
 pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
     let is_given = |need: &Need| matches!(need, Need::Time | Need::Temperature | Need::AngularAcceleration);
     effect.sensor == Sensor::Encoder || !effect.needs.iter().all(is_given)

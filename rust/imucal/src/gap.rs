@@ -42,7 +42,8 @@ pub use generic::{Block, Kernel};
 pub use path::{Visible, linearise, search, smallest_visible};
 pub use predicted_error::{BriefMeans, PredictedError, PredictedErrors, UserCorrection, predicted_errors};
 pub use residuals_by_place::{
-    ChannelResidual, CorrectedFit, Dependence, ItemResidual, Regressor, ResidualKind, ResidualsByPlace, residuals_by_place,
+    ChannelResidual, CorrectedFit, Dependence, ItemResidual, Regressor, ResidualKind, ResidualsByPlace,
+    residuals_by_place,
 };
 
 /// What a search has found.

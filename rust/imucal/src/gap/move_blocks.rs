@@ -28,7 +28,8 @@ pub(super) struct MoveBlocks {
 
 /// Consecutive samples inside a move; the last sample of a block is the first one of the next.
 pub(super) struct Block {
-    /// Rotations from the body at the first sample, half-way and at the last sample to the body at the start of the move.
+    /// Rotations from the body at the first sample, half-way and at the last sample to the body at the start of the
+    /// move.
     rotations: [Matrix3<f64>; 3],
     /// Time of the first sample, s.
     start_s: f64,
@@ -48,7 +49,11 @@ pub(super) struct Block {
 
 impl MoveBlocks {
     /// The blocks of a move of a corrected recording (SI units, body frame).
-    pub(super) fn new(corrected: &Recording<'_>, span: &MoveReport, temperature: Option<&RelativeTemperature<'_>>) -> Self {
+    pub(super) fn new(
+        corrected: &Recording<'_>,
+        span: &MoveReport,
+        temperature: Option<&RelativeTemperature<'_>>,
+    ) -> Self {
         let (time_s, edges) = (corrected.time_s, edges(corrected.time_s, span));
         let mut rotation = UnitQuaternion::identity();
         let mut blocks = Vec::with_capacity(edges.len());
@@ -74,7 +79,8 @@ impl MoveBlocks {
         Self { rotation, blocks }
     }
 
-    /// Rotation from the body at the end of the move to the body at its start as a rotation vector of at most half a turn, rad.
+    /// Rotation from the body at the end of the move to the body at its start as a rotation vector of at most half a
+    /// turn, rad.
     pub(super) fn rotation_vector(&self) -> Vector3<f64> {
         self.rotation.scaled_axis()
     }
@@ -84,8 +90,8 @@ impl MoveBlocks {
         self.blocks.iter().all(|block| block.temperature_k.is_some())
     }
 
-    /// By what errors of the angular rate, one unit of each, rotate the attitude at the end of the move: for each regressor,
-    /// one row per body axis at the end of the move and one column per unit error.
+    /// By what errors of the angular rate, one unit of each, rotate the attitude at the end of the move: for each
+    /// regressor, one row per body axis at the end of the move and one column per unit error.
     pub(super) fn attitude_changes(&self) -> Vec<(Regressor, [Vec<f64>; 3])> {
         let to_end = self.rotation.inverse().to_rotation_matrix();
         let blocks = || self.blocks.iter().map(|block| (block, to_end.matrix() * block.rotations[1] * block.length_s));
@@ -119,8 +125,8 @@ impl MoveBlocks {
 }
 
 impl Block {
-    /// Mean over the block of a direction that is constant in the world and `at_start` in the body at the start of the move, by
-    /// Simpson's rule.
+    /// Mean over the block of a direction that is constant in the world and `at_start` in the body at the start of the
+    /// move, by Simpson's rule.
     pub(super) fn mean_of_constant(&self, at_start: &Vector3<f64>) -> Vector3<f64> {
         let [first, middle, last] = self.rotations.map(|rotation| rotation.tr_mul(at_start));
         (first + 4.0 * middle + last) / 6.0
@@ -140,7 +146,8 @@ impl<'a> RelativeTemperature<'a> {
         let least = temperature_degc.iter().copied().fold(f64::INFINITY, f64::min);
         let most = temperature_degc.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         let mean_degc = temperature_degc.iter().sum::<f64>() / temperature_degc.len() as f64;
-        (mean_degc.is_finite() && most - least >= LEAST_TEMPERATURE_CHANGE_K).then_some(Self { temperature_degc, mean_degc })
+        (mean_degc.is_finite() && most - least >= LEAST_TEMPERATURE_CHANGE_K)
+            .then_some(Self { temperature_degc, mean_degc })
     }
 
     fn at(&self, sample: usize) -> f64 {
@@ -201,7 +208,7 @@ mod tests {
             temperature_degc: Some(&temperature),
             ..Recording::try_new("run", &time_s, &force, &rates).unwrap()
         };
-        let span = Move { recording: 0, from: 0, to: 1, first: 0, last: 400, duration_s: 2.0 };
+        let span = Move { recording: 0, from: 0, to: 1, first: 0, last: 400, duration_s: 2.0, interval_s: 5e-3 };
         let report = crate::evaluate::unusable_report(&span, "");
         MoveBlocks::new(&recording, &report, RelativeTemperature::of(&recording).as_ref())
     }
@@ -248,7 +255,7 @@ mod tests {
     fn a_move_of_two_samples_is_one_block() {
         let (time_s, zero) = ([0.0, 0.1], [[0.0; 3]; 2]);
         let recording = Recording::try_new("run", &time_s, &[[0.0, 0.0, 9.8]; 2], &zero).unwrap();
-        let span = Move { recording: 0, from: 0, to: 1, first: 0, last: 1, duration_s: 0.1 };
+        let span = Move { recording: 0, from: 0, to: 1, first: 0, last: 1, duration_s: 0.1, interval_s: 0.1 };
         let found = MoveBlocks::new(&recording, &crate::evaluate::unusable_report(&span, ""), None);
         assert_eq!((found.blocks.len(), found.rotation_vector()), (1, Vector3::zeros()));
         assert!((found.blocks[0].specific_force.z - 9.8).abs() < 1e-12);

@@ -1,4 +1,5 @@
-//! Errors that the parameters of a calibration may have, and what these do to corrected signals averaged over one second.
+//! Errors that the parameters of a calibration may have, and what these do to corrected signals averaged over one
+//! second.
 
 use std::ops::Range;
 
@@ -13,8 +14,8 @@ use crate::error::Error;
 use crate::frame::Frame;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording, Samples};
 
-/// Corrected signals are averaged over windows of this length, s: errors of a calibration are as slow as the motion, and white noise
-/// of density N leaves N / sqrt(1 s).
+/// Corrected signals are averaged over windows of this length, s: errors of a calibration are as slow as the motion,
+/// and white noise of density N leaves N / sqrt(1 s).
 pub(super) const WINDOW_S: f64 = 1.0;
 /// Least size of an effect in typical sizes: a smaller estimate counts as this size.
 const LEAST_SIZE: f64 = 0.01;
@@ -67,9 +68,8 @@ impl Parameters {
         let covariance = &outcome.covariance;
         let places: Vec<usize> = (0..covariance.len()).filter(|&p| covariance[p][p] > 0.0).collect();
         let sigma: Vec<f64> = places.iter().map(|&p| covariance[p][p].sqrt()).collect();
-        let correlation = Mat::from_fn(places.len(), places.len(), |i, j| {
-            covariance[places[i]][places[j]] / (sigma[i] * sigma[j])
-        });
+        let correlation =
+            Mat::from_fn(places.len(), places.len(), |i, j| covariance[places[i]][places[j]] / (sigma[i] * sigma[j]));
         Self { places, sigma, correlation }
     }
 
@@ -79,8 +79,8 @@ impl Parameters {
 
     /// Change of the corrected signals in each window by one standard deviation of each parameter, (P, windows).
     ///
-    /// `corrected` is `recording` after correction; `user_fields` are columns of the user's effects at its samples. How the effects
-    /// themselves change with the corrected signals is neglected: effects are small against the signals.
+    /// `corrected` is `recording` after correction; `user_fields` are columns of the user's effects at its samples. How
+    /// the effects themselves change with the corrected signals is neglected: effects are small against the signals.
     pub(super) fn slopes(
         &self,
         outcome: &Outcome,
@@ -97,11 +97,12 @@ impl Parameters {
         Ok(self.places.iter().zip(&self.sigma).map(scaled).collect())
     }
 
-    /// Expected errors of the parameters, and the covariance of these errors, in standard deviations; `typical` are the typical sizes
-    /// of the linear parameters of each effect.
+    /// Expected errors of the parameters, and the covariance of these errors, in standard deviations; `typical` are the
+    /// typical sizes of the linear parameters of each effect.
     ///
-    /// The prior of the fit takes an effect for at least as large as is typical, model.md (23). If all parameters of an effect together
-    /// are smaller, a prior of that smaller size applies as well to the directions that the recordings do not show.
+    /// The prior of the fit takes an effect for at least as large as is typical, model.md (23). If all parameters of an
+    /// effect together are smaller, a prior of that smaller size applies as well to the directions that the recordings
+    /// do not show.
     pub(super) fn expected_errors(&self, outcome: &Outcome, typical: &[Vec<f64>]) -> (Vec<f64>, Mat<f64>) {
         let (mut errors, mut covariance) = (vec![0.0; self.count()], self.correlation.clone());
         let mut first = 21;
@@ -125,8 +126,8 @@ impl Parameters {
     }
 }
 
-/// By how much parameters are too large, and their covariance, with the estimated size of the effect in its prior if that is below
-/// typical.
+/// By how much parameters are too large, and their covariance, with the estimated size of the effect in its prior if
+/// that is below typical.
 fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64]) -> (Vec<f64>, Mat<f64>) {
     let (n, p) = (covariance.nrows(), own.len());
     let (mut square, mut shift, mut narrowed) = (1.0f64, vec![0.0; n], covariance.clone());
@@ -140,9 +141,8 @@ fn narrowed(covariance: &Mat<f64>, own: &[usize], values: &[f64], typical: &[f64
         let across = Mat::from_fn(n, p, |i, j| covariance[(i, own[j])] * weight[j]);
         let within = Mat::from_fn(p, p, |i, j| f64::from(u8::from(i == j)) + weight[i] * across[(own[i], j)]);
         narrowed = covariance - &across * within.partial_piv_lu().solve(across.transpose());
-        shift = (0..n)
-            .map(|i| (0..p).map(|j| narrowed[(i, own[j])] * weight[j] * weight[j] * values[j]).sum())
-            .collect();
+        shift =
+            (0..n).map(|i| (0..p).map(|j| narrowed[(i, own[j])] * weight[j] * weight[j] * values[j]).sum()).collect();
     }
     (shift, narrowed)
 }
@@ -163,7 +163,11 @@ fn sensor_slopes(outcome: &Outcome, recording: &Recording<'_>, windows: &Windows
                 let mut slope = by_sensitivity(accelerometer.inverse(), (i, j), &force, Sensor::Accelerometer);
                 if outcome.frame == Frame::Symmetric && i != j {
                     let mirrored = by_sensitivity(accelerometer.inverse(), (j, i), &force, Sensor::Accelerometer);
-                    slope.iter_mut().flatten().zip(mirrored.iter().flatten()).for_each(|(slope, other)| *slope += other);
+                    slope
+                        .iter_mut()
+                        .flatten()
+                        .zip(mirrored.iter().flatten())
+                        .for_each(|(slope, other)| *slope += other);
                 }
                 slope
             }
@@ -236,8 +240,7 @@ fn catalogue_slopes(
     let slope = |of_sample: &dyn Fn(usize) -> Vector3<f64>| {
         windows.means(of_sample).into_iter().map(|mean| signals(-mean, effect.sensor)).collect()
     };
-    let mut slopes: Vec<Vec<Signals>> =
-        (0..term.values.len()).map(|k| slope(&|sample| fields[sample][k])).collect();
+    let mut slopes: Vec<Vec<Signals>> = (0..term.values.len()).map(|k| slope(&|sample| fields[sample][k])).collect();
     if let Some(shape) = term.shape {
         let step = SHAPE_STEP * shape;
         slopes.push(slope(&|sample| {
@@ -249,7 +252,8 @@ fn catalogue_slopes(
     slopes
 }
 
-/// The states at which the fields of the effects are taken: corrected signals, time since the first sample, temperature.
+/// The states at which the fields of the effects are taken: corrected signals, time since the first sample,
+/// temperature.
 fn states(corrected: &Recording<'_>) -> Vec<State<f64>> {
     let rate: Vec<[f64; 3]> = corrected.angular_rate.iter().collect();
     let acceleration = angular_acceleration(corrected.time_s, &rate);
@@ -324,7 +328,8 @@ mod tests {
     #[test]
     fn slopes_are_differences_of_corrected_signals() {
         let effects = ["gyro_g_sensitivity", "gyro_bias_warmup", "accel_scale_quadratic"];
-        let run = simulate(&Program::random(&RandomMoves::default(), 4).unwrap(), &Unit::paper(), 50.0, 9.80665, 4).unwrap();
+        let run =
+            simulate(&Program::random(&RandomMoves::default(), 4).unwrap(), &Unit::paper(), 50.0, 9.80665, 4).unwrap();
         let recording = run.recording("run");
         let choice = |name: &&str| EffectChoice { effect: Effect::find(name).unwrap(), full: false };
         let options = Options { effects: effects.iter().map(choice).collect(), ..Options::default() };

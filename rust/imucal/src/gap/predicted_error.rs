@@ -4,8 +4,9 @@
 //! after^2 = noise^2 + E |D e|^2,   before^2 = noise^2 + E |d + D e|^2          model.md (35)
 //! ```
 //!
-//! All averaged over one second: white noise of density N leaves N / sqrt(1 s), `e` are the errors that the parameters may have, `D`
-//! their derivatives in the corrected signals, and `d` the difference of the signals corrected by the two calibrations.
+//! All averaged over one second: white noise of density N leaves N / sqrt(1 s), `e` are the errors that the parameters
+//! may have, `D` their derivatives in the corrected signals, and `d` the difference of the signals corrected by the two
+//! calibrations.
 
 use faer::Mat;
 use imucal_core::calibration::Calibration;
@@ -19,8 +20,8 @@ use super::residual_channels::noise_densities;
 use crate::calibrate::{Outcome, UserField};
 use crate::correct::{correct, is_left_in_data};
 use crate::error::Error;
-use crate::recording::Recording;
 use crate::numerics::stats::quantile;
+use crate::recording::Recording;
 
 /// Length of the means that are corrected instead of samples, s: errors of a calibration are as slow as the motion.
 const BRIEF_MEAN_S: f64 = 0.1;
@@ -29,11 +30,11 @@ const DRAWS: usize = 1000;
 const SEED: u64 = 1;
 /// Probabilities of the ends of the interval: 95 % lie within.
 const INTERVAL: [f64; 2] = [0.025, 0.975];
-/// Relative variance of a mean squared noise density, times seconds of rest: the density is half the mean square of differences
-/// of means over 0.25 s on three axes, model.md (10).
+/// Relative variance of a mean squared noise density, times seconds of rest: the density is half the mean square of
+/// differences of means over 0.25 s on three axes, model.md (10).
 const NOISE_VARIANCE_S: f64 = 0.25;
-/// Least mean square in a draw, and least noise in a draw, in mean squares of the noise: a draw of the products of noise and errors
-/// may otherwise be negative.
+/// Least mean square in a draw, and least noise in a draw, in mean squares of the noise: a draw of the products of
+/// noise and errors may otherwise be negative.
 const LEAST_MEAN_SQUARE: f64 = 0.1;
 
 /// Predicted errors of both corrected signals.
@@ -122,8 +123,8 @@ fn brief_samples(time_s: &[f64]) -> usize {
     if step_s > 0.0 { ((BRIEF_MEAN_S / step_s).round_ties_even() as usize).max(1) } else { 1 }
 }
 
-/// Predicted errors of signals corrected by `before` and by `after`, on raw recordings. With effects of a user's own, `user` has what
-/// these change.
+/// Predicted errors of signals corrected by `before` and by `after`, on raw recordings. With effects of a user's own,
+/// `user` has what these change.
 ///
 /// # Errors
 /// [`Error::Input`] if `user` does not fit the recordings and the effects of `after`.
@@ -134,7 +135,8 @@ pub fn predicted_errors(
     user: Option<&UserCorrection<'_>>,
 ) -> Result<PredictedErrors, Error> {
     let parameters = Parameters::of(after);
-    // Of each window: the change by one standard deviation of each parameter, and the difference of the two calibrations last.
+    // Of each window: the change by one standard deviation of each parameter, and the difference of the two
+    // calibrations last.
     let mut columns: Vec<Vec<Signals>> = vec![Vec::new(); parameters.count() + 1];
     for (index, recording) in recordings.iter().enumerate() {
         let means = BriefMeans::of(recording);
@@ -188,7 +190,8 @@ fn difference(before: &Recording<'_>, after: &Recording<'_>, windows: &Windows) 
         .collect()
 }
 
-/// Mean products of the columns over all windows and some axes, and over how many: those at which all columns are known.
+/// Mean products of the columns over all windows and some axes, and over how many: those at which all columns are
+/// known.
 fn mean_products(columns: &[Vec<Signals>], axes: std::ops::Range<usize>) -> (Mat<f64>, usize) {
     let windows = columns.first().map_or(0, Vec::len);
     let (mut sums, mut count) = (Mat::<f64>::zeros(columns.len(), columns.len()), 0);
@@ -230,8 +233,8 @@ fn noise_mean_squares(after: &Outcome) -> [f64; 2] {
 struct Signal<'a> {
     /// Mean square of the noise of an average over one second.
     noise: f64,
-    /// (P+1, P+1) mean products of the changes by each parameter's standard deviation, and of the difference of the calibrations,
-    /// which is last.
+    /// (P+1, P+1) mean products of the changes by each parameter's standard deviation, and of the difference of the
+    /// calibrations, which is last.
     gram: Mat<f64>,
     /// (P,) expected errors of the parameters, in standard deviations.
     errors: &'a [f64],

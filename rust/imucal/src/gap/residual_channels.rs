@@ -3,7 +3,7 @@
 //! ```text
 //! rest_norm        |f| - g at a rest
 //! rest_rate        mean angular rate at a rest, which is zero
-//! move_direction   u_after x R^T u_before: by how much the integrated gyroscope misses the direction of gravity after a move
+//! move_direction   u_after x R^T u_before after a move: measured against predicted direction of gravity
 //! move_force       f(t) - g R(t)^T u_before inside the moves, means over 40 ms
 //! ```
 //!
@@ -18,12 +18,12 @@ use super::move_blocks::{MoveBlocks, RelativeTemperature};
 use crate::evaluate::{MoveReport, RestReport};
 use crate::recording::Samples;
 
-/// Bound of the noise densities from below, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): a simulation without noise has no scatter, and
-/// its residuals are compared with these instead of zero.
+/// Bound of the noise densities from below, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): a simulation without noise has no
+/// scatter, and its residuals are compared with these instead of zero.
 const LEAST_DENSITY: [f64; 2] = [1e-5, 1e-6];
 
-/// Smallest share of a direction error that counts as visible along an axis: an error about gravity itself is not visible, so
-/// its standard deviation would be zero.
+/// Smallest share of a direction error that counts as visible along an axis: an error about gravity itself is not
+/// visible, so its standard deviation would be zero.
 const LEAST_VISIBLE_SHARE: f64 = 1e-4;
 
 /// Kind of a residual.
@@ -126,8 +126,8 @@ pub(super) struct Item {
     pub(super) left_out: bool,
 }
 
-/// All residuals of a fit on the recordings that it was made from: of the rests and moves in the fit, and of those that were left
-/// out because they contradict the others.
+/// All residuals of a fit on the recordings that it was made from: of the rests and moves in the fit, and of those that
+/// were left out because they contradict the others.
 pub(super) struct Residuals {
     pub(super) channels: Vec<Channel>,
     pub(super) rests: Vec<Item>,
@@ -149,8 +149,8 @@ struct Noise {
 }
 
 impl Residuals {
-    /// `bias_instability` of the gyroscope, rad/s. The force inside the moves is compared with gravity if `inside_moves` says
-    /// that the unit rotates in one place.
+    /// `bias_instability` of the gyroscope, rad/s. The force inside the moves is compared with gravity if
+    /// `inside_moves` says that the unit rotates in one place.
     pub(super) fn new(fit: &CorrectedFit<'_>, bias_instability: Option<[f64; 3]>, inside_moves: bool) -> Self {
         let outcome = fit.outcome;
         let (accelerometer, gyroscope) = noise_densities(outcome);
@@ -196,16 +196,16 @@ impl Residuals {
         for (k, rest) in rests {
             let samples = rest.first..rest.end;
             let corrected = &fit.corrected[rest.recording];
-            let (force, rate) = (corrected.specific_force.slice(samples.clone()), corrected.angular_rate.slice(samples.clone()));
+            let (force, rate) =
+                (corrected.specific_force.slice(samples.clone()), corrected.angular_rate.slice(samples.clone()));
             let (force, rate) = (mean(force), mean(rate));
             let (norm, up, duration_s) = (force.norm(), force.normalize(), rest.end_s - rest.start_s);
             let squared = |v: &Vector3<f64>| v.component_mul(v);
             let sigma_norm = (squared(&up).dot(&squared(&noise.accelerometer)) / duration_s).sqrt();
             // A trembling hand rotates the unit by a random angle between the two ends of the rest.
             let by_tremor = 2.0 * (noise.tremor / duration_s).powi(2);
-            let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability)).map(|variance| {
-                (variance + by_tremor).sqrt()
-            });
+            let sigma_rate = (squared(&noise.gyroscope) / duration_s + squared(&noise.bias_instability))
+                .map(|variance| (variance + by_tremor).sqrt());
             let values = [norm - fit.gravity_mps2, rate.x, rate.y, rate.z];
             let sigma = [sigma_norm, sigma_rate.x, sigma_rate.y, sigma_rate.z];
             let sign = rotation_before.get(&k).map_or_else(Vector3::zeros, |v| v.map(sign));
@@ -309,8 +309,8 @@ impl Channel {
 }
 
 impl CorrectedFit<'_> {
-    /// Directions of gravity in the body frame before and after a move: those of the fit, or those of the rests if the fit left
-    /// the move out.
+    /// Directions of gravity in the body frame before and after a move: those of the fit, or those of the rests if the
+    /// fit left the move out.
     fn gravity_at_ends(&self, span: &MoveReport) -> [Vector3<f64>; 2] {
         [(span.gravity_before, span.from_rest), (span.gravity_after, span.to_rest)].map(|(known, rest)| {
             if known.iter().all(|value| value.is_finite()) {
@@ -326,7 +326,10 @@ impl CorrectedFit<'_> {
 pub(super) fn noise_densities(outcome: &crate::calibrate::Outcome) -> (Vector3<f64>, Vector3<f64>) {
     let noise = &outcome.noise_density;
     let [accelerometer, gyroscope] = LEAST_DENSITY;
-    (noise.specific_force.map(|density| density.max(accelerometer)), noise.angular_rate.map(|density| density.max(gyroscope)))
+    (
+        noise.specific_force.map(|density| density.max(accelerometer)),
+        noise.angular_rate.map(|density| density.max(gyroscope)),
+    )
 }
 
 /// Standard deviation of each component of a direction after a move that noise explains, rad.

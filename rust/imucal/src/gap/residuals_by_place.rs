@@ -1,9 +1,10 @@
-//! Where recordings disagree with a calibration: by kind of residual and body axis, by rest and move, and by what the residuals
-//! depend on.
+//! Where recordings disagree with a calibration: by kind of residual and body axis, by rest and move, and by what the
+//! residuals depend on.
 //!
-//! A channel, a rest or a move is significant if its chi2 exceeds what noise makes of it with a probability of 0.1 % in any of them.
-//! Dependence is found by linear regression of a channel on each [`Regressor`]: with `n` rests or moves and a share `r` of the
-//! sum of squares explained, `-n ln(1 - r)` has a chi2 distribution under the null hypothesis of no dependence.
+//! A channel, a rest or a move is significant if its chi2 exceeds what noise makes of it with a probability of 0.1 % in
+//! any of them. Dependence is found by linear regression of a channel on each [`Regressor`]: with `n` rests or moves
+//! and a share `r` of the sum of squares explained, `-n ln(1 - r)` has a chi2 distribution under the null hypothesis of
+//! no dependence.
 
 use std::collections::HashMap;
 
@@ -15,17 +16,18 @@ pub use super::residual_channels::{Regressor, ResidualKind};
 use crate::calibrate::Outcome;
 use crate::correct::is_left_in_data;
 use crate::numerics::lsq::singular;
-use crate::recording::Recording;
 use crate::numerics::stats::{p_value, rms};
+use crate::recording::Recording;
 
-/// Probability under the null hypothesis below which a channel, a rest, a move or a dependence is significant; divided by the
-/// number of channels, of rests or of moves that are tested.
+/// Probability under the null hypothesis below which a channel, a rest, a move or a dependence is significant; divided
+/// by the number of channels, of rests or of moves that are tested.
 const SIGNIFICANCE: f64 = 1e-3;
 /// Most regressors that are reported for a channel.
 const MOST_REGRESSORS: usize = 3;
 /// Least share of the sum of squares that a reported regressor explains.
 const LEAST_SHARE: f64 = 0.1;
-/// Singular values of a regressor's columns below this share of the largest one are rounding errors of dependent columns.
+/// Singular values of a regressor's columns below this share of the largest one are rounding errors of dependent
+/// columns.
 const DEPENDENT_COLUMNS: f64 = 1e-6;
 /// Moves rotate about a common body axis if at least this share of the square of each rotation vector is along it.
 const ALONG_ONE_AXIS: f64 = 0.8;
@@ -105,8 +107,8 @@ pub struct ItemResidual {
     pub left_out: bool,
 }
 
-/// Residuals of `before` on its recordings, and what `after`, another calibration of the same recordings, leaves of them; `None` if
-/// there is no other one.
+/// Residuals of `before` on its recordings, and what `after`, another calibration of the same recordings, leaves of
+/// them; `None` if there is no other one.
 ///
 /// `inside_moves` says that the unit rotates in one place, so that the specific force inside the moves is gravity.
 pub fn residuals_by_place(
@@ -115,7 +117,8 @@ pub fn residuals_by_place(
     inside_moves: bool,
 ) -> ResidualsByPlace {
     let last = after.unwrap_or(before);
-    // The bias instability that remains with the effects in the model: without them, their trace counts as bias instability.
+    // The bias instability that remains with the effects in the model: without them, their trace counts as bias
+    // instability.
     let instability = last.outcome.bias_instability_radps;
     let residuals = Residuals::new(before, instability, inside_moves);
     let remaining = after.map(|after| Residuals::new(after, instability, inside_moves));
@@ -162,8 +165,13 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
             let statistic = -(channel.items as f64) * (1.0 - share).max(1e-300).ln();
             let p_value = p_value(statistic, parameters);
             let (kind, axis, regressor) = (channel.kind, channel.axis, *regressor);
-            (p_value < SIGNIFICANCE && share > LEAST_SHARE)
-                .then_some(Dependence { kind, axis, regressor, share, p_value })
+            (p_value < SIGNIFICANCE && share > LEAST_SHARE).then_some(Dependence {
+                kind,
+                axis,
+                regressor,
+                share,
+                p_value,
+            })
         })
         .collect();
     found.sort_by(|a, b| b.share.total_cmp(&a.share));
@@ -171,7 +179,8 @@ fn dependences(channel: &Channel) -> Vec<Dependence> {
     found
 }
 
-/// Share of the sum of squares about the mean that a linear function of `rows` explains, and its number of independent parameters.
+/// Share of the sum of squares about the mean that a linear function of `rows` explains, and its number of independent
+/// parameters.
 fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)> {
     let (n, width) = (rows.len(), rows.first()?.len());
     let centred = |values: Vec<f64>| {
@@ -188,8 +197,7 @@ fn explained_share(channel: &Channel, rows: &[Vec<f64>]) -> Option<(f64, usize)>
         return None;
     }
     // U^T z = S^-1 V^T A^T z
-    let products: Vec<f64> =
-        columns.iter().map(|column| column.iter().zip(&z).map(|(a, z)| a * z).sum()).collect();
+    let products: Vec<f64> = columns.iter().map(|column| column.iter().zip(&z).map(|(a, z)| a * z).sum()).collect();
     let explained: f64 = (0..independent)
         .map(|k| ((0..width).map(|j| right[(j, k)] * products[j]).sum::<f64>() / sizes[k]).powi(2))
         .sum();
@@ -215,7 +223,9 @@ fn significant_items(items: &[Item]) -> Vec<ItemResidual> {
 fn common_axis(moves: &[ItemResidual], rotation_vectors: &HashMap<usize, Vector3<f64>>) -> Option<usize> {
     let shares: Vec<Vector3<f64>> = moves
         .iter()
-        .map(|item| rotation_vectors.get(&item.index).map_or_else(Vector3::zeros, |v| v.component_mul(v) / v.norm_squared()))
+        .map(|item| {
+            rotation_vectors.get(&item.index).map_or_else(Vector3::zeros, |v| v.component_mul(v) / v.norm_squared())
+        })
         .collect();
     let axis = shares.iter().sum::<Vector3<f64>>().imax();
     (!shares.is_empty() && shares.iter().all(|share| share[axis] > ALONG_ONE_AXIS)).then_some(axis)
@@ -230,6 +240,11 @@ mod tests {
     use imucal_core::effects::{Effect, EffectValues};
 
     const GRAVITY: f64 = 9.80665;
+
+    fn corrected<'a>(recording: &Recording<'a>, samples: &'a (Vec<[f64; 3]>, Vec<[f64; 3]>)) -> [Recording<'a>; 1] {
+        let (rate, force) = samples;
+        [Recording { angular_rate: rate.into(), specific_force: force.into(), ..*recording }]
+    }
 
     /// Residuals of a simulated unit with this effect, without the effect in the model and with it.
     fn residuals(effect: Option<(&str, &[f64])>) -> ResidualsByPlace {
@@ -248,15 +263,12 @@ mod tests {
         };
         let before = with(vec![]);
         let after = row.map(|(effect, _)| with(vec![EffectChoice { effect, full: false }]));
-        let corrected = |(_, (rate, force)): &'_ (Outcome, (Vec<[f64; 3]>, Vec<[f64; 3]>))| {
-            [Recording { angular_rate: rate.as_slice().into(), specific_force: force.as_slice().into(), ..recording }]
-        };
-        let of_before = corrected(&before);
+        let of_before = corrected(&recording, &before.1);
         let fit = |outcome, corrected| CorrectedFit { outcome, corrected, gravity_mps2: GRAVITY };
         match &after {
             None => residuals_by_place(&fit(&before.0, &of_before), None, true),
             Some(after) => {
-                let of_after = corrected(after);
+                let of_after = corrected(&recording, &after.1);
                 residuals_by_place(&fit(&before.0, &of_before), Some(&fit(&after.0, &of_after)), true)
             }
         }
