@@ -16,12 +16,12 @@ print(gap.summary())
 # The kinds of residuals that exceed the noise, without and with the effect.
 for row in gap.where["channels"]:
     if row["stands_out"]:
-        change = f"{row['times_noise']:.1f} -> {row['times_noise_after']:.1f} times noise"
+        change = f"{row['times_noise']:.1f} -> {row['times_noise_after']:.1f} x noise"
         print(f"{row['channel']} {row['axis']}: {change}")
 
 # The predicted improvement, and the residuals that another effect would have caused.
 claimed = gap.corrected_error["angular_rate_rms_radps"]
-print(f"claimed: {claimed['before'] / claimed['after']:.1f} times less error of the corrected rate")
+print(f"claimed: {claimed['before'] / claimed['after']:.1f} times smaller error of the corrected rate")
 print("\n".join(gap.explain("accel_scale_quadratic")))
 
 gap.calibration.save("improved.json")

@@ -75,7 +75,7 @@ def test_help_of_a_command_has_an_example_and_json(command, capsys):
         (["simulate", "none.json", "-o", "y.csv"], "none.json: there is no such file"),
         (["simulate", "random", "--unit", "bogus", "-o", "y.csv"], "the unit 'bogus' is not known"),
         (["simulate", "random", "--seed", "-1", "-o", "y.csv"], "seed is -1"),
-        (["demo", "--seed", "7", "gap"], "options of `imucal demo gap` stand after gap"),
+        (["demo", "--seed", "7", "gap"], "options of `imucal demo gap` must follow gap"),
         (["effects", "gyro_g_sens"], "no effect 'gyro_g_sens': is it gyro_g_sensitivity"),
     ],
 )
@@ -119,7 +119,7 @@ def test_json_of_a_command_without_a_result_says_why(tmp_path, monkeypatch, caps
     ("error", "code", "said"),
     [
         (KeyboardInterrupt(), 130, "interrupted"),
-        (ZeroDivisionError("by zero"), 1, "this is a fault of imucal"),
+        (ZeroDivisionError("by zero"), 1, "this is a bug of imucal"),
         (MemoryError(), 1, "not enough memory"),
         (OSError(28, "No space left on device", "cal.json"), 1, "cal.json: No space left on device"),
     ],
@@ -156,7 +156,7 @@ def test_a_demonstration_writes_over_none_but_its_own(command, tmp_path, monkeyp
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("of a real unit")
     assert main([*command, "-o", "."]) == 1
-    assert "run.csv is there already" in capsys.readouterr().err
+    assert "run.csv exists" in capsys.readouterr().err
     assert Path("run.csv").read_text() == "of a real unit"
     for _ in range(2):
         assert main([*command, "-o", "new"]) == 0
@@ -166,7 +166,7 @@ def test_json_of_a_group_that_is_a_command(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("demo").write_text("no folder")
     assert main(["demo", "--json", "why.json"]) == 1
-    assert "demo cannot be made" in json.loads(Path("why.json").read_text())["reasons"][0]
+    assert "demo cannot be created" in json.loads(Path("why.json").read_text())["reasons"][0]
 
 
 @pytest.mark.parametrize("json_option", [["--json", "last.json"], ["--json=last.json"]])
@@ -230,7 +230,7 @@ def test_interrupt_ends_with_130(run_csv, tmp_path, capsys, monkeypatch):
 
     monkeypatch.setattr("os.fsync", interrupted)
     assert main(["convert", str(run_csv), "-o", str(tmp_path / "out.csv")]) == 130
-    assert capsys.readouterr().err.strip() == "imucal: interrupted, no file is half written"
+    assert capsys.readouterr().err.strip() == "imucal: interrupted, no file is incomplete"
     assert list(tmp_path.iterdir()) == [run_csv]
 
 
@@ -310,7 +310,7 @@ def test_a_bug_is_one_screen_and_says_how_to_see_more(bug, run_csv, tmp_path, mo
     arguments = ["convert", str(run_csv), "-o", str(tmp_path / "out.csv")]
     assert main(arguments) == 1
     shown = capsys.readouterr().err
-    assert f"imucal: this is a fault of imucal and not of your data: {type(bug).__name__}: " in shown
+    assert f"imucal: this is a bug of imucal, not an error in your data: {type(bug).__name__}: " in shown
     assert " ".join(str(bug).split()) in shown
     assert "in broken, test_cli.py, line " in shown
     assert "IMUCAL_TRACEBACK=1" in shown
@@ -495,7 +495,7 @@ def test_effects_lists_all_and_shows_one(capsys):
     for name in names:
         assert main(["effects", name]) == 0
         shown = capsys.readouterr().out
-        assert shown.startswith(f"{name}: ") and "shown by " in shown
+        assert shown.startswith(f"{name}: ") and ("observable in: " in shown or "appears as: " in shown)
     assert main(["effects", "gyro_bias_temperature"]) == 0
     shown = capsys.readouterr().out
     for text in (
@@ -503,7 +503,7 @@ def test_effects_lists_all_and_shows_one(capsys):
         "x            0.000262 rad/s/K",
         "the plain form has the first 3",
         "depends on temperature: the column temp_degc, relative to 25 degC",
-        "easily mistaken for gyro_bias_drift; told apart by a run that heats and cools again",
+        "similar to gyro_bias_drift; distinguished by a run that heats and cools again",
         "--effect gyro_bias_temperature=typical --temperature cycle:10:40:320 -o run.csv",
         "imucal calibrate run.csv --effect gyro_bias_temperature\n",
         "imucal calibrate run.csv --effect gyro_bias_temperature:full\n",
@@ -541,9 +541,9 @@ def test_apply_says_which_effects_it_took_away(tmp_path, capsys):
     ]
     assert main([*arguments, "--json", str(tmp_path / "out.json")]) == 0
     shown = capsys.readouterr().out
-    assert "effects taken away: gyro_scale_cubic\n" in shown
-    assert "left in the data, as no error of the sensor: earth_rate\n" in shown
-    assert "2 samples are empty, the first is sample 4: the effects are too large" in shown
+    assert "effects compensated: gyro_scale_cubic\n" in shown
+    assert "not compensated, as they are no sensor errors: earth_rate\n" in shown
+    assert "2 samples are empty, first sample 4: the effects are too large" in shown
     said = json.loads((tmp_path / "out.json").read_text())
     assert (said["effects"], said["left_in_data"]) == (["gyro_scale_cubic"], ["earth_rate"])
     assert said["samples_lost"] == 2
@@ -637,7 +637,7 @@ def test_a_place_that_is_none_is_said_before_the_work(arguments, tmp_path, monke
     for name in ("run.csv", "cal.json"):
         Path(name).write_text(name)
     for place, words in (
-        ("none/new.csv", "cannot be written: there is no folder none: make it first"),
+        ("none/new.csv", "cannot be written: there is no folder none: create it first"),
         ("folder", "folder cannot be written: it is a folder"),
     ):
         assert main(arguments.replace("PLACE", place).split()) == 1

@@ -178,7 +178,7 @@ def test_interrupted_while_it_writes(long_recording, tmp_path, command, name, co
     process = writing(output, *words)
     shown = ended(process, name)
     assert output.read_text() == "old"
-    assert shown == f"imucal: {what}, no file is half written\n"
+    assert shown == f"imucal: {what}, no file is incomplete\n"
     assert process.returncode == code
     assert sorted(tmp_path.iterdir()) == [output, unit]
 

@@ -1040,7 +1040,7 @@ def test_output_that_is_a_folder_or_in_none(run, capsys):
     assert calibrated(run) == 1
     assert "it is a folder" in capsys.readouterr().err
     assert main(["calibrate", str(run / "run.parquet"), "-o", str(run / "none" / "cal.json")]) == 1
-    assert f"there is no folder {run / 'none'}: make it first" in capsys.readouterr().err
+    assert f"there is no folder {run / 'none'}: create it first" in capsys.readouterr().err
 
 
 @POSIX

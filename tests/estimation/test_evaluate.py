@@ -68,7 +68,7 @@ def test_what_could_not_be_judged_is_said(heated, tmp_path, capsys, monkeypatch)
     main(["gap", "run.csv", "--control", "control.csv", "--effect", "gyro_bias_temperature"])
     assert "[gyro_saturation]" in capsys.readouterr().out
     main(["evaluate", "cal.json", "control.csv"])
-    assert "46 rests, 3 of 45 moves judged\n" in capsys.readouterr().out
+    assert "46 rests, 3 of 45 moves evaluated\n" in capsys.readouterr().out
     assert "[gyro_saturation]" in imucal.calibrate(run, control=control).summary()
 
 

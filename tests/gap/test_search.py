@@ -90,7 +90,7 @@ def test_nothing_is_missing_where_nothing_is_hidden():
     assert gap.effects == ()
     # 46 norms and 90 components of directions: chi2 per degree of freedom scatters by 0.12 about one.
     assert gap.gap["before"] == gap.gap["after"] == pytest.approx(1.0, abs=0.36)
-    # The table of what would have been seen, and what these data cannot show.
+    # The tables of detection limits, and of effects that are not observable.
     assert gap.smallest_visible["gyro_g_sensitivity"]["unit"] == "rad/s/(m/s^2)"
     assert {"gyro_bias_temperature"} <= {item["name"] for item in gap.not_observable}
 
@@ -175,7 +175,7 @@ def test_what_the_finding_says_can_be_read():
     assert "gyro_g_sensitivity" in gap.summary()
     assert gap.to_dict()["provenance"]["imucal_version"] == imucal.__version__
     explained = "\n".join(gap.explain("earth_rate"))
-    assert "would have been seen from" in explained
+    assert "detection limit in these recordings" in explained
     with pytest.raises(imucal.InputError, match="gyro_g_sensitivity"):
         gap.explain("gyro_g_sensitivty")
 

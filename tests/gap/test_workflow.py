@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -160,7 +161,7 @@ def test_the_improved_calibration_is_what_apply_uses(command, tmp_path):
     command("calibrate", *files, "-o", tmp_path / "plain.json")
     done = command("gap", *files, "-o", tmp_path / "improved.json", "--json", "-")
     assert done.returncode == 0, done.stderr
-    assert "where: rate at rest about" in done.stderr
+    assert "residuals: rate at rest about" in done.stderr
     assert "gyro_g_sensitivity" in done.stderr
     errors = {}
     for name in ("plain", "improved"):
@@ -181,7 +182,7 @@ def test_without_a_control_record_rests_and_moves_are_held_out():
     assert gap.gap["closed"] > 0.9
     held_out = gap.held_out
     assert held_out["after"]["gravity_norm_rms_mps2"] < 0.2 * held_out["before"]["gravity_norm_rms_mps2"]
-    assert "rests and moves held out" in gap.summary()
+    assert "held-out rests and moves" in gap.summary()
     assert "no control recording was given" in gap.summary()
 
 
@@ -190,8 +191,8 @@ def test_the_finding_is_one_sentence():
     gap = imucal.find_gap(run, control=control)
     headline = gap.summary().splitlines()[1]
     assert headline.startswith("gyro_g_sensitivity, 0.10")
-    assert "deg/s per g at most, explains 100 % of the gap; control gravity direction 0.14 -> 0.0" in headline
-    assert "corrected rate 0.097 -> 0.025 deg/s" in gap.summary()
+    assert "deg/s per g) explains 100 % of the gap; control gravity direction: 0.14 -> 0.0" in headline
+    assert "averaged over 1 s: rate 0.097 -> 0.025 deg/s" in gap.summary()
 
 
 @pytest.mark.parametrize("delay_s", [3e-3, 5e-3])
@@ -200,7 +201,7 @@ def test_a_long_delay_is_accepted(delay_s):
     gap = imucal.find_gap(run, control=control)
     assert [effect["name"] for effect in gap.effects] == ["gyro_time_offset"]
     # It is the same at both ends of a move: what it explains is in between.
-    assert "explains the gap; force in moves along " in gap.summary().splitlines()[1]
+    assert "explains the gap; force during moves along " in gap.summary().splitlines()[1]
 
 
 def test_a_large_effect_does_not_hide_how_small_others_would_be_seen():
@@ -258,11 +259,11 @@ def test_an_effect_is_explained_for_these_recordings(command, tmp_path):
     files = (tmp_path / "run.csv", "--control", tmp_path / "control.csv")
     done = command("gap", *files, "--explain", "gyro_g_sensitivity")
     assert "gyro_g_sensitivity (gyroscope): " in done.stdout
-    assert "times noise in the rate at rest about" in done.stdout
-    assert "here: it joined the model" in done.stdout
+    assert re.search(r"rate at rest about [xyz] [\d.]+ x noise", done.stdout)
+    assert "result: added to the model" in done.stdout
     gap = imucal.find_gap(run, control=control)
-    assert "it would have been seen from" in "\n".join(gap.explain("accel_scale_quadratic"))
-    needs = "cannot show it: it needs a temp_degc column"
+    assert "detection limit in these recordings" in "\n".join(gap.explain("accel_scale_quadratic"))
+    needs = "not observable in these recordings: it needs a temp_degc column"
     assert needs in "\n".join(gap.explain("gyro_bias_temperature"))
 
 
@@ -342,7 +343,7 @@ def test_the_demo_hides_an_effect_finds_and_reveals_it(command, tmp_path):
     name = truth["effects"][0]["name"]
     *_, revealed, by_hand = done.stdout.splitlines()
     assert revealed.startswith(f"the truth: {name}, ")
-    assert ": found, every number within" in revealed
+    assert ": found, all parameters within" in revealed
     assert f"{name}, " in done.stdout.split("the truth")[0]
     again = command(
         *by_hand.partition("imucal ")[2].replace("improved.json", str(tmp_path / "i.json")).split()
@@ -442,10 +443,10 @@ def test_an_effect_of_ones_own_is_explained_and_may_be_looked_for_alone():
     run, _ = pair()
     gap = imucal.find_gap(run, candidates=["own"], user_effects=[own])
     assert set(gap.smallest_visible) == {"own"}
-    assert "own is not there at a size that these recordings show" in gap.summary()
+    assert "own is not present above its detection limit" in gap.summary()
     explained = gap.explain("own")
-    assert explained[0] == "own (gyroscope): an effect of your own, typically 0.056 deg/s per g"
-    assert any("it would have been seen from" in line for line in explained)
+    assert explained[0] == "own (gyroscope): a user-defined effect, typical size 0.056 deg/s per g"
+    assert any("detection limit in these recordings" in line for line in explained)
     with pytest.raises(imucal.InputError, match="there is no effect 'owm'"):
         imucal.find_gap(run, candidates=["owm"], user_effects=[own])
 
@@ -461,7 +462,7 @@ def test_candidates_are_a_list_of_names(candidates, message):
 def test_what_was_asked_for_and_cannot_be_seen_is_said():
     gap = imucal.find_gap(pair()[0], candidates=["gyro_bias_temperature"])
     shown = gap.summary()
-    assert "these recordings cannot show any effect that was looked for" in shown
+    assert "none of the tested effects is observable in these recordings" in shown
     assert (
         "gyro_bias_temperature was asked for and these recordings cannot show it: it needs a temp_" in shown
     )

@@ -572,7 +572,7 @@ def test_wrong_number_of_columns(tmp_path):
 def test_unwritable_places(tmp_path):
     recording = random_recording()
     for path, message in [
-        (tmp_path / "none" / "run.csv", f"there is no folder {tmp_path / 'none'}: make it first"),
+        (tmp_path / "none" / "run.csv", f"there is no folder {tmp_path / 'none'}: create it first"),
         (tmp_path / "run.xlsx", "change the extension"),
     ]:
         with pytest.raises(imucal.InputError, match=message):

@@ -391,7 +391,7 @@ def test_a_file_that_cannot_be_read_is_a_row_and_the_others_are_judged(tmp_path,
     assert main(["limits", "check", "limits.json", *files, "--csv", "day.csv", "--json", "day.json"]) == 1
     shown = capsys.readouterr().out
     assert "no result: b.json is not JSON: line" in shown
-    assert "verdict: no_result; 2 of 4 files cannot be judged; 1 of 4 units do not pass\n" in shown
+    assert "verdict: no_result; 2 of 4 files cannot be checked; 1 of 4 units do not pass\n" in shown
     with Path("day.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [(row["file"], row["verdict"], row["checks"]) for row in rows] == [
@@ -417,7 +417,7 @@ def test_a_unit_that_is_given_twice_is_said(tmp_path, monkeypatch, capsys):
     said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("warning: ")]
     assert said == [
         f"warning: {tmp_path / 'c.json'} is given twice: it counts as two units",
-        "warning: the serial number 0042 stands in a.json and b.json: they count as 2 units",
+        "warning: the serial number 0042 occurs in a.json and b.json, which count as 2 units",
     ]
     assert len(json.loads(Path("day.json").read_text())["warnings"]) == 2
 

@@ -84,13 +84,13 @@ def test_a_recording_corrected_by_pieces_is_the_whole_corrected(tmp_path, comman
         (
             (20.1, 21.0),
             0.0,
-            "the temperature is 20 to 21 degC, the calibration has seen 20.1 to 21 degC: outs",
+            "the temperature is 20 to 21 degC, but the calibration covers 20.1 to 21 degC: outs",
         ),
-        ((15.0, 20.5), 0.0, "outside it the numbers of gyro_bias_temperature are an assumption"),
+        ((15.0, 20.5), 0.0, "outside this range, gyro_bias_temperature are extrapolated"),
         (
             (15.0, 40.0),
             273.15,
-            "the numbers of gyro_bias_temperature are an assumption: is the column in kelvin? temp_degc is",
+            "gyro_bias_temperature are extrapolated; is the column in kelvin? temp_degc is",
         ),
     ],
 )
@@ -120,8 +120,8 @@ def test_samples_that_the_recording_lacks_are_counted_with_the_reason(tmp_path, 
     files = [str(tmp_path / name) for name in ("unit.json", path.name, "out.parquet", "said.json")]
     assert main(["apply", *files[:2], "-o", files[2], "--json", files[3]]) == 0
     warnings = [
-        "2 samples are empty, the first is sample 70000: the rate or the force is not a number there",
-        "2 samples are empty, the first is sample 70003: the temperature is not a number there",
+        "2 samples are empty, first sample 70000: the rate or the force is not a number",
+        "2 samples are empty, first sample 70003: the temperature is not a number",
     ]
     said = json.loads((tmp_path / "said.json").read_text())
     assert said["warnings"] == warnings

@@ -66,8 +66,8 @@ def test_a_bad_option_is_one_line_with_the_way_out(arguments, message, tmp_path,
         ("tumble --poses 0", "poses is 0: a whole number"),
         ("static --duration-s -1", "rests for -1 s: a positive time"),
         ("static --moves 3", "moves is an option of random: leave it out"),
-        ("truth.json --unit ideal", "--unit .* a truth file has its own"),
-        ("truth.json --hold-s 1", "--hold-s .* a truth file has its own"),
+        ("truth.json --unit ideal", "--unit .* the truth file has its own"),
+        ("truth.json --hold-s 1", "--hold-s .* the truth file has its own"),
     ],
 )
 def test_options_that_do_not_fit_the_motion(arguments, message, tmp_path, monkeypatch, capsys):

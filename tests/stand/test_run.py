@@ -89,20 +89,20 @@ def test_a_target_that_is_missed_is_said(tmp_path, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("options", "said"),
     [
-        (("--port", "/dev/ttyACM0"), "--port is no option of the driver simulated: give --driver grbl"),
+        (("--port", "/dev/ttyACM0"), "the driver simulated has no option --port: give --driver grbl"),
         (
             ("--source", "/dev/ttyUSB0"),
-            "--source is no option of the driver simulated: give --driver grbl or m",
+            "the driver simulated has no option --source: give --driver grbl or m",
         ),
-        (("--packet", "no-such.json"), "--packet is no option of the driver simulated"),
-        (("--sample-rate", "100"), "--sample-rate is no option of the driver simulated"),
+        (("--packet", "no-such.json"), "the driver simulated has no option --packet"),
+        (("--sample-rate", "100"), "the driver simulated has no option --sample-rate"),
         (
             ("--driver", "manual", "--speed", "1000"),
-            "--speed is no option of the driver manual: give --driver sim",
+            "the driver manual has no option --speed: give --driver sim",
         ),
         (
             ("--driver", "manual", "--port", "x"),
-            "--port is no option of the driver manual: give --driver grbl, or",
+            "the driver manual has no option --port: give --driver grbl, or",
         ),
     ],
 )

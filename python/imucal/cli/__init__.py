@@ -1,4 +1,4 @@
-"""The command `imucal`: one module for each of its commands, the common frame in `app`."""
+"""The command `imucal`: `app` handles errors and exit codes, `commands` has one module per command."""
 
 from imucal.cli.app import main
 

@@ -1,4 +1,4 @@
-"""`python -m imucal.cli` is `imucal`."""
+"""Runs the command `imucal` as `python -m imucal.cli`."""
 
 import sys
 

@@ -1,10 +1,10 @@
-"""The frame of all commands: what a person sees of an error, and the exit codes.
+"""The command line application: its commands, error messages and exit codes.
 
     0  good          1  bad input, or no result          2  finished, but the verdict is poor
-    130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is half written
+    130  interrupted, 143 and 129 ended by SIGTERM and SIGHUP: no file is incomplete
 
-A command raises ImucalError for everything that is not a bug; here it becomes a message on stderr. A bug
-becomes a message, too, which says how to see the traceback.
+Commands raise ImucalError for all foreseen errors, which are printed on stderr as a message. Other exceptions
+are bugs, whose message explains how to show the traceback.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from imucal.cli.output import NO_RESULT
 
 __all__ = ["app", "main"]
 
-# A longer message is a list: its items get lines of their own.
+# Messages longer than this number of characters are broken at "; " into one item per line.
 MOST_ON_A_LINE = 300
 
 app = group(
@@ -99,8 +99,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         except OSError as error:
             code = _unwritable(error)
     if code == INTERRUPTED:
-        return _say(f"{ended.what}, no file is half written", ended.code)
-    # What fails on the way out, such as a closed terminal, does not hide the signal.
+        return _say(f"{ended.what}, no file is incomplete", ended.code)
+    # An error after a signal, such as that of a closed terminal, does not change the exit code of the signal.
     return code if ended.by is None else ended.code
 
 
@@ -112,25 +112,25 @@ def _run(arguments: list[str]) -> int:
     except (SystemExit, OSError):
         raise
     except BaseException as error:
-        # A panic of the compiled library is no Exception.
+        # A panic of the compiled library is a BaseException.
         return _failed(error)
-    # typer versions differ: an interrupt comes as an exception or as its exit code.
+    # An interrupt is reported as an exception or as an exit code, depending on the version of typer.
     return result if isinstance(result, int) else 0
 
 
 def _unwritable(error: OSError) -> int:
-    """The operating system's refusal; a command makes an ImucalError of all but that of standard output."""
+    """Handle an OSError; commands convert all but those of standard output to ImucalError."""
     if error.filename is None and error.strerror is not None:
-        # The interpreter must not flush it once more.
+        # Otherwise the interpreter would flush standard output again at exit, and fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):
-            # Whoever read it has gone and asks for no message.
+            # The reader of the pipe has closed it, so a message is not needed.
             return NO_RESULT
     return _failed(error)
 
 
 def _failed(error: BaseException) -> int:
-    """Say what ended the command."""
+    """Print the message of the error that ended the command."""
     if hasattr(error, "format_message"):
         return _wrong_command_line(error)
     if is_fault(error) and os.environ.get(TRACEBACK):
@@ -139,10 +139,10 @@ def _failed(error: BaseException) -> int:
 
 
 def _wrong_command_line(error: Any) -> int:
-    """What the command line parser says, and where there is help."""
+    """Print the message of the command line parser, and the command that shows the help."""
     message = message_of(error)
     if not message:
-        # `imucal` alone has printed the help.
+        # typer has printed the help for `imucal` without arguments.
         return NO_RESULT
     context = getattr(error, "ctx", None)
     hint = f"\nTry '{context.command_path} --help'." if context is not None else ""

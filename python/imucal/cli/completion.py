@@ -1,4 +1,4 @@
-"""What the shell offers after the Tab key for arguments that are names: `imucal --install-completion`."""
+"""Shell completion of names given as arguments: `imucal --install-completion`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = [
 
 
 def effects(incomplete: str) -> list[str]:
-    """Names of the catalogue."""
+    """Names of effects."""
     from imucal.effects.effect import catalogue
 
     return _starting([effect.name for effect in catalogue()], incomplete)
@@ -31,7 +31,7 @@ def effects_and_disturbances(incomplete: str) -> list[str]:
 
 
 def effects_to_estimate(incomplete: str) -> list[str]:
-    """Effects that a calibration can have, with `:full` where there is a full form."""
+    """Effects that a calibration can estimate, with `:full` if they have a full form."""
     from imucal.effects.effect import catalogue
 
     names = []
@@ -56,29 +56,29 @@ def formats(incomplete: str) -> list[str]:
 
 
 def line_programs(incomplete: str) -> list[str]:
-    """Programs that determine all of a unit; a file is completed by the shell."""
+    """Programs that determine all parameters; the shell completes file names."""
     return _starting(["optimal", "random"], incomplete)
 
 
 def plans(incomplete: str) -> list[str]:
-    """Programs to plan; a file is completed by the shell."""
+    """Programs that `imucal plan` accepts; the shell completes file names."""
     return _starting(["grid", "optimal", "random"], incomplete)
 
 
 def programs(incomplete: str) -> list[str]:
-    """Motions that have a name; a file is completed by the shell."""
+    """Built-in motions; the shell completes file names."""
     return _starting(["grid", "random", "static", "tumble"], incomplete)
 
 
 def stand_limits(incomplete: str) -> list[str]:
-    """Stands that have a name."""
+    """Built-in stand limits."""
     from imucal.rig.stand_limits import NAMED
 
     return _starting(list(NAMED), incomplete)
 
 
 def units(incomplete: str) -> list[str]:
-    """Units that the package brings."""
+    """Built-in units."""
     from imucal.rig.unit import unit_names
 
     return _starting(list(unit_names()), incomplete)

@@ -1,4 +1,4 @@
-"""What `--verbose` adds: each decision on the way to a result."""
+"""Details that `--verbose` adds to the output: rest detection, convergence, residuals, candidates."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ STAGES = {"accelerometer": "start, accelerometer", "gyroscope": "start, gyroscop
 
 
 def show_fit(out: Output, fit: Mapping[str, Any]) -> None:
-    """How rests were found in each recording, and how each fit came to its end."""
+    """Detection of rests in each recording, and termination of each fit."""
     for number, threshold in enumerate(fit.get("rest_thresholds", ()), start=1):
         out.line(
-            f"recording {number}: at rest is where a window of {threshold['window_s']:.3g} s is below "
-            f"{threshold['factor']:.3g} times the noise floor; from {threshold['stable_from']:.3g} to "
-            f"{threshold['stable_to']:.3g} times the rests are the same"
+            f"recording {number}: rests are windows of {threshold['window_s']:.3g} s below "
+            f"{threshold['factor']:.3g} times the noise floor; factors from {threshold['stable_from']:.3g} "
+            f"to {threshold['stable_to']:.3g} give the same rests"
         )
     for stage, name in STAGES.items():
         if stage in fit:
@@ -34,7 +34,7 @@ def show_fit(out: Output, fit: Mapping[str, Any]) -> None:
 def show_rests_and_moves(
     out: Output, rests: Sequence[Mapping[str, Any]], moves: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Every rest and every move: its residual, what noise leaves of it, and whether it is used."""
+    """Residual, its standard deviation from noise, and use of every rest and move."""
     out.table(
         ("rest", "from s", "to s", "|f| - g, m/s^2", "1 sigma", "use"),
         (
@@ -50,7 +50,7 @@ def show_rests_and_moves(
         ),
     )
     out.table(
-        ("move", "takes s", "direction, deg", "1 sigma", "use"),
+        ("move", "duration s", "direction, deg", "1 sigma", "use"),
         (
             (
                 f"{move['from_rest']} to {move['to_rest']}",
@@ -65,9 +65,9 @@ def show_rests_and_moves(
 
 
 def show_ranking(out: Output, ranking: Sequence[Mapping[str, Any]]) -> None:
-    """Every effect that was looked for, with its evidence against the model without it."""
+    """Every candidate effect with its evidence relative to the model without it."""
     out.table(
-        ("looked for", "log Bayes factor", "chi2", "parameters", "p"),
+        ("candidate", "log Bayes factor", "chi2", "parameters", "p"),
         (
             (
                 score["name"],
@@ -82,9 +82,9 @@ def show_ranking(out: Output, ranking: Sequence[Mapping[str, Any]]) -> None:
 
 
 def show_noise_fits(out: Output, found: NoiseResult) -> None:
-    """What was fitted of each axis, and how well the kinds of noise describe it."""
+    """Fitted range and goodness of fit of each axis."""
     out.table(
-        ("axis", "periods from s", "to s", "one count", "worst octave off by, sigma"),
+        ("axis", "periods from s", "to s", "one count", "largest deviation of an octave, sigma"),
         (
             (
                 name,
@@ -103,4 +103,4 @@ def _number(value: float | None, form: str) -> str:
 
 
 def _use(item: Mapping[str, Any]) -> str:
-    return "used" if item["excluded"] is None else f"left out: {item['excluded']}"
+    return "used" if item["excluded"] is None else f"excluded: {item['excluded']}"

@@ -1,4 +1,4 @@
-"""Where a demonstration writes."""
+"""The output folder of a demonstration."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ __all__ = ["prepare_folder"]
 
 
 def prepare_folder(folder: Path, files: Sequence[str]) -> None:
-    """Make the folder; what an earlier demonstration left there is written over, all of `files`.
+    """Create the folder, or overwrite an earlier demonstration, which contains all of `files`.
 
-    Raises InputError if it cannot be made, and if some of them are there and others are not: the names are
-    those that recordings of real units have.
+    Raises InputError if it cannot be created, or if it contains only some of `files`, which may then be
+    recordings of real units.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise InputError(f"{folder} cannot be made: {error.strerror}: give another folder with -o") from None
+        raise InputError(f"{folder} cannot be created: {error.strerror}: give another folder (-o)") from None
     there = [name for name in files if (folder / name).exists()]
     if there and len(there) < len(files):
         raise InputError(
-            f"{folder / there[0]} is there already and of no demonstration: give another folder (-o)"
+            f"{folder / there[0]} exists and is not from a demonstration: give another folder (-o)"
         )

@@ -1,4 +1,4 @@
-"""`imucal demo gap`: an effect is hidden, found, named and taken away, and at last revealed."""
+"""`imucal demo gap`: hides an effect in a simulated unit, finds it, and compares it with the truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["gap"]
 
-# What a stand run without temperature and encoders shows at its typical size.
+# Effects that are observable at their typical size in a stand run without temperature and encoder readings.
 HIDDEN: Final = (
     "gyro_g_sensitivity",
     "gyro_scale_quadratic",
@@ -30,17 +30,18 @@ HIDDEN: Final = (
     "accel_cross_axis_quadratic",
     "accel_lever_arm",
 )
+# Sampling rate of the simulated runs, Hz.
 RATE_HZ: Final = 100.0
 
 
 def gap(
     folder: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files.")
     ] = Path("demo-gap"),
-    seed: Annotated[int, typer.Option("--seed", help="Of the hidden effect, its size, and both runs.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the hidden effect and of both runs.")] = 1,
     json: JsonPath = None,
 ) -> None:
-    """Hide an effect in a simulated unit, find it, name it, take it away, and reveal what it was.
+    """Hide an effect in a simulated unit, find and compensate it, and compare it with the truth.
 
     Example: imucal demo gap --seed 3
     """
@@ -49,11 +50,11 @@ def gap(
 
     prepare_folder(folder, ("run.csv", "control.csv", "truth.json"))
     hidden = _hidden(seed)
-    with working("simulating a unit with a secret") as stage:
+    with working("simulating a unit with a hidden effect") as stage:
         runs = [
             imucal.simulate("random", seed=2 * seed + k, rate_hz=RATE_HZ, effects=[hidden]) for k in (0, 1)
         ]
-        # The search must not use the stand's angles: few people have them.
+        # Without the stand's angles, which most users do not have.
         run, control = (
             replace(made.recording, stand_rad=None, name=f"{name}.csv")
             for name, made in zip(("run", "control"), runs, strict=True)
@@ -67,16 +68,16 @@ def gap(
     write_json(runs[0].truth.to_dict(), folder / "truth.json")
     out = Output(json)
     out.document({**found.to_dict(), "truth": runs[0].truth.to_dict()})
-    out.line(f"{folder / 'run.csv'} and {folder / 'control.csv'} hide an effect that the 21 parameters miss:")
+    out.line(f"{folder / 'run.csv'} and {folder / 'control.csv'} contain an effect beyond the 21 parameters:")
     for line in found.summary().splitlines():
         out.line(line)
     out.line(_revealed(hidden, found))
     files = f"{folder / 'run.csv'} --control {folder / 'control.csv'}"
-    out.line(f"the same by hand: imucal gap {files} -o improved.json")
+    out.line(f"to repeat the search: imucal gap {files} -o improved.json")
 
 
 def _hidden(seed: int) -> EffectValues:
-    """One effect and its size, of the seed alone."""
+    """A random effect with a random size, determined by the seed."""
     import numpy as np
 
     from imucal.document.whole import check_seed
@@ -92,7 +93,7 @@ def _hidden(seed: int) -> EffectValues:
 
 
 def _revealed(hidden: EffectValues, found: Gap) -> str:
-    """What it was, beside what was found."""
+    """The hidden effect, and whether it was found with the right parameters."""
     from imucal.effects.effect import find
     from imucal.gap.text import for_people
 
@@ -110,5 +111,5 @@ def _revealed(hidden: EffectValues, found: Gap) -> str:
         if p.name in numbers and numbers[p.name]["std"]
     ]
     largest, unit = for_people(float(abs(hidden.values).max()), find(hidden.name).parameters[0].unit)
-    sure = f", every number within {max(off):.1f} sigma" if off else ""
-    return f"the truth: {hidden.name}, {largest:.3g} {unit} at most: {words}{sure}"
+    sure = f", all parameters within {max(off):.1f} sigma" if off else ""
+    return f"the truth: {hidden.name}, largest parameter {largest:.3g} {unit}: {words}{sure}"

@@ -1,4 +1,4 @@
-"""SIGTERM and SIGHUP end a command as Ctrl-C does: the motors of a stand stop, and temporary files go."""
+"""Handling of SIGTERM and SIGHUP like Ctrl-C, so that motors are stopped and temporary files removed."""
 
 from __future__ import annotations
 
@@ -13,50 +13,51 @@ from typing import Any, Final
 __all__ = ["INTERRUPTED", "Ended", "as_interrupts"]
 
 INTERRUPTED: Final = 128 + signal.SIGINT
-# Windows has no SIGHUP.
-HEARD: Final = ("SIGTERM", "SIGHUP")
-# A terminal that is closed sends SIGHUP, and its shell once more: that must not break off the stop of motors.
+# Handled signals; Windows has no SIGHUP.
+HANDLED: Final = ("SIGTERM", "SIGHUP")
+# Further signals within this time, s, are ignored: a closing terminal and its shell both send SIGHUP, and the
+# second must not interrupt the stopping of the motors.
 GRACE_S: Final = 5.0
 
 
 class Ended:
-    """By which signal the command was ended, if it was."""
+    """The signal that has ended the command, if any."""
 
     def __init__(self) -> None:
         self.by: signal.Signals | None = None
-        self._heard_s = -GRACE_S
+        self._last_signal_s = -GRACE_S
 
-    def hear(self, number: int, _: Any) -> None:
-        """A signal has come."""
+    def handle(self, number: int, _: Any) -> None:
+        """Signal handler: raises KeyboardInterrupt."""
         now_s = time.monotonic()
-        if now_s - self._heard_s < GRACE_S:
+        if now_s - self._last_signal_s < GRACE_S:
             return
-        self.by, self._heard_s = signal.Signals(number), now_s
+        self.by, self._last_signal_s = signal.Signals(number), now_s
         _leave_closed_terminal()
         raise KeyboardInterrupt
 
     @property
     def what(self) -> str:
-        """What happened, for a message."""
+        """Description for a message."""
         return "interrupted" if self.by is None else f"ended by {self.by.name}"
 
     @property
     def code(self) -> int:
-        """The exit code, as a shell has it for a process that a signal ended."""
+        """The exit code that shells use for a process ended by this signal."""
         return INTERRUPTED if self.by is None else 128 + self.by
 
 
 @contextmanager
 def as_interrupts() -> Iterator[Ended]:
-    """In this block SIGTERM and SIGHUP raise KeyboardInterrupt."""
+    """Inside this block SIGTERM and SIGHUP raise KeyboardInterrupt."""
     ended = Ended()
     numbers = []
-    # Another thread cannot be interrupted, and who has a signal ignored, such as nohup, wants that.
+    # Signals interrupt the main thread only. Signals that are already ignored, as with nohup, stay ignored.
     if threading.current_thread() is threading.main_thread():
-        known = [getattr(signal, name) for name in HEARD if hasattr(signal, name)]
+        known = [getattr(signal, name) for name in HANDLED if hasattr(signal, name)]
         numbers = [number for number in known if signal.getsignal(number) == signal.SIG_DFL]
     for number in numbers:
-        signal.signal(number, ended.hear)
+        signal.signal(number, ended.handle)
     try:
         yield ended
     finally:
@@ -65,7 +66,7 @@ def as_interrupts() -> Iterator[Ended]:
 
 
 def _leave_closed_terminal() -> None:
-    """What is said from now on must not fail where nobody can read it."""
+    """Redirect output to the null device if the terminal is closed, so that later messages do not fail."""
     for stream in (1, 2):
         try:
             os.write(stream, b"")

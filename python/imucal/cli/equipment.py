@@ -1,4 +1,4 @@
-"""The options by which `imucal stand` knows its equipment, in one place: what moves, and what sends."""
+"""The options of `imucal stand` that describe the stand and the unit's data."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ if TYPE_CHECKING:
 __all__ = ["Equipment", "equipment_options"]
 
 DRIVERS = ("simulated", "grbl", "manual")
+# Headings of the options in the help.
 SIMULATED = "Simulated driver"
 GRBL = "Controller"
 UNIT = "The unit's data"
-# Which drivers the options under a heading are for.
+# Drivers that the options under each heading apply to.
 OF_PANEL = {SIMULATED: ("simulated",), GRBL: ("grbl",), UNIT: ("grbl", "manual")}
 
 
@@ -32,18 +33,18 @@ def _option(name: str, help: str, panel: str | None = None, **more: Any) -> Any:
 
 @dataclass(frozen=True)
 class Equipment:
-    """What moves a stand, and what the unit on it sends; the fields are options."""
+    """The driver of a stand and the source of the unit's samples; the fields are command line options."""
 
-    driver: Annotated[str, _option("--driver", f"What moves the stand: {', '.join(DRIVERS)}.")] = "simulated"
+    driver: Annotated[str, _option("--driver", f"Driver of the stand: {', '.join(DRIVERS)}.")] = "simulated"
     speed: Annotated[
         float,
-        _option("--speed", "How many times faster than real time; the samples are the same.", SIMULATED),
+        _option("--speed", "Factor on real time; the samples do not depend on it.", SIMULATED),
     ] = 1.0
     unit: Annotated[
         str,
         _option(
             "--unit",
-            "The unit, as `imucal simulate` takes it.",
+            "The simulated unit, see `imucal simulate --unit`.",
             SIMULATED,
             metavar="NAME|FILE",
             autocompletion=completion.units,
@@ -53,35 +54,39 @@ class Equipment:
         str | None,
         _option(
             "--stand",
-            "Errors of the stand: a stand file, cheap, or cheap:SEED for another one.",
+            "Errors of the stand: a stand file, cheap, or cheap:SEED for another stand.",
             SIMULATED,
             metavar="FILE|cheap",
         ),
     ] = None
-    rate_hz: Annotated[float, _option("--rate-hz", "Sample rate of the simulated unit.", SIMULATED)] = 200.0
+    rate_hz: Annotated[float, _option("--rate-hz", "Sampling rate of the simulated unit, Hz.", SIMULATED)] = (
+        200.0
+    )
     fault: Annotated[
         str | None,
         _option(
             "--fault",
-            "A hidden fault, to try what a line makes of it: slip, loose-mount, clipping or dead-axis.",
+            "A hidden fault, to test a production line: slip, loose-mount, clipping or dead-axis.",
             SIMULATED,
             metavar="NAME",
         ),
     ] = None
 
     fault_seed: Annotated[
-        int, _option("--fault-seed", "Of the size and place of the hidden fault.", SIMULATED)
+        int, _option("--fault-seed", "Seed of the size, axis and time of the hidden fault.", SIMULATED)
     ] = 1
     port: Annotated[
         str | None, _option("--port", "grbl: serial port of the controller.", GRBL, metavar="PORT")
     ] = None
     baud: Annotated[int, _option("--baud", "grbl: baud rate of the controller.", GRBL)] = 115200
-    axes: Annotated[str, _option("--axes", "grbl: letters of the motors, outer motor first.", GRBL)] = "XYZ"
+    axes: Annotated[str, _option("--axes", "grbl: axis letters of the motors, outermost first.", GRBL)] = (
+        "XYZ"
+    )
     source: Annotated[
         str | None,
         _option(
             "--source",
-            "Where the unit sends: a serial port, tcp://HOST:PORT, or - for standard input.",
+            "Source of the unit's data: a serial port, tcp://HOST:PORT, or - for standard input.",
             UNIT,
             metavar="ADDRESS",
         ),
@@ -93,25 +98,25 @@ class Equipment:
         str | None,
         _option(
             "--columns",
-            "The unit sends lines of numbers: a name for each, '-' to leave one out, '*' at the end for a "
-            "checksum as in NMEA 0183.",
+            "Format of text lines: a name for each number, '-' to ignore one, '*' at the end for a checksum "
+            "as in NMEA 0183.",
             UNIT,
         ),
     ] = None
     packet: Annotated[
-        Path | None, _option("--packet", "The unit sends binary packets, which this file describes.", UNIT)
+        Path | None, _option("--packet", "File that describes the unit's binary packets.", UNIT)
     ] = None
     sample_rate_hz: Annotated[
-        float | None, _option("--sample-rate", "Sample rate of a unit that sends no time, Hz.", UNIT)
+        float | None, _option("--sample-rate", "Sampling rate of a unit that sends no time, Hz.", UNIT)
     ] = None
 
     @property
     def files(self) -> tuple[str | Path | None, ...]:
-        """What is read to know the equipment: files, or names of something built in."""
+        """Input files of these options, including names of built-in units and stands."""
         return (self.unit, self.stand, self.packet)
 
     def open(self, program: Program, seed: int) -> tuple[Driver, Source]:
-        """The driver and the source for a run; `seed` is that of simulated noise."""
+        """The driver and the source for a run; `seed` is the seed of simulated noise."""
         self._require_own_options()
         if self.driver == "simulated":
             from imucal.stand.faults import SimulatedUnit
@@ -125,7 +130,7 @@ class Equipment:
             from imucal.stand.grbl import GrblDriver
 
             if self.port is None:
-                raise InputError("the driver grbl needs the port of the controller: give --port")
+                raise InputError("the driver grbl needs the serial port of the controller: give --port")
             axes = Axes(self.axes.upper())
             return GrblDriver(program, self.port, baud=self.baud, axes=axes), self._unit()
         if self.driver == "manual":
@@ -136,10 +141,10 @@ class Equipment:
         raise InputError(f"there is no driver {self.driver!r}: give one of {', '.join(DRIVERS)}")
 
     def _require_own_options(self) -> None:
-        """Refuse options of another driver: without --driver all of a real stand would be passed over."""
+        """Refuse options of another driver, which would otherwise be ignored silently."""
         declared = get_type_hints(type(self), include_extras=True)
         for field in fields(self):
-            # In an annotation its first argument, which typer keeps as `default`, is the option's name.
+            # typer keeps the first argument of an option in an annotation, its name, as `default`.
             option = declared[field.name].__metadata__[0]
             drivers = OF_PANEL.get(option.rich_help_panel, DRIVERS)
             if (
@@ -148,7 +153,7 @@ class Equipment:
                 and getattr(self, field.name) != field.default
             ):
                 raise InputError(
-                    f"{option.default} is no option of the driver {self.driver}: give --driver "
+                    f"the driver {self.driver} has no option {option.default}: give --driver "
                     f"{' or '.join(drivers)}, or leave it out"
                 )
 
@@ -162,9 +167,9 @@ class Equipment:
         from imucal.stand.stream import StreamSource
 
         if self.source is None:
-            raise InputError(f"the driver {self.driver} needs the data of the unit: give --source")
+            raise InputError(f"the driver {self.driver} needs the source of the unit's data: give --source")
         if (self.columns is None) == (self.packet is None):
-            raise InputError("say what the unit sends: give either --columns or --packet")
+            raise InputError("the format of the unit's data is needed: give either --columns or --packet")
         link = link_to(self.source, self.source_baud)
         decoder = (
             LineDecoder(self.columns or "")
@@ -172,7 +177,7 @@ class Equipment:
             else PacketDecoder(PacketFormat.read(self.packet))
         )
         source = StreamSource(link, decoder, rate_hz=self.sample_rate_hz)
-        # Before the stand moves, not when the run is to be calibrated.
+        # Checks the columns before the stand moves, and not when the run is calibrated.
         recording_of(source.columns, np.zeros((0, len(source.columns))), "the data of the unit")
         return source
 

@@ -1,4 +1,4 @@
-"""Examples in the help: what is too long for a line goes on after a backslash, so that a copy of it runs."""
+"""Examples in help texts: long commands are broken with a backslash, so that they can be copied and run."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Final
 __all__ = ["pasteable"]
 
 EXAMPLE: Final = "Example: "
-# To the parser a paragraph that begins so has its lines already.
+# Marks a paragraph that the help formatter must not re-wrap.
 KEPT_AS_IT_IS: Final = "\b\n"
-# The help is 80 columns wide and indented by two.
+# Width of an example, characters: the help is 80 columns wide and indented by two.
 WIDTH: Final = 76
 INDENT: Final = "    "
-# What a shell takes for one: quotes may hold spaces.
+# A word as a shell splits it; a quoted word may contain spaces.
 WORD: Final = re.compile(r"(?:'[^']*'|\S)+")
 
 
 def pasteable(text: str | None) -> str | None:
-    """A help text with its examples in lines that the parser leaves alone."""
+    """A help text whose examples are broken into lines and protected from re-wrapping."""
     if text is None:
         return None
     return "\n\n".join(
@@ -28,7 +28,7 @@ def pasteable(text: str | None) -> str | None:
 
 
 def _broken(example: str) -> str:
-    """An example in lines as a shell reads them; an option and its value stay together."""
+    """An example broken into lines, with each option and its value on one line."""
     pieces: list[str] = []
     for word in WORD.findall(example):
         if pieces and pieces[-1].startswith("-") and " " not in pieces[-1] and not word.startswith("-"):

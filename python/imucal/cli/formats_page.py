@@ -1,4 +1,4 @@
-"""The list of formats as a page: docs/formats.md is this text, and so is `imucal convert --list`."""
+"""The page of formats, docs/formats.md, which `imucal convert --list` prints."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ Each extra is installed by its name, for example `pip install "imucal-rs[ros]"`,
 
 
 def page() -> str:
-    """The whole page, as Markdown."""
+    """The page as Markdown."""
     return "\n".join([HEAD, *_overview(), *_sections(), FOOT])
 
 

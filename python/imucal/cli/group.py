@@ -1,4 +1,4 @@
-"""A group of commands: their help is plain text, and --json gets a document when a command fails, too."""
+"""Command groups with plain text help, whose commands write a JSON document also when they fail."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ from imucal.cli.failure import no_result_told, refusal_told
 
 __all__ = ["group"]
 
+# Maximum length of the summary of a command in the list of commands, characters.
 LONGEST_SUMMARY = 200
 
 
 class _Commands(TyperGroup):
-    """Shows each command's first sentence whole, where the parser's own list cuts it short."""
+    """Lists each command with its whole first sentence, which typer's own list would truncate."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**_with_examples(settings))
@@ -33,13 +34,13 @@ class _Commands(TyperGroup):
             formatter.write_dl(rows)
 
     def invoke(self, ctx: Any) -> Any:
-        # `imucal demo` is a group that does something itself.
+        # Also needed for a group, because `imucal demo` runs without a subcommand.
         with no_result_told(ctx.params):
             return super().invoke(ctx)
 
 
 class _Command(TyperCommand):
-    """Writes what went wrong where --json asks for the result."""
+    """Writes the error to the file of --json if the command fails."""
 
     def __init__(self, name: str | None, **settings: Any) -> None:
         super().__init__(name, **_with_examples(settings))
@@ -54,17 +55,17 @@ class _Command(TyperCommand):
 
 
 class _App(typer.Typer):
-    """Its commands are of this file's kind."""
+    """Creates commands of class `_Command`."""
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
         return super().command(name, cls=_Command, **settings)
 
 
 def _with_examples(settings: dict[str, Any]) -> dict[str, Any]:
-    """Settings of a command whose examples can be copied from its help."""
+    """Settings of a command, with examples that can be copied from its help."""
     return settings | {what: pasteable(settings.get(what)) for what in ("help", "epilog")}
 
 
 def group(**settings: Any) -> typer.Typer:
-    """A `typer.Typer`; boxes and colours would take longer to load than all that the help needs."""
+    """A `typer.Typer` with plain text help, because importing rich formatting is slow."""
     return _App(cls=_Commands, rich_markup_mode=None, **settings)

@@ -1,4 +1,4 @@
-"""Options that several commands share: a dataclass whose fields are options, each declared once."""
+"""Options shared by several commands: a dataclass whose fields are command line options."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ __all__ = ["options_of"]
 
 
 def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """A decorator that replaces a command's `parameter` by an option for each field of a dataclass.
+    """A decorator that replaces a command's `parameter` by one option for each field of a dataclass.
 
-    Fields are annotated as typer's options are; the command gets them as one object.
+    group   the dataclass
+
+    The fields have the annotations of typer options. The command receives an instance of the dataclass.
     """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
@@ -41,7 +43,7 @@ def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Ca
             command(**{parameter: given}, **values)
 
         parameters = [given.replace(kind=inspect.Parameter.KEYWORD_ONLY) for given in kept] + options
-        # typer reads both.
+        # typer reads the signature and the annotations.
         with_options.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         with_options.__annotations__ = {given.name: given.annotation for given in parameters}
         return with_options

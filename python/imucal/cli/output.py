@@ -1,4 +1,4 @@
-"""What commands print: tables for people, a JSON document for scripts."""
+"""Output of commands: tables for people, a JSON document for scripts, and options for both."""
 
 from __future__ import annotations
 
@@ -32,44 +32,44 @@ __all__ = [
     "require_apart",
 ]
 
-# Exit codes. Bad input, too, comes to no result.
+# Exit codes: no result (also for bad input), and a poor verdict.
 NO_RESULT = 1
 POOR_VERDICT = 2
-# Wide enough for every table when the output is a file or a pipe, where rich would assume 80 columns.
+# Width for output to a file or a pipe, characters: enough for every table, while rich assumes 80.
 PIPE_WIDTH = 160
 
 JsonPath = Annotated[
-    str | None, typer.Option("--json", metavar="PATH", help="Write the result as JSON; - is standard output.")
+    str | None, typer.Option("--json", metavar="PATH", help="JSON file to write; - is standard output.")
 ]
 Control = Annotated[
     list[Path] | None,
-    typer.Option("--control", metavar="REC", help="A recording that only judges; may be given again."),
+    typer.Option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
 ]
 Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
-MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest, s.")]
+MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest to detect, s.")]
 ExcludeSaturated = Annotated[
-    bool, typer.Option("--exclude-saturated", help="Leave out rests and moves with saturated samples.")
+    bool, typer.Option("--exclude-saturated", help="Exclude rests and moves with saturated samples.")
 ]
 LimitsPath = Annotated[
     Path | None,
     typer.Option(
-        "--limits", metavar="LIMITS", help="Limits file: one that is not kept makes a poor verdict."
+        "--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is exceeded."
     ),
 ]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Say each decision, and not only the result.")]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print intermediate results.")]
 ReportPath = Annotated[
     Path | None,
-    typer.Option("--report", metavar="PAGE", help="HTML page with figures to write; needs plotly."),
+    typer.Option("--report", metavar="PAGE", help="HTML report with figures to write; needs plotly."),
 ]
 
 
 def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str | Path | None]) -> None:
-    """InputError if a file to write is one that is read, or two are one: before anything is lost.
+    """Raises InputError if an output file is also an input or another output, or cannot be written.
 
-    It is raised, too, for one that cannot be written because it is a folder or in none: before the work.
+    It is called before any work is done.
 
-    inputs    files that the command reads; a name of something built in is no file
-    outputs   by option, the files that it writes; "-" is standard output
+    inputs    input files of the command, including names of built-in objects
+    outputs   output files by option; "-" is standard output
     """
     taken = {os.path.realpath(path): "" for path in inputs if path is not None}
     for option, path in outputs.items():
@@ -77,10 +77,11 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
             continue
         _require_place(option, Path(path))
         real = os.path.realpath(path)
-        # What is written to a device or a pipe does not take the place of anything.
+        # Writing to a device or a pipe overwrites nothing.
         if real in taken and (Path(real).is_file() or not Path(real).exists()):
             raise InputError(
-                f"{taken[real]} and {option} are both {path}, one would overwrite the other: give two paths"
+                f"{taken[real]} and {option} are both {path}, so one would overwrite the other: give two "
+                "paths"
                 if taken[real]
                 else f"{option} {path} would overwrite a file that this command reads: give another path"
             )
@@ -88,17 +89,17 @@ def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str
 
 
 def _require_place(option: str, path: Path) -> None:
-    """InputError if there is no place for a file."""
+    """Raises InputError if `path` is a folder or its folder does not exist."""
     if path.is_dir():
-        raise InputError(f"{option} {path} cannot be written: it is a folder, give a file's name")
+        raise InputError(f"{option} {path} cannot be written: it is a folder; give the name of a file")
     if not path.parent.is_dir():
         raise InputError(
-            f"{option} {path} cannot be written: there is no folder {path.parent}: make it first"
+            f"{option} {path} cannot be written: there is no folder {path.parent}: create it first"
         )
 
 
 def prepare_report(path: Path | None) -> None:
-    """ImucalError if a report is asked for and plotly is missing: before the work, not after it."""
+    """Raises ImucalError, before any work, if a report is requested and plotly is missing."""
     if path is not None:
         from imucal.report import require_plotly
 
@@ -106,18 +107,20 @@ def prepare_report(path: Path | None) -> None:
 
 
 class Output:
-    """The output of one command: `json_path` as given with --json.
+    """The output of a command.
 
-    With --json - the document alone goes to standard output, the summary for people to standard error.
+    With `json_path` "-", only the document goes to standard output, and the summary to standard error.
+
+    json_path   value of --json, or None
     """
 
-    # How many documents this process has written: none, and the last run's may still be there.
+    # Number of documents written in this process; if it is 0, the file of --json may be from an earlier run.
     documents: ClassVar[int] = 0
 
     def __init__(self, json_path: str | None) -> None:
         from rich.console import Console
 
-        # A file's name, or a sigma on an old console, must not end a command that has done its work.
+        # Characters that the console cannot encode must not end the command with an error.
         for output in (sys.stdout, sys.stderr):
             if isinstance(output, io.TextIOWrapper):
                 output.reconfigure(errors="backslashreplace")
@@ -127,7 +130,7 @@ class Output:
         self._console = Console(file=stream, width=width, markup=False, highlight=False, emoji=False)
 
     def document(self, document: Mapping[str, Any]) -> None:
-        """Write the JSON document, if one was asked for."""
+        """Write the JSON document if it was requested."""
         from imucal.document.json_document import to_json, write_json
 
         if self._json_path == "-":
@@ -137,11 +140,11 @@ class Output:
         Output.documents += 1
 
     def line(self, text: str) -> None:
-        """A line of text; it is never broken."""
+        """Print a line of text without wrapping it."""
         self._console.print(text, soft_wrap=True)
 
     def table(self, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-        """A table: the first column to the left, the others to the right."""
+        """Print a table, with the first column aligned left and the others right."""
         from rich.measure import Measurement
         from rich.table import Table
 
@@ -150,7 +153,7 @@ class Output:
             table.add_column(heading, justify="left" if index == 0 else "right", no_wrap=True)
         for row in rows:
             table.add_row(*row)
-        # A narrow terminal breaks a long line; digits that are cut off would be lost.
+        # In a narrow terminal long lines wrap, whereas rich would truncate numbers to its width.
         own_width = self._console.width
         self._console.width = max(own_width, PIPE_WIDTH)
         self._console.width = max(
@@ -160,7 +163,7 @@ class Output:
         self._console.width = own_width
 
     def parameters(self, parameters: Sequence[Parameter], truth: Mapping[str, float] | None = None) -> None:
-        """The table of parameters, with the truth where it is known."""
+        """The table of parameters, with true values if they are known."""
         headings = ["parameter", "value", "1 sigma", *(["truth", "error / sigma"] if truth else []), "unit"]
         rows = []
         for p in parameters:
@@ -171,7 +174,7 @@ class Output:
         self.table(headings, rows)
 
     def figures(self, rows: Mapping[str, Mapping[str, Any] | None]) -> None:
-        """The figures of merit, one line for each set."""
+        """The figures of merit, one line per set of recordings."""
         from imucal.calibration.figures import figures_text
 
         for name, figures in rows.items():
@@ -179,12 +182,12 @@ class Output:
                 self.line(f"{name}: {figures_text(figures)}")
 
     def findings(self, findings: Sequence[Finding]) -> None:
-        """One line for each finding."""
+        """One line per finding."""
         for finding in findings:
             self.line(finding.line)
 
     def judgement(self, judgement: Judgement | None, verbose: bool) -> None:
-        """The limits that are not kept, the worst first, and with `verbose` the others after them."""
+        """The failed checks against limits, the worst first, and with `verbose` all checks."""
         if judgement is None:
             return
         checks = judgement.by_use if verbose else judgement.failed
@@ -198,7 +201,7 @@ class Output:
         self.line(judgement.count)
 
     def verdict(self, verdict: str, reasons: Sequence[str]) -> None:
-        """The verdict; a poor one ends the command with its exit code."""
+        """The verdict with its reasons; a poor one ends the command with its exit code."""
         self.line("; ".join((f"verdict: {verdict}", *reasons)))
         if verdict == "poor":
             raise typer.Exit(POOR_VERDICT)

@@ -1,4 +1,4 @@
-"""The options with which every command reads recordings, in one place."""
+"""The options for reading recordings, shared by all commands."""
 
 from __future__ import annotations
 
@@ -21,7 +21,8 @@ __all__ = ["Files", "Reading", "reading_options"]
 Files = Annotated[list[Path], typer.Argument(metavar="REC...", help="Recordings of one unit.")]
 
 T = TypeVar("T")
-_PANEL = "Other people's files"
+# Heading of these options in the help.
+_PANEL = "Files of other programs"
 
 
 def _option(name: str, help: str) -> Any:
@@ -31,22 +32,24 @@ def _option(name: str, help: str) -> Any:
 
 @dataclass(frozen=True)
 class Reading:
-    """How files are read; the fields are the options of `imucal.read`."""
+    """Options for reading files; the fields are the arguments of `imucal.read`."""
 
     format: Annotated[
         str | None,
-        _option("--format", "One that `imucal convert --list` shows; found out from the file if not given."),
+        _option("--format", "Format, see `imucal convert --list`; detected from the file if not given."),
     ] = None
     columns: Annotated[
         str | None,
         _option(
             "--columns",
-            "A name for every column, '-' to leave one out: accel_x_mps2,...,gyro_z_dps; or ours=theirs "
-            "where the file has names of its own.",
+            "A name for every column, '-' to ignore it: accel_x_mps2,...,gyro_z_dps; or canonical=name,... "
+            "if the file has other names.",
         ),
     ] = None
-    rate_hz: Annotated[float | None, _option("--rate-hz", "Sample rate, if there is no time column.")] = None
-    skip_rows: Annotated[int | None, _option("--skip-rows", "columns: lines to leave out at the top.")] = None
+    rate_hz: Annotated[
+        float | None, _option("--rate-hz", "Sampling rate, Hz, if there is no time column.")
+    ] = None
+    skip_rows: Annotated[int | None, _option("--skip-rows", "columns: lines to skip at the start.")] = None
     topic: Annotated[
         str | None,
         _option("--topic", "ROS, MCAP: topic, or two as ACCEL,GYRO. PX4, ArduPilot: name of the message."),
@@ -54,26 +57,22 @@ class Reading:
     instance: Annotated[
         int | None, _option("--instance", "PX4, ArduPilot: number of the sensor, from 0.")
     ] = None
-    group: Annotated[str | None, _option("--group", "MATLAB, HDF5, NumPy: where the arrays are.")] = None
+    group: Annotated[str | None, _option("--group", "MATLAB, HDF5, NumPy: group of the arrays.")] = None
     receive_time: Annotated[
-        bool, _option("--receive-time", "ROS, MCAP: time stamps of the bag, not those of the messages.")
+        bool, _option("--receive-time", "ROS, MCAP: use the time stamps of the bag, not of the messages.")
     ] = False
-    time_unit: Annotated[str | None, _option("--time-unit", "imu_tk: s, ms, us or ns; s if not given.")] = (
-        None
-    )
-    accel_unit: Annotated[str | None, _option("--accel-unit", "imu_tk: lsb or m/s^2; lsb if not given.")] = (
-        None
-    )
-    gyro_unit: Annotated[str | None, _option("--gyro-unit", "imu_tk: lsb or rad/s; lsb if not given.")] = None
+    time_unit: Annotated[str | None, _option("--time-unit", "imu_tk: s (default), ms, us or ns.")] = None
+    accel_unit: Annotated[str | None, _option("--accel-unit", "imu_tk: lsb (default) or m/s^2.")] = None
+    gyro_unit: Annotated[str | None, _option("--gyro-unit", "imu_tk: lsb (default) or rad/s.")] = None
 
     def one(self, paths: Sequence[Path]) -> Recording:
-        """The recording that these files make."""
+        """The recording in these files."""
         from imucal.io import read
 
         return read(*paths, **self._options())
 
     def by_pieces(self, paths: Sequence[Path], use: Callable[[Iterator[Recording]], T]) -> T:
-        """What `use` makes of that recording piece by piece, or of the whole if it cannot be read so."""
+        """Call `use` with the recording in pieces, or in one piece if it cannot be read in several."""
         from imucal.io import NotInPartsError, read_pieces
 
         try:
@@ -82,13 +81,13 @@ class Reading:
             return use(iter([self.one(paths)]))
 
     def each(self, paths: Sequence[Path]) -> list[Recording]:
-        """The recordings in these files; formats of two files take them in pairs."""
+        """The recordings in these files; formats with two files per recording take them in pairs."""
         from imucal.io import files_per_recording
 
         size = files_per_recording(self.format)
         if len(paths) % size:
             raise InputError(
-                f"{len(paths)} files are given, the format {self.format} needs {size} for each recording"
+                f"{len(paths)} files given, but the format {self.format} needs {size} for each recording"
             )
         return [self.one(paths[start : start + size]) for start in range(0, len(paths), size)]
 

@@ -1,4 +1,4 @@
-"""A sign of life while a command works."""
+"""A progress display on the terminal while a command works."""
 
 from __future__ import annotations
 
@@ -12,32 +12,34 @@ if TYPE_CHECKING:
 
 __all__ = ["Stage", "working"]
 
-# What is done sooner needs no sign.
+# The display appears after this time, s.
+DELAY_S = 1.0
 PATIENCE_S = 1.0
 
 
 class Stage:
-    """What a command is at; without a terminal nothing is shown."""
+    """The current stage of a command, for the display; does nothing without a terminal."""
 
     def __init__(self, progress: Progress | None = None, task: TaskID | None = None) -> None:
         self._progress, self._task = progress, task
 
     def __call__(self, name: str) -> None:
-        """Go on to another stage."""
+        """Show the name of the next stage."""
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, description=name)
 
     def step(self) -> None:
-        """One of the steps is done."""
+        """Count one step as done."""
         if self._progress is not None and self._task is not None:
             self._progress.advance(self._task)
 
 
 @contextmanager
 def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
-    """Show on a terminal's standard error what takes longer than a second; it vanishes when done.
+    """Show a progress display on standard error while the work takes longer than `DELAY_S`.
 
-    The stage and the time spent in it; with `steps` also how many of them are done, and the time left.
+    The display shows the stage and the elapsed time, and with `steps` also the number of steps done and the
+    remaining time. Nothing is shown without a terminal.
     """
     if not sys.stderr.isatty():
         yield Stage()
@@ -64,14 +66,14 @@ def working(stage: str, steps: int | None = None) -> Iterator[Stage]:
         columns += [MofNCompleteColumn(), Remaining(), TextColumn("left")]
     progress = Progress(*columns, console=Console(stderr=True), transient=True)
     task = progress.add_task(stage, total=steps)
-    patience = threading.Timer(PATIENCE_S, progress.start)
-    patience.daemon = True
-    patience.start()
+    timer = threading.Timer(DELAY_S, progress.start)
+    timer.daemon = True
+    timer.start()
     try:
         yield Stage(progress, task)
     finally:
-        patience.cancel()
-        # It may be starting at this very moment.
-        patience.join()
+        timer.cancel()
+        # The timer may be starting the display right now.
+        timer.join()
         if progress.live.is_started:
             progress.stop()

@@ -1,4 +1,4 @@
-"""Motions that a stand can run to tell effects apart, those that take least effort first."""
+"""Motions that distinguish effects on a stand, in ascending order of effort."""
 
 from __future__ import annotations
 
@@ -15,15 +15,18 @@ if TYPE_CHECKING:
 
 __all__ = ["Suggestion", "suggestions"]
 
-# Of the random turns; runs that are there were hardly made with the same.
+# Seed of the random turns, other than the default seed 1, with which the recordings were probably made.
 SEED: Final = 2
+# Number of moves and mean rate, deg/s, of the random program.
 MOVES: Final = 45
 MAX_RATE_DPS: Final = 120.0
-# Mean rates of one motor; the fastest is that of the other programs.
+# Mean rates of one motor in the programs with several rates, deg/s, and moves at each rate.
 RATES_DPS: Final = (15.0, 30.0, 60.0, 120.0)
 FASTER_DPS: Final = (30.0, 120.0, 240.0)
 MOVES_AT_A_RATE: Final = 14
+# Step between rests on a circle, deg.
 CIRCLE_DEG: Final = 15.0
+# Half of the temperature range of a cycle, K, centred at the mean temperature of the recordings.
 HALF_RANGE_K: Final = 15.0
 
 
@@ -31,12 +34,13 @@ HALF_RANGE_K: Final = 15.0
 class Suggestion:
     """A motion to record next.
 
-    words             what is new in it
-    program           for the stand
-    temperature       as `imucal simulate --temperature` has it, or None: as in the recordings that are there
-    answers           words of the catalogue, what tells effects apart, that this is
-    on_its_own        it has to be searched without the recordings that are there
-    encoders          the stand's angles are recorded
+    words             description
+    program           program for the stand
+    temperature       temperature profile for `imucal simulate --temperature`; None to keep that of the
+                      recordings
+    answers           part of the catalogue's text on how to distinguish effects that this motion implements
+    on_its_own        whether effects must be searched in this recording alone
+    encoders          whether the stand's angles must be recorded
     """
 
     words: str
@@ -48,11 +52,11 @@ class Suggestion:
 
 
 def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Iterator[Suggestion]:
-    """All motions; `needs` is what the fields of the rivals depend on."""
+    """All motions; `needs` are the quantities that the fields of the rivals depend on."""
     again = Program.random(seed=SEED, moves=MOVES, max_rate_dps=MAX_RATE_DPS)
     longer = Program.random(seed=SEED, moves=3 * MOVES, max_rate_dps=MAX_RATE_DPS)
     found = [
-        Suggestion("random turns once more, others than before", again),
+        Suggestion("new random turns", again),
         Suggestion(
             "turns of both signs at several rates, 15 to 120 deg/s",
             _at_rates(RATES_DPS),
@@ -64,7 +68,7 @@ def suggestions(recordings: Sequence[Recording], needs: frozenset[str]) -> Itera
             "turns at rates of up to 240 deg/s, if the gyroscope's range allows", _at_rates(FASTER_DPS)
         ),
     ]
-    # The heading is not known from one recording to the next.
+    # Effects of the heading need one recording, because the heading between recordings is unknown.
     alone = "attitude" in needs
     if alone:
         turned = Program((*_headings(), *again.steps))
@@ -91,7 +95,7 @@ def _at_rates(rates_dps: Sequence[float]) -> Program:
 
 
 def _circles() -> Program:
-    """Gravity goes round in the planes across body x, y and z."""
+    """Rotations of gravity in the planes normal to body x, y and z, with a rest at each step."""
     count = round(360.0 / CIRCLE_DEG)
 
     def circle(*turn_deg: float) -> list[Step]:
@@ -113,7 +117,7 @@ def _circles() -> Program:
 
 
 def _headings() -> list[Step]:
-    """Four headings with each body axis up and down, by motor 3 or, upright, by motor 2."""
+    """Four headings with each body axis up and down, by motor 3, or by motor 2 if its axis is vertical."""
 
     def go(*turn_deg: float) -> Step:
         first, second, third = turn_deg

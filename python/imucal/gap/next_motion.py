@@ -1,11 +1,11 @@
-"""The motion that would decide between effects that a recording cannot tell apart.
+"""The motion that distinguishes between effects that the recordings cannot distinguish (T-optimality).
 
-    T(a, b) = min over base, b of |J_a theta_a - J_base delta - J_b theta_b|^2
+    T(a, b) = min over delta, theta_b of |J_a theta_a - J_base delta - J_b theta_b|^2
 
-in units of noise: the chi2 by which effect a, as large as it was estimated, stays visible however the
-parameters of b and those that are always there adapt. A motion decides if T(a, b) and T(b, a) are large for
-all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). Columns are those of the search, of simulated
-runs.
+Residuals are divided by their standard deviation. T is the chi2 that remains of effect a, with its estimated
+parameters theta_a, after a fit of the rival b and of the 21 base parameters. A motion decides if T(a, b) and
+T(b, a) are large for all rivals (Atkinson and Fedorov, Biometrika 62, 1975, 57-70). The Jacobians J are those
+of the search, evaluated on simulated runs.
 """
 
 from __future__ import annotations
@@ -34,10 +34,12 @@ if TYPE_CHECKING:
 
 __all__ = ["next_motion"]
 
-# Half of chi2 is the expected lead in nats, its root the standard deviation: three are nearly always met.
+# Smallest chi2 that decides between two effects. The log likelihood ratio has the mean chi2 / 2 and the
+# standard deviation sqrt(chi2), so with chi2 = 30 the right effect leads by 15 +- 5.5 nats.
 SEPARATES: Final = 30.0
+# Seed of the noise of simulated runs.
 SEED: Final = 3
-# Of the search's trial time constants, as shares of the longest recording.
+# Trial time constants of the search, as shares of the longest recording.
 SHAPE_SHARES: Final = (0.03, 0.1, 0.3, 1.0)
 
 Design = tuple["FloatArray", Mapping[str, Sequence["FloatArray"]]]
@@ -45,7 +47,12 @@ Design = tuple["FloatArray", Mapping[str, Sequence["FloatArray"]]]
 
 @dataclass(frozen=True, eq=False)
 class _Pair:
-    """An effect as it was estimated, a rival of it, and what else is in the model."""
+    """An effect with its estimated parameters, and a rival.
+
+    values   estimated parameters of the effect
+    shape    its estimated time constant, s, if it has one
+    beside   other effects in the model
+    """
 
     name: str
     rival: str
@@ -57,9 +64,10 @@ class _Pair:
 def next_motion(
     trial: Trial, rivals: Mapping[str, Sequence[str]], after: CalibrationResult
 ) -> dict[str, Any]:
-    """What to record next, in words, and a program that the stand can run.
+    """The next motion: a description, a program for the stand, and the chi2 between rivals now and then.
 
-    rivals  of each effect that joined the model
+    rivals  rivals of each effect that was added to the model
+    after   calibration with these effects
     """
     from imucal.rig.motion import SCHEMA
 
@@ -68,12 +76,12 @@ def next_motion(
     names = {*path, *(rival for of in rivals.values() for rival in of)}
     needs = frozenset(need for name in names & set(known) for need in known[name].needs)
     pairs = list(_pairs(trial, rivals, after)) if names <= set(known) else []
-    told = _told_apart(known, rivals)
+    hints = _distinctions(known, rivals)
     now = _separation(trial, None, pairs, after)
     best: tuple[float, Suggestion] | None = None
-    # What the catalogue says tells them apart comes first.
+    # Motions that the catalogue recommends for these pairs come first.
     library = sorted(
-        suggestions(trial.unit_data, needs), key=lambda s: not any(s.answers in words for words in told)
+        suggestions(trial.unit_data, needs), key=lambda s: not any(s.answers in words for words in hints)
     )
     for suggestion in library:
         trial.stage(f"trying the next motion: {suggestion.words}")
@@ -84,13 +92,13 @@ def next_motion(
             break
     assert best is not None
     chi2, suggestion = best
-    words = [*told, suggestion.words]
+    words = [*hints, suggestion.words]
     if pairs:
-        words.append(f"chi2 between them is then about {chi2:.0f}, and {now:.1f} now")
+        words.append(f"expected chi2 between them {chi2:.0f}, with the present recordings {now:.1f}")
         if chi2 <= SEPARATES:
-            words.append("no motion of the library is sure to decide, this one is the best of them")
+            words.append("no known motion decides with certainty, this one is the best")
     if suggestion.on_its_own:
-        words.append("search that recording on its own")
+        words.append("search for effects in that recording alone")
     return {
         "description": "; ".join(words),
         "program": {"schema": SCHEMA, **plain(suggestion.program.to_dict())},
@@ -101,8 +109,8 @@ def next_motion(
     }
 
 
-def _told_apart(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str]]) -> list[str]:
-    """What the catalogue says of each pair."""
+def _distinctions(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str]]) -> list[str]:
+    """What distinguishes each pair of effects, by the catalogue."""
     words = []
     for name, of in rivals.items():
         for rival in of:
@@ -110,13 +118,13 @@ def _told_apart(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str]]
                 aliases = known[one].aliases if one in known else ()
                 found = next((alias for alias in aliases if alias.name == other), None)
                 if found is not None:
-                    words.append(f"{name} and {rival} are told apart by {found.told_apart_by}")
+                    words.append(f"{name} and {rival} are distinguished by {found.told_apart_by}")
                     break
     return words
 
 
 def _pairs(trial: Trial, rivals: Mapping[str, Sequence[str]], after: CalibrationResult) -> list[_Pair]:
-    """Each pick against each of its rivals, both ways, as large as recordings say."""
+    """Each added effect with each of its rivals, and vice versa, with parameters estimated from the data."""
     path = tuple(rivals)
     pairs = []
     for name, of in rivals.items():
@@ -126,7 +134,7 @@ def _pairs(trial: Trial, rivals: Mapping[str, Sequence[str]], after: Calibration
             try:
                 instead = trial.fit([rival if other == name else other for other in path])
             except ImucalError:
-                # What cannot be fitted has no size; the other way round says enough.
+                # A rival that cannot be fitted has no estimate; the pair in the other order is sufficient.
                 continue
             pairs.append(_pair(instead, rival, name, beside))
     return pairs
@@ -140,7 +148,7 @@ def _pair(result: CalibrationResult, name: str, rival: str, beside: tuple[str, .
 def _separation(
     trial: Trial, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
 ) -> float:
-    """The least chi2 of all pairs with this motion; zero where the motion determines too little."""
+    """The smallest chi2 of all pairs with this motion; zero if the parameters are not determined."""
     if not pairs:
         return 0.0
     recordings = list(trial.unit_data)
@@ -158,7 +166,7 @@ def _separation(
 
 def _design(trial: Trial, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
     _, base, candidates = _core.gap_design(recordings, trial.options, [(name, False) for name in names])
-    # Only products of columns count: R of their QR factors has the same ones in a few rows.
+    # Only inner products of columns are needed, so the small factor R of a QR decomposition replaces them.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}
     at = base.shape[1]
@@ -169,7 +177,7 @@ def _design(trial: Trial, recordings: Sequence[Recording], names: Sequence[str])
 
 
 def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
-    """T of one pair."""
+    """T(a, b) of one pair."""
     base, columns = design
     if pair.name not in columns or pair.rival not in columns:
         return 0.0
@@ -182,13 +190,13 @@ def _chi2(design: Design, pair: _Pair, longest_s: float) -> float:
     beside = [columns[name][0] for name in pair.beside if name in columns]
     rivals = columns[pair.rival]
     if len(rivals) > 1:
-        # A time constant is free: two neighbours together stand for what lies between them.
+        # The time constant is free: two neighbouring trial values together represent those between them.
         rivals = [np.hstack(both) for both in itertools.pairwise(rivals)]
-    return min(_left(trace, np.hstack([base, *beside, rival])) for rival in rivals)
+    return min(_residual_norm2(trace, np.hstack([base, *beside, rival])) for rival in rivals)
 
 
-def _left(trace: FloatArray, columns: FloatArray) -> float:
-    """The square of what columns leave of a vector."""
+def _residual_norm2(trace: FloatArray, columns: FloatArray) -> float:
+    """Squared norm of the residual of a vector after projection on columns."""
     size = np.linalg.norm(columns, axis=0)
     known = columns[:, size > 0] / size[size > 0]
     basis, values, _ = np.linalg.svd(known, full_matrices=False)
@@ -197,7 +205,7 @@ def _left(trace: FloatArray, columns: FloatArray) -> float:
 
 
 def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -> Recording:
-    """The motion with a unit of these triads and noise, without effects, as the unit would record it."""
+    """Simulate the motion with a unit that has the calibration's triads and noise, but no effects."""
     from imucal.simulation.simulate import simulate
 
     calibration = after.calibration
@@ -206,7 +214,7 @@ def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -
         Sensor(
             triad.sensitivity,
             triad.bias,
-            # Noise is added to what leaves the sensor.
+            # The simulation adds noise to raw samples, so the density is converted to raw units.
             noise_density=float(np.mean(density) * np.cbrt(abs(np.linalg.det(triad.sensitivity)))),
         )
         for triad, density in ((calibration.accelerometer, accel), (calibration.gyroscope, gyro))
@@ -214,7 +222,7 @@ def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -
     first = trial.unit_data[0]
     temperature: Any = suggestion.temperature
     if temperature is None and first.temperature_degc is not None:
-        # A calibration bears holes and repeated stamps, knots do not.
+        # A temperature profile needs finite values at increasing times.
         rises = np.diff(np.maximum.accumulate(first.time_s), prepend=-np.inf) > 0
         known = rises & np.isfinite(first.temperature_degc)
         if known.any():

@@ -1,4 +1,4 @@
-"""The finding of a search in sentences."""
+"""The result of a search for missing effects as text."""
 
 from __future__ import annotations
 
@@ -12,30 +12,37 @@ if TYPE_CHECKING:
 
 __all__ = ["explanation", "for_people", "sentences"]
 
-# Delays are shorter than this, time constants longer.
+# Times below this value, s, are delays and shown in ms; longer ones are time constants and shown in s.
 DELAY_S: Final = 0.1
+# Names of the kinds of residuals.
 KINDS: Final = {
-    "rest_norm": "length of gravity at rest",
+    "rest_norm": "|f| - g at rest",
     "rest_rate": "rate at rest about",
     "rest_rate_x": "rate at rest about x",
     "rest_rate_y": "rate at rest about y",
     "rest_rate_z": "rate at rest about z",
     "move_direction": "direction after moves about",
-    "move_force": "force in moves along",
-    "stand_rest": "attitude at rest against the stand",
-    "stand_move": "attitude in moves against the stand",
+    "move_force": "force during moves along",
+    "stand_rest": "attitude at rest relative to the stand",
+    "stand_move": "attitude in moves relative to the stand",
 }
-SEEN_AS: Final = {"move_direction": "direction after moves", "move_force": "force in moves"}
-# Fewer times noise than this are not worth a word.
-WORTH_SAYING: Final = 0.05
+# Names of kinds without an axis.
+WITHOUT_AXIS: Final = {"move_direction": "direction after moves", "move_force": "force during moves"}
+# Predicted residuals below this multiple of their noise are not printed.
+LEAST_TIMES_NOISE: Final = 0.05
+# Variables that explain residuals, if their name needs more words.
+EXPLAINED_BY: Final = {"gravity": "gravity direction"}
+# Number of kinds of residuals that are printed.
 MOST_CHANNELS: Final = 4
-WORTH_CLAIMING: Final = 1.05
-# Unseen rests and moves lead the finding if they gain this share of what the residuals that gain most do.
-WORTH_LEADING: Final = 0.1
+# An improvement factor is printed if its 95 % interval starts above this value.
+LEAST_IMPROVEMENT: Final = 1.05
+# The summary gives a figure of the control set if its improvement, in multiples of noise, is at least this
+# share of that of the residuals that improve most; otherwise it gives those residuals.
+LEAST_SHARE_OF_CONTROL: Final = 0.1
 
 
 def for_people(value: float, unit: str) -> tuple[float, str]:
-    """A number in the unit that people read, and that unit."""
+    """A number converted from SI to the customary unit, and that unit."""
     if unit == "s":
         return (1e3 * value, "ms") if abs(value) < DELAY_S else (value, "s")
     factor, name = SHOWN.get(unit, (1.0, unit))
@@ -43,50 +50,50 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
 
 
 def sentences(gap: Gap) -> Iterator[str]:
-    """The verdict, what explains the gap, what is left, and what to do next."""
+    """The lines of a summary: verdict, effects, residuals, next motion, and figures before and after."""
     yield f"verdict: {gap.verdict}"
     if any(effect["parameters"] for effect in gap.effects):
         yield _finding(gap)
     if gap.verdict == "data_fault":
-        yield "faults of the data come before any effect: mend them and record again"
+        yield "the data have faults, so no effect was searched for: fix them and record again"
     if gap.verdict == "nothing_missing":
         yield _none_of(list(gap.smallest_visible))
     if gap.generic is not None:
         yield gap.generic["description"]
     yield from where_in_words(gap)
     if gap.resembles:
-        yield f"it looks a little like {', '.join(gap.resembles)}"
+        yield f"weakly resembles {', '.join(gap.resembles)}"
     if gap.ambiguous_with:
-        yield f"it may as well be {' or '.join(gap.ambiguous_with)}"
+        yield f"equally plausible: {' or '.join(gap.ambiguous_with)}"
     if gap.next_motion is not None:
-        yield f"next: {gap.next_motion['description']}"
+        yield f"next motion: {gap.next_motion['description']}"
     if gap.corrected_error is not None:
         rate, force = (
             gap.corrected_error[name] for name in ("angular_rate_rms_radps", "specific_force_rms_mps2")
         )
         yield (
-            f"corrected rate {_change(rate, 'rad/s')}, specific force {_change(force, 'm/s^2')}: "
-            "predicted rms error, averaged over 1 s"
+            "predicted rms error of the corrected signals, averaged over 1 s: "
+            f"rate {_change(rate, 'rad/s')}, specific force {_change(force, 'm/s^2')}"
         )
     if gap.gap is not None:
         figure = gap.gap
-        where = "control recordings" if gap.control_set is not None else "rests and moves held out"
+        where = "control recordings" if gap.control_set is not None else "held-out rests and moves"
         refitted = (
             "" if figure.get("refitted") is None else f", {figure['refitted']:.4g} refitted without effects"
         )
         yield (
             f"{where}: {figure['metric']} {figure['before']:.4g} before{refitted}, "
             f"{figure['after']:.4g} after, floor {figure['floor']:.3g}: "
-            # What adds so little that chance makes up for it is not judged by these figures.
+            # A negative share means that the improvement is within the scatter of these figures.
             + (
-                "no more than chance between them"
+                "the difference is not significant"
                 if figure["closed"] < 0
                 else f"{min(100.0, 100 * figure['closed']):.0f} % of the gap closed"
             )
         )
-    unseen = gap.control_set or gap.held_out
-    if unseen is not None:
-        before, after = unseen["before"], unseen["after"]
+    verified = gap.control_set or gap.held_out
+    if verified is not None:
+        before, after = verified["before"], verified["after"]
         known = [
             (words, before[name], after[name], unit)
             for words, name, unit in (
@@ -98,56 +105,57 @@ def sentences(gap: Gap) -> Iterator[str]:
         yield ", ".join(f"{words} {a:.3g} -> {b:.3g} {unit} rms" for words, a, b, unit in known)
     if gap.control_set is None and gap.held_out is not None:
         yield (
-            f"no control recording was given: one rest and one move in {gap.held_out['folds']} in turn "
-            "was left out of a fit and judged it"
+            "no control recording was given: these figures are from cross-validation, in which each of "
+            f"{gap.held_out['folds']} fits predicts rests and moves that it has not used"
         )
     yield from gap.notes
 
 
 def _none_of(names: Sequence[str]) -> str:
-    """That none of the effects that could be seen is there."""
+    """A sentence for the case that no effect was found; `names` are the observable effects."""
     if not names:
-        return "these recordings cannot show any effect that was looked for"
-    what = f"{names[0]} is not" if len(names) == 1 else f"none of {len(names)} effects is"
-    return f"{what} there at a size that these recordings show"
+        return "none of the tested effects is observable in these recordings"
+    if len(names) == 1:
+        return f"{names[0]} is not present above its detection limit"
+    return f"none of {len(names)} effects is present above its detection limit"
 
 
 def _finding(gap: Gap) -> str:
-    """What explains the gap, how large it is, and what it changes, in one sentence."""
-    names = " and ".join(f"{e['name']}, {_size(e)} at most," for e in gap.effects)
+    """A sentence with the effects, their sizes, and the improvement."""
+    names = " and ".join(f"{e['name']} ({_size(e)})" for e in gap.effects)
     explain = "explains" if len(gap.effects) == 1 else "explain"
-    unseen, set_name = (
+    verified, set_name = (
         (gap.control_set, "control") if gap.control_set is not None else (gap.held_out, "held-out")
     )
     figure = _by_the_effects(gap.gap)
     row = max(gap.where["channels"], key=_drop) if gap.where else None
-    # Where rests and moves are about as good without it, it counts inside the moves or at the stand.
+    # If the figures hardly improve, the effect acts inside moves or on the stand: print residuals instead.
     if (
         figure is not None
-        and unseen is not None
+        and verified is not None
         and figure["before"] > 1.1 * figure["floor"]
         and figure["closed"] > 0.1
-        and (row is None or _times_noise_less(figure) > WORTH_LEADING * _drop(row))
+        and (row is None or _times_noise_less(figure) > LEAST_SHARE_OF_CONTROL * _drop(row))
     ):
-        before, after = unseen["before"], unseen["after"]
+        before, after = verified["before"], verified["after"]
         name, unit, words = ("gravity_direction_rms_deg", "deg", "gravity direction")
         if _ratio(before, after, "gravity_norm_rms_mps2") > _ratio(before, after, name):
             name, unit, words = ("gravity_norm_rms_mps2", "m/s^2", "|f| - g")
         closed = min(100.0, 100 * figure["closed"])
         return (
-            f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words} {before[name]:.2g} -> "
+            f"{names} {explain} {closed:.0f} % of the gap; {set_name} {words}: {before[name]:.2g} -> "
             f"{after[name]:.2g} {unit}"
         )
     if row is None or row["times_noise_after"] is None:
-        return f"{names} {explain} what the model misses"
+        return f"{names} {explain} the gap"
     return (
-        f"{names} {explain} the gap; {_channel(row)} {row['times_noise']:.3g} -> "
-        f"{row['times_noise_after']:.2g} times noise"
+        f"{names} {explain} the gap; {_channel(row)}: {row['times_noise']:.3g} -> "
+        f"{row['times_noise_after']:.2g} x noise"
     )
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure from the fit without effects on: what that changes of a given calibration is not theirs."""
+    """The figure relative to a refit without effects, if a calibration was given and has been refitted."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]
@@ -162,7 +170,7 @@ def _ratio(before: Mapping[str, Any], after: Mapping[str, Any], name: str) -> fl
 
 
 def _times_noise_less(figure: Mapping[str, Any]) -> float:
-    """By how many times the noise the figure of the unseen rests and moves becomes less."""
+    """Decrease of the figure of control or held-out data, in multiples of its noise."""
     power = 0.5 if figure["metric"] == "chi2_per_dof" else 1.0
     before, after = ((figure[name] / max(figure["floor"], 1e-300)) ** power for name in ("before", "after"))
     return float(before - after)
@@ -174,39 +182,40 @@ def _drop(row: Mapping[str, Any]) -> float:
 
 
 def _size(effect: Mapping[str, Any]) -> str:
-    """The largest parameter with its standard deviation."""
+    """The largest parameter with its standard deviation, as text."""
     units = {p["unit"] for p in effect["parameters"]}
-    # A time constant is no size.
+    # A time constant does not measure the size of an effect.
     sizes = [p for p in effect["parameters"] if p["unit"] != "s" or units == {"s"}]
     largest = max(sizes, key=lambda p: abs(p["value"]))
     value, unit = for_people(abs(largest["value"]), largest["unit"])
     if not largest["std"]:
-        return f"{value:.3g} {unit}"
+        return f"largest parameter {value:.3g} {unit}"
     factor = value / abs(largest["value"]) if largest["value"] else 1.0
-    return f"{value:.3g} +- {factor * largest['std']:.1g} {unit}"
+    return f"largest parameter {value:.3g} ± {factor * largest['std']:.1g} {unit}"
 
 
 def _change(change: Mapping[str, float], unit: str) -> str:
     (before, name), (after, _) = for_people(change["before"], unit), for_people(change["after"], unit)
     words = f"{before:.2g} -> {after:.2g} {name}"
-    # Where chance may be all of it there is no more to say.
-    if change["factor_low"] < WORTH_CLAIMING:
+    # The factor is omitted if the improvement is not significant.
+    if change["factor_low"] < LEAST_IMPROVEMENT:
         return words
-    return f"{words} ({change['factor_low']:.2g} to {change['factor_high']:.2g} times less)"
+    return f"{words} (by a factor of {change['factor_low']:.2g} to {change['factor_high']:.2g})"
 
 
 def where_in_words(gap: Gap) -> Iterator[str]:
-    """Where measurement and model disagree, the largest first, and what it goes with."""
+    """Lines on the significant residuals, the largest first, with the variables that explain them."""
     if not gap.where:
         return
     rows = [row for row in gap.where["channels"] if row["stands_out"]]
     if not rows:
-        yield "where: no kind of residual exceeds what noise explains"
+        yield "residuals: noise explains all kinds of residuals"
     for row in sorted(rows, key=lambda row: -row["times_noise"])[:MOST_CHANNELS]:
         rms, unit = for_people(row["rms"], row["unit"])
-        goes = next(
+        explained = next(
             (
-                f", {100 * d['share']:.0f} % of its squares go with {d['on'].replace('_', ' ')}"
+                f", {EXPLAINED_BY.get(d['on'], d['on'].replace('_', ' '))} explains "
+                f"{100 * d['share']:.0f} % of the variance"
                 for d in gap.where["depends"]
                 if (d["channel"], d["axis"]) == (row["channel"], row["axis"])
             ),
@@ -215,21 +224,22 @@ def where_in_words(gap: Gap) -> Iterator[str]:
         after = (
             ""
             if row["times_noise_after"] is None or not gap.effects
-            else f", {row['times_noise_after']:.2g} after"
+            else f" ({row['times_noise_after']:.2g} x with the effects)"
         )
-        times = f"{row['times_noise']:.3g} times noise{after}"
-        yield f"where: {_channel(row)}: {rms:.3g} {unit} rms, {times}{goes}"
+        times = f"{row['times_noise']:.3g} x noise{after}"
+        yield f"residuals: {_channel(row)}: {rms:.3g} {unit} rms, {times}{explained}"
     if len(rows) > MOST_CHANNELS:
-        yield f"where: and {len(rows) - MOST_CHANNELS} more kinds of residuals: the report has them all"
+        yield f"residuals: {len(rows) - MOST_CHANNELS} more kinds are significant, see --report"
     for kind in ("rest", "move"):
         items = gap.where[f"{kind}s"]
         if items:
             worst = max(items, key=lambda item: item["times_noise"])
             about = gap.where["turns_about"] if kind == "move" else None
-            count = f"1 {kind} stands" if len(items) == 1 else f"{len(items)} {kind}s stand"
+            count = f"1 {kind} has a" if len(items) == 1 else f"{len(items)} {kind}s have a"
             yield (
-                f"where: {count} out{f', all turns about {about}' if about else ''}, most {kind} "
-                f"{worst['index']} of {worst['recording']} with {worst['times_noise']:.3g} times noise"
+                f"residuals: {count} significant "
+                f"residual{f', all rotations about {about}' if about else ''}; worst: {kind} "
+                f"{worst['index']} of {worst['recording']} ({worst['times_noise']:.3g} x noise)"
             )
 
 
@@ -238,7 +248,7 @@ def _channel(row: Mapping[str, Any]) -> str:
 
 
 def explanation(gap: Gap, name: str) -> Iterator[str]:
-    """What an effect is, how it would look here, whether it could be seen, and how large it may be unseen."""
+    """Lines on one effect: formula, predicted residuals, detection limit, and result in these recordings."""
     from imucal.effects.effect import Effect, find
 
     own = next((effect for effect in gap.user_effects if effect.name == name), None)
@@ -246,39 +256,39 @@ def explanation(gap: Gap, name: str) -> Iterator[str]:
     sizes = dict.fromkeys("{:.2g} {}".format(*for_people(p.typical, p.unit)) for p in effect.parameters)
     if isinstance(effect, Effect):
         yield f"{name} ({effect.sensor}): {effect.formula}"
-        yield f"typically {', '.join(sizes)}; it is seen in {effect.observable}"
+        yield f"typical size {', '.join(sizes)}; observable in: {effect.observable}"
     else:
-        yield f"{name} ({effect.sensor}): an effect of your own, typically {', '.join(sizes)}"
+        yield f"{name} ({effect.sensor}): a user-defined effect, typical size {', '.join(sizes)}"
     missing = next((item for item in gap.not_observable if item["name"] == name), None)
     trace = gap.traces.get(name)
     if trace is not None and missing is None:
         kinds = sorted(trace["times_noise"].items(), key=lambda kind: -kind[1])
         seen = [
-            f"{times:.2g} times noise in the {SEEN_AS.get(kind, KINDS[kind])}"
+            f"{WITHOUT_AXIS.get(kind, KINDS[kind])} {times:.2g} x noise"
             for kind, times in kinds
-            if times > WORTH_SAYING
+            if times > LEAST_TIMES_NOISE
         ]
         yield (
-            f"at that size it would leave here {', '.join(seen[:MOST_CHANNELS]) or 'next to nothing'}; "
-            f"of its squares the 21 parameters take up {100 * trace['taken_up']:.0f} %"
+            f"expected residuals at this size: {', '.join(seen[:MOST_CHANNELS]) or 'negligible'}; "
+            f"the 21 parameters absorb {100 * trace['taken_up']:.0f} % of their variance"
         )
     if missing is not None:
-        yield f"these recordings cannot show it: it needs {missing['needs']}; it may be of any size"
+        yield f"not observable in these recordings: it needs {missing['needs']}; its size is unknown"
     if name in gap.smallest_visible:
         size = gap.smallest_visible[name]
         value, unit = for_people(size["value"], size["unit"])
         yield (
-            f"it would have been seen from {value:.2g} {unit} rms per parameter on: a smaller one may be "
-            "there unseen"
+            f"detection limit in these recordings: {value:.2g} {unit} rms per parameter; a smaller effect "
+            "would not be detected"
         )
-    joined = next((e for e in gap.effects if e["name"] == name and e["parameters"]), None)
+    added = next((e for e in gap.effects if e["name"] == name and e["parameters"]), None)
     score = next((score for score in gap.ranking if score["name"] == name), None)
-    if joined is not None:
-        yield f"here: it joined the model, {_size(joined)} at most, {_evidence(joined)}"
+    if added is not None:
+        yield f"result: added to the model, {_size(added)}, {_evidence(added)}"
     elif score is not None:
-        yield f"here: it did not join; by itself against the model without effects {_evidence(score)}"
+        yield f"result: not added to the model; alone, relative to no effects: {_evidence(score)}"
     for alias in effect.aliases if isinstance(effect, Effect) else ():
-        yield f"{alias.name} looks like it; they are told apart by {alias.told_apart_by}"
+        yield f"similar to {alias.name}; distinguished by {alias.told_apart_by}"
 
 
 def _evidence(score: Mapping[str, Any]) -> str:

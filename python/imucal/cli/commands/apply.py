@@ -22,9 +22,10 @@ if TYPE_CHECKING:
 
 __all__ = ["apply"]
 
-# Share of the calibrated range that a temperature may be outside of it: there a line is still a line.
+# Temperatures may exceed the calibrated range by this share of it before a warning, as extrapolation is then
+# safe.
 BEYOND: Final = 0.05
-# No IMU works at it: the column is in kelvin.
+# Above this temperature, which no IMU tolerates, the column is probably in kelvin.
 TOO_HOT_DEGC: Final = 200.0
 
 
@@ -38,10 +39,10 @@ def apply(
     reading: Reading,
     json: JsonPath = None,
 ) -> None:
-    """Correct a recording: SI units, body frame, the same column names; effects are taken away.
+    """Correct a recording: SI units, body frame, the same column names; effects are compensated.
 
-    CSV and Parquet are corrected piece by piece, so that memory does not grow with the file; but for a lever
-    arm or a delay, which need the change of the rate.
+    CSV and Parquet files are corrected in pieces, so that memory does not grow with the file. Calibrations
+    with a lever arm or a delay need the derivative of the rate, and correct the file as a whole.
 
     Example: imucal apply unit-0042.json run.csv -o corrected.csv
     """
@@ -80,15 +81,15 @@ def apply(
     )
     out.line(f"{output}: {corrected.whole!r}")
     if removed:
-        out.line(f"effects taken away: {', '.join(removed)}")
+        out.line(f"effects compensated: {', '.join(removed)}")
     if unit.left_in_data:
-        out.line(f"left in the data, as no error of the sensor: {', '.join(unit.left_in_data)}")
+        out.line(f"not compensated, as they are no sensor errors: {', '.join(unit.left_in_data)}")
     for warning in warnings:
         out.line(f"warning: {warning}")
 
 
 def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
-    """What is to be said of temperatures that the calibration has not seen."""
+    """A warning for temperatures outside the range of the calibration; empty if there are none."""
     known, effects = unit.temperature_range_degc, unit.temperature_effects
     if seen is None or known is None or not effects:
         return []
@@ -96,39 +97,39 @@ def _beyond(unit: Calibration, seen: tuple[float, float] | None) -> list[str]:
     if known[0] - margin <= seen[0] and seen[1] <= known[1] + margin:
         return []
     return [
-        f"the temperature is {seen[0]:.5g} to {seen[1]:.5g} degC, the calibration has seen {known[0]:.5g} to "
-        f"{known[1]:.5g} degC: outside it the numbers of {' and '.join(effects)} are an assumption"
-        + (": is the column in kelvin? temp_degc is in degC" if seen[1] > TOO_HOT_DEGC else "")
+        f"the temperature is {seen[0]:.5g} to {seen[1]:.5g} degC, but the calibration covers {known[0]:.5g} "
+        f"to {known[1]:.5g} degC: outside this range, {' and '.join(effects)} are extrapolated"
+        + ("; is the column in kelvin? temp_degc is in degC" if seen[1] > TOO_HOT_DEGC else "")
     ]
 
 
 class _Empty:
-    """Samples that are empty for one reason: how many, and which is the first."""
+    """The number of samples that are empty for a given reason, and the index of the first."""
 
     def __init__(self) -> None:
         self.count = 0
         self.first = 0
 
     def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
-        """The samples of a piece that `before` samples have come before."""
+        """Add the flags of a piece that starts at sample `before` of the recording."""
         if not self.count and empty.any():
             self.first = before + int(empty.argmax())
         self.count += int(empty.sum())
 
-    def said(self, reason: str) -> list[str]:
-        """A warning, if there are any."""
+    def warning(self, reason: str) -> list[str]:
+        """The warning about these samples; empty if there are none."""
         if not self.count:
             return []
         samples = "1 sample is" if self.count == 1 else f"{self.count} samples are"
-        return [f"{samples} empty, the first is sample {self.first}: {reason}"]
+        return [f"{samples} empty, first sample {self.first}: {reason}"]
 
 
 class _Corrected:
-    """Pieces of a recording, corrected as they pass, and the samples that are empty after it.
+    """Corrects the pieces of a recording, and counts samples without a valid result.
 
-    missing         without rate or force in the recording already
-    no_temperature  lost for want of the temperature
-    lost            lost otherwise
+    missing         samples whose rate or force is missing in the recording
+    no_temperature  samples without a result because their temperature is missing
+    lost            samples without a result for other reasons
     """
 
     def __init__(self, unit: Calibration, pieces: Iterator[Recording]) -> None:
@@ -140,14 +141,14 @@ class _Corrected:
         self._unit = unit
 
     def warnings(self) -> list[str]:
-        """What is to be said of empty samples."""
-        too_large = "the effects are too large there to be undone"
+        """Warnings about empty samples."""
+        too_large = "the effects are too large to be inverted"
         if self.missing.count and not self._unit.takes_pieces:
-            too_large += ", or the change of the rate is not known beside samples without one"
+            too_large += ", or the derivative of the rate is unknown next to missing samples"
         return [
-            *self.missing.said("the rate or the force is not a number there"),
-            *self.no_temperature.said("the temperature is not a number there"),
-            *self.lost.said(too_large),
+            *self.missing.warning("the rate or the force is not a number"),
+            *self.no_temperature.warning("the temperature is not a number"),
+            *self.lost.warning(too_large),
         ]
 
     def _each(self, unit: Calibration, pieces: Iterator[Recording]) -> Iterator[Recording]:
@@ -160,7 +161,7 @@ class _Corrected:
         for raw in pieces:
             if start_s is None and len(raw):
                 start_s = float(raw.time_s[0])
-            # Without a start for effects that take the whole: then there is one piece.
+            # Effects that need the whole recording take no start time; the recording is then a single piece.
             corrected = unit.apply_recording(raw, start_s=start_s if unit.takes_pieces else None)
             missing, lost = empty_samples(raw, corrected)
             no_temperature = np.zeros_like(lost)

@@ -42,23 +42,19 @@ def calibrate(
     exclude_saturated: ExcludeSaturated = False,
     accel_nominal: Annotated[
         float | None,
-        typer.Option(
-            "--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; from the data if not given."
-        ),
+        typer.Option("--accel-nominal", help="Nominal sensitivity, lsb per m/s^2; estimated if not given."),
     ] = None,
     gyro_nominal: Annotated[
         float | None,
-        typer.Option(
-            "--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; from the data if not given."
-        ),
+        typer.Option("--gyro-nominal", help="Nominal sensitivity, lsb per rad/s; estimated if not given."),
     ] = None,
     effect: Annotated[
         list[str] | None,
         typer.Option(
             "--effect",
             metavar="NAME",
-            help="Estimate this effect too (`imucal effects` lists them; NAME:full for the full form); may "
-            "be given again.",
+            help="Also estimate this effect (see `imucal effects`; NAME:full for the full form); may be "
+            "repeated.",
             autocompletion=completion.effects_to_estimate,
         ),
     ] = None,
@@ -67,16 +63,16 @@ def calibrate(
         typer.Option(
             "--unit",
             metavar="FILE|NAME",
-            help="Profile of the unit, whose bias instability and random walk widen the standard deviations.",
+            help="Unit file; its bias instability and random walk are included in the standard deviations.",
             autocompletion=completion.units,
         ),
     ] = None,
     folds: Annotated[
         int | None,
-        typer.Option("--folds", help="Also judge on held-out rests and moves, in this many folds."),
+        typer.Option("--folds", help="Cross-validate with held-out rests and moves in this number of folds."),
     ] = None,
     serial_number: Annotated[
-        str | None, typer.Option("--serial-number", help="Serial number of the unit, kept in the file.")
+        str | None, typer.Option("--serial-number", help="Serial number of the unit, stored in the file.")
     ] = None,
     limits: LimitsPath = None,
     verbose: Verbose = False,

@@ -38,21 +38,21 @@ def convert(
     formats: Annotated[
         bool,
         typer.Option(
-            "--list", callback=_print_formats, is_eager=True, help="Show the formats that are read, and exit."
+            "--list", callback=_print_formats, is_eager=True, help="List the supported formats, and exit."
         ),
     ] = False,
     hold: Annotated[
         bool,
         typer.Option(
             "--hold-temperature",
-            help="A temperature that is read more slowly holds until the next reading, 10 s at most.",
+            help="Fill gaps of a slowly sampled temperature with the last reading, for at most 10 s.",
         ),
     ] = False,
     json: JsonPath = None,
 ) -> None:
-    """Convert other people's files into a recording.
+    """Convert files of other programs to a recording.
 
-    What had to be done to the data is said: it is not kept in the file that is written.
+    Repairs to the data are printed, because the output file does not contain them.
 
     Example: imucal convert xsens_acc.mat xsens_gyro.mat --format imu_tk -o run.csv
     """

@@ -16,7 +16,7 @@ from imucal.cli.working import working
 
 __all__ = ["app"]
 
-app = group(help="Simulate, calibrate, judge, and show it as a page; or hide an effect and find it.")
+app = group(help="Simulate, calibrate, evaluate, and show a report; or hide an effect and find it.")
 app.command()(demo_gap.gap)
 
 
@@ -24,18 +24,18 @@ app.command()(demo_gap.gap)
 def demo(
     context: typer.Context,
     folder: Annotated[
-        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Where the files go.")
+        Path, typer.Option("--output", "-o", metavar="FOLDER", help="Folder for the files.")
     ] = Path("demo"),
-    seed: Annotated[int, typer.Option("--seed", help="Of the two simulated runs.")] = 1,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the two simulated runs.")] = 1,
     show: Annotated[
         bool | None,
         typer.Option(
-            "--open/--no-open", help="Open the page in the browser; in a terminal it is if not said."
+            "--open/--no-open", help="Open the report in the browser; by default only in a terminal."
         ),
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """Simulate the paper's stand run, calibrate, judge on a control run, and show it as a page.
+    """Simulate the paper's stand run, calibrate it, evaluate it on a control run, and write a report.
 
     Example: imucal demo -o demo
     """
@@ -44,7 +44,7 @@ def demo(
     if (command := context.invoked_subcommand) is not None:
         sources = map(context.get_parameter_source, context.params)
         if any(source is not None and source.name == "COMMANDLINE" for source in sources):
-            raise InputError(f"options of `imucal demo {command}` stand after {command}")
+            raise InputError(f"options of `imucal demo {command}` must follow {command}")
         return
     import imucal
     from imucal.report import require_plotly, write_calibration_page
@@ -55,7 +55,7 @@ def demo(
     with working("simulating the stand"):
         run = imucal.simulate("random", seed=seed)
         control = imucal.simulate("random", seed=seed + 1)
-    with working("calibrating and judging"):
+    with working("calibrating and evaluating"):
         result = imucal.calibrate(run.recording, control=control.recording)
     truth = {parameter.name: parameter.value for parameter in run.truth.calibration.parameters}
 
@@ -70,7 +70,7 @@ def demo(
     out.document({**result.to_dict(), "truth": run.truth.to_dict(), "page": str(page)})
     out.parameters(result.parameters, truth)
     out.figures({"control set, uncalibrated": result.control_before, "calibrated": result.control_set})
-    out.line(f"recordings, calibration and page are in {folder}: open {page}")
+    out.line(f"recordings, calibration and report are in {folder}: open {page}")
     if sys.stdout.isatty() if show is None else show:
         typer.launch(str(page))
     out.verdict(result.verdict, result.reasons)

@@ -14,20 +14,20 @@ __all__ = ["diff"]
 
 def diff(
     before: Annotated[Path, typer.Argument(metavar="A.JSON", help="Calibration file.")],
-    after: Annotated[Path, typer.Argument(metavar="B.JSON", help="A later one of the same unit.")],
+    after: Annotated[Path, typer.Argument(metavar="B.JSON", help="Later calibration file of the same unit.")],
     sigmas: Annotated[
         float,
         typer.Option(
             "--sigmas",
-            help="False alarms are as rare as a normal number beyond so many standard deviations, over all "
-            "parameters together.",
+            help="Significance threshold: the probability of a false alarm, over all parameters together, is "
+            "that of a normal variable beyond this number of standard deviations.",
         ),
     ] = 3.0,
     json: JsonPath = None,
 ) -> None:
-    """Which parameters have moved between two calibrations, by how many sigmas.
+    """Compare two calibrations of a unit: difference of each parameter in standard deviations.
 
-    Ends with 0 if they are the same within their uncertainties, with 2 if not.
+    Ends with 0 if they agree within their uncertainties, with 2 if not.
 
     Example: imucal diff unit-0042-may.json unit-0042-june.json
     """
@@ -54,7 +54,7 @@ def diff(
         ),
     )
     out.line(
-        f"limit for one of {len(found.changes)} parameters: {found.limit_sigmas:.2f} sigma; all at once: "
+        f"threshold for each of {len(found.changes)} parameters: {found.limit_sigmas:.2f} sigma; jointly: "
         f"chi2 {found.chi2:.4g} with {found.dof} degrees of freedom, p {found.p_value:.2g}"
     )
     for note in found.notes:

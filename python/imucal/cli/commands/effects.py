@@ -22,16 +22,16 @@ def effects(
         str | None,
         typer.Argument(
             metavar="[NAME]",
-            help="Show all about this one.",
+            help="Show all parameters of this effect, noise or fault.",
             autocompletion=completion.effects_and_disturbances,
         ),
     ] = None,
     markdown: Annotated[
-        Path | None, typer.Option("--markdown", metavar="PATH", help="Write the whole list as a page.")
+        Path | None, typer.Option("--markdown", metavar="PATH", help="Write the whole catalogue as a page.")
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """List what a sensor may do beyond bias, scale and misalignment: the effects, noise and faults.
+    """List the errors beyond bias, scale and misalignment that imucal models: effects, noise and faults.
 
     Example: imucal effects gyro_g_sensitivity
     """
@@ -66,18 +66,18 @@ def _plain(row: Effect | Disturbance) -> dict[str, Any]:
 def _list(out: Output, rows: tuple[Effect, ...], others: tuple[Disturbance, ...]) -> None:
     from imucal.cli.effects_page import size
 
-    out.line("effects: parameters of the plain form, formula; typical size of the first; what shows it")
+    out.line("effects: number of plain parameters, formula; typical size of the first; observable in")
     for row in rows:
         full = f" ({len(row.parameters)} in full)" if row.plain < len(row.parameters) else ""
         first = row.parameters[0]
         out.line(f"{row.name:<27} {row.sensor:<14} {row.plain}{full}, {row.formula}")
         out.line(f"    {size(first)}; {row.observable}")
-    out.line("noise and faults: parameters; typical size; what shows it")
+    out.line("noise and faults: parameters; typical size; appears as")
     for other in others:
         names = ", ".join(parameter.name for parameter in other.parameters)
         out.line(f"{other.name:<27} {other.sensor:<14} {other.kind}: {names}")
         out.line(f"    {size(other.parameters[0])}; {other.looks_for}")
-    out.line("`imucal effects NAME` shows all about one; docs/model.md (15) has the law")
+    out.line("`imucal effects NAME` shows details of one effect; its equation is in docs/model.md (15)")
 
 
 def _show(out: Output, row: Effect) -> None:
@@ -89,16 +89,16 @@ def _show(out: Output, row: Effect) -> None:
         numbers.append((f"{row.shape.name} (shape)", size(row.shape)))
     out.table(["parameter", "typical"], numbers)
     if row.plain < len(row.parameters):
-        out.line(f"the plain form has the first {row.plain}")
+        out.line(f"the plain form has the first {row.plain} parameters")
     for need in row.needs:
         out.line(f"depends on {need.replace('_', ' ')}: {NEEDS[need]}")
-    out.line(f"shown by {row.observable}")
+    out.line(f"observable in: {row.observable}")
     for alias in row.aliases:
-        out.line(f"easily mistaken for {alias.name}; told apart by {alias.told_apart_by}")
+        out.line(f"similar to {alias.name}; distinguished by {alias.told_apart_by}")
     temperature = " --temperature cycle:10:40:320" if "temperature" in row.needs else ""
     out.line(f"to simulate it: imucal simulate random --effect {row.name}=typical{temperature} -o run.csv")
     if row.sensor == "encoder":
-        out.line("it is of the stand and not of the unit: it is not estimated, and not taken away")
+        out.line("it is an error of the stand, not of the unit: it is neither estimated nor compensated")
         return
     out.line(f"to estimate it: imucal calibrate run.csv --effect {row.name}")
     if row.plain < len(row.parameters):
@@ -111,5 +111,5 @@ def _show_disturbance(out: Output, row: Disturbance) -> None:
     what = "noise" if row.kind == "noise" else "a fault"
     out.line(f"{row.name}: {what}, {row.sensor}")
     out.table(["parameter", "typical"], [(parameter.name, size(parameter)) for parameter in row.parameters])
-    out.line(f"shown by {row.looks_for}")
-    out.line("it has no field: it is not estimated, and not taken away")
+    out.line(f"appears as: {row.looks_for}")
+    out.line("it has no field: it is neither estimated nor compensated")

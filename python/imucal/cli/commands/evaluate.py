@@ -36,7 +36,7 @@ def evaluate(
     report: ReportPath = None,
     json: JsonPath = None,
 ) -> None:
-    """Judge a calibration on recordings of the same unit that the fit never saw.
+    """Evaluate a calibration on recordings of the same unit that were not used for its fit.
 
     Example: imucal evaluate unit-0042.json control.csv
     """
@@ -48,27 +48,27 @@ def evaluate(
         loaded = imucal.Calibration.load(calibration)
         wanted = imucal.Limits.load(limits, user_effects=loaded.user_effects) if limits else None
         judges = reading.each(recordings)
-    with working("judging"):
+    with working("evaluating"):
         judged = imucal.evaluate(loaded, judges, min_rest_s=min_rest_s)
     if wanted is not None:
         judged = judged.judged_by(wanted, loaded)
     if report is not None:
         from imucal.report import write_evaluation_page
 
-        write_evaluation_page(report, judged, title=f"{calibration.name} judged")
+        write_evaluation_page(report, judged, title=f"Evaluation of {calibration.name}")
     out = Output(json)
     out.document(judged.to_dict())
     if verbose:
         show_rests_and_moves(out, judged.rests, judged.moves)
-    out.line(f"{_judged(judged.rests, 'rests')}, {_judged(judged.moves, 'moves')}")
+    out.line(f"{_evaluated(judged.rests, 'rests')}, {_evaluated(judged.moves, 'moves')}")
     out.figures({"uncalibrated": judged.before, "calibrated": judged.figures})
     out.findings(judged.findings)
     out.judgement(judged.judgement, verbose)
     out.verdict(judged.verdict, judged.reasons)
 
 
-def _judged(items: Sequence[Mapping[str, Any]], what: str) -> str:
+def _evaluated(items: Sequence[Mapping[str, Any]], what: str) -> str:
     from imucal.calibration.figures import used_of
 
     all_used = all(item["excluded"] is None for item in items)
-    return f"{len(items)} {what}" if all_used else f"{used_of(items)} {what} judged"
+    return f"{len(items)} {what}" if all_used else f"{used_of(items)} {what} evaluated"

@@ -27,34 +27,34 @@ def export(
         Path | None, typer.Argument(metavar="CAL.JSON", help="Calibration file.", show_default=False)
     ] = None,
     to: Annotated[
-        str | None, typer.Option("--to", metavar="FORMAT", help="Format; --list shows them all.")
+        str | None, typer.Option("--to", metavar="FORMAT", help="Format; --list shows all formats.")
     ] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write; else it is printed.")
+        Path | None, typer.Option("--output", "-o", metavar="FILE", help="File to write; default: print.")
     ] = None,
     control: Control = None,
     noise: Annotated[
         Path | None,
-        typer.Option("--noise", metavar="REC", help="A raw recording at rest, for formats about noise."),
+        typer.Option("--noise", metavar="REC", help="Raw recording at rest, for formats with noise figures."),
     ] = None,
     name: Annotated[
         str | None,
         typer.Option(
             "--name",
             metavar="PREFIX",
-            help="c-header, fusion: how the names start; two units in one program need two.",
+            help="c-header, fusion: prefix of all names; two units in one program need two prefixes.",
         ),
     ] = None,
     min_rest_s: MinRest = 1.0,
     show_formats: Annotated[
-        bool, typer.Option("--list", help="List the formats, what they carry and what they lose.")
+        bool, typer.Option("--list", help="List the formats with what they include and omit.")
     ] = False,
     json: JsonPath = None,
 ) -> None:
     """Write a calibration for another program: firmware, autopilots, estimators, simulators.
 
-    What the format cannot carry is said, and with --control what that costs on a recording. It is said, too,
-    if the figures in the file are poor.
+    Prints the parts of the calibration that the format omits and, with --control, the resulting errors on a
+    recording. Warns if the verdict on the calibration is poor.
 
     Example: imucal export unit-0042.json --to c-header -o calibration.h
     """
@@ -83,7 +83,7 @@ def export(
         raise InputError("give a calibration file and --to FORMAT: `imucal export --list` shows the formats")
     if output is None and json == "-":
         raise InputError(
-            "--json - and the export would both go to standard output: give one a file (-o FILE)"
+            "--json - and the export would both use standard output: give a file for one of them (-o FILE)"
         )
     require_apart([calibration, *(control or ()), noise], {"--output": output, "--json": json})
     form = find_format(to)
@@ -121,13 +121,13 @@ def export(
         print(residual.summary(), file=sys.stderr)
     elif judges:
         print(
-            f"{form.name} corrects nothing: there is nothing to judge on the control recording",
+            f"{form.name} corrects nothing, so there is nothing to evaluate on the control recording",
             file=sys.stderr,
         )
 
 
 def _noise(unit: Calibration, reading: Reading, path: Path, min_rest_s: float) -> NoiseResult:
-    """The noise of a raw recording at rest, once it is corrected."""
+    """The noise figures of a raw recording at rest, corrected by the calibration."""
     import imucal
 
     return imucal.noise(unit.apply_recording(reading.one([path])), min_rest_s=min_rest_s)

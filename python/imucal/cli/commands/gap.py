@@ -38,7 +38,7 @@ def gap(
     control: Control = None,
     calibration: Annotated[
         Path | None,
-        typer.Option("--calibration", metavar="CAL.JSON", help="The calibration to judge; else one is made."),
+        typer.Option("--calibration", metavar="CAL.JSON", help="Calibration to examine; made if not given."),
     ] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", metavar="PATH", help="Improved calibration to write.")
@@ -51,7 +51,7 @@ def gap(
         typer.Option(
             "--effect",
             metavar="NAME",
-            help="Look for this effect only; may be given again.",
+            help="Test only this effect; may be repeated.",
             autocompletion=completion.effects,
         ),
     ] = None,
@@ -62,7 +62,7 @@ def gap(
         typer.Option(
             "--explain",
             metavar="NAME",
-            help="Say what these recordings could show of this effect.",
+            help="Show the detection limit of this effect in these recordings.",
             autocompletion=completion.effects,
         ),
     ] = None,
@@ -71,14 +71,14 @@ def gap(
         typer.Option(
             "--next",
             metavar="PATH",
-            help="Program file to write of the motion that would decide, where the finding is ambiguous.",
+            help="If the verdict is ambiguous: program file to write of the motion that resolves it.",
         ),
     ] = None,
     verbose: Verbose = False,
     report: ReportPath = None,
     json: JsonPath = None,
 ) -> None:
-    """Find where measurement and model disagree, name the missing effect, and add it.
+    """Find a missing effect from the residuals of a calibration, and add it to the model.
 
     Example: imucal gap run.csv --control control.csv -o improved.json
 
@@ -98,7 +98,7 @@ def gap(
         unit_data = reading.each(recordings)
         judges = reading.each(control or []) or None
         judged = None if calibration is None else imucal.Calibration.load(calibration)
-    with working("looking for effects") as stage:
+    with working("searching for effects") as stage:
         found = imucal.find_gap(
             unit_data,
             control=judges,
@@ -135,12 +135,12 @@ def gap(
 
 
 def _write_next(found: Gap, path: Path) -> str:
-    """Write the program of the motion that would decide; says what was done."""
+    """Write the program of the next motion; returns a message."""
     from imucal.document.json_document import write_json
 
     if found.next_motion is None:
-        return f"{path} is not written: the finding is {found.verdict}, and no motion has to decide"
+        return f"{path} is not written: the verdict is {found.verdict}, which no further motion would change"
     write_json(found.next_motion["program"], path)
     options = " ".join(["", *found.next_motion["simulate"]])
     command = f"imucal simulate {path}{options} -o next.csv"
-    return f"program of the next motion written to {path}; it runs on a stand, and as {command}"
+    return f"program of the next motion written to {path}: run it on a stand, or simulate it with {command}"

@@ -19,12 +19,12 @@ def inspect(
     min_rest_s: MinRest = 1.0,
     json: JsonPath = None,
 ) -> None:
-    """Show rate, faults and rests of recordings, and what they can and cannot determine.
+    """Show sampling rate, faults and rests of recordings, and the parameters that they determine.
 
-    The standard deviation of every parameter is predicted from the rests and moves and the noise at rest; it
-    will be that of a calibration if nothing but noise and the 21 parameters make the unit's readings.
+    The standard deviation of every parameter is predicted from the rests, the moves and the noise at rest. It
+    is that of a calibration if the data contain no errors other than noise and the 21 parameters.
 
-    Ends with 2 if a calibration would refuse one of them.
+    Ends with 2 if a calibration would refuse one of the recordings.
 
     Example: imucal inspect run.csv
     """
@@ -47,7 +47,7 @@ def inspect(
         )
         if seen.rests:
             out.table(
-                ["rest", "from s", "to s", "length s"],
+                ["rest", "from s", "to s", "duration s"],
                 (
                     [
                         str(index),
@@ -61,9 +61,9 @@ def inspect(
         out.line(seen.explanation)
         out.findings(seen.findings)
         if not seen.usable:
-            out.line("a calibration refuses this recording")
+            out.line("a calibration would refuse this recording")
         elif seen.missing is not None:
-            out.line(f"no calibration from this recording alone: {seen.missing}")
+            out.line(f"this recording alone does not determine all parameters: {seen.missing}")
         else:
             out.line("this recording determines all parameters")
         if seen.usable and seen.predicted_sigma:

@@ -1,4 +1,4 @@
-"""`imucal limits`: a first limits file, and many units against one."""
+"""`imucal limits`: writing a first limits file, and checking many units against one."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["app"]
 SCHEMA: Final = "imucal.limits-check/1"
 
 app = group(
-    help="What a unit must keep: a first limits file from good units, and a day's units against one.",
+    help="Limits for units: write a first limits file from good units, and check units against it.",
     no_args_is_help=True,
     epilog="Example: imucal limits check limits.json unit-*.json --csv day.csv",
 )
@@ -41,12 +41,12 @@ def template(
     deviations: Annotated[
         float,
         typer.Option(
-            "--deviations", help="Ranges are the mean +- this many standard deviations over the units."
+            "--deviations", help="Ranges are the mean +- this number of standard deviations over the units."
         ),
     ] = 4.0,
     json: JsonPath = None,
 ) -> None:
-    """Write limits that units like these keep, to be edited.
+    """Write a limits file from the spread of good units, to be edited.
 
     Example: imucal limits template good-*.json -o limits.json
     """
@@ -58,9 +58,9 @@ def template(
     limits.save(output)
     out = Output(json)
     out.document(limits.to_dict())
-    # s of n normal values has itself a standard deviation of s / sqrt(2 (n - 1)).
+    # The standard deviation s of n normal values has itself the standard deviation s / sqrt(2 (n - 1)).
     doubt = 100 / (2 * (len(calibrations) - 1)) ** 0.5
-    out.line(f"{output}: {limits.description}; their spread is itself known to {doubt:.0f} %")
+    out.line(f"{output}: {limits.description}; the uncertainty of their spread is {doubt:.0f} %")
 
 
 @app.command()
@@ -72,9 +72,9 @@ def check(
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """Judge calibration files against limits, one line for each unit.
+    """Check calibration files against limits, one line per unit.
 
-    A file that cannot be read has the verdict no_result; the others are judged, and the exit code is 1.
+    An unreadable file gets the verdict no_result; the others are still checked, and the exit code is 1.
 
     Example: imucal limits check limits.json unit-*.json --csv day.csv
     """
@@ -136,7 +136,7 @@ def check(
     out.verdict(
         verdict,
         [
-            *([f"{len(unread)} of {len(rows)} files cannot be judged"] if unread else []),
+            *([f"{len(unread)} of {len(rows)} files cannot be checked"] if unread else []),
             *([f"{poor} of {len(rows)} units do not pass"] if poor else []),
         ],
     )
@@ -145,7 +145,7 @@ def check(
 
 
 def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | None) -> dict[str, Any]:
-    """One unit in the table of the day; without a judgement `unit` is what is wrong with the file."""
+    """The row of one unit; `unit` is the error if its file could not be read."""
     from imucal.calibration.figures import saved_reasons
 
     row: dict[str, Any] = {
@@ -184,7 +184,7 @@ def _row(path: Path, unit: Calibration | ImucalError, judgement: Judgement | Non
 
 
 def _warnings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Files that are given twice, and serial numbers that stand in several."""
+    """Warnings for files given twice, and for serial numbers that occur in several files."""
     files = set()
     units: dict[str, list[str]] = {}
     warnings = []
@@ -199,7 +199,7 @@ def _warnings(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     for serial_number, names in units.items():
         if len(names) > 1:
             warnings.append(
-                f"the serial number {serial_number} stands in {' and '.join(names)}: they count as "
+                f"the serial number {serial_number} occurs in {' and '.join(names)}, which count as "
                 f"{len(names)} units"
             )
     return warnings

@@ -21,7 +21,7 @@ __all__ = ["noise"]
 @reading_options
 def noise(
     recording: Annotated[
-        list[Path], typer.Argument(metavar="REC", help="A recording at rest; hours are good.")
+        list[Path], typer.Argument(metavar="REC", help="Recording at rest, preferably of several hours.")
     ],
     reading: Reading,
     report: ReportPath = None,
@@ -34,17 +34,17 @@ def noise(
     unit_profile: Annotated[
         Path | None,
         typer.Option(
-            "--unit-profile", metavar="PATH", help="Write a unit file, with this noise, for imucal simulate."
+            "--unit-profile", metavar="PATH", help="Write a unit file with this noise for imucal simulate."
         ),
     ] = None,
     min_rest_s: MinRest = 1.0,
     verbose: Verbose = False,
     json: JsonPath = None,
 ) -> None:
-    """Allan deviation, noise density, bias instability and random walk of a unit at rest.
+    """Estimate noise density, bias instability and random walk of a unit at rest by the Allan deviation.
 
-    Every figure has a 95 % band. Where the recording does not show a kind of noise, the end of the band is
-    what it excludes. Ends with 2 if the noise of an axis is below one count, or of another kind.
+    Every figure has a 95 % confidence interval. If a kind of noise is not detected, only its upper bound is
+    meaningful. Ends with 2 if the noise of an axis is below one count, or does not fit the noise model.
 
     Example: imucal noise still.csv --report noise.html --kalibr imu.yaml
     """
@@ -61,7 +61,7 @@ def noise(
         loaded = reading.one(recording)
     with working("identifying the noise"):
         found = imucal.noise(loaded, min_rest_s=min_rest_s)
-    # Before anything is written: they may refuse raw counts.
+    # Before any file is written, because these conversions refuse raw counts.
     yaml = None if kalibr is None else kalibr_yaml(found, rostopic)
     profile = None if unit_profile is None else unit_of_noise(found, unit_profile.stem)
     if report is not None:
@@ -90,7 +90,7 @@ def _print(out: Output, found: NoiseResult) -> None:
         known = figure.value is not None and figure.std is not None
         return [
             f"{axis} {name}",
-            f"{figure.value:.4e}" if known else "not seen",
+            f"{figure.value:.4e}" if known else "not detected",
             f"{figure.std:.1e}" if known else "-",
             f"{figure.low:.3e}",
             f"{figure.high:.3e}",

@@ -14,7 +14,7 @@ from imucal.errors import InputError
 
 __all__ = ["plan"]
 
-# The panels of the help.
+# Headings of the options in the help.
 GOAL = "The optimal program"
 NAMED = "The paper's programs"
 
@@ -24,7 +24,7 @@ def plan(
         str,
         typer.Argument(
             metavar="PROGRAM",
-            help="optimal; random or grid (the paper's programs); or a program file, to be predicted.",
+            help="optimal; random or grid (the paper's programs); or a program file to predict.",
             autocompletion=completion.plans,
         ),
     ],
@@ -36,7 +36,7 @@ def plan(
         typer.Option(
             "--card",
             metavar="PATH",
-            help="Page with a picture of each pose to write, HTML: for --stand hand.",
+            help="HTML page to write with a picture of each pose; for --stand hand.",
         ),
     ] = None,
     unit: Annotated[
@@ -44,7 +44,8 @@ def plan(
         typer.Option(
             "--unit",
             metavar="NAME|FILE",
-            help="Whose noise it is: paper, bmi088, adis16460, icm42688p, mpu6050, lsm6dso, or a unit file.",
+            help="Unit with the assumed noise: paper, bmi088, adis16460, icm42688p, mpu6050, lsm6dso, or a "
+            "unit file.",
             autocompletion=completion.units,
         ),
     ] = "paper",
@@ -53,7 +54,7 @@ def plan(
         typer.Option(
             "--stand",
             metavar="NAME|FILE",
-            help="What the stand can do: paper (three motors, 120 deg/s), two-axis, one-axis, hand (no "
+            help="Limits of the stand: paper (three motors, 120 deg/s), two-axis, one-axis, hand (no "
             "stand), or a limits file.",
             autocompletion=completion.stand_limits,
         ),
@@ -63,9 +64,9 @@ def plan(
         typer.Option(
             "--target",
             metavar="GROUP=SIGMA",
-            help="Standard deviation that the worst of a group must reach, with a unit or in SI units: "
-            "accel_sensitivity='50 ppm', accel_bias='50 ug', gyro_sensitivity=2e-4, gyro_bias=5e-5, or an "
-            "effect's name. Any number of times; the shortest program is found.",
+            help="Target for the largest standard deviation in a group, with a unit or in SI units: "
+            "accel_sensitivity='50 ppm', accel_bias='50 ug', gyro_sensitivity=2e-4, gyro_bias=5e-5, or the "
+            "name of an effect. May be repeated; the shortest program is searched.",
             rich_help_panel=GOAL,
         ),
     ] = None,
@@ -73,8 +74,8 @@ def plan(
         float | None,
         typer.Option(
             "--minutes",
-            help="Most that the program may take. Without a target it has the most information in this time "
-            "(D-optimal); 3 if not said.",
+            help="Maximum duration, minutes (default 3). Without a target, the program maximises the "
+            "information in this time (D-optimality).",
             rich_help_panel=GOAL,
         ),
     ] = None,
@@ -83,48 +84,49 @@ def plan(
         typer.Option(
             "--effect",
             metavar="NAME",
-            help="An effect that the program is to show, too. Any number of times; `imucal effects` lists "
-            "them.",
+            help="Effect that the program must make observable; may be repeated (see `imucal effects`).",
             autocompletion=completion.effects,
             rich_help_panel=GOAL,
         ),
     ] = None,
     proposals: Annotated[
         int,
-        typer.Option("--proposals", help="Changes that the search tries: more take longer and find better."),
+        typer.Option("--proposals", help="Number of changes to try; more give better programs."),
     ] = 12000,
-    seed: Annotated[int, typer.Option("--seed", help="Of the search and of the random program.")] = 1,
-    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Sample rate of the unit.")] = 200.0,
+    seed: Annotated[int, typer.Option("--seed", help="Seed of the search and of the random program.")] = 1,
+    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Sampling rate of the unit, Hz.")] = 200.0,
     detection_limits: Annotated[
         bool,
         typer.Option(
             "--detection-limits/--no-detection-limits",
-            help="How small each effect of the catalogue could be and still be found: of a simulated run.",
+            help="Compute the smallest detectable size of each effect, from a simulated run.",
         ),
     ] = True,
-    moves: Annotated[int | None, typer.Option("--moves", help="Of random.", rich_help_panel=NAMED)] = None,
+    moves: Annotated[
+        int | None, typer.Option("--moves", help="random: number of moves.", rich_help_panel=NAMED)
+    ] = None,
     max_rate_dps: Annotated[
         float | None,
         typer.Option(
-            "--max-rate-dps", help="Of each motor in random, mean over a turn.", rich_help_panel=NAMED
+            "--max-rate-dps", help="random: mean rate of each motor in a move, deg/s.", rich_help_panel=NAMED
         ),
     ] = None,
     step_deg: Annotated[
-        float | None, typer.Option("--step-deg", help="Of grid.", rich_help_panel=NAMED)
+        float | None, typer.Option("--step-deg", help="grid: step, deg.", rich_help_panel=NAMED)
     ] = None,
     move_s: Annotated[
-        float | None, typer.Option("--move-s", help="Length of a move.", rich_help_panel=NAMED)
+        float | None, typer.Option("--move-s", help="Duration of a move, s.", rich_help_panel=NAMED)
     ] = None,
     hold_s: Annotated[
-        float | None, typer.Option("--hold-s", help="Length of a rest.", rich_help_panel=NAMED)
+        float | None, typer.Option("--hold-s", help="Duration of a rest, s.", rich_help_panel=NAMED)
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """Plan a motion, and say what it will determine before anything moves.
+    """Plan a motion, and predict what it determines before anything moves.
 
-    For any program: the standard deviation of every parameter, the minutes on the stand, the smallest size of
-    each effect that `imucal gap` would find, and the same of the paper's programs. Ends with 2 if a target is
-    not reached or the program takes longer than allowed.
+    Prints the predicted standard deviation of every parameter, the duration, and the smallest size of each
+    effect that `imucal gap` would detect, compared with the paper's programs. Ends with 2 if a target is not
+    reached or the program takes longer than allowed.
 
     Example: imucal plan optimal --minutes 2 --proposals 2000 -o program.json
 
@@ -147,7 +149,7 @@ def plan(
     require_apart([program, unit, stand], {"--output": output, "--card": card, "--json": json})
     limits = stand_limits_of(stand)
     if card is not None and not limits.in_hand:
-        raise InputError("--card shows poses to hold in a hand: add --stand hand, or leave it out")
+        raise InputError("--card shows poses for a hand-held unit: add --stand hand, or leave it out")
     with working("planning"):
         planned = imucal.plan(
             program,
@@ -175,13 +177,13 @@ def plan(
     )
     if planned.detection_limits:
         out.table(
-            ("effect", "smallest that would be found", "unit"),
+            ("effect", "smallest detectable size", "unit"),
             [[name, f"{size['value']:.2e}", size["unit"]] for name, size in planned.detection_limits.items()],
         )
     for effect_row in planned.not_observable:
-        out.line(f"not seen: {effect_row['name']} (needs {effect_row['needs']})")
+        out.line(f"not observable: {effect_row['name']} (needs {effect_row['needs']})")
     out.table(
-        ("worst 1 sigma", "minutes", "accel sensitivity", "accel bias", "gyro sensitivity", "gyro bias"),
+        ("largest 1 sigma", "minutes", "accel sensitivity", "accel bias", "gyro sensitivity", "gyro bias"),
         worst_rows(planned),
     )
     if planned.undetermined is not None:
@@ -192,7 +194,7 @@ def plan(
         if path is not None:
             out.line(f"written: {path}")
     if not planned.reached:
-        out.line("what was wished for is not reached: allow more minutes, or wish for less")
+        out.line("targets not reached: allow more time (--minutes), or relax the targets (--target)")
         raise typer.Exit(POOR_VERDICT)
 
 

@@ -14,12 +14,12 @@ from imucal.errors import InputError
 
 __all__ = ["simulate"]
 
-# The panels of the help.
+# Headings of the options in the help.
 MOTION = "Motion"
 UNIT = "Unit"
 PLACE = "Place and clock"
 
-# What a repeated run may be given: where things go.
+# Options allowed when a run is repeated from a truth file: the output files.
 OUTPUTS = {"program", "output", "truth", "truth_samples", "save_unit", "json"}
 
 
@@ -29,52 +29,49 @@ def simulate(
         str,
         typer.Argument(
             metavar="PROGRAM",
-            help="random or grid (the paper's programs on a stand), tumble (by hand), static, a program "
+            help="random or grid (the paper's programs on a stand), tumble (hand-held), static, a program "
             "file, or a truth file, whose run is repeated.",
             autocompletion=completion.programs,
         ),
     ],
     output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
     truth: Annotated[
-        Path | None, typer.Option("--truth", metavar="PATH", help="Where to write the truth, JSON.")
+        Path | None, typer.Option("--truth", metavar="PATH", help="Truth file to write, JSON.")
     ] = None,
     truth_samples: Annotated[
         Path | None,
         typer.Option(
             "--truth-samples",
             metavar="PATH",
-            help="Where to write the true force, rate, angular acceleration and attitude of every sample, "
-            ".csv or .parquet.",
+            help="File to write with the true force, rate, angular acceleration and attitude of every "
+            "sample, .csv or .parquet.",
         ),
     ] = None,
     seed: Annotated[
-        int, typer.Option("--seed", help="Of the noise, of the random program and of the tumble.")
+        int, typer.Option("--seed", help="Seed of the noise, of the random program and of the tumble.")
     ] = 1,
     unit: Annotated[
         str,
         typer.Option(
             "--unit",
             metavar="NAME|FILE",
-            help="paper, ideal, bmi088, adis16460, icm42688p, mpu6050, lsm6dso; random:NAME:SEED for one "
-            "drawn from the spread of its datasheet; or a unit file.",
+            help="paper, ideal, bmi088, adis16460, icm42688p, mpu6050, lsm6dso; random:NAME:SEED for a unit "
+            "drawn from the spread in its datasheet; or a unit file.",
             autocompletion=completion.units,
             rich_help_panel=UNIT,
         ),
     ] = "paper",
     save_unit: Annotated[
         Path | None,
-        typer.Option(
-            "--save-unit", metavar="PATH", help="Where to write the unit, as a file.", rich_help_panel=UNIT
-        ),
+        typer.Option("--save-unit", metavar="PATH", help="Unit file to write.", rich_help_panel=UNIT),
     ] = None,
     effect: Annotated[
         list[str] | None,
         typer.Option(
             "--effect",
             metavar="NAME=VALUES",
-            help="An effect, noise or a fault, SI units: NAME=V for all its parameters, NAME=V,V,V one by "
-            "one, @SHAPE after it where it has one, or NAME=typical. Any number of times; `imucal effects` "
-            "lists them.",
+            help="Effect, noise or fault, SI units: NAME=V for all parameters, NAME=V,V,V for each, followed "
+            "by @SHAPE if it has a shape, or NAME=typical. May be repeated; see `imucal effects`.",
             autocompletion=completion.effects_to_simulate,
             rich_help_panel=UNIT,
         ),
@@ -94,7 +91,7 @@ def simulate(
         typer.Option(
             "--filter",
             metavar="HZ",
-            help="Bandwidth of the low-pass filter before sampling, or datasheet.",
+            help="Bandwidth of the low-pass filter before sampling, Hz, or datasheet.",
             rich_help_panel=UNIT,
         ),
     ] = None,
@@ -104,17 +101,19 @@ def simulate(
             "--averaging", help="Samples are means over the sampling interval.", rich_help_panel=UNIT
         ),
     ] = False,
-    rate_hz: Annotated[float, typer.Option("--rate-hz", help="Sample rate.", rich_help_panel=PLACE)] = 200.0,
+    rate_hz: Annotated[
+        float, typer.Option("--rate-hz", help="Sampling rate, Hz.", rich_help_panel=PLACE)
+    ] = 200.0,
     clock_error: Annotated[
         float,
-        typer.Option("--clock-error", help="By how much the clock is fast, relative.", rich_help_panel=PLACE),
+        typer.Option("--clock-error", help="Relative rate error of the clock.", rich_help_panel=PLACE),
     ] = 0.0,
     gravity: Annotated[
         float | None,
         typer.Option(
             "--gravity",
             metavar="MPS2",
-            help="Local gravity, m/s^2; if not said, that of --latitude, or 9.80665.",
+            help="Local gravity, m/s^2; by default from --latitude, or 9.80665.",
             rich_help_panel=PLACE,
         ),
     ] = None,
@@ -123,68 +122,66 @@ def simulate(
         typer.Option(
             "--latitude",
             metavar="DEG",
-            help="For gravity and the Earth's rate; without it the Earth does not turn.",
+            help="Latitude, for gravity and the Earth rate; without it the Earth rate is zero.",
             rich_help_panel=PLACE,
         ),
     ] = None,
     height: Annotated[
         float | None,
-        typer.Option(
-            "--height", metavar="M", help="Above the ellipsoid, with --latitude.", rich_help_panel=PLACE
-        ),
+        typer.Option("--height", metavar="M", help="Height above the ellipsoid, m.", rich_help_panel=PLACE),
     ] = None,
     stand: Annotated[
         str | None,
         typer.Option(
             "--stand",
             metavar="FILE|cheap",
-            help="Errors of the stand: a stand file, cheap, or cheap:SEED for another one.",
+            help="Errors of the stand: a stand file, cheap, or cheap:SEED for another stand.",
             rich_help_panel=MOTION,
         ),
     ] = None,
     moves: Annotated[
-        int | None, typer.Option("--moves", help="Of the random program.", rich_help_panel=MOTION)
+        int | None, typer.Option("--moves", help="random: number of moves.", rich_help_panel=MOTION)
     ] = None,
     max_rate_dps: Annotated[
         float | None,
         typer.Option(
             "--max-rate-dps",
-            help="Of each motor in the random program, mean over a turn.",
+            help="random: mean rate of each motor in a move, deg/s.",
             rich_help_panel=MOTION,
         ),
     ] = None,
     step_deg: Annotated[
-        float | None, typer.Option("--step-deg", help="Of the grid.", rich_help_panel=MOTION)
+        float | None, typer.Option("--step-deg", help="grid: step, deg.", rich_help_panel=MOTION)
     ] = None,
     poses: Annotated[
-        int | None, typer.Option("--poses", help="Of the tumble.", rich_help_panel=MOTION)
+        int | None, typer.Option("--poses", help="tumble: number of poses.", rich_help_panel=MOTION)
     ] = None,
     hold_s: Annotated[
-        float | None, typer.Option("--hold-s", help="Length of a rest.", rich_help_panel=MOTION)
+        float | None, typer.Option("--hold-s", help="Duration of a rest, s.", rich_help_panel=MOTION)
     ] = None,
     move_s: Annotated[
-        float | None, typer.Option("--move-s", help="Length of a move.", rich_help_panel=MOTION)
+        float | None, typer.Option("--move-s", help="Duration of a move, s.", rich_help_panel=MOTION)
     ] = None,
     tremor_deg: Annotated[
         float | None,
         typer.Option(
-            "--tremor-deg", help="Of the hand that tumbles, standard deviation.", rich_help_panel=MOTION
+            "--tremor-deg", help="tumble: standard deviation of the hand tremor, deg.", rich_help_panel=MOTION
         ),
     ] = None,
     translation_mm: Annotated[
         float | None,
         typer.Option(
             "--translation-mm",
-            help="The poses of the tumble are in a cube of this edge.",
+            help="tumble: edge of the cube that contains the poses, mm.",
             rich_help_panel=MOTION,
         ),
     ] = None,
     duration_s: Annotated[
-        float | None, typer.Option("--duration-s", help="Of static.", rich_help_panel=MOTION)
+        float | None, typer.Option("--duration-s", help="static: duration, s.", rich_help_panel=MOTION)
     ] = None,
     json: JsonPath = None,
 ) -> None:
-    """Simulate a unit: on a stand, turned by hand, or still.
+    """Simulate a unit: on a stand, turned by hand, or at rest.
 
     Example: imucal simulate random --seed 7 -o run.csv --truth truth.json
 
@@ -252,9 +249,9 @@ def simulate(
 
 
 def _require_no_setup(context: typer.Context) -> None:
-    """Refuse options that a truth file answers itself."""
+    """Refuse options whose values a truth file already contains."""
     for parameter in context.command.params:
         name = parameter.name or ""
         source = context.get_parameter_source(name)
         if name not in OUTPUTS and source is not None and source.name == "COMMANDLINE":
-            raise InputError(f"{parameter.opts[0]} is given, but a truth file has its own: leave it out")
+            raise InputError(f"{parameter.opts[0]} is given, but the truth file has its own: leave it out")

@@ -35,7 +35,7 @@ ProgramName = Annotated[
         autocompletion=completion.plans,
     ),
 ]
-Seed = Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")]
+Seed = Annotated[int, typer.Option("--seed", help="Seed of the random program and of simulated noise.")]
 
 
 @app.command()
@@ -49,18 +49,19 @@ def run(
         typer.Option(
             "--target-sigma",
             metavar="NAME=SIGMA",
-            help="End early when these parameters are expected to be known so well, SI units: "
-            "gyro_sensitivity_*=2e-4. Any number of times; all must be reached.",
+            help="End early when the predicted standard deviations reach this target, SI units: "
+            "gyro_sensitivity_*=2e-4. May be repeated; all targets must be reached.",
         ),
     ] = None,
     seed: Seed = 1,
-    force: Annotated[bool, typer.Option("--force", help="Replace OUTPUT if it is there.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite OUTPUT if it exists.")] = False,
     json: JsonPath = None,
 ) -> None:
-    """Take a stand through a program and record the unit on it.
+    """Run a program on a stand and record the unit.
 
-    All that arrives is kept at once in OUTPUT.journal; after a crash or a power cut `imucal stand recover`
-    makes the recording of it. Ends with 1 if the run broke off; what was recorded by then is written.
+    All samples are written at once to OUTPUT.journal; after a crash or a power failure, `imucal stand
+    recover` converts it to a recording. Ends with 1 if the run was interrupted; the samples until then are
+    written.
 
     Example: imucal stand run random --driver simulated --speed 1000 -o stand-run.csv
 
@@ -75,9 +76,9 @@ def run(
         [program, *equipment.files],
         {"--output": output, "the journal": journal_of(output), "--json": json},
     )
-    # Other outputs can be made again; what a unit sent cannot.
+    # Only this output is protected, because the samples of a unit cannot be recreated.
     if output.exists() and not force:
-        raise InputError(f"{output} is there already: give another file, or --force to replace it")
+        raise InputError(f"{output} exists: give another file, or --force to overwrite it")
     targets = [parse_target(text) for text in target_sigma or ()]
     wanted = program_named(program, seed)
     with working("preparing the run"):
@@ -106,14 +107,14 @@ def run(
 
 
 def show_run(out: Output, done: Done) -> None:
-    """How a run ended, in words."""
+    """Print the events and the result of a run."""
     for event in done.events:
         out.line(f"{event['code']}: {event['message']}" if event["message"] else event["code"])
     prospect = done.prospect
     counted = ", ".join(f"{what} {count}" for what, count in done.counts.items() if what != "samples")
     out.line(
         f"{done.output or 'nothing is written'}: {done.samples} samples, {prospect.rests} rests, "
-        f"{prospect.coverage:.0%} of all directions within 30 deg of one"
+        f"covering {prospect.coverage:.0%} of all directions within 30 deg"
         + (f"; {counted}" if counted else "")
     )
     out.line(f"run: {done.state} at step {done.step + 1} of {done.steps}")
@@ -124,24 +125,28 @@ def gcode(
     program: ProgramName,
     output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE", help="G-code file to write.")],
     axes: Annotated[
-        str, typer.Option("--axes", help="Letters of the three motors, outer motor first.")
+        str, typer.Option("--axes", help="Axis letters of the three motors, outermost first.")
     ] = "XYZ",
     max_rate_dps: Annotated[
         str,
         typer.Option(
-            "--max-rate-dps", metavar="A[,B,C]", help="Of each motor: $110 to $112 of the controller over 60."
+            "--max-rate-dps",
+            metavar="A[,B,C]",
+            help="Highest rate of each motor, deg/s: settings $110 to $112 of the controller, divided by 60.",
         ),
     ] = "360",
     acceleration_dps2: Annotated[
         str,
         typer.Option(
-            "--acceleration-dps2", metavar="A[,B,C]", help="Of each motor: $120 to $122 of the controller."
+            "--acceleration-dps2",
+            metavar="A[,B,C]",
+            help="Acceleration of each motor, deg/s^2: settings $120 to $122 of the controller.",
         ),
     ] = "1000",
     seed: Seed = 1,
     json: JsonPath = None,
 ) -> None:
-    """Write a program as G-code for GRBL 1.1, a degree for a millimetre, and say how long it takes.
+    """Write a program as G-code for GRBL 1.1, with 1 mm for 1 deg, and print its duration.
 
     Example: imucal stand gcode random -o run.nc --axes ABC
     """
@@ -173,8 +178,8 @@ def gcode(
     if too_late:
         longest_s = max(block.late_s for block in blocks)
         print(
-            f"imucal: {len(too_late)} of {len(blocks)} moves take longer than the program says, up to "
-            f"{longest_s:.2f} s: the motors are not fast enough; the poses are the same",
+            f"imucal: {len(too_late)} of {len(blocks)} moves take longer than in the program, by up to "
+            f"{longest_s:.2f} s, because the motors are not fast enough; the poses are unchanged",
             file=sys.stderr,
         )
     turned = ", ".join(
@@ -192,7 +197,7 @@ def _three(text: str) -> tuple[float, float, float]:
         values = []
     if len(values) not in (1, 3):
         raise InputError(
-            f"{text!r} is neither a number nor three, such as 360 or 90,180,360: give one of them"
+            f"{text!r} is not valid: give one number for all motors or three, such as 360 or 90,180,360"
         )
     x, y, z = values * 3 if len(values) == 1 else values
     return (x, y, z)
@@ -203,11 +208,11 @@ app.command()(stand_calibrate.calibrate)
 
 @app.command()
 def recover(
-    journal: Annotated[Path, typer.Argument(metavar="JOURNAL", help="Journal of a run that was broken off.")],
+    journal: Annotated[Path, typer.Argument(metavar="JOURNAL", help="Journal of an interrupted run.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
     json: JsonPath = None,
 ) -> None:
-    """Make a recording of the journal of a run that crashed; the journal is kept.
+    """Convert the journal of an interrupted run to a recording; the journal is kept.
 
     Example: imucal stand recover broken-off.csv.journal -o recovered.csv
     """
@@ -230,6 +235,6 @@ def recover(
     for event in logged.events:
         out.line(f"{event['code']}: {event['message']}" if event["message"] else event["code"])
     out.line(
-        f"{output}: {len(logged.samples)} samples; {logged.blocks_lost} blocks are damaged, "
-        f"{logged.tail_bytes} bytes at the end were being written"
+        f"{output}: {len(logged.samples)} samples; {logged.blocks_lost} damaged blocks, "
+        f"{logged.tail_bytes} bytes of an incomplete block at the end"
     )

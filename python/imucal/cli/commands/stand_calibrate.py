@@ -1,4 +1,4 @@
-"""`imucal stand calibrate`: one unit on the line, one command, one exit code."""
+"""`imucal stand calibrate`: measures, calibrates and judges one unit of a production line."""
 
 from __future__ import annotations
 
@@ -22,8 +22,9 @@ if TYPE_CHECKING:
 __all__ = ["calibrate"]
 
 EXIT = {"passed": 0, "failed": POOR_VERDICT, "no_result": NO_RESULT}
-# Seeds of control programs that nobody chose.
+# Number of possible seeds of a drawn control program.
 SEEDS = 2**31
+# Moves of a drawn control program.
 CONTROL_MOVES = 20
 
 
@@ -32,7 +33,7 @@ def calibrate(
     equipment: Equipment,
     folder: Annotated[
         Path,
-        typer.Option("--output", "-o", metavar="FOLDER", help="Where each unit gets a folder."),
+        typer.Option("--output", "-o", metavar="FOLDER", help="Parent folder of the units' folders."),
     ],
     program: Annotated[
         str,
@@ -43,36 +44,40 @@ def calibrate(
             autocompletion=completion.line_programs,
         ),
     ] = "random",
-    seed: Annotated[int, typer.Option("--seed", help="Of the random program, and of simulated noise.")] = 1,
+    seed: Annotated[
+        int, typer.Option("--seed", help="Seed of the random program and of simulated noise.")
+    ] = 1,
     control_program: Annotated[
         Path | None,
         typer.Option(
             "--control-program",
             metavar="FILE",
-            help="Program file of the control run. If not given it is drawn: random turns, and for a program "
-            "file its own poses in another order along its own path.",
+            help="Program file of the control run. By default it is drawn: random turns, or for a program "
+            "file its poses in another order along the same path.",
         ),
     ] = None,
     control_seed: Annotated[
         int | None,
-        typer.Option("--control-seed", help="Of the control program; drawn if not given, and in the result."),
+        typer.Option("--control-seed", help="Seed of the control program; drawn if not given."),
     ] = None,
     serial_number: Annotated[
-        str | None, typer.Option("--serial-number", help="Of the unit; it names the folder.")
+        str | None, typer.Option("--serial-number", help="Serial number of the unit; names its folder.")
     ] = None,
-    operator: Annotated[str, typer.Option("--operator", help="Who does it; kept in the calibration.")] = "",
+    operator: Annotated[
+        str, typer.Option("--operator", help="Name of the operator, stored in the calibration.")
+    ] = "",
     limits: LimitsPath = None,
     export: Annotated[
         list[str] | None,
-        typer.Option("--export", metavar="FORMAT", help="Export for a unit that passes; may be given again."),
+        typer.Option("--export", metavar="FORMAT", help="Export if the unit passes; may be repeated."),
     ] = None,
     gravity: Gravity = 9.80665,
     json: JsonPath = None,
 ) -> None:
-    """Run, calibrate, run a control program, judge, and export: one unit.
+    """Run, calibrate, run a control program, judge, and export one unit.
 
-    Ends with 0 if the unit passes, with 2 if it fails, for the reasons that are named, and with 1 if there is
-    no result, or if a file of a unit that passes cannot be written.
+    Ends with 0 if the unit passes, with 2 if it fails, with the reasons, and with 1 if there is no result or
+    a file of a unit that passes cannot be written.
 
     Example: imucal stand calibrate --driver simulated --speed 1000 --serial-number 0042 -o units
     """
@@ -82,7 +87,7 @@ def calibrate(
     from imucal.stand.live import live_view, recoverable
     from imucal.stand.programs import PROGRAMS, program_named
 
-    # The folder is not read, but a file must not be where it will be.
+    # The output folder is listed as an input, so that --json cannot take its place.
     require_apart([program, control_program, limits, folder, *equipment.files], {"--json": json})
     drawn_seed = secrets.randbelow(SEEDS) if control_seed is None else control_seed
     control: dict[str, Any] = {}
@@ -108,7 +113,7 @@ def calibrate(
     )
     out = Output(json)
     if equipment.driver == "simulated":
-        out.line("simulated: no stand moves and no unit is heard; for real ones give --driver grbl or manual")
+        out.line("simulated stand and unit: for real ones give --driver grbl or manual")
     for name, steps in order.programs.items():
         out.line(f"{name}: {_turned(steps)}: mind the cables")
 
@@ -119,7 +124,7 @@ def calibrate(
             yield watch
 
     outcome = calibrate_unit(order, equipment.open, folder, view=view)
-    # The verdict first: the document may meet a full disk.
+    # Print the verdict first, because writing the document can fail on a full disk.
     _show(out, outcome)
     out.document(outcome.to_dict())
     code = EXIT[outcome.verdict]
@@ -128,7 +133,7 @@ def calibrate(
 
 
 def _turned(program: Program) -> str:
-    """How far a program turns each motor."""
+    """The range of each motor in a program, as text."""
     from imucal.stand.programs import ranges_deg
 
     return ", ".join(
@@ -138,7 +143,7 @@ def _turned(program: Program) -> str:
 
 
 def _show(out: Output, outcome: Outcome) -> None:
-    """What a person at the line wants to know."""
+    """Print the result for the operator."""
     result = outcome.assessment.result if outcome.assessment else None
     if result is not None:
         out.figures({"calibration set": result.calibration_set, "control set": result.control_set})
