@@ -1,8 +1,8 @@
-"""Allan deviations beside allantools: `make bench`, to docs/results/noise.md."""
+"""Computing time of Allan deviations compared with allantools: `make bench`, to docs/results/noise.md."""
 
 import os
 
-# Before NumPy is loaded: its linear algebra reads these once.
+# Set before NumPy is imported, because its linear algebra reads these variables at import.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 

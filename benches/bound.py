@@ -1,12 +1,12 @@
-"""Cramér-Rao bound of a simulated run: how well any unbiased estimator can know the 21 parameters.
+"""Cramér-Rao bound of a simulated run: the smallest covariance of the 21 parameters for unbiased estimators.
 
-Nothing of the estimator is used, and no derivative of the model is written down: the information comes from
-finite differences of noise-free predictions.
+The bound uses no part of the estimator and no analytic derivatives: the information matrix comes from finite
+differences of noise-free predictions.
 
-Data: of each rest the mean of the accelerometer and the mean of the gyroscope; of each move the two
-components of the gravity direction that the gyroscope's samples carry from rest to rest, minus the
-direction at its end. Unknown: the 21 parameters, and two angles of gravity's direction at each rest, which
-nobody is interested in but which must be estimated too. Noise: white, and that of rounding to counts.
+Data: for each rest the means of accelerometer and gyroscope; for each move the two components of the
+difference between the gravity direction propagated by the gyroscope and the direction at its end. Unknowns:
+the 21 parameters, and as nuisance parameters two angles of the gravity direction at each rest. Noise: white
+noise and the rounding to counts.
 """
 
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ class Noise:
 
 
 def paper_unit_noise(rate_hz: float) -> Noise:
-    """Datasheet densities of FXOS8700CQ and FXAS21002CQ, and the rounding of their counts."""
+    """Noise densities in the datasheets of FXOS8700CQ and FXAS21002CQ, and the rounding to their counts."""
     g = 9.80665
     return Noise(
         np.hypot(126e-6 * g * np.sqrt(rate_hz), 2 * g / 8192 / np.sqrt(12)),
@@ -54,7 +54,7 @@ def gyro_triad(parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def across(direction: np.ndarray) -> np.ndarray:
-    """Two unit vectors across each direction, (K, 2, 3)."""
+    """Two unit vectors orthogonal to each direction, (K, 2, 3)."""
     helper = np.eye(3)[np.argmin(np.abs(direction), axis=1)]
     first = np.cross(direction, helper)
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -62,7 +62,7 @@ def across(direction: np.ndarray) -> np.ndarray:
 
 
 class SimulatedRun:
-    """The noise-free data of a run and how they follow from parameters and directions of gravity."""
+    """The noise-free data of a run as a function of parameters and gravity directions."""
 
     def __init__(self, simulation: imucal.Simulation, gravity_mps2: float) -> None:
         truth, time_s = simulation.truth, simulation.recording.time_s
@@ -75,24 +75,24 @@ class SimulatedRun:
         self.across = across(self.up)
         self.theta = parameters_of(truth)
         sensitivity, bias = gyro_triad(self.theta)
-        # (moves, samples, 3): what a gyroscope without noise would say from each rest to the next; shorter
-        # moves are padded with samples of the rest.
+        # Noise-free gyroscope samples of each move, (moves, samples, 3); shorter moves are padded with
+        # samples of the rest.
         length = max(b[0] - a[1] for a, b in pairwise(ranges)) + 2
         index = np.minimum(
             np.array([a[1] - 1 for a in ranges[:-1]])[:, None] + np.arange(length), len(time_s) - 1
         )
         self.raw_rate = truth.angular_rate[index] @ sensitivity.T + bias
-        # The padding belongs to no move: time stands still there.
+        # The padding has zero duration, so it does not contribute to the integral.
         last = np.array([b[0] for b in ranges[1:]])
         self.step_s = np.where(index[:, 1:] <= last[:, None], self.dt_s, 0.0)
 
     def turned_up(self, angles: np.ndarray) -> np.ndarray:
-        """Directions at the rests, moved by two small angles each."""
+        """Gravity directions at the rests, each rotated by two small angles."""
         moved = self.up + np.einsum("kc,kci->ki", angles, self.across)
         return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
     def rotations(self, theta: np.ndarray) -> list[Rotation]:
-        """Attitude at every sample of the moves relative to their start."""
+        """Attitude at every sample of a move relative to its start."""
         sensitivity, bias = gyro_triad(theta)
         rate = (self.raw_rate - bias) @ np.linalg.inv(sensitivity).T
         before, after, step = rate[:, :-1], rate[:, 1:], self.step_s[..., None]
@@ -103,7 +103,7 @@ class SimulatedRun:
         return attitude
 
     def predictions(self, theta: np.ndarray, angles: np.ndarray, ends: Rotation | None = None) -> np.ndarray:
-        """All data: 3 per rest of the accelerometer, 3 per rest of the gyroscope, 2 per move."""
+        """All data as a vector: 3 per rest for each sensor, 2 per move."""
         up = self.turned_up(angles)
         sensitivity, bias = accel_triad(theta)
         force = self.gravity_mps2 * up @ sensitivity.T + bias
@@ -114,13 +114,13 @@ class SimulatedRun:
         return np.concatenate([force.ravel(), still.ravel(), move.ravel()])
 
     def move_covariances(self, gyro_sigma: float) -> np.ndarray:
-        """(moves, 2, 2): white noise of the samples, integrated over each move."""
+        """Covariance of the gravity direction from the samples' white noise over each move, (moves, 2, 2)."""
         attitude = self.rotations(self.theta)
         inverse = np.linalg.inv(gyro_triad(self.theta)[0])
         end = attitude[-1].inv()
         total = np.zeros((len(self.raw_rate), 2, 2))
         for k, here in enumerate(attitude[:-1]):
-            # A turn at sample k, seen in the frame at the end: it moves the carried direction across gravity.
+            # A rotation error at sample k in the frame at the end of the move, where it tilts gravity.
             seen = (end * here).as_matrix() @ inverse
             moved = np.cross(self.up[1:, :, None], seen, axis=1)
             effect = self.across[1:] @ moved * self.step_s[:, k, None, None] * gyro_sigma
@@ -129,7 +129,7 @@ class SimulatedRun:
 
 
 def bound(simulation: imucal.Simulation, noise: Noise, gravity_mps2: float = 9.80665) -> np.ndarray:
-    """(21, 21) smallest covariance that an unbiased estimator can have."""
+    """The smallest covariance of an unbiased estimator, (21, 21)."""
     run = SimulatedRun(simulation, gravity_mps2)
     rests = len(run.up)
     none = np.zeros((rests, 2))
@@ -138,7 +138,7 @@ def bound(simulation: imucal.Simulation, noise: Noise, gravity_mps2: float = 9.8
     for p in range(21):
         step = np.zeros(21)
         step[p] = STEP
-        ends = at_truth if p < 9 else None  # the accelerometer turns nothing
+        ends = at_truth if p < 9 else None  # accelerometer parameters do not change the attitude
         change = run.predictions(run.theta + step, none, ends) - run.predictions(run.theta - step, none, ends)
         columns.append(change / (2 * STEP))
     for k in range(rests):

@@ -1,9 +1,9 @@
-"""Speed beside SciPy programs of the same model, one thread each: `make bench`, to docs/results/speed.md."""
+"""Computing time compared with SciPy programs of the same model: `make bench`, to docs/results/speed.md."""
 
 import importlib.util
 import os
 
-# Before NumPy is loaded: its linear algebra reads these once.
+# Set before NumPy is imported, because its linear algebra reads these variables at import.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
@@ -29,19 +29,19 @@ from sections import write_section
 ROOT = Path(__file__).resolve().parent.parent
 SHARED = ROOT.parent / "shared"
 XSENS = SHARED / "data" / "xsens_mti"
-# A second SciPy program, for the same recording; it starts from counts only.
+# A second SciPy program for the same recording; it accepts raw counts only.
 OTHERS = SHARED / "baseline" / "scipy_calibration.py"
 REPORT = ROOT / "docs" / "results" / "speed.md"
 ROUNDS = 9
-# A loop in Python: a part of the samples says how long all of them take.
+# Samples for the loop in Python, whose time is extrapolated to all samples.
 OF_AHRS = 5_000
-# Times as long as imucal, in two stages and jointly, the SciPy program beside the shared data takes at least.
+# Smallest ratio of the time of the second SciPy program to that of imucal, in two stages and jointly.
 AIMS = {"imucal": 200.0, "imucal, joint": 70.0}
 
 
 @dataclass(frozen=True)
 class Run:
-    """What is calibrated, and what the SciPy program must be told."""
+    """A recording, and the inputs that only the SciPy program needs."""
 
     name: str
     recording: imucal.Recording
@@ -50,7 +50,7 @@ class Run:
 
 
 def a_run() -> Run:
-    """The Xsens recording where it is, else a simulated run of its length."""
+    """The Xsens recording if it is available, otherwise a simulated run of the same length."""
     if XSENS.is_dir():
         recording = imucal.read(XSENS / "xsens_acc.mat", XSENS / "xsens_gyro.mat", format="imu_tk")
         return Run("the Xsens recording (512 s at 100 Hz, raw counts)", recording, 9.81744, 4770.0)
@@ -65,7 +65,7 @@ def a_run() -> Run:
 
 
 def medians_ms(functions: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
-    """Median over rounds, each function once per round, so that a busy machine is busy for all alike."""
+    """Median times over interleaved rounds, so that other load affects all functions equally."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for turn in range(rounds + 1):
         for name, function in functions.items():
@@ -77,7 +77,7 @@ def medians_ms(functions: dict[str, Callable[[], object]], rounds: int = ROUNDS)
 
 
 def program_of_others() -> ModuleType | None:
-    """The SciPy program beside the shared data, if it is there."""
+    """The second SciPy program, if it is available."""
     spec = importlib.util.spec_from_file_location("scipy_calibration", OTHERS)
     if not OTHERS.is_file() or spec is None or spec.loader is None:
         return None
@@ -87,7 +87,7 @@ def program_of_others() -> ModuleType | None:
 
 
 def calibration_lines(run: Run) -> list[str]:
-    """Both fits of imucal beside SciPy programs."""
+    """Table of both fits of imucal and the SciPy programs."""
     recording, gravity = run.recording, run.gravity_mps2
     columns = recording.time_s, recording.specific_force, recording.angular_rate
     told = {"gravity_mps2": gravity, "gyro_nominal": run.gyro_nominal}
@@ -149,7 +149,7 @@ def calibration_lines(run: Run) -> list[str]:
 
 
 def integration_lines() -> list[str]:
-    """A million samples to one rotation."""
+    """Table of the integration of one million samples to a rotation."""
     samples = 1_000_000
     time_s = np.arange(samples) * 1e-3
     rate = np.sin(np.outer(time_s, [1.3, 0.9, 2.1]) + np.arange(3.0)) * [1.0, 2.0, 1.5]
@@ -206,7 +206,7 @@ def integration_lines() -> list[str]:
 
 
 def machine_name() -> str:
-    """The processor, and how many of it."""
+    """Name of the processor, and number of its cores."""
     model = platform.processor() or platform.machine()
     try:
         info = Path("/proc/cpuinfo").read_text(encoding="utf-8")
@@ -219,7 +219,7 @@ def machine_name() -> str:
 
 
 def machine() -> str:
-    """What the figures were taken on."""
+    """Machine and versions of the measurement."""
     return (
         f"Written by `make bench`. {machine_name()}, one used. {platform.system()}, "
         f"Python {platform.python_version()}, NumPy {np.__version__}, SciPy {scipy.__version__}, "
@@ -228,7 +228,7 @@ def machine() -> str:
 
 
 def main() -> None:
-    # One processor for all that is compared here, and one thread.
+    # All programs are compared on one processor with one thread.
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     calibration = "\n".join(
         [

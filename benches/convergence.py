@@ -1,7 +1,7 @@
-"""Integrated against analytic attitude: `make docs-figures`, to docs/results/convergence.md and .svg.
+"""Convergence of the attitude integration: `make docs-figures`, to docs/results/convergence.md and .svg.
 
-The simulated motion is an exact function of time: attitude and rate are both in closed form. Integrating the
-rate of a perfect unit must come to the attitude, with an error that falls as the integrator's order says.
+The attitude and rate of the simulated motion are closed-form functions of time. The attitude integrated from
+the rate of a perfect unit must converge to the exact attitude with the order of the integrator.
 """
 
 import math
@@ -15,7 +15,7 @@ import imucal._core as _core
 
 RESULTS = Path(__file__).resolve().parent.parent / "docs" / "results"
 RATES_HZ = (50, 100, 200, 400, 800, 1600, 3200, 8000)
-# The order is that of the straight line through the errors at these rates and above.
+# The order is the slope of the error between this sampling rate, Hz, and the highest.
 ASYMPTOTIC_HZ = 200
 MOVES = 10
 SEED = 1
@@ -36,15 +36,15 @@ def motions() -> dict[str, imucal.Program | imucal.Tumble]:
 
 @dataclass(frozen=True)
 class Convergence:
-    """Largest error of the attitude after a move, carried from the start of the run, rad, at each rate."""
+    """Largest error of the attitude integrated from the start of the run, rad, at each sampling rate."""
 
     error_rad: np.ndarray
-    # The same without the coning between two samples.
+    # The same error without the coning term between two samples.
     midpoint_error_rad: np.ndarray
 
     @property
     def order(self) -> float:
-        """By which power of the sampling interval the error falls."""
+        """Order of convergence: exponent of the sampling interval in the error."""
         rates = np.array(RATES_HZ, dtype=float)
         far = rates >= ASYMPTOTIC_HZ
         return -float(np.polyfit(np.log(rates[far]), np.log(self.error_rad[far]), 1)[0])
@@ -56,7 +56,7 @@ def converge(motion: imucal.Program | imucal.Tumble) -> Convergence:
 
 
 def worst_errors_rad(motion: imucal.Program | imucal.Tumble, rate_hz: float) -> tuple[float, float]:
-    """Of the fourth order and of the midpoint."""
+    """Attitude errors of the fourth-order and of the midpoint integrator."""
     run = imucal.simulate(motion, unit="ideal", rate_hz=rate_hz, seed=SEED)
     time_s, rate = run.recording.time_s, run.recording.angular_rate
     attitude = run.truth.rotation_wxyz
@@ -76,7 +76,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def angle_rad(a: np.ndarray, b: np.ndarray) -> float:
-    """Angle between two attitudes; the vector part is exact where it is tiny, the scalar part is not."""
+    """Angle between two attitudes, from the vector part, which is accurate for small angles."""
     return 2.0 * math.asin(min(1.0, float(np.linalg.norm(product(a, b * [1, -1, -1, -1])[1:]))))
 
 

@@ -1,8 +1,8 @@
-"""One picture of each effect of the catalogue: `make docs-figures`, to docs/effects/NAME.svg.
+"""A picture of each effect of the catalogue: `make docs-figures`, to docs/effects/NAME.svg.
 
-The error that the effect leaves in corrected readings as long as nobody takes it away: its field along a
-motion times parameters that are drawn with their typical sizes as standard deviations. Below it what the
-field depends on: the size of the rate, or the temperature.
+The picture shows the error of corrected samples if the effect is not compensated: its field along a motion,
+times random parameters with the typical sizes as standard deviations. Below it is the quantity that the field
+depends on: the magnitude of the rate, or the temperature.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ FOLDER = Path(__file__).resolve().parent.parent / "docs" / "effects"
 SEED = 1
 SENSOR_SEED = 14
 RATE_HZ = 100.0
-# Turns are seen in a short run, what changes with time and temperature in a long one.
+# Moves of the short run, for effects of the motion, and of the long run, for effects of time and temperature.
 MOVES = {"short": 6, "long": 45}
 HOLD_S = {"short": 1.5, "long": 5.0}
 LATITUDE_DEG = 45.0
@@ -36,7 +36,7 @@ UNITS = {
     "accelerometer": ("mm/s²", 1e3, "xyz"),
     "encoder": ("deg", np.degrees(1.0), ("motor 1", "motor 2", "motor 3")),
 }
-# Colours of Okabe and Ito: told apart by all eyes.
+# Colours of Okabe and Ito, which colour-blind readers can distinguish.
 STYLE = """<style>
 polyline { fill: none; stroke-width: 1.6 } .below { stroke: #888 }
 .back { fill: #fff } .text { fill: #444 } .grid { stroke: #ddd }
@@ -51,7 +51,7 @@ LINES = ("line-0", "line-1", "line-2")
 
 @dataclass(frozen=True)
 class Scene:
-    """A motion, and the true state along it."""
+    """A motion with its true state."""
 
     state: imucal.State
     below: np.ndarray
@@ -79,12 +79,12 @@ class Scene:
         return Scene(state, rate_dps, "rate, deg/s")
 
     def warming(self) -> Scene:
-        """The same with the temperature below the effect."""
+        """The motion with temperature as the quantity below the effect."""
         return Scene(self.state, self.state.temperature_degc, "degC")
 
 
 def last_direction(speeds: np.ndarray) -> np.ndarray:
-    """Sign of the last motion of each motor, 0 before any."""
+    """Sign of the last motion of each motor, 0 before the first."""
     moving = np.sign(speeds) * (np.abs(speeds) > 1e-6)
     rows = np.arange(len(speeds))[:, None]
     last = np.maximum.accumulate(np.where(moving != 0, rows, 0), axis=0)
@@ -92,14 +92,16 @@ def last_direction(speeds: np.ndarray) -> np.ndarray:
 
 
 def error(effect: imucal.Effect, state: imucal.State) -> np.ndarray:
-    """What the plain form of an effect adds, (N, 3), in the unit of its picture."""
+    """The error caused by the plain form of an effect, (N, 3), in the unit of its picture."""
     shape = None if effect.shape is None else effect.shape.typical
     field = _core.effect_field(effect.name, shape, state)
     return field[:, :, : effect.plain] @ values(effect) * UNITS[effect.sensor][1]
 
 
 def values(effect: imucal.Effect) -> np.ndarray:
-    """Numbers of an ordinary sensor, about zero with the typical sizes; one that is alone has it."""
+    """Random parameters with the typical sizes as standard deviations; a single parameter has its typical
+    size.
+    """
     if effect.name == "earth_rate":
         return _core.earth_rate_radps(LATITUDE_DEG)
     typical = np.array([parameter.typical for parameter in effect.parameters[: effect.plain]])
@@ -109,7 +111,7 @@ def values(effect: imucal.Effect) -> np.ndarray:
 
 
 def ticks(low: float, high: float) -> list[float]:
-    """Round numbers within a range, three to six of them."""
+    """Three to six round numbers within a range, for an axis."""
     step = 10.0 ** np.floor(np.log10((high - low) / 2))
     while (high - low) / step > 5:
         step *= 2 if (high - low) / step <= 10 else 5
@@ -119,7 +121,7 @@ def ticks(low: float, high: float) -> list[float]:
 def panel(
     time_s: np.ndarray, lines: np.ndarray, span: tuple[int, int], unit: str, classes: Sequence[str]
 ) -> list[str]:
-    """Grid and lines (N, k) between two heights."""
+    """The grid and the lines of values (N, k) in a panel between two heights."""
     top, bottom = span
     low, high = float(min(lines.min(), 0.0)), float(max(lines.max(), 0.0))
     room = 0.04 * (high - low)
@@ -168,7 +170,7 @@ def picture(effect: imucal.Effect, scene: Scene) -> str:
 
 
 def pictures() -> dict[str, str]:
-    """Name -> SVG, for every effect of the catalogue."""
+    """SVG pictures of all effects of the catalogue, by name."""
     scenes = {length: Scene.of(length) for length in MOVES}
     drawn = {}
     for effect in imucal.effects.catalogue():

@@ -1,7 +1,7 @@
-"""How long a newcomer waits, from a clone to a C header: `make first-steps`, to docs/results/first-steps.md.
+"""Time from a clone of the project to a C header: `make first-steps`, to docs/results/first-steps.md.
 
 Clones the project, installs the clone into an empty environment, and runs the commands of docs/index.md in
-their order. Packages that pip and cargo have fetched before are not fetched again.
+order. Packages in the caches of pip and cargo are not downloaded again.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         clone, environment = Path(folder) / "imucal", Path(folder) / "venv"
         path = f"{environment / 'bin'}{os.pathsep}{os.environ['PATH']}"
-        # The build of the clone goes into its own folder, wherever this project's is put.
+        # The clone is built in its own folder, also if this project's build folder is set elsewhere.
         variables = {k: v for k, v in os.environ.items() if k != "CARGO_TARGET_DIR"} | {"PATH": path}
         installing = [
             ("git clone", ["git", "clone", "--quiet", str(ROOT), str(clone)]),

@@ -1,18 +1,18 @@
-"""The time of one search for the missing effect beside SciPy's plain fit of the same record.
+"""Time of a search for a missing effect compared with a plain SciPy fit of the same record.
 
-On one processor, and on all that there are.
+It is measured on one processor and on all processors.
 
-The record is the paper's run at 200 Hz: 46 rests, 335 s, 67,000 samples, by hand (A) and on a stand (A', the
-accelerometer inside the moves takes part); clean, with an effect of the catalogue hidden in it, and with one
-that the catalogue does not have. SciPy's plain fit is the gyroscope's stage of `scipy_calibration.py` beside
-the shared data: `least_squares` over nine numbers, rests and start given, the moves integrated by NumPy in
-steps of Runge-Kutta. How many iterations it takes hangs on the last digits of its start, so that this differs
-by a thousandth from round to round.
+The record is the paper's run at 200 Hz: 46 rests, 335 s, 67,000 samples, hand-held (A) and on a stand (A',
+where the force during moves is used). It is clean, or contains an effect of the catalogue or an unknown
+effect. The plain SciPy fit is the gyroscope stage of `scipy_calibration.py` next to the shared data:
+`least_squares` over nine parameters with given rests and start values, and Runge-Kutta integration of the
+moves in NumPy. Its number of iterations depends on rounding, so the start values differ by 0.1 % from round
+to round.
 """
 
 import os
 
-# Before NumPy is loaded: its linear algebra reads these once.
+# Set before NumPy is imported, because its linear algebra reads these variables at import.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
@@ -44,17 +44,17 @@ RATE_HZ: Final = 200.0
 HOLD_S, MOVE_S = 5.26, 2.03
 HIDDEN: Final = "gyro_g_sensitivity"
 ROUNDS: Final = 9
-# By which the start of SciPy's plain fit differs from round to round.
+# Relative random change of the start values of the plain SciPy fit in each round.
 NEAR: Final = 1e-3
-# Of SciPy's plain fit, by kind of data.
+# Largest time of a search relative to the plain SciPy fit, by kind of data.
 AIM: Final = {"A": 1 / 3, "A'": 1.0}
-# Integration passes that scoring all candidates takes at most.
+# Largest time of scoring all candidates, in passes of the integration kernel.
 PASSES: Final = {"A": 6, "A'": 25}
 
 
 @dataclass(frozen=True)
 class Question:
-    """One record, another run of the same scene as control, and what is hidden."""
+    """A record, another run of the same unit as control, and the hidden effect."""
 
     kind: str
     hidden: str
@@ -67,7 +67,7 @@ class Question:
 
 
 def questions() -> list[Question]:
-    """Both kinds of data, with nothing, an effect of the catalogue and another one hidden."""
+    """Records of both kinds: without an effect, with one of the catalogue, and with an unknown one."""
     made = []
     for kind in ("A", "A'"):
         random = generator("speed", kind)
@@ -92,7 +92,7 @@ def _motion(kind: str, seed: int) -> imucal.Program | imucal.Tumble:
 
 
 def ways(question: Question) -> dict[str, Callable[[], object]]:
-    """What is timed: the search with and without a control record, and the fits of SciPy."""
+    """The timed functions: the search with and without a control record, and the SciPy fits."""
     measured = question.measured
     result = imucal.calibrate(measured)
     rests = [(rest["first"], rest["end"]) for rest in result.rests]
@@ -118,7 +118,7 @@ def ways(question: Question) -> dict[str, Callable[[], object]]:
         start, random = np.concatenate([np.zeros(6), np.ones(3)]), generator("start", question.name)
 
         def plain() -> object:
-            # It stops where rounding lets it, after five to eight iterations: each round has another start.
+            # The number of iterations, five to eight, depends on rounding: each round has other start values.
             near = start + NEAR * random.standard_normal(len(start))
             moves = others.Segs(
                 measured.time_s, measured.angular_rate, list(zip(first, last - 1, strict=True))
@@ -130,7 +130,7 @@ def ways(question: Question) -> dict[str, Callable[[], object]]:
 
 
 def medians_ms(functions: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
-    """Median over rounds, each function once per round."""
+    """Median times over interleaved rounds."""
     times: dict[str, list[float]] = {name: [] for name in functions}
     for turn in range(rounds + 1):
         for name, function in functions.items():
@@ -142,7 +142,7 @@ def medians_ms(functions: dict[str, Callable[[], object]], rounds: int = ROUNDS)
 
 
 def stages_ms(question: Question, rounds: int = ROUNDS) -> dict[str, float]:
-    """Median time of each stage of a search with a control record, in their order."""
+    """Median time of each stage of a search with a control record, in order."""
     found: dict[str, list[float]] = {}
     for _ in range(rounds):
         said: list[tuple[str, float]] = []
@@ -157,12 +157,12 @@ def stages_ms(question: Question, rounds: int = ROUNDS) -> dict[str, float]:
     return {name: statistics.median(values) for name, values in found.items()}
 
 
-# By question: what `medians_ms` and what `stages_ms` says.
+# Results of `medians_ms` and `stages_ms` by record.
 Times = dict[str, tuple[dict[str, float], dict[str, float]]]
 
 
 def on_processors(count: int) -> Times:
-    """The times of all questions in a process that may run on so many processors."""
+    """Times for all records, measured in a process with this number of processors."""
     command = [sys.executable, __file__, "--processors", str(count)]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout.splitlines()[-1])  # type: ignore[no-any-return]
@@ -190,7 +190,7 @@ def rows(found: Times) -> list[str]:
 
 
 def said(found: Times) -> str:
-    """Which aims are met."""
+    """Comparison of the measured times with the aims."""
     missed = []
     for name, (ms, _) in found.items():
         share, aim = ms["find_gap"] / ms.get("SciPy, plain", float("nan")), AIM[name.split(",")[0]]
@@ -200,7 +200,7 @@ def said(found: Times) -> str:
 
 
 def scoring_lines() -> list[str]:
-    """What scoring all candidates costs in integration passes with base sums over the same record."""
+    """Time of scoring all candidates in passes of the integration kernel over the same record."""
     program = rust_program("scoring")
     processors = sorted(os.sched_getaffinity(0))
     rows = []
@@ -277,10 +277,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--processors", type=int, help=argparse.SUPPRESS)
     options = parser.parse_args()
-    # The benchmark of cases is at 100 Hz, the record that the aim is about at 200 Hz.
+    # The records of the gap benchmark are at 100 Hz, the aim is for a record at 200 Hz.
     gap.scene.RATE_HZ = RATE_HZ  # type: ignore[misc]
     if options.processors is not None:
-        # Before imucal asks how many there are.
+        # Set before imucal reads the number of processors.
         os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.processors])
         print(json.dumps(times()))
         return

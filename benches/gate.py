@@ -1,11 +1,11 @@
-"""What has to be reached, and whether it was."""
+"""Aims of a benchmark, and whether they are met."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
 class Gate:
-    """One aim: its words, what came out, whether that is enough, and of how many cases."""
+    """An aim: its description, the result, whether it is met, and the number of cases."""
 
     what: str
     aim: str

@@ -1,4 +1,4 @@
-"""The kernels beside a plain sum of the same array: the section "Kernels" of docs/results/speed.md."""
+"""Time of the integration kernels relative to a plain sum: section "Kernels" of docs/results/speed.md."""
 
 import json
 import re
@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-# Times a plain sum, by the vectors that the processor has: issue of the kernels.
+# Largest time relative to a plain sum, by vector width of the processor.
 AIMS = {
     ("Avx512", "rotation, even steps"): 1.7,
     ("Avx2", "rotation, even steps"): 2.2,
@@ -15,12 +15,12 @@ AIMS = {
     ("Avx2", "rotation and 12 sums, even steps"): 4.5,
 }
 NAMES = {"Avx512": "AVX-512", "Avx2": "AVX2"}
-# Instructions per sample are the difference of two runs: what both do besides goes out.
+# Numbers of samples of two runs; the difference of their instructions excludes the fixed part.
 COUNTED_SAMPLES = (450_000, 900_000)
 
 
 def rust_program(name: str) -> Path:
-    """Builds a benchmark that is written in Rust; the path of the program."""
+    """Build a benchmark program in Rust; returns its path."""
     command = ["cargo", "build", "--release", "--workspace", "--locked", "--bench", name]
     built = subprocess.run(
         [*command, "--message-format=json"], cwd=ROOT, check=True, capture_output=True, text=True
@@ -30,7 +30,7 @@ def rust_program(name: str) -> Path:
 
 
 def instructions_per_sample(program: Path, kernel: str) -> float | None:
-    """As callgrind counts them, which other programs cannot change; None without valgrind."""
+    """Instructions per sample, counted by callgrind independently of other load; None without valgrind."""
     if shutil.which("valgrind") is None:
         return None
 
@@ -66,7 +66,7 @@ def kernel_lines(machine: str) -> list[str]:
         rows.append(f"| {NAMES[vectors]} | {kernel} | {float(ns):.2f} | {float(times):.2f} | {verdict} |")
         if kernel not in kernels:
             kernels.append(kernel)
-    # To make the samples takes instructions as well, and the sum hardly any: it stands for them.
+    # The count of the plain sum, which mostly makes the samples, is subtracted from the others.
     counts = {kernel: instructions_per_sample(program, kernel) for kernel in kernels}
     base = counts.get("plain sum")
     counted = [

@@ -1,11 +1,11 @@
-"""Whether the bands of the noise figures hold the truth: `make accuracy`, to docs/results/noise.md.
+"""Coverage of the confidence intervals of noise figures: `make accuracy`, to docs/results/noise.md.
 
-Units at rest are simulated with noise of known size, identified, and compared with the truth.
+Units at rest with known noise are simulated and identified, and the figures are compared with the truth.
 """
 
 import os
 
-# Two processes share the machine: threads of NumPy within them would only get in each other's way.
+# One thread per process, because two processes share the machine.
 for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ[variable] = "1"
 
@@ -35,7 +35,7 @@ SENSORS = ("accelerometer", "gyroscope")
 
 @dataclass(frozen=True)
 class Case:
-    """A unit and the noise that its datasheet does not give: flicker (mg, deg/h), random walk (SI)."""
+    """A unit with noise that its datasheet does not specify: flicker noise (mg, deg/h), random walk (SI)."""
 
     unit: str
     flicker: tuple[float, float] | None
@@ -70,7 +70,7 @@ def unit_of(case: Case) -> imucal.Unit:
 
 
 def trial(case: Case, seed: int) -> list[list[list[imucal.NoiseFigure]]]:
-    """The figures: of each sensor, axis and kind."""
+    """The figures of all units by sensor, axis and kind of noise."""
     run = imucal.simulate(imucal.Static(DURATION_S), unit=unit_of(case), rate_hz=RATE_HZ, seed=seed)
     found = imucal.noise(run.recording, threads=1)
     return [
@@ -86,7 +86,7 @@ def truths(case: Case) -> list[list[float]]:
 
 
 class Judge:
-    """Rows of the table; figures outside of their band are bold and counted."""
+    """Rows of the table. Figures outside their tolerance are bold and counted."""
 
     def __init__(self) -> None:
         self.rows: list[str] = []
@@ -105,7 +105,7 @@ class Judge:
         seen = [figure for figure in found if figure.value is not None]
         share = len(seen) / trials
         if truth == 0.0:
-            # What is not there is seen by chance only, and by less than the band allows.
+            # Absent noise may be detected in at most 5 % of the cases, plus the scatter of that number.
             most = binomial(trials, 0.05, BESIDE)[1]
             cells = ["0", self.judge(f"{100 * share:.1f}", share <= most), "-", "-", "-"]
         else:
@@ -114,7 +114,7 @@ class Judge:
             self.held += held
             inside = held / trials
             low, high = binomial(trials, 0.95, BESIDE)
-            # A band that begins at zero for want of evidence holds small truths more often.
+            # Intervals that start at zero contain small true values more often than 95 %.
             good = low <= inside and (inside <= high or share < 1.0)
             spread = "-"
             size = "-"
@@ -140,7 +140,7 @@ def main() -> None:
     judge = Judge()
     with pool_of(given.processes) as pool:
         for case in track(CASES, "identifying"):
-            # Other seeds for each: the same ones would make the same errors.
+            # Each case has its own seeds, so that the errors of the cases are independent.
             first = 1 + 1000 * CASES.index(case)
             runs = list(pool.map(partial(trial, case), range(first, first + given.runs)))
             for s, (sensor, of_sensor) in enumerate(zip(SENSORS, truths(case), strict=True)):

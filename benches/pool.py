@@ -1,4 +1,4 @@
-"""Processes that share the machine, each with a processor of its own, or their threads would fight for it."""
+"""A pool of processes, each bound to one processor, so that their threads do not compete."""
 
 import multiprocessing
 import os
@@ -9,7 +9,7 @@ __all__ = ["pool_of"]
 
 
 def pool_of(count: int | None) -> ProcessPoolExecutor:
-    """A pool of so many, or of as many as there are processors."""
+    """A pool with this number of processes, by default the number of processors."""
     return ProcessPoolExecutor(count, initializer=_take_one, initargs=(multiprocessing.Value("i", 0),))
 
 

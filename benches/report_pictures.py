@@ -15,7 +15,7 @@ PHONE = {"viewport": {"width": 390, "height": 900}, "is_mobile": True, "has_touc
 
 
 def main() -> None:
-    """Simulate, calibrate, write the report, and photograph two of its tabs."""
+    """Simulate, calibrate, write the report, and take screenshots of two of its tabs."""
     run, control = (imucal.simulate("random", seed=seed).recording for seed in (1, 2))
     result = imucal.calibrate(run, control=control, serial_number="0042")
     FOLDER.mkdir(exist_ok=True)

@@ -1,9 +1,9 @@
-"""Time and memory from 1e5 to 1e8 samples, and of an hour at 8 kHz from a file: to docs/results/speed.md.
+"""Time and memory from 1e5 to 1e8 samples, and for an hour at 8 kHz from a file: to docs/results/speed.md.
 
-Every figure is that of a process of its own, so that its peak is known: resident memory at most, less what
-the process has before the data are there.
+Every figure is measured in a new process, so that its peak memory is known: the maximum resident memory minus
+the resident memory before the data are loaded.
 
-    --most 1e7   stop there: 1e8 samples are 5.6 GB, and simulating them takes twice that
+    --most 1e7   largest number of samples; 1e8 samples need 5.6 GB, and twice that for their simulation
 """
 
 import argparse
@@ -22,11 +22,12 @@ import numpy as np
 from compare import REPORT, machine_name
 from sections import write_section
 
-# Samples, rate in Hz, moves: ten times as much motion each time, at the end the same motion at a higher rate.
+# Samples, rate in Hz, moves: each row has ten times the motion, the last one the same motion at a higher
+# rate.
 SIZES = ((1e5, 1000.0, 18), (1e6, 1000.0, 180), (1e7, 1000.0, 1800), (1e8, 10_000.0, 1800))
-# So few samples that what a process needs once is nearly all that it takes.
+# A recording so small that its calibration needs little more memory than the library itself.
 SMALL = (1e4, 100.0, 18)
-# In smaller types, and what a count is of the SI unit there.
+# Smaller sample types, and counts per SI unit for integer types.
 TYPES = {"float32": None, "int16": 1000.0}
 OF_TYPES = (1e7, 1000.0, 1800)
 HOUR = (28_800_000, 8000.0, 650)
@@ -38,7 +39,7 @@ ROUNDS = 3
 
 
 def peak_bytes() -> int:
-    """Resident memory at most, since the start of the process or since it was reset."""
+    """Maximum resident memory since the start of the process or the last reset, bytes."""
     status = Path("/proc/self/status").read_text()
     return int(re.search(r"VmHWM:\s+(\d+) kB", status)[1]) * 1024  # type: ignore[index]
 
@@ -48,20 +49,20 @@ def reset_peak() -> None:
 
 
 def now_bytes() -> int:
-    """Resident memory at this moment."""
+    """Current resident memory, bytes."""
     return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
 
 
-# --- what the processes do ---
+# --- work of the processes ---
 
 
 def simulate(
     folder: Path, samples: int, rate_hz: float, moves: int, parquet: bool, kind: str = "float64"
 ) -> dict[str, float]:
-    """A run in a Parquet file, or in one of NumPy for each column, force and rate in a type of their own."""
+    """A simulated run as a Parquet file, or as NumPy files, with force and rate in a given type."""
     import imucal
 
-    # One sample more than there are intervals, and no program of more samples than can be simulated.
+    # The number of samples exceeds the number of intervals by one, and a program has a maximum length.
     hold_s = ((samples - 1) / rate_hz - MOVE_S * moves) / (moves + 1)
     program = imucal.Program.random(seed=1, moves=moves, max_rate_dps=60.0, move_s=MOVE_S, hold_s=hold_s)
     recording = imucal.simulate(program, rate_hz=rate_hz, seed=1).recording
@@ -79,7 +80,7 @@ def simulate(
 
 
 def calibrate_arrays(folder: Path, small: str | None = None) -> dict[str, float]:
-    """The first calibration of the process, or the one after that of a small recording."""
+    """The first calibration in a process, or a later one after that of a small recording."""
     import imucal
 
     def recording_in(place: Path) -> imucal.Recording:
@@ -128,11 +129,11 @@ WORK = {
 }
 
 
-# --- the report ---
+# --- report ---
 
 
 def in_process(work: str, *arguments: object) -> dict[str, float]:
-    """What a function of `WORK` returns in a new process."""
+    """The result of a function of `WORK` in a new process."""
     command = [sys.executable, __file__, "--work", work, json.dumps([str(arguments[0]), *arguments[1:]])]
     done = subprocess.run(command, check=True, capture_output=True, text=True)
     return json.loads(done.stdout.splitlines()[-1])
@@ -149,7 +150,7 @@ def verdict(value: float, most: float) -> str:
 def calibrations(
     samples: float, rate_hz: float, moves: int, kind: str = "float64"
 ) -> tuple[list[dict[str, float]], list[dict[str, float]]]:
-    """What `calibrate_arrays` returns in several processes: of the first calibration, and of a later one."""
+    """Results of `calibrate_arrays` in several processes, for the first calibration and for a later one."""
     with tempfile.TemporaryDirectory() as name:
         folder, small = Path(name) / "own", Path(name) / "small"
         folder.mkdir()
@@ -184,7 +185,7 @@ def growth(most: float) -> str:
 
 
 def types() -> str:
-    """Rows of recordings whose samples are no float64."""
+    """Rows for recordings with sample types other than float64."""
     rows = []
     for kind in TYPES:
         found, later = calibrations(*OF_TYPES, kind)

@@ -1,13 +1,13 @@
-"""The same calibration as a SciPy program: what `compare.py` measures imucal against.
+"""The same calibration as a SciPy program, to which `compare.py` compares imucal.
 
 Model and rests are those of imucal: rests from the variance in a sliding window, nine accelerometer
-parameters fitted to the rest means, gyroscope bias from all rests, nine gyroscope entries by carrying
-gravity from rest to rest, standard deviations from the Jacobians. Both fits are
-`scipy.optimize.least_squares`. The accelerometer has an analytic Jacobian; the gyroscope is integrated over
-all moves at once, one NumPy operation per level of a product tree.
+parameters fitted to the means of the rests, gyroscope bias from all rests, nine gyroscope parameters from
+gravity propagated from rest to rest, standard deviations from the Jacobians. Both fits use
+`scipy.optimize.least_squares`. The accelerometer has an analytic Jacobian. The gyroscope is integrated over
+all moves at once, with one NumPy operation per level of a product tree.
 
-It has no checks of the data, no outliers, no hand tremor, and needs a nominal scale of the gyroscope to
-start from.
+It has no checks of the data, no outlier rejection, no model of hand tremor, and needs a nominal scale of the
+gyroscope as a start value.
 """
 
 from dataclasses import dataclass
@@ -24,7 +24,9 @@ ROWS, COLUMNS = np.array([0, 1, 2, 0, 0, 1]), np.array([0, 1, 2, 1, 2, 2])
 
 @dataclass(frozen=True)
 class PeerResult:
-    """`measured = T true + bias`; rests are (K, 2) sample ranges; std of bias and entries in their order."""
+    """`measured = T true + bias`. Rests are (K, 2) sample ranges; standard deviations of biases, then
+    entries.
+    """
 
     rests: np.ndarray
     accel_sensitivity: np.ndarray
@@ -64,7 +66,7 @@ def calibrate(
     gyroscope = fit_gyroscope(Moves(time_s, rate - gyro_bias, first, last), up, sigma, gyro_nominal)
     gyro_sensitivity = np.linalg.inv(gyroscope.x.reshape(3, 3))
 
-    # From the entries of the inverse P to those of T = P^-1: dT = -T dP T.
+    # Jacobian from the entries of the inverse P to those of T = P^-1: dT = -T dP T.
     accel_sensitivity = np.linalg.inv(accel_inverse)
     shape = np.zeros((9, 6))
     shape[3 * ROWS + COLUMNS, np.arange(6)] = shape[3 * COLUMNS + ROWS, np.arange(6)] = 1.0
@@ -92,7 +94,7 @@ def calibrate(
 
 
 def find_rests(channels: np.ndarray, dt_s: float, min_rest_s: float = 1.0) -> np.ndarray:
-    """Sample ranges of the rests, from the threshold that finds the same number over the widest range."""
+    """Sample ranges of the rests, for the threshold in the widest range with the same number of rests."""
     block = max(round(BLOCK_S / dt_s), 1)
     min_blocks = round(min_rest_s / (block * dt_s))
     blocks = (channels - channels[0])[: len(channels) // block * block].reshape(-1, block, channels.shape[1])
@@ -108,7 +110,7 @@ def find_rests(channels: np.ndarray, dt_s: float, min_rest_s: float = 1.0) -> np
     def stretches(threshold: float) -> np.ndarray:
         edges = np.flatnonzero(np.diff(np.concatenate([[False], statistic < threshold, [False]])))
         start, end = edges[::2], edges[1::2] + WINDOW_BLOCKS - 1
-        apart = start[1:] > end[:-1]  # windows that overlap are one rest
+        apart = start[1:] > end[:-1]  # overlapping windows belong to one rest
         start, end = start[np.append(True, apart)], end[np.append(apart, True)]
         start, end = start + (start > 0), end - (end < len(blocks))
         return np.column_stack([start, end])[end - start >= min_blocks]
@@ -123,7 +125,7 @@ def find_rests(channels: np.ndarray, dt_s: float, min_rest_s: float = 1.0) -> np
 
 
 def rest_moments(samples: np.ndarray, rests: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Mean and variance over each rest."""
+    """Mean and variance of each rest."""
     parts = [samples[start:end] for start, end in rests]
     return np.array([p.mean(axis=0) for p in parts]), np.array([p.var(axis=0, ddof=1) for p in parts])
 
@@ -160,7 +162,7 @@ def fit_accelerometer(means: np.ndarray, variance_of_mean: np.ndarray, gravity_m
 
 
 class Moves:
-    """All moves side by side, padded with steps of no length: (moves, steps) arrays."""
+    """All moves as (moves, steps) arrays, padded with steps of zero duration."""
 
     def __init__(self, time_s: np.ndarray, rate: np.ndarray, first: np.ndarray, last: np.ndarray) -> None:
         index = np.minimum(first[:, None] + np.arange((last - first).max() + 1), last[:, None])
@@ -181,7 +183,7 @@ class Moves:
 
 
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Several times faster than `numpy.cross` on a last axis of three."""
+    """Cross product over a last axis of three, several times faster than `numpy.cross`."""
     (ax, ay, az), (bx, by, bz) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
 
@@ -200,7 +202,7 @@ def product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def fit_gyroscope(moves: Moves, up: np.ndarray, sigma: np.ndarray, nominal: float) -> OptimizeResult:
-    """Minimise carried minus measured gravity over the nine entries of P in `w = P (m - b)`."""
+    """Minimise propagated minus measured gravity over the nine entries of P in `w = P (m - b)`."""
     before, after = up[:-1], up[1:]
 
     def residuals(entries: np.ndarray) -> np.ndarray:
@@ -216,7 +218,7 @@ def fit_gyroscope(moves: Moves, up: np.ndarray, sigma: np.ndarray, nominal: floa
 
 
 def standard_deviations(result: OptimizeResult, jacobian: np.ndarray) -> np.ndarray:
-    """Of `jacobian @ x`, widened where the residuals exceed what noise explains."""
+    """Standard deviations of `jacobian @ x`, scaled up if the residuals exceed their noise."""
     scale = np.linalg.norm(result.jac, axis=0)
     covariance = np.linalg.inv((result.jac / scale).T @ (result.jac / scale)) / np.outer(scale, scale)
     freedom = max(len(result.fun) - len(result.x), 1)

@@ -1,4 +1,4 @@
-"""The whole SciPy program as a process: read both files, calibrate, print; `start.py` times it.
+"""The SciPy program as a whole process, for `start.py`: reads both files, calibrates, and prints.
 
 python benches/scipy_process.py scipy_calibration.py xsens_acc.mat xsens_gyro.mat
 """

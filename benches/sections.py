@@ -1,4 +1,4 @@
-"""The reports under docs/results, section by section: each program writes its own, the others stay."""
+"""Sections of the reports in docs/results: each program replaces its own section and keeps the others."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ __all__ = ["write_section"]
 
 
 def write_section(report: Path, title: str, heading: str, body: str) -> None:
-    """Put `body` under `heading` in its place, or at the end; `title` heads a report that is new."""
+    """Replace the section `heading` by `body`, or append it; `title` is the heading of a new report."""
     text = report.read_text(encoding="utf-8") if report.exists() else f"# {title}\n"
     start, *sections = text.split("\n## ")
     kept = {section.split("\n", 1)[0]: section.strip() for section in sections}

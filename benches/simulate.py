@@ -1,4 +1,4 @@
-"""Speed of the simulation beside drawing its white noise alone: `make bench`, to docs/results/speed.md."""
+"""Time of the simulation relative to drawing its white noise: `make bench`, to docs/results/speed.md."""
 
 import numpy as np
 
@@ -10,7 +10,7 @@ SECTION = "Simulation"
 ROUNDS = 5
 LIMIT = 5.0
 RATE_HZ = 1000.0
-# The paper's random program, 514 moves instead of 45: an hour.
+# Moves of the paper's random program for one hour; the paper has 45.
 MOVES = 514
 TEN = (
     "gyro_g_sensitivity",
@@ -31,7 +31,7 @@ def sensor(density: float, instability: float = 0.0, walk: float = 0.0) -> imuca
 
 
 def simulation_lines() -> list[str]:
-    """An hour at 1 kHz with more and more wrong with it."""
+    """Simulations of one hour at 1 kHz with an increasing number of errors."""
     program = imucal.Program.random(seed=1, moves=MOVES)
     effects = dict.fromkeys(TEN, "typical")
     white = imucal.Unit(sensor(1e-3), sensor(1e-4))

@@ -1,7 +1,7 @@
-"""What a line makes of good units and of hidden faults: `make stand`, to docs/results/stand.md.
+"""Verdicts on a production line for good units and hidden faults: `make stand`, to docs/results/stand.md.
 
-Every unit goes through the installed command, as at a line: run, control run, verdict, export. Unit, stand,
-programs, noise and the size and place of the fault are drawn anew for each seed.
+Every unit is processed by the installed command: run, control run, verdict, export. Unit, stand, programs,
+noise, and the size and time of the fault are drawn for each seed.
 """
 
 import argparse
@@ -23,20 +23,20 @@ ROOT = Path(__file__).parent.parent
 PAGE = ROOT / "docs/results/stand.md"
 COMMAND = Path(sys.executable).with_name("imucal")
 GOOD = "none"
-# Hidden fault -> the reason that names it.
+# Reason that must be reported for each hidden fault.
 NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
 SIZES = {
     GOOD: "",
-    "slip": f"{SLIP_DEG[0]:g} to {SLIP_DEG[1]:g} deg about any axis, once in each run",
-    "loose-mount": f"{PLAY_DEG:g} deg (1 sigma) about each motor's axis, another way after every move",
+    "slip": f"{SLIP_DEG[0]:g} to {SLIP_DEG[1]:g} deg about a random axis, once in each run",
+    "loose-mount": f"{PLAY_DEG:g} deg (1 sigma) about each motor's axis, drawn again for every move",
     "clipping": f"range of the gyroscope at {RANGE_SHARE[0]:g} to {RANGE_SHARE[1]:g} of the highest rate",
-    "dead-axis": "one of six, at one value or with its noise alone",
+    "dead-axis": "one of six, constant or with noise only",
 }
 
 
 @dataclass(frozen=True)
 class Trial:
-    """One unit at the line."""
+    """One unit on the line."""
 
     exit_code: int
     verdict: str
@@ -97,7 +97,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--speed", type=float, default=100.0)
-    # A run in time, however fast, is mostly waiting.
+    # Several runs at once, because a run in real time mostly waits.
     parser.add_argument("--at-once", type=int, default=4)
     given = parser.parse_args()
     cases = [(fault, seed) for fault in (GOOD, *FAULTS) for seed in range(1, given.seeds + 1)]

@@ -1,4 +1,4 @@
-"""How long whole processes take: import, help, one calibration. `make bench`, to docs/results/speed.md."""
+"""Duration of whole processes: import, help, one calibration. `make bench`, to docs/results/speed.md."""
 
 import os
 import statistics
@@ -17,7 +17,7 @@ PEER = Path(__file__).with_name("scipy_process.py")
 
 @dataclass(frozen=True)
 class Process:
-    """A command, and what it may take at most: a share of another one's time."""
+    """A command, and its largest time as a share of that of another command."""
 
     name: str
     command: list[str]
@@ -26,7 +26,7 @@ class Process:
 
 
 def processes() -> list[Process]:
-    """What is timed, the peers first."""
+    """The timed commands, the references first."""
     python, imucal = sys.executable, str(Path(sys.executable).with_name("imucal"))
     found = [
         Process("`import numpy`", [python, "-c", "import numpy"]),
@@ -50,7 +50,7 @@ def processes() -> list[Process]:
 
 
 def median_ms(found: list[Process]) -> dict[str, float]:
-    """Median over rounds, each process once per round; all on one processor."""
+    """Median times over interleaved rounds, all on one processor."""
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
     times: dict[str, list[float]] = {process.name: [] for process in found}
     for turn in range(ROUNDS + 1):

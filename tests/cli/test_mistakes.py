@@ -79,7 +79,7 @@ MISTAKES = {
     "names that say no unit": (
         CALIBRATE.format("nameless"),
         1,
-        "first line is: t, ax, ay, az",
+        "first line: t, ax, ay, az",
         "name the columns",
     ),
     "clipped": (CALIBRATE.format("clipped"), 1, "[gyro_saturation]", "exclude"),

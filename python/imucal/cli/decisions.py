@@ -34,7 +34,7 @@ def show_fit(out: Output, fit: Mapping[str, Any]) -> None:
 def show_rests_and_moves(
     out: Output, rests: Sequence[Mapping[str, Any]], moves: Sequence[Mapping[str, Any]]
 ) -> None:
-    """Residual, its standard deviation from noise, and use of every rest and move."""
+    """Tables of rests and moves: residual, its expected standard deviation, and whether it is used."""
     out.table(
         ("rest", "from s", "to s", "|f| - g, m/s^2", "1 sigma", "use"),
         (

@@ -75,7 +75,8 @@ def no_result_told(options: Mapping[str, Any]) -> Iterator[None]:
     except (typer.Exit, SystemExit):
         raise
     except BaseException as error:
-        # An error after the document was written keeps the result, unless it is a foreseen error of a file.
+        # If the result is already written, an interrupt keeps it; an ImucalError, for a file that could not
+        # be written, replaces it.
         is_told = Output.documents > before and (path == "-" or not isinstance(error, ImucalError))
         if path is not None and not is_told and not _is_read(path, options.values()):
             _write(path, error)

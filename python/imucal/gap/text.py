@@ -155,7 +155,7 @@ def _finding(gap: Gap) -> str:
 
 
 def _by_the_effects(figure: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """The figure relative to a refit without effects, if a calibration was given and has been refitted."""
+    """The figure with `before` taken from a refit without effects, if a given calibration was refitted."""
     if figure is None or figure.get("refitted") is None:
         return figure
     before, after, floor = figure["refitted"], figure["after"], figure["floor"]

@@ -22,7 +22,7 @@ SIGNALS = {
     "angular_rate_rms_radps": "angular rate, rms, rad/s",
     "specific_force_rms_mps2": "specific force, rms, m/s²",
 }
-# Number of rests and moves listed of those that exceed the threshold on residuals.
+# Maximum number of rests, and of moves, listed as having significant residuals.
 MOST_WORST = 12
 
 __all__ = ["effects_table", "gap_figures_table", "write_gap_page"]
@@ -50,7 +50,7 @@ def write_gap_page(path: str | Path, gap: Gap) -> None:
 
 
 def effects_table(gap: Gap) -> str:
-    """The parameters of the effects added to the model; empty if there are none."""
+    """HTML table with the parameters of the effects added to the model; empty if there are none."""
     rows = [
         [
             f"{effect['name']} {p['name']}",
@@ -65,7 +65,7 @@ def effects_table(gap: Gap) -> str:
 
 
 def gap_figures_table(gap: Gap) -> str:
-    """Figures of all sets before and after the effects were added; empty if there are none."""
+    """HTML table with the figures of all sets before and after the effects were added; empty without sets."""
     known = figure_sets(gap)
     header = ["", *(f"{name}, {when}" for name in known for when in ("before", "after"))]
     rows = [

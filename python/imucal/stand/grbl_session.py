@@ -24,7 +24,8 @@ Waiting: TypeAlias = Generator[None, None, bool]
 QUERY_S: Final = 0.1
 # Attempts of a handshake.
 TRIES: Final = 4
-# Numbers of the first of three settings: highest rates, deg/min, and accelerations, deg/s^2.
+# GRBL settings of the first motor: highest rate, deg/min, and acceleration, deg/s^2; those of the others
+# follow.
 FIRST_RATE, FIRST_ACCELERATION = 110, 120
 
 

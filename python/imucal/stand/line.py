@@ -65,7 +65,7 @@ class Order:
 
     @property
     def programs(self) -> dict[str, Program]:
-        """The programs by the names of the runs: run, control."""
+        """The programs of the two runs, by the name of the run: run, control."""
         control = self.control or in_another_order(self.program, self.control_seed)
         return {"run": self.program, "control": control}
 

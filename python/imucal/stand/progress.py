@@ -114,7 +114,7 @@ class Progress:
         return (last - first) / (end_s - start_s) if end_s > start_s else 0.0
 
     def update(self, wait: bool = False) -> None:
-        """Update `prospect`: now, waiting for the result, if `wait`; otherwise in the background."""
+        """Update `prospect` in the background; with `wait`, update it now and return when it is done."""
         if self._evaluating is not None and self._evaluating.is_alive():
             if not wait:
                 return

@@ -1,4 +1,4 @@
-"""The samples of a real unit: received in a thread, decoded, given continuous times, and counted."""
+"""Samples of a real unit: bytes are received in a thread and decoded, and lost samples are counted."""
 
 from __future__ import annotations
 

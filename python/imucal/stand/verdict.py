@@ -131,7 +131,7 @@ def assess(
 
 
 def _dead_axes(recording: Recording, program: Program) -> dict[int, Reason]:
-    """Axes of the six that contain only noise, in a program that excites every axis."""
+    """Reasons for axes, 0 to 5, that output only noise although the program excites them."""
     columns = np.hstack([recording.specific_force, recording.angular_rate]).astype(np.float64)
     if len(columns) < 2 or not np.isfinite(columns).all():
         return {}

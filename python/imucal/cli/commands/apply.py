@@ -111,7 +111,7 @@ class _Empty:
         self.first = 0
 
     def add(self, empty: npt.NDArray[np.bool_], before: int) -> None:
-        """Add the flags of a piece that starts at sample `before` of the recording."""
+        """Add a piece whose first sample has the index `before`; `empty` marks its empty samples."""
         if not self.count and empty.any():
             self.first = before + int(empty.argmax())
         self.count += int(empty.sum())
