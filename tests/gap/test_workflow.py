@@ -190,7 +190,7 @@ def test_the_finding_is_one_sentence():
     run, control = pair(effects={"gyro_g_sensitivity": "typical"})
     gap = imucal.find_gap(run, control=control)
     headline = gap.summary().splitlines()[1]
-    assert headline.startswith("gyro_g_sensitivity, 0.10")
+    assert headline.startswith("gyro_g_sensitivity (largest parameter 0.10")
     assert "deg/s per g) explains 100 % of the gap; control gravity direction: 0.14 -> 0.0" in headline
     assert "averaged over 1 s: rate 0.097 -> 0.025 deg/s" in gap.summary()
 
@@ -344,11 +344,11 @@ def test_the_demo_hides_an_effect_finds_and_reveals_it(command, tmp_path):
     *_, revealed, by_hand = done.stdout.splitlines()
     assert revealed.startswith(f"the truth: {name}, ")
     assert ": found, all parameters within" in revealed
-    assert f"{name}, " in done.stdout.split("the truth")[0]
+    assert f"{name} (largest parameter " in done.stdout.split("the truth")[0]
     again = command(
         *by_hand.partition("imucal ")[2].replace("improved.json", str(tmp_path / "i.json")).split()
     )
-    assert f"{name}, " in again.stdout
+    assert f"{name} (largest parameter " in again.stdout
 
 
 def test_stages_are_told():
