@@ -13,7 +13,7 @@ EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PROMISED = {
     "calibrate_arrays.py": ["verdict: good", "gyro_sensitivity_zz"],
     "find_the_missing_effect.py": [
-        r"gyro_g_sensitivity, 0\.10\d \+- 0\.00\d deg/s per g",
+        r"gyro_g_sensitivity \(largest parameter 0\.10\d ± 0\.00\d deg/s per g\)",
         r"rest_rate x: 9\.\d -> 1\.\d x noise",
         r"claimed: 3\.\d times smaller",
         "detection limit in these recordings",
