@@ -1,1 +1,1 @@
-"""A stand: what drives a real one, what records, and what judges the run."""
+"""Stands: drivers of the motors, recording of the unit, and verdicts on a unit of the production line."""

@@ -113,7 +113,7 @@ def calibrate(
     )
     out = Output(json)
     if equipment.driver == "simulated":
-        out.line("simulated stand and unit: for real ones give --driver grbl or manual")
+        out.line("simulated: stand and unit are not real; for real ones give --driver grbl or manual")
     for name, steps in order.programs.items():
         out.line(f"{name}: {_turned(steps)}: mind the cables")
 
