@@ -13,7 +13,7 @@ const MIN_DURATION_S: f64 = 5.0;
 /// Plausible sampling rates of inertial sensors, Hz. Beyond them the unit of time is wrong, or moves cannot be
 /// integrated.
 const RATES_HZ: [f64; 2] = [5.0, 50_000.0];
-/// Relative tolerance of these rates for time steps that are rounded.
+/// Relative tolerance of [`RATES_HZ`], because time stamps and therefore time steps are rounded.
 const ROUNDING: f64 = 1e-6;
 /// Spread of the time steps (standard deviation over median) above which it is reported as a warning, and as an error.
 const SPREAD: [f64; 2] = [0.2, 0.5];

@@ -38,7 +38,7 @@ pub(super) fn check(recording: &Recording, repeats: &Repeats) -> Option<Finding>
     })
 }
 
-/// Numbers of repeated rows between rows that change.
+/// Numbers of rows that repeat the previous row completely or in five values, between rows that change.
 #[derive(Default)]
 pub(super) struct Repeats {
     /// Rows in which all six values repeat.

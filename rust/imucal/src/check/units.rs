@@ -51,7 +51,7 @@ pub(super) struct Lengths {
 }
 
 impl Lengths {
-    /// Counts the rows of an accelerometer in SI units against the limits [`WITH_MOVES`].
+    /// Adds the rows of an accelerometer in SI units, with the limits [`WITH_MOVES`] times standard gravity.
     #[inline(always)]
     pub(super) fn feed(&mut self, part: &Part<'_>) {
         if part.recording.accel_unit == RawUnit::Si {

@@ -10,7 +10,8 @@ use crate::simulate::Moment;
 pub(super) const EDGE_S: f64 = 0.01;
 /// Length of a block of forces inside a move, s: the block length of the joint fit.
 const BLOCK_S: f64 = 0.04;
-/// Length of an interval of a hand-held rest, s. The direction of gravity changes from interval to interval.
+/// Length of the intervals into which a hand-held rest is divided, s. The direction of gravity changes between
+/// intervals.
 const HELD_S: f64 = 0.2;
 /// Number of integration steps in a move. The midpoint rule then has an error of 1e-3 of the information.
 const STEPS: usize = 32;

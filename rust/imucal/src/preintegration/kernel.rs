@@ -114,7 +114,8 @@ impl Block<'_> {
         if at_nodes {
             totals.add::<false>(&[end_of_nodes(simd, -1.0, run.sample::<CUBIC>(), &run.rotation_at_node())]);
         } else if SUMS && EVEN {
-            // The trapezoidal rule gives the first sample half weight; it will be added with full weight later.
+            // The trapezoidal rule gives the first sample half weight. It is added with full weight below, so half of
+            // it is subtracted here.
             totals.add::<false>(&[run.here::<CUBIC>(zero - half)]);
         }
         for t in 0..steps / TILE {

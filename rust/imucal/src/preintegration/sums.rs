@@ -24,7 +24,7 @@ const FOURTH: f64 = (1.0 / 1920.0 + 1.0 / (288.0 * N * N) - 1.0 / (720.0 * N * N
 const OF_HALVES: f64 = 1.0 / 48.0 + 1.0 / (12.0 * N * N);
 /// Coefficient in place of b / a if D were only the difference between the samples at both ends.
 const OF_ENDS: f64 = 1.0 / 24.0;
-/// Share of the difference of both ends in D, with which D has the coefficient b / a.
+/// Weight of the difference of both ends in D. With this weight the coefficient of D is b / a.
 const SHARE_OF_ENDS: f64 = (FOURTH - OF_HALVES) / (OF_ENDS - OF_HALVES);
 /// Factor of the difference of the half sums in D, for rates in units of a sixth of the rotation in a step.
 pub(super) const BY_HALVES: f64 = (1.0 - SHARE_OF_ENDS) * 24.0 * SECOND * N;

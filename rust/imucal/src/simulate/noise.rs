@@ -151,8 +151,8 @@ impl Flicker {
             }
             decay /= RATIO;
         }
-        // Poles with smaller decays would follow. Their c is a geometric series with the square root of the ratio; its
-        // sum is added to the last c.
+        // Poles with smaller decays are omitted. Their c form a geometric series whose ratio is the square root of
+        // RATIO; the sum of the series is added to the last c.
         if let Some(last) = poles.last_mut() {
             last.c /= 1.0 - RATIO.sqrt().recip();
         }
