@@ -1,11 +1,12 @@
-//! The paper's unit stands in two places: here for Rust, and in a data file for Python. They must be the same unit.
+//! The unit of the paper is defined twice: in Rust and in a data file of the Python package. Both definitions must
+//! agree.
 
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use imucal::simulate::{Sensor, Unit};
 use imucal_core::STANDARD_GRAVITY_MPS2;
 
-/// The numbers of a figure, `"name": {"value": NUMBERS, "unit": ...}`, of one sensor.
+/// Numbers of the field `"name": {"value": NUMBERS, "unit": ...}` of one sensor in the data file.
 fn figure(file: &str, sensor: &str, name: &str) -> Vec<f64> {
     let of_sensor = &file[file.find(&format!("\"{sensor}\": {{\n")).unwrap()..];
     let of_name = &of_sensor[of_sensor.find(&format!("\"{name}\": {{\"value\": ")).unwrap()..];
@@ -15,7 +16,7 @@ fn figure(file: &str, sensor: &str, name: &str) -> Vec<f64> {
 
 fn assert_same(file: &str, name: &str, sensor: &Sensor, (bias, noise, lsb): (f64, f64, f64)) {
     let near = |found: f64, wanted: f64| assert!((found - wanted).abs() <= 1e-15 * wanted.abs(), "{found}, {wanted}");
-    // Rows in the file, columns in memory.
+    // Matrices are row-major in the file and column-major in memory.
     for (found, wanted) in figure(file, name, "sensitivity").iter().zip(sensor.sensitivity.transpose().iter()) {
         near(*found, *wanted);
     }

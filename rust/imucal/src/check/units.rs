@@ -138,7 +138,7 @@ fn wrong_accel_unit(recording: &Recording, ranges: &[Range<usize>], norm: f64, g
         && norm < 0.5 * gravity_mps2
         && rate.is_some_and(|rate| within(rate / gravity_mps2, AT_REST));
     let way_out = if swapped {
-        "the gyro columns hold gravity: accel and gyro columns look swapped".into()
+        "the gyro columns contain gravity: accel and gyro columns look swapped".into()
     } else if within(norm, AT_REST) {
         "looks like g: name the columns accel_x_g, accel_y_g, accel_z_g".into()
     } else if within(norm / 1000.0, AT_REST) {

@@ -51,7 +51,7 @@ pub fn overlapping_deviations(
     let samples = values.len();
     if let Some(factor) = factors.iter().find(|&&m| m == 0 || m.saturating_mul(2) > samples) {
         return Err(Error::Input(format!(
-            "an average of {factor} samples is asked for, there are {samples}: give 1 to {}",
+            "an average of {factor} samples is requested, but there are only {samples}: give 1 to {}",
             samples / 2
         )));
     }
