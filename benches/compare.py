@@ -92,7 +92,7 @@ def calibration_lines(run: Run) -> list[str]:
     columns = recording.time_s, recording.specific_force, recording.angular_rate
     told = {"gravity_mps2": gravity, "gyro_nominal": run.gyro_nominal}
     ours = imucal.calibrate(recording, gravity_mps2=gravity, joint=False)
-    rests = np.array([(rest["first"], rest["end"]) for rest in ours.rests])
+    rests = np.array([(rest.first, rest.end) for rest in ours.rests])
     own = scipy_peer.calibrate(*columns, **told)
     same = scipy_peer.calibrate(*columns, **told, rests=rests)
 

@@ -95,7 +95,7 @@ def ways(question: Question) -> dict[str, Callable[[], object]]:
     """The timed functions: the search with and without a control record, and the SciPy fits."""
     measured = question.measured
     result = imucal.calibrate(measured)
-    rests = [(rest["first"], rest["end"]) for rest in result.rests]
+    rests = [(rest.first, rest.end) for rest in result.rests]
     force = result.calibration.apply_recording(measured).specific_force
     up = np.array([force[first:end].mean(axis=0) for first, end in rests])
     up /= np.linalg.norm(up, axis=1, keepdims=True)

@@ -9,8 +9,8 @@ control = imucal.simulate("random", seed=2).recording
 
 result = imucal.calibrate(run, control=control)
 before, after = result.control_before, result.control_set
-print(f"gravity direction per move, uncalibrated: {before['gravity_direction_rms_deg']:.3f} deg rms")
-print(f"gravity direction per move, calibrated:   {after['gravity_direction_rms_deg']:.3f} deg rms")
+print(f"gravity direction per move, uncalibrated: {before.gravity_direction_rms_deg:.3f} deg rms")
+print(f"gravity direction per move, calibrated:   {after.gravity_direction_rms_deg:.3f} deg rms")
 print(f"verdict: {result.verdict}")
 
 # A later program needs only the file.

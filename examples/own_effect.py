@@ -39,8 +39,8 @@ result = imucal.calibrate(run, control=control, effects=[supply])
 for name, judged in (("before", plain), ("after", result)):
     figures = judged.control_set
     print(
-        f"{name}: {figures['gravity_direction_rms_deg']:.3f} deg rms per move of the control run, "
-        f"chi2 per degree of freedom {figures['chi2_per_dof']:.2f}"
+        f"{name}: {figures.gravity_direction_rms_deg:.3f} deg rms per move of the control run, "
+        f"chi2 per degree of freedom {figures.chi2_per_dof:.2f}"
     )
 for parameter, true in zip(result.parameters[21:], TRUE["gyro_bias_supply"], strict=True):
     print(f"{parameter.name}: {parameter.value:.5f} +- {parameter.std:.5f} {parameter.unit}, true {true}")
@@ -54,5 +54,5 @@ result.calibration.save("unit.json")
 calibration = imucal.Calibration.load("unit.json", user_effects=[supply])
 for name, used in (("before", plain.calibration), ("after", calibration)):
     rate = used.apply_recording(control).angular_rate
-    still = np.array([rate[rest["first"] : rest["end"]].mean(axis=0) for rest in result.control.rests])
+    still = np.array([rate[rest.first : rest.end].mean(axis=0) for rest in result.control.rests])
     print(f"{name}: rate at rest {np.degrees(np.sqrt((still**2).mean())):.4f} deg/s rms")

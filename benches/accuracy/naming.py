@@ -51,11 +51,11 @@ class Named:
 
 
 def score(result: imucal.CalibrationResult, bad: Sequence[Bad]) -> Named:
-    rests = [(rest["start_s"], rest["end_s"], is_named(rest)) for rest in result.rests]
-    ends = [(result.rests[move["from_rest"]], result.rests[move["to_rest"]]) for move in result.moves]
+    rests = [(rest.start_s, rest.end_s, is_named(rest)) for rest in result.rests]
+    ends = [(result.rests[move.from_rest], result.rests[move.to_rest]) for move in result.moves]
     names = [is_named(move) for move in result.moves]
-    moves = [(a["end_s"], b["start_s"], named) for (a, b), named in zip(ends, names, strict=True)]
-    with_rests = [(a["start_s"], b["end_s"], named) for (a, b), named in zip(ends, names, strict=True)]
+    moves = [(a.end_s, b.start_s, named) for (a, b), named in zip(ends, names, strict=True)]
+    with_rests = [(a.start_s, b.end_s, named) for (a, b), named in zip(ends, names, strict=True)]
     places = [finding.place for finding in result.findings if finding.place is not None]
     places = [place for place in places if place.end_s - place.start_s <= POINTED_S]
 
@@ -80,4 +80,4 @@ def score(result: imucal.CalibrationResult, bad: Sequence[Bad]) -> Named:
 
 
 def is_named(item: Mapping[str, Any]) -> bool:
-    return item["excluded"] is not None
+    return item.excluded is not None

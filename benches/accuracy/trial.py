@@ -54,11 +54,11 @@ def trial(scene: Scene, seed: int) -> Trial:
 def estimate(result: imucal.CalibrationResult, true: np.ndarray) -> Estimate:
     """A result against the truth; chi2 is that of the joint fit with nothing widened, NaN without one."""
     parameters = result.parameters[:PARAMETERS]
-    fit = result.fit.get("noise_alone") or {"chi2": np.nan, "degrees_of_freedom": 0}
-    dof = fit["degrees_of_freedom"]
+    test = result.fit.noise_alone
+    dof = 0 if test is None else test.degrees_of_freedom or 0
     return Estimate(
         np.array([p.value for p in parameters]) - true,
         np.array([np.nan if p.std is None else p.std for p in parameters]),
-        fit["chi2"] / dof if dof else np.nan,
+        test.chi2 / dof if dof else np.nan,
         dof,
     )

@@ -144,7 +144,7 @@ def control_figures(
     def chi2(calibration: imucal.Calibration | None) -> float | None:
         if calibration is None:
             return None
-        return float(imucal.evaluate(calibration, control).figures["chi2_per_dof"])
+        return float(imucal.evaluate(calibration, control).figures.chi2_per_dof)
 
     def fitted(effects: tuple[str, ...]) -> imucal.Calibration | None:
         try:

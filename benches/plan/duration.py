@@ -80,7 +80,7 @@ def _point(family: str, plan: imucal.Plan) -> Point:
     worst = {group: plan.worst[group] for group in GROUPS}
     # The grid alone does not determine the gyroscope's cross entries.
     known = {
-        group: None if size is None or (family == "grid" and group == "gyro_sensitivity") else size["value"]
+        group: None if size is None or (family == "grid" and group == "gyro_sensitivity") else size.value
         for group, size in worst.items()
     }
     return Point(family, plan.minutes, known)
@@ -96,9 +96,7 @@ def visible(durations: list[Duration]) -> dict[str, dict[str, float]]:
         ("optimal, fine", fine.motion),
     ):
         limits = imucal.plan(motion).detection_limits
-        found[f"{name}, {planned(motion).minutes:.1f} min"] = {
-            n: limit["value"] for n, limit in limits.items()
-        }
+        found[f"{name}, {planned(motion).minutes:.1f} min"] = {n: limit.value for n, limit in limits.items()}
     both = [imucal.Program.grid(), imucal.Program.random(seed=1)]
     records = [imucal.simulate(motion, seed=seed).recording for seed, motion in enumerate(both)]
     gap = imucal.find_gap(records, control=imucal.simulate("random", seed=7).recording)

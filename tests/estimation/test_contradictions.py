@@ -2,7 +2,7 @@
 
 import csv
 import re
-from dataclasses import replace
+from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
@@ -57,8 +57,8 @@ def pushed(run, rests, random):
 def left_out(result):
     """Rests by number, moves by the rest before, and why."""
     return (
-        {k: rest["excluded"] for k, rest in enumerate(result.rests) if rest["excluded"]},
-        {m["from_rest"]: m["excluded"] for m in result.moves if m["excluded"]},
+        {k: rest.excluded for k, rest in enumerate(result.rests) if rest.excluded},
+        {m.from_rest: m.excluded for m in result.moves if m.excluded},
     )
 
 
@@ -93,7 +93,7 @@ def test_a_slow_turn_between_rests_of_a_hand_leaves_no_trace_in_the_bias(seed, r
     start_s, end_s = run.truth.rests[9]
     cut, _ = calibrated(run, keep=~inside(run, start_s - 0.1, end_s + 0.1))
     assert error < WORST
-    assert result.fit["tremor_deg"][0] == pytest.approx(cut.fit["tremor_deg"][0], rel=0.1)
+    assert result.fit.tremor_deg[0] == pytest.approx(cut.fit.tremor_deg[0], rel=0.1)
     for own, other in zip(result.parameters, cut.parameters, strict=True):
         if own.name.startswith("gyro_bias"):
             assert abs(own.value - other.value) < other.std
@@ -114,7 +114,7 @@ def test_a_turn_about_the_vertical_in_a_rest_of_a_hand_leaves_no_trace_in_the_bi
     rate[turning] += np.radians(10) / 2 * profile[:, None] * up
     result, _ = calibrated(run, rate=rate)
     cut, _ = calibrated(run, keep=~inside(run, start_s - 0.1, end_s + 0.1))
-    assert result.rests[15]["excluded"] in ("rest_not_still", "contradicts_other_rests")
+    assert result.rests[15].excluded in ("rest_not_still", "contradicts_other_rests")
     for own, other in zip(result.parameters, cut.parameters, strict=True):
         if own.name.startswith("gyro_bias"):
             assert abs(own.value - other.value) < 2 * other.std
@@ -137,7 +137,7 @@ def test_bad_rests_and_bad_moves_are_named_and_no_others(seed):
     for k in moves:
         assert any(f"from rest {k} to {k + 1} " in note for note in result.notes)
     # What is left is noise: nothing is widened to make room for what was bad.
-    assert set(result.fit["joint"]["scales"].values()) == {1.0}
+    assert set(astuple(result.fit.joint.scales)) == {1.0}
 
 
 def test_a_move_with_a_gap_is_left_out():

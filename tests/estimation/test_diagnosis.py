@@ -20,10 +20,10 @@ def paper_run(seed=1, **options):
 
 def predicted_over_stated(recording, result, **options):
     inspection = imucal.inspect(recording, **options)
-    assert [p["name"] for p in inspection.predicted_sigma] == [p.name for p in result.parameters[:21]]
-    assert [p["unit"] for p in inspection.predicted_sigma] == [p.unit for p in result.parameters[:21]]
+    assert [p.name for p in inspection.predicted_sigma] == [p.name for p in result.parameters[:21]]
+    assert [p.unit for p in inspection.predicted_sigma] == [p.unit for p in result.parameters[:21]]
     return np.array(
-        [p["std"] / q.std for p, q in zip(inspection.predicted_sigma, result.parameters, strict=False)]
+        [p.std / q.std for p, q in zip(inspection.predicted_sigma, result.parameters, strict=False)]
     )
 
 
@@ -48,11 +48,11 @@ def test_parameters_that_are_known_only_together():
         for i, j in zip(*np.nonzero(np.triu(np.abs(correlation) > 0.95, 1)), strict=True)
     }
     assert len(pairs) == 3
-    assert {tuple(item["parameters"]): item["value"] for item in result.diagnosis} == pytest.approx(pairs)
+    assert {item.parameters: item.value for item in result.diagnosis} == pytest.approx(pairs)
     for item in result.diagnosis:
-        assert item["code"] == "traded_off"
-        assert item["way_out"] == "accel_scale_cubic needs rests every 15 deg, weakly"
-        assert f"{item['message']}: {item['way_out']}" in result.notes
+        assert item.code == "traded_off"
+        assert item.way_out == "accel_scale_cubic needs rests every 15 deg, weakly"
+        assert f"{item.message}: {item.way_out}" in result.notes
     assert json.loads(json.dumps(result.to_dict()))["diagnosis"][0]["code"] == "traded_off"
 
 
@@ -62,18 +62,18 @@ def test_an_effect_that_the_run_does_not_show():
         Program.random(seed=2, moves=20, hold_s=2.0), unit="mpu6050", rate_hz=RATE_HZ, seed=2
     )
     result = imucal.calibrate(warm.recording, effects=["gyro_bias_warmup"])
-    by_code = {item["code"]: item for item in result.diagnosis}
+    by_code = {item.code: item for item in result.diagnosis}
     assert set(by_code) >= {"flat", "at_bound"}
-    assert by_code["at_bound"]["parameters"] == ["gyro_bias_warmup_tau"]
+    assert by_code["at_bound"].parameters == ("gyro_bias_warmup_tau",)
     values = {p.name: p.value for p in result.parameters}
-    assert by_code["at_bound"]["value"] == values["gyro_bias_warmup_tau"]
+    assert by_code["at_bound"].value == values["gyro_bias_warmup_tau"]
     stds = {p.name: p.std for p in result.parameters}
     for item in result.diagnosis:
-        if item["code"] == "flat":
-            (name,) = item["parameters"]
+        if item.code == "flat":
+            (name,) = item.parameters
             usual = imucal.effects.find("gyro_bias_warmup").parameters[0].typical
-            assert item["value"] == pytest.approx(stds[name] / usual)
-            assert item["value"] > 1
+            assert item.value == pytest.approx(stds[name] / usual)
+            assert item.value > 1
 
 
 # --- how well noise explains the fit ---
@@ -84,18 +84,16 @@ def test_chi2_of_the_fit_and_of_each_rest_and_move():
     p_values = {"fit": [], "rests": [], "moves": []}
     for seed in range(6):
         result = imucal.calibrate(paper_run(seed, hold_s=2.0).recording)
-        whole = result.fit["noise_alone"]
+        whole = result.fit.noise_alone
         # A norm and three rates for each rest, two directions for each move.
-        assert whole["degrees_of_freedom"] == 4 * len(result.rests) + 2 * len(result.moves) - 21
-        assert whole["p_value"] == pytest.approx(
-            chi2.sf(whole["chi2"], whole["degrees_of_freedom"]), rel=1e-6
-        )
-        p_values["fit"].append(whole["p_value"])
+        assert whole.degrees_of_freedom == 4 * len(result.rests) + 2 * len(result.moves) - 21
+        assert whole.p_value == pytest.approx(chi2.sf(whole.chi2, whole.degrees_of_freedom), rel=1e-6)
+        p_values["fit"].append(whole.p_value)
         for name, freedom in (("rests", 4), ("moves", 2)):
             for item in getattr(result, name):
-                assert item["degrees_of_freedom"] == freedom
-                assert item["p_value"] == pytest.approx(chi2.sf(item["chi2"], freedom), rel=1e-6)
-                p_values[name].append(item["p_value"])
+                assert item.degrees_of_freedom == freedom
+                assert item.p_value == pytest.approx(chi2.sf(item.chi2, freedom), rel=1e-6)
+                p_values[name].append(item.p_value)
     for name, values in p_values.items():
         assert kstest(values, "uniform").pvalue > 1e-3, name
     assert "noise alone makes it larger with the probability" in result.summary()
@@ -106,12 +104,12 @@ def test_a_nudged_rest_has_a_small_probability():
     recording = paper_run().recording
     rest = imucal.calibrate(recording).rests[20]
     force = recording.specific_force.copy()
-    force[rest["first"] : rest["end"]] *= 1 + 4 * rest["norm_sigma_mps2"] / G_MPS2
+    force[rest.first : rest.end] *= 1 + 4 * rest.norm_sigma_mps2 / G_MPS2
     nudged = imucal.Recording(recording.time_s, force, recording.angular_rate, name="nudged")
     result = imucal.calibrate(nudged)
-    assert result.rests[20]["excluded"] is None
-    assert result.rests[20]["chi2"] > rest["chi2"] + 5
-    assert result.rests[20]["p_value"] < 0.01 < rest["p_value"]
+    assert result.rests[20].excluded is None
+    assert result.rests[20].chi2 > rest.chi2 + 5
+    assert result.rests[20].p_value < 0.01 < rest.p_value
 
 
 # --- predicted standard deviations ---
@@ -149,10 +147,10 @@ def test_predicted_sigmas_of_a_real_recording(data_file):
     for unit in (0, 1):
         recording = imucal.read(data_file(f"mpu9150/imu{unit}.log"), columns=",".join(names), rate_hz=100)
         result = imucal.calibrate(recording)
-        assert result.fit["accelerometer"]["inflation"] == 1
+        assert result.fit.accelerometer.inflation == 1
         ratio = predicted_over_stated(recording, result)
         assert ratio[:9] == pytest.approx(1, abs=0.2)
-        widened = result.fit["gyroscope"]["inflation"]
+        widened = result.fit.gyroscope.inflation
         assert 1.2 < widened < 2
         assert ratio[12:] * widened == pytest.approx(1, abs=0.25)
 
@@ -165,13 +163,13 @@ def test_what_is_not_determined_has_no_predicted_sigma():
     with pytest.raises(imucal.NotEnoughMotionError) as caught:
         imucal.calibrate(recording)
     assert inspection.missing == str(caught.value)
-    unknown = {p["name"] for p in inspection.predicted_sigma if p["std"] is None}
+    unknown = {p.name for p in inspection.predicted_sigma if p.std is None}
     assert unknown == {
         *("accel_bias_y", "accel_sensitivity_yy", "accel_sensitivity_xy", "accel_sensitivity_yz"),
         *(f"gyro_sensitivity_{i}{j}" for i in "xyz" for j in "xz"),
         *("gyro_sensitivity_xy", "gyro_sensitivity_zy"),
     }
-    known = [p["std"] for p in inspection.predicted_sigma if p["std"] is not None]
+    known = [p.std for p in inspection.predicted_sigma if p.std is not None]
     assert min(known) > 0
     assert max(known) < 0.05
 
@@ -195,7 +193,7 @@ def test_inspect_predicts_nothing_for_what_it_says_is_missing(poses, seed, comma
     run = imucal.simulate(motion, seed=seed, unit="random:bmi088:3", rate_hz=100).recording
     seen = imucal.inspect(run)
     named = re.search(r"accelerometer's ([^:]*):", seen.missing).group(1).split(", ")
-    open_ = [p["name"] for p in seen.predicted_sigma if p["std"] is None and p["name"].startswith("accel")]
+    open_ = [p.name for p in seen.predicted_sigma if p.std is None and p.name.startswith("accel")]
     assert len(open_) == len(named)
     imucal.write(run, tmp_path / "run.csv")
     done = command("inspect", tmp_path / "run.csv")

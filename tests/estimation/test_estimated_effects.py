@@ -147,14 +147,14 @@ def test_an_effect_that_is_not_there_is_small_or_refused(effect, count, motion, 
         assert reason in str(error)
         assert effect.name in NOT_DETERMINED or (effect.sensor == "encoder" and motion == "by_hand")
         return
-    assert result.fit["joint"]["termination"] == "converged"
+    assert result.fit.joint.termination == "converged"
     assert np.isfinite(result.calibration.covariance).all()
     assert all(p.std is not None and np.isfinite([p.value, p.std]).all() for p in result.parameters)
     # chi2 with that many degrees of freedom exceeds this once in a million.
-    (effect_fit,) = result.fit["effects"]
-    assert effect_fit["name"] == effect.name
-    assert effect_fit["dof"] == count
-    assert effect_fit["statistic"] < count + 7 * np.sqrt(2 * count) + 18
+    (effect_fit,) = result.fit.effects
+    assert effect_fit.name == effect.name
+    assert effect_fit.dof == count
+    assert effect_fit.statistic < count + 7 * np.sqrt(2 * count) + 18
     assert result.verdict == "good"
 
 
@@ -198,7 +198,7 @@ def test_the_command_writes_judges_and_shows_effects(two_runs, tmp_path, capsys)
     after = json.loads((tmp_path / "judged.json").read_text())["control_set"]["after"]
     assert after == result["control_set"]
     plain = imucal.calibrate(imucal.read(run), control=imucal.read(control)).control_set
-    assert after["gravity_norm_rms_mps2"] < 0.2 * plain["gravity_norm_rms_mps2"]
+    assert after.gravity_norm_rms_mps2 < 0.2 * plain.gravity_norm_rms_mps2
     assert main(["apply", paths["cal.json"], control, "-o", str(tmp_path / "corrected.parquet")]) == 0
     assert "effects compensated: accel_bias_temperature" in capsys.readouterr().out
 
@@ -267,5 +267,5 @@ def test_effects_of_an_own_kind_and_of_the_catalogue_together():
         true["gyro_scale_supply"], rel=1e-5
     )
     assert found["gyro_g_sensitivity_xy"] == pytest.approx(1e-4, rel=1e-5)
-    assert result.held_out["gravity_direction_rms_deg"] < 1e-3
-    assert [effect["name"] for effect in result.fit["effects"]] == ["gyro_g_sensitivity", "gyro_scale_supply"]
+    assert result.held_out.gravity_direction_rms_deg < 1e-3
+    assert [effect.name for effect in result.fit.effects] == ["gyro_g_sensitivity", "gyro_scale_supply"]

@@ -34,7 +34,7 @@ def test_a_control_recording_without_figures_is_poor_and_says_why(heated):
     run, control, calibration = heated
     control = without_a_temperature(control)
     judged = imucal.evaluate(calibration, control)
-    assert judged.figures["chi2_per_dof"] is None
+    assert judged.figures.chi2_per_dof is None
     assert judged.verdict == "poor"
     assert "no correction for 1 of 16000 samples of control.csv, the first one 2500" in judged.reasons[0]
     assert "temp_degc" in judged.reasons[0]

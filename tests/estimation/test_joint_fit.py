@@ -19,7 +19,7 @@ class Residuals:
 
     def __init__(self, recording, result):
         self.recording, self.moves = recording, result.moves
-        rests = [slice(rest["first"], rest["end"]) for rest in result.rests]
+        rests = [slice(rest.first, rest.end) for rest in result.rests]
         self.force = np.array([recording.specific_force[rest].mean(axis=0) for rest in rests])
         self.rate = np.array([recording.angular_rate[rest].mean(axis=0) for rest in rests])
         # The simulated noise is white.
@@ -27,8 +27,8 @@ class Residuals:
         variance = [recording.specific_force[rest].var(axis=0, ddof=1) for rest in rests] / count
         samples = np.array([recording.angular_rate[rest].var(axis=0, ddof=1) for rest in rests])
         self.rate_sigma = np.sqrt(samples / count)
-        self.before = np.array([m["from_rest"] for m in self.moves])
-        self.after = np.array([m["to_rest"] for m in self.moves])
+        self.before = np.array([m.from_rest for m in self.moves])
+        self.after = np.array([m.to_rest for m in self.moves])
 
         # At the solution: two directions across gravity after each move, and the covariance.
         model = unpacked(packed(result))
@@ -48,7 +48,7 @@ class Residuals:
         shared = (shared * np.sqrt(variance)).reshape(len(shared), -1)
         density = np.median(samples, axis=0) * np.median(np.diff(recording.time_s))
         inverse = np.linalg.inv(model.gyroscope.sensitivity)
-        walk = (inverse**2 @ density).sum() / 3 * np.array([m["duration_s"] for m in self.moves])
+        walk = (inverse**2 @ density).sum() / 3 * np.array([m.duration_s for m in self.moves])
         own = np.concatenate([np.full(rests_count, FINEST_NORM**2), np.repeat(walk + FINEST_DIRECTION**2, 2)])
         self.whiten = np.linalg.inv(np.linalg.cholesky(np.diag(own) + shared @ shared.T))
 
@@ -69,10 +69,10 @@ class Residuals:
         step_s = np.diff(time_s)[1:-1, None]
         turn = step_s * mean + step_s**2 / 12 * np.cross(rate[1:-2], rate[2:-1])
         # All moves are filled up to a power of two with steps that turn nothing, and multiplied pair by pair.
-        steps = 1 << int(np.ceil(np.log2(max(m["last"] - m["first"] for m in self.moves))))
+        steps = 1 << int(np.ceil(np.log2(max(m.last - m.first for m in self.moves))))
         vectors = np.zeros((len(self.moves), steps, 3))
         for k, m in enumerate(self.moves):
-            vectors[k, : m["last"] - m["first"]] = turn[m["first"] - 1 : m["last"] - 1]
+            vectors[k, : m.last - m.first] = turn[m.first - 1 : m.last - 1]
         rotation = Rotation.from_rotvec(vectors.reshape(-1, 3))
         while len(rotation) > len(self.moves):
             rotation = rotation[::2] * rotation[1::2]
@@ -111,8 +111,8 @@ def test_scipy_finds_the_same_minimum_and_the_same_sigmas(seed):
     # Noise is estimated a little differently, and weights with it.
     assert np.abs((packed(joint) - found.x) / std).max() < 0.1
     assert np.sqrt(np.linalg.inv(found.jac.T @ found.jac).diagonal()) == pytest.approx(std, rel=0.1)
-    assert joint.fit["joint"]["chi2"] == pytest.approx(2 * found.cost, rel=0.1)
-    assert joint.fit["joint"]["degrees_of_freedom"] == len(found.fun) - 21
+    assert joint.fit.joint.chi2 == pytest.approx(2 * found.cost, rel=0.1)
+    assert joint.fit.joint.degrees_of_freedom == len(found.fun) - 21
     # Another estimate is told apart.
     assert np.abs((packed(two_stages) - found.x) / std).max() > 0.3
 
@@ -156,7 +156,7 @@ def wandering(seed, bias_instability_degph):
 def test_a_steady_bias_is_not_said_to_wander():
     for seed in range(1, 6):
         _, result = wandering(seed, 0.0)
-        assert result.fit["bias_instability_radps"] is None
+        assert result.fit.bias_instability_radps is None
         assert not any("wanders" in note for note in result.notes)
 
 
@@ -164,7 +164,7 @@ def test_a_large_bias_instability_is_seen_and_standard_deviations_are_true():
     found, squares = [], []
     for seed in range(1, 16):
         run, result = wandering(seed, 60.0)
-        found.append(result.fit["bias_instability_radps"])
+        found.append(result.fit.bias_instability_radps)
         truth = np.array([parameter.value for parameter in run.truth.calibration.parameters])
         estimate, sigma = np.array([(p.value, p.std) for p in result.calibration.parameters]).T
         squares.append(((estimate - truth) / sigma)[12:] ** 2)
@@ -181,7 +181,7 @@ def test_a_large_bias_instability_is_seen_and_standard_deviations_are_true():
 def test_a_filter_does_not_make_a_stand_a_hand(seed):
     """Filtered noise has hardly any of the high frequencies by which sensors are told from a hand."""
     result = imucal.calibrate(imucal.simulate("random", seed=seed, filter_hz=15.0).recording)
-    assert result.fit["tremor_deg"] == [None]
-    chi2, free = (result.fit["joint"][name] for name in ("chi2", "degrees_of_freedom"))
+    assert result.fit.tremor_deg == (None,)
+    chi2, free = result.fit.joint.chi2, result.fit.joint.degrees_of_freedom
     # Four standard deviations of what noise leaves.
     assert chi2 < free + 4.0 * (2.0 * free) ** 0.5

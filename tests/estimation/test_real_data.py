@@ -44,7 +44,7 @@ def xsens_in_two_stages(xsens):
 
 
 def used(items, field):
-    return np.array([item[field] for item in items if item["excluded"] is None])
+    return np.array([getattr(item, field) for item in items if item.excluded is None])
 
 
 def symmetric(entries):
@@ -72,7 +72,7 @@ def test_xsens_accelerometer_agrees_with_scipy(xsens_in_two_stages):
     # Off the diagonal, relative to the scale: a misalignment of 1e-6 rad.
     scale = np.sqrt(np.outer(found.x[3:6], found.x[3:6]))
     assert np.abs((accelerometer.sensitivity - symmetric(found.x[3:])) / scale).max() < 1e-6
-    assert xsens_in_two_stages.fit["accelerometer"]["chi2"] == pytest.approx(2 * found.cost, rel=1e-3)
+    assert xsens_in_two_stages.fit.accelerometer.chi2 == pytest.approx(2 * found.cost, rel=1e-3)
 
 
 def test_xsens_reads_gravity_at_every_rest(xsens_result):
@@ -94,8 +94,8 @@ def test_xsens_accelerometer_agrees_with_imu_tk(xsens_result):
 def carried(time_s, raw_rate, moves, bias, sensitivity):
     """Gravity before each move, turned by the integrated rate to the end of the move, (moves, 3)."""
     # All moves side by side; steps past the end of a short one have length zero and turn nothing.
-    steps = 1 << int(np.ceil(np.log2(max(m["last"] - m["first"] for m in moves))))
-    index = np.array([np.minimum(m["first"] + np.arange(steps + 1), m["last"]) for m in moves])
+    steps = 1 << int(np.ceil(np.log2(max(m.last - m.first for m in moves))))
+    index = np.array([np.minimum(m.first + np.arange(steps + 1), m.last) for m in moves])
     rate = np.linalg.solve(sensitivity, (raw_rate[index].reshape(-1, 3) - bias).T).T.reshape(*index.shape, 3)
     dt = np.diff(time_s[index], axis=1)[..., None]
     w0, w1 = rate[:, :-1], rate[:, 1:]
@@ -108,14 +108,14 @@ def carried(time_s, raw_rate, moves, bias, sensitivity):
         scalar = a * b - (u * v).sum(-1, keepdims=True)
         vector = a * v + b * u + np.cross(u, v)
     a, u = scalar[:, 0], -vector[:, 0]
-    up = np.array([m["gravity_before"] for m in moves])
+    up = np.array([m.gravity_before for m in moves])
     return up + 2 * a * np.cross(u, up) + 2 * np.cross(u, np.cross(u, up))
 
 
 def test_xsens_gyroscope_agrees_with_scipy(xsens, xsens_in_two_stages):
-    moves = [m for m in xsens_in_two_stages.moves if m["excluded"] is None]
-    after = np.array([m["gravity_after"] for m in moves])
-    sigma = np.radians([m["direction_sigma_deg"] for m in moves])
+    moves = [m for m in xsens_in_two_stages.moves if m.excluded is None]
+    after = np.array([m.gravity_after for m in moves])
+    sigma = np.radians([m.direction_sigma_deg for m in moves])
     gyroscope = xsens_in_two_stages.calibration.gyroscope
     # The two directions across each `after`: which two does not matter to the sum of squares.
     across = np.linalg.svd(after[:, None, :])[2][:, 1:]
@@ -128,7 +128,7 @@ def test_xsens_gyroscope_agrees_with_scipy(xsens, xsens_in_two_stages):
     entries = found.x.reshape(3, 3)
     scale = np.abs(np.diag(entries))[:, None]
     assert np.abs((gyroscope.sensitivity - entries) / scale).max() < 1e-6
-    assert xsens_in_two_stages.fit["gyroscope"]["chi2"] == pytest.approx(2 * found.cost, rel=1e-6)
+    assert xsens_in_two_stages.fit.gyroscope.chi2 == pytest.approx(2 * found.cost, rel=1e-6)
 
 
 def test_xsens_gyroscope_carries_gravity(xsens_result):
@@ -193,7 +193,7 @@ def xsens_with_effect(xsens_files, command, tmp_path_factory):
 
 def test_xsens_g_sensitivity_explains_the_moves(xsens_with_effect, xsens_result):
     result, _ = xsens_with_effect
-    assert xsens_result.calibration_set["gravity_direction_rms_deg"] > 0.4
+    assert xsens_result.calibration_set.gravity_direction_rms_deg > 0.4
     assert result["calibration_set"]["gravity_direction_rms_deg"] <= 0.135
     assert result["held_out"]["gravity_direction_rms_deg"] <= 0.175
     assert result["verdict"] == "good"
@@ -211,7 +211,7 @@ def chi2_per_dof(moves):
 
 def test_xsens_noise_explains_the_moves_once_the_effect_is_known(xsens_with_effect, xsens_result):
     result, _ = xsens_with_effect
-    assert chi2_per_dof(xsens_result.moves) > 10
+    assert chi2_per_dof(map(dataclasses.asdict, xsens_result.moves)) > 10
     assert chi2_per_dof(result["moves"]) < 2.0
 
 
@@ -256,18 +256,18 @@ def mpu9150(data_file, unit):
 def test_mpu9150_held_out_moves(data_file, unit, most_deg):
     result = imucal.calibrate(mpu9150(data_file, unit), folds=3)
     assert len(result.rests) >= 22
-    assert result.held_out["gravity_direction_rms_deg"] <= most_deg
-    assert len(result.held_out["direction_error_deg"]) >= 21
+    assert result.held_out.gravity_direction_rms_deg <= most_deg
+    assert len(result.held_out.direction_error_deg) >= 21
     assert result.verdict == "good"
 
 
 @pytest.mark.parametrize("unit", [0, 1])
 def test_mpu9150_noise_explains_rests_and_moves(data_file, unit):
     result = imucal.calibrate(mpu9150(data_file, unit))
-    assert result.calibration_set["chi2_per_dof"] < 2.0
+    assert result.calibration_set.chi2_per_dof < 2.0
     # White noise and the wandering of the bias, both from this record; all of it, nothing being widened.
-    assert max(result.fit["bias_instability_radps"]) > 0.0
-    assert result.fit["noise_alone"]["chi2"] < 2.0 * result.fit["noise_alone"]["degrees_of_freedom"]
+    assert max(result.fit.bias_instability_radps) > 0.0
+    assert result.fit.noise_alone.chi2 < 2.0 * result.fit.noise_alone.degrees_of_freedom
 
 
 def test_mpu9150_agrees_with_another_fit(data_file):
@@ -281,7 +281,7 @@ def test_mpu9150_agrees_with_another_fit(data_file):
 
 def test_two_units_are_not_taken_for_one(data_file):
     both = imucal.calibrate([mpu9150(data_file, unit) for unit in (0, 1)])
-    assert both.calibration_set["chi2_per_dof"] > 100
+    assert both.calibration_set.chi2_per_dof > 100
     assert both.verdict == "poor"
     assert "does not describe this unit" in both.reasons[0]
 
@@ -299,10 +299,10 @@ def test_mpu9150_by_the_command(data_file, command, tmp_path):
 def test_mpu9150_is_not_helped_by_g_sensitivity(data_file, unit):
     """Held-out moves are not better by more than chance: 21 of them tell an rms to 15 % at one sigma."""
     recording = mpu9150(data_file, unit)
-    plain = imucal.calibrate(recording, folds=3).held_out["gravity_direction_rms_deg"]
+    plain = imucal.calibrate(recording, folds=3).held_out.gravity_direction_rms_deg
     helped = imucal.calibrate(recording, folds=3, effects=["gyro_g_sensitivity"]).held_out
-    assert helped["gravity_direction_rms_deg"] > 0.85 * plain
-    assert helped["gravity_direction_rms_deg"] < 1.3 * plain
+    assert helped.gravity_direction_rms_deg > 0.85 * plain
+    assert helped.gravity_direction_rms_deg < 1.3 * plain
 
 
 # --- mpu6050: raw counts, a gyroscope that saturates -------------------------------------------------------

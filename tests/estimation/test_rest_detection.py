@@ -47,7 +47,7 @@ def trembling(time_s, rate, force, rests, amplitude_deg, seed):
 
 
 def require_true_rests(inspection, true):
-    found = np.array([(rest["start_s"], rest["end_s"]) for rest in inspection.rests])
+    found = np.array([(rest.start_s, rest.end_s) for rest in inspection.rests])
     assert len(found) == len(true), inspection.explanation
     outside = np.maximum(true[:, 0] - found[:, 0], found[:, 1] - true[:, 1])
     lost = np.maximum(found[:, 0] - true[:, 0], true[:, 1] - found[:, 1])
@@ -110,13 +110,13 @@ def test_it_says_which_threshold_and_why(run):
     recording, true = run(100, 1.0, 1)
     inspection = imucal.inspect(recording)
     threshold = inspection.threshold
-    assert threshold["stable_from"] <= threshold["factor"] <= threshold["stable_to"]
-    assert f"below {threshold['factor']:.1f} times the noise floor" in inspection.explanation
+    assert threshold.stable_from <= threshold.factor <= threshold.stable_to
+    assert f"below {threshold.factor:.1f} times the noise floor" in inspection.explanation
     assert f"finds the same {len(true)} rests" in inspection.explanation
     # The noise floor, one sample's standard deviation, is the one that was put in.
     put_in = np.repeat(DENSITY, 3) * 10
-    assert threshold["noise_floor"] == pytest.approx(put_in, rel=0.15)
-    assert threshold["window_s"] == pytest.approx(0.5)
+    assert threshold.noise_floor == pytest.approx(put_in, rel=0.15)
+    assert threshold.window_s == pytest.approx(0.5)
 
 
 def test_min_rest_s_decides_what_is_a_rest(run):

@@ -46,13 +46,13 @@ def paper_runs():
         result = imucal.calibrate(run.recording)
         assert len(result.rests) == len(run.truth.rests) == 46
         errors.append(errors_in_sigma(result, run.truth.calibration))
-        chi2.append([fit["chi2"] / fit["degrees_of_freedom"] for fit in fits(result)])
-        left_out.append(sum(item["excluded"] is not None for item in (*result.rests, *result.moves)))
+        chi2.append([fit.chi2 / fit.degrees_of_freedom for fit in fits(result)])
+        left_out.append(sum(item.excluded is not None for item in (*result.rests, *result.moves)))
     return np.array(errors), np.array(chi2), left_out
 
 
 def fits(result):
-    return result.fit["accelerometer"], result.fit["gyroscope"]
+    return result.fit.accelerometer, result.fit.gyroscope
 
 
 def test_every_parameter_is_within_its_own_sigmas(paper_runs):
@@ -104,7 +104,7 @@ def test_two_recordings_of_one_unit_are_better_than_one():
     # Its moves say little more of the gyroscope; standard deviations follow the scatter of the residuals.
     assert gain[12:].max() < 1.15
     assert gain[12:].mean() < 1
-    assert {rest["recording"] for rest in together.rests} == {"simulated-1", "simulated-2"}
+    assert {rest.recording for rest in together.rests} == {"simulated-1", "simulated-2"}
 
 
 def test_the_grid_alone_does_not_determine_the_gyroscope():
@@ -149,7 +149,7 @@ def test_a_nudge_does_no_harm(seed):
     before = run.truth.rests[DISTURBED]
     bump = (before[1] + 0.05, before[1] + 0.25)
     for rest in result.rests:
-        assert rest["end_s"] < bump[0] or rest["start_s"] > bump[1] or rest["excluded"]
+        assert rest.end_s < bump[0] or rest.start_s > bump[1] or rest.excluded
 
 
 def slipped(turn_deg, seed):
@@ -169,10 +169,10 @@ def test_a_large_slip_is_left_out(seed):
     recording, truth, (start_s, end_s) = slipped(10.0, seed)
     result = imucal.calibrate(recording)
     assert np.abs(errors_in_sigma(result, truth.calibration)).max() < WORST_DISTURBED
-    (left_out,) = (m for m in result.moves if m["excluded"] is not None)
-    assert left_out["excluded"] == "contradicts_other_moves"
-    assert recording.time_s[left_out["first"]] < end_s
-    assert recording.time_s[left_out["last"]] > start_s
+    (left_out,) = (m for m in result.moves if m.excluded is not None)
+    assert left_out.excluded == "contradicts_other_moves"
+    assert recording.time_s[left_out.first] < end_s
+    assert recording.time_s[left_out.last] > start_s
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -181,8 +181,8 @@ def test_a_small_slip_does_no_harm_and_shows(seed):
     recording, truth, (start_s, _) = slipped(2.0, seed)
     result = imucal.calibrate(recording)
     assert np.abs(errors_in_sigma(result, truth.calibration)).max() < WORST_DISTURBED
-    unsteady = [rest for rest in result.rests if rest["unsteadiness"] > 10]
-    assert [rest["start_s"] < start_s < rest["end_s"] for rest in unsteady] == [True]
+    unsteady = [rest for rest in result.rests if rest.unsteadiness > 10]
+    assert [rest.start_s < start_s < rest.end_s for rest in unsteady] == [True]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -198,7 +198,7 @@ def test_a_bad_rest_is_left_out(seed):
     force[inside, axis] += 0.1 * np.sign(up[axis])
     result = imucal.calibrate(changed(run.recording, force=force))
     assert np.abs(errors_in_sigma(result, run.truth.calibration)).max() < WORST_DISTURBED
-    left_out = [(k, rest["excluded"]) for k, rest in enumerate(result.rests) if rest["excluded"] is not None]
+    left_out = [(k, rest.excluded) for k, rest in enumerate(result.rests) if rest.excluded is not None]
     assert left_out == [(DISTURBED, "contradicts_other_rests")]
 
 
@@ -210,4 +210,4 @@ def test_bad_rests_that_are_too_many_show_in_the_figures():
     quiet, loud = (
         imucal.calibrate(r).calibration_set for r in (run.recording, changed(run.recording, force=force))
     )
-    assert loud["chi2_per_dof"] > 100 * quiet["chi2_per_dof"]
+    assert loud.chi2_per_dof > 100 * quiet.chi2_per_dof

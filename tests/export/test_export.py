@@ -529,7 +529,7 @@ def files(tmp_path_factory):
 def test_the_residual_on_the_control_recording_is_that_of_evaluate(files, capsys):
     arguments = ["export", str(files / "cal.json"), "--control", str(files / "control.csv")]
     calibration, control = imucal.Calibration.load(files / "cal.json"), imucal.read(files / "control.csv")
-    full = imucal.evaluate(calibration, control).figures["gravity_direction_rms_deg"]
+    full = imucal.evaluate(calibration, control).figures.gravity_direction_rms_deg
     for name in ("px4", "fusion"):
         json_file = files / f"{name}.json"
         assert main([*arguments, "--to", name, "-o", str(files / name), "--json", str(json_file)]) == 0

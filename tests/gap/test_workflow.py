@@ -43,7 +43,7 @@ def test_where_it_disagrees_in_units_of_noise_and_in_si_units():
         "x"
     ]
     # The bias takes up the mean over the rests, as far as moves let it; noise adds 2 % of the squares.
-    up = np.array([rest["mean_specific_force"] for rest in gap.fits["before"].rests])[:, 0]
+    up = np.array([rest.mean_specific_force for rest in gap.fits["before"].rests])[:, 0]
     assert row["rms"] == pytest.approx(true * np.std(up), rel=0.15)
     assert row["times_noise"] == pytest.approx(row["rms"] / row["noise_rms"], rel=0.02)
     assert row["times_noise_after"] == pytest.approx(1.0, abs=0.35)

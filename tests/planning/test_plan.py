@@ -46,7 +46,7 @@ def errors(motion, runs, **options):
         result = imucal.calibrate(run.recording)
         truth = {p.name: p.value for p in run.truth.calibration.parameters}
         found.append([p.value - truth[p.name] for p in result.parameters])
-        rests.append(sum(rest["excluded"] is None for rest in result.rests))
+        rests.append(sum(rest.excluded is None for rest in result.rests))
     return np.array(found), rests
 
 
@@ -69,21 +69,21 @@ def test_predicted_sigmas_are_those_of_the_joint_fit(name, optimal):
 
 def test_the_grid_helps_the_accelerometer_and_leaves_the_gyroscope_open(optimal):
     grid, random, both = optimal.comparison
-    assert [row["name"] for row in optimal.comparison] == ["grid", "random", "grid and random"]
-    assert grid["worst"]["gyro_sensitivity"] is None
-    assert both["minutes"] == pytest.approx(grid["minutes"] + random["minutes"])
+    assert [row.name for row in optimal.comparison] == ["grid", "random", "grid and random"]
+    assert grid.worst["gyro_sensitivity"] is None
+    assert both.minutes == pytest.approx(grid.minutes + random.minutes)
     for group in ("accel_bias", "accel_sensitivity", "gyro_bias"):
-        assert both["worst"][group]["value"] < min(row["worst"][group]["value"] for row in (grid, random))
+        assert both.worst[group].value < min(row.worst[group].value for row in (grid, random))
 
 
 def test_the_optimal_program_reaches_its_targets_in_a_seventh_of_the_papers_time(optimal):
     assert optimal.reached
     wishes = {**TARGETS, "accel_sensitivity": 50e-6, "accel_bias": 50e-6 * 9.80665}
     for group, wish in wishes.items():
-        assert optimal.worst[group]["value"] <= wish
+        assert optimal.worst[group].value <= wish
     # Just enough: one of them is what the time was needed for.
-    assert max(optimal.worst[group]["value"] / wish for group, wish in wishes.items()) > 0.99
-    assert optimal.minutes < optimal.comparison[-1]["minutes"] / 7
+    assert max(optimal.worst[group].value / wish for group, wish in wishes.items()) > 0.99
+    assert optimal.minutes < optimal.comparison[-1].minutes / 7
 
 
 def test_most_information_in_the_time_that_there_is():
@@ -150,13 +150,13 @@ def test_an_effect_that_is_asked_for_is_seen_better():
     plain = quick("optimal", minutes=1.5, proposals=1200)
     asked = imucal.plan("optimal", minutes=1.5, proposals=1200, effects=(name,))
     assert [p.name for p in asked.parameters[21:]] == [f"{name}_{i}{j}" for i in "xyz" for j in "xyz"]
-    assert asked.detection_limits[name]["unit"] == "rad/s/(m/s^2)"
+    assert asked.detection_limits[name].unit == "rad/s/(m/s^2)"
     # Beside the effect all else is known less well than without.
     without = quick(asked.motion)
     assert (sigma(asked)[:21] >= sigma(without) * (1 - 1e-9)).all()
     assert (sigma(asked)[:21] / sigma(without)).max() > 1.001
     # The size that would be found is a few standard deviations of the worst parameter.
-    assert 0.5 < asked.detection_limits[name]["value"] / asked.worst[name]["value"] < 10
+    assert 0.5 < asked.detection_limits[name].value / asked.worst[name].value < 10
     # Planned without the effect, and predicted with it: the search had it in mind.
     blind = quick(plain.motion, effects=(name,))
     assert np.log(sigma(asked)).mean() < np.log(sigma(blind)).mean()
@@ -205,7 +205,7 @@ def test_a_motion_without_turns_determines_the_bias_of_the_gyroscope_alone():
     plan = quick(imucal.Static(30.0))
     assert {p.name for p in plan.parameters if p.std is not None} == {f"gyro_bias_{axis}" for axis in "xyz"}
     # White noise over the square root of the time.
-    assert plan.worst["gyro_bias"]["value"] == pytest.approx(np.deg2rad(0.025) / np.sqrt(30.0), rel=0.01)
+    assert plan.worst["gyro_bias"].value == pytest.approx(np.deg2rad(0.025) / np.sqrt(30.0), rel=0.01)
     with pytest.raises(imucal.InputError, match="no program of a stand"):
         _ = plan.program
 

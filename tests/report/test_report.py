@@ -102,7 +102,7 @@ def test_the_page_of_a_calibration_has_verdict_tables_and_figures(result, tmp_pa
     for words in (
         "Calibration of unit 0042",
         f"Poor: {result.reasons[0]}",
-        f"rms error of {result.control_set['gravity_direction_rms_deg']:.2g} deg",
+        f"rms error of {result.control_set.gravity_direction_rms_deg:.2g} deg",
         f"gyro_bias_x{rounded_to(gyro.value, gyro.std)}",
     ):
         assert words in page.text
@@ -182,16 +182,18 @@ def test_a_page_of_a_very_long_recording_stays_small(result, tmp_path):
     times = np.arange(count) * 1.8
 
     def many(items, error):
-        pool = [{**items[k % len(items)], "recording": 60 * "a"} for k in range(count)]
-        return tuple(
-            {**item, error: float(x)} for item, x in zip(pool, random.normal(size=count), strict=True)
-        )
+        pool = [replace(items[k % len(items)], recording=60 * "a") for k in range(count)]
+        return [
+            replace(item, **{error: float(x)})
+            for item, x in zip(pool, random.normal(size=count), strict=True)
+        ]
 
     rests, moves = many(result.rests, "norm_error_mps2"), many(result.moves, "direction_error_deg")
-    rests[17_003]["norm_error_mps2"] = 40.0
-    rests[9_001]["excluded"] = "contradicts the others"
-    carried = {name: random.normal(size=(count, 3)) for name in ("measured", "uncalibrated", "calibrated")}
-    control = replace(result.control, rests=rests, moves=moves, carried=3 * ({"time_s": times, **carried},))
+    rests[17_003] = replace(rests[17_003], norm_error_mps2=40.0)
+    rests[9_001] = replace(rests[9_001], excluded="contradicts the others")
+    gravity = {name: random.normal(size=(count, 3)) for name in ("measured", "uncalibrated", "calibrated")}
+    carried = replace(result.control.carried[0], time_s=times, **gravity)
+    control = replace(result.control, rests=rests, moves=moves, carried=3 * (carried,))
     long = replace(result, rests=rests, moves=moves, control=control)
     page = page_of(report.write_calibration_page, tmp_path / "long.html", long)
     assert f"{plot.MOST} of {count} are drawn" in page.text
@@ -254,8 +256,8 @@ def test_propagated_gravity_is_that_of_the_axis(result, axis):
         ("propagated, uncalibrated", "uncalibrated"),
         ("propagated, calibrated", "calibrated"),
     ):
-        np.testing.assert_array_equal(by_name[name], np.asarray(carried[key])[:, column])
-    difference = (np.asarray(carried["calibrated"]) - carried["measured"])[:, column]
+        np.testing.assert_array_equal(by_name[name], getattr(carried, key)[:, column])
+    difference = (carried.calibrated - carried.measured)[:, column]
     np.testing.assert_array_equal(by_name["calibrated minus measured"], difference)
 
 

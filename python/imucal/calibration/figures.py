@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
-__all__ = ["figures_text", "poor_figures", "saved_reasons", "used_of"]
+from imucal.document.plain import plain
+
+__all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
 
 # Largest chi2 per degree of freedom of a good verdict: residuals of 10 times the noise. Beyond it, model
 # errors instead of noise dominate the result.
@@ -19,33 +22,51 @@ FIGURE_TEXT: Final = {
 }
 
 
-def figures_text(figures: Mapping[str, Any]) -> str:
-    """The figures in words, with their units."""
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Figures of a calibration on a set of recordings.
+
+    chi2_per_dof               chi2 of the residuals at the rests and after the moves, by their noise, per
+                               degree of freedom; None if samples could not be corrected
+    gravity_norm_rms_mps2      rms of the norm of gravity at a rest minus local gravity, m/s^2
+    gravity_direction_rms_deg  rms angle between the gravity direction that the gyroscope propagates over a
+                               move and the direction measured after it, deg
+    rests, moves               numbers of rests and moves that are used
+    """
+
+    chi2_per_dof: float | None
+    gravity_norm_rms_mps2: float | None
+    gravity_direction_rms_deg: float | None
+    rests: int
+    moves: int
+
+
+def figures_text(figures: object) -> str:
+    """The figures in words, with their units.
+
+    figures   Figures, HeldOut, or a mapping from a file
+    """
+    fields = plain(figures)
     parts = [
-        f"{words} {figures[name]:.4g} {unit}".rstrip()
+        f"{words} {fields[name]:.4g} {unit}".rstrip()
         for name, (words, unit) in FIGURE_TEXT.items()
-        if figures.get(name) is not None
+        if fields.get(name) is not None
     ]
     return ", ".join(parts)
 
 
-def used_of(items: Sequence[Mapping[str, Any]]) -> str:
-    """How many rests or moves are used, of how many."""
-    return f"{sum(item['excluded'] is None for item in items)} of {len(items)}"
-
-
-def poor_figures(name: str, figures: Mapping[str, Any], not_corrected: str = "") -> list[str]:
+def poor_figures(name: str, figures: Figures, not_corrected: str = "") -> list[str]:
     """Reasons why these figures make a verdict poor; empty if they do not.
 
     name           the set of recordings: "calibration set" or "control set"
     not_corrected  which samples could not be corrected and why, if known
     """
-    if not figures["moves"]:
+    if not figures.moves:
         return [
-            f"{name}: {figures['rests']} usable rests and no usable move: the gyroscope is not judged, "
+            f"{name}: {figures.rests} usable rests and no usable move: the gyroscope is not judged, "
             "record rests in different poses with moves between them"
         ]
-    chi2 = figures["chi2_per_dof"]
+    chi2 = figures.chi2_per_dof
     if chi2 is None:
         why = not_corrected or "some of its samples have no correction"
         return [f"{name}: chi2 per degree of freedom has no value, nothing is judged: {why}"]
@@ -66,12 +87,17 @@ def saved_reasons(
     calibration_set: Mapping[str, Any] | None, control_set: Mapping[str, Any] | None
 ) -> list[str]:
     """Reasons why the figures of a calibration file make its verdict poor; empty if they do not."""
-    needed = ("rests", "moves", "chi2_per_dof")
-    # A file written by another program may lack figures or hold other types.
     return [
         reason
-        for name, figures in (("calibration set", calibration_set), ("control set", control_set))
-        if figures is not None
-        and all(name in figures and isinstance(figures[name], (int, float, type(None))) for name in needed)
+        for name, fields in (("calibration set", calibration_set), ("control set", control_set))
+        if fields is not None and (figures := _complete(fields)) is not None
         for reason in poor_figures(name, figures)
     ]
+
+
+def _complete(fields: Mapping[str, Any]) -> Figures | None:
+    """The figures of a file; None if one is missing or not a number, as in files of other programs."""
+    needed = ("rests", "moves", "chi2_per_dof")
+    if not all(name in fields and isinstance(fields[name], (int, float, type(None))) for name in needed):
+        return None
+    return Figures(fields["chi2_per_dof"], None, None, fields["rests"] or 0, fields["moves"] or 0)

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from imucal.cli.output import Output
+    from imucal.estimation.fit import Fit
+    from imucal.estimation.rests import Move, Rest
     from imucal.noise_analysis.noise import NoiseResult
 
 __all__ = ["show_fit", "show_noise_fits", "show_ranking", "show_rests_and_moves"]
@@ -14,36 +16,34 @@ __all__ = ["show_fit", "show_noise_fits", "show_ranking", "show_rests_and_moves"
 STAGES = {"accelerometer": "start, accelerometer", "gyroscope": "start, gyroscope", "joint": "joint fit"}
 
 
-def show_fit(out: Output, fit: Mapping[str, Any]) -> None:
+def show_fit(out: Output, fit: Fit) -> None:
     """Detection of rests in each recording, and termination of each fit."""
-    for number, threshold in enumerate(fit.get("rest_thresholds", ()), start=1):
+    for number, threshold in enumerate(fit.rest_thresholds, start=1):
         out.line(
-            f"recording {number}: rests are windows of {threshold['window_s']:.3g} s below "
-            f"{threshold['factor']:.3g} times the noise floor; factors from {threshold['stable_from']:.3g} "
-            f"to {threshold['stable_to']:.3g} give the same rests"
+            f"recording {number}: rests are windows of {threshold.window_s:.3g} s below "
+            f"{threshold.factor:.3g} times the noise floor; factors from {threshold.stable_from:.3g} "
+            f"to {threshold.stable_to:.3g} give the same rests"
         )
     for stage, name in STAGES.items():
-        if stage in fit:
-            report = fit[stage]
+        report = getattr(fit, stage)
+        if report is not None:
             out.line(
-                f"{name}: {report['termination']} after {report['iterations']} iterations, chi2 "
-                f"{report['chi2']:.4g} with {report['degrees_of_freedom']} degrees of freedom"
+                f"{name}: {report.termination} after {report.iterations} iterations, chi2 "
+                f"{report.chi2:.4g} with {report.degrees_of_freedom} degrees of freedom"
             )
 
 
-def show_rests_and_moves(
-    out: Output, rests: Sequence[Mapping[str, Any]], moves: Sequence[Mapping[str, Any]]
-) -> None:
+def show_rests_and_moves(out: Output, rests: Sequence[Rest], moves: Sequence[Move]) -> None:
     """Tables of rests and moves: residual, its expected standard deviation, and whether it is used."""
     out.table(
         ("rest", "from s", "to s", "|f| - g, m/s^2", "1 sigma", "use"),
         (
             (
                 str(index),
-                f"{rest['start_s']:.3f}",
-                f"{rest['end_s']:.3f}",
-                _number(rest["norm_error_mps2"], "+.2e"),
-                _number(rest["norm_sigma_mps2"], ".2e"),
+                f"{rest.start_s:.3f}",
+                f"{rest.end_s:.3f}",
+                _number(rest.norm_error_mps2, "+.2e"),
+                _number(rest.norm_sigma_mps2, ".2e"),
                 _use(rest),
             )
             for index, rest in enumerate(rests)
@@ -53,10 +53,10 @@ def show_rests_and_moves(
         ("move", "duration s", "direction, deg", "1 sigma", "use"),
         (
             (
-                f"{move['from_rest']} to {move['to_rest']}",
-                f"{move['duration_s']:.3f}",
-                _number(move["direction_error_deg"], ".4f"),
-                _number(move["direction_sigma_deg"], ".4f"),
+                f"{move.from_rest} to {move.to_rest}",
+                f"{move.duration_s:.3f}",
+                _number(move.direction_error_deg, ".4f"),
+                _number(move.direction_sigma_deg, ".4f"),
                 _use(move),
             )
             for move in moves
@@ -102,5 +102,5 @@ def _number(value: float | None, form: str) -> str:
     return "-" if value is None else format(value, form)
 
 
-def _use(item: Mapping[str, Any]) -> str:
-    return "used" if item["excluded"] is None else f"excluded: {item['excluded']}"
+def _use(item: Rest | Move) -> str:
+    return "used" if item.excluded is None else f"excluded: {item.excluded}"

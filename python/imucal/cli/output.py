@@ -173,7 +173,7 @@ class Output:
             rows.append([*row, p.unit])
         self.table(headings, rows)
 
-    def figures(self, rows: Mapping[str, Mapping[str, Any] | None]) -> None:
+    def figures(self, rows: Mapping[str, object]) -> None:
         """The figures of merit, one line per set of recordings."""
         from imucal.calibration.figures import figures_text
 

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
-from imucal.calibration.figures import poor_figures
+from imucal.calibration.figures import Figures, poor_figures
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.triad import Frame, Triad, as_frame
 from imucal.document.json_document import now
-from imucal.document.plain import without_nan
+from imucal.document.plain import plain
 from imucal.document.source import Source
 from imucal.document.whole import is_whole
 from imucal.effects.effect import EffectValues, State, UserEffect
 from imucal.errors import FitError, InputError
 from imucal.estimation.evaluate import evaluate
+from imucal.estimation.fit import Diagnosis, Fit, HeldOut
 from imucal.estimation.options import Options, UserField, asked_for, wander_of
+from imucal.estimation.rests import FittedMove, FittedRest, Move, Rest, of_library
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.recording.one_unit import of_one_unit, require_other_data
@@ -130,7 +131,11 @@ def calibrated(
         options, outcome = _with_user_effects(checked, unit_data, options, own, outcome)
     carried = tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects)
 
-    def made(control_set: Mapping[str, Any] | None) -> Calibration:
+    fit, figures = Fit.of_outcome(outcome), Figures(**outcome.figures)
+    rests = tuple(of_library(FittedRest, fields) for fields in outcome.rests)
+    moves = tuple(of_library(FittedMove, fields) for fields in outcome.moves)
+
+    def made(control_set: Figures | None) -> Calibration:
         return Calibration(
             accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
             gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
@@ -144,14 +149,9 @@ def calibrated(
             covariance_names=_names(outcome, own),
             noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
             temperature_range_degc=_temperature_range(unit_data),
-            fit={
-                "accelerometer": outcome.accelerometer_fit,
-                "gyroscope": outcome.gyroscope_fit,
-                **_joint(outcome),
-                "rest_thresholds": outcome.thresholds,
-            },
-            calibration_set=outcome.figures,
-            control_set=control_set,
+            fit=fit.to_dict(),
+            calibration_set=plain(figures),
+            control_set=None if control_set is None else plain(control_set),
             provenance=Provenance(
                 _sources(unit_data),
                 _sources(judges),
@@ -166,41 +166,28 @@ def calibrated(
     if judged is not None:
         calibration = made(judged.figures)
     reasons = [
-        *poor_figures("calibration set", outcome.figures),
-        *_too_many_contradict("rests", outcome.rests),
-        *_too_many_contradict("moves", outcome.moves),
-        *_too_many_not_still(outcome.rests),
+        *poor_figures("calibration set", figures),
+        *_too_many_contradict("rests", rests),
+        *_too_many_contradict("moves", moves),
+        *_too_many_not_still(rests),
         *(judged.reasons if judged else ()),
     ]
     return CalibrationResult(
         calibration=calibration,
-        rests=tuple(outcome.rests),
-        moves=tuple(outcome.moves),
+        fit=fit,
+        calibration_set=figures,
+        rests=rests,
+        moves=moves,
         findings=(
             *(f for r in unit_data for f in r.findings),
             *outcome.findings,
-            *_too_loud(outcome, unit_data),
+            *_too_loud(fit, unit_data),
         ),
-        held_out=_held_out(outcome, options.folds),
+        held_out=HeldOut.of_outcome(outcome, options.folds),
         control=judged,
         reasons=tuple(reasons),
-        diagnosis=tuple(outcome.diagnosis),
+        diagnosis=tuple(map(Diagnosis.of_library, outcome.diagnosis)),
     )
-
-
-def _held_out(outcome: _core.Outcome, folds: int | None) -> dict[str, Any] | None:
-    """Rests and moves predicted by the others, if folds were asked for."""
-    if outcome.held_out is None:
-        return None
-    norm_error_mps2 = outcome.held_out.norm_error_mps2
-    known = norm_error_mps2[np.isfinite(norm_error_mps2)]
-    return {
-        "folds": folds,
-        "gravity_direction_rms_deg": outcome.held_out.gravity_direction_rms_deg,
-        "direction_error_deg": without_nan(outcome.held_out.direction_error_deg),
-        "gravity_norm_rms_mps2": float(np.sqrt(np.mean(known**2))) if len(known) else None,
-        "norm_error_mps2": without_nan(norm_error_mps2),
-    }
 
 
 def _with_user_effects(
@@ -265,25 +252,9 @@ def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ..
     return (*names, *(f"{effect.name}_{p.name}" for effect in own for p in effect.parameters))
 
 
-def _joint(outcome: _core.Outcome) -> dict[str, Any]:
-    """How the joint fit went, what it widens by how much, and how far each effect stands out."""
-    if outcome.joint_fit is None:
-        return {}
-    effects = [{"name": e.name, "statistic": e.statistic, "dof": len(e.values)} for e in outcome.effects]
-    return {
-        "joint": {**outcome.joint_fit, "scales": outcome.joint_scales},
-        "noise_alone": outcome.misfit,
-        # Of the gyroscope, as the rates at the rests show it or as it was given; null where neither.
-        "bias_instability_radps": outcome.bias_instability_radps,
-        # Of a hand, about each axis; null where the unit lies on something firm.
-        "tremor_deg": [None if t is None else float(np.degrees(t)) for t in outcome.tremor_rad],
-        "effects": effects,
-    }
-
-
-def _too_many_contradict(what: str, items: Sequence[Mapping[str, Any]]) -> list[str]:
+def _too_many_contradict(what: str, items: Sequence[Rest] | Sequence[Move]) -> list[str]:
     """A few bad rests or moves are an accident; where many contradict the others the model is wrong."""
-    count = sum((item["excluded"] or "").startswith("contradicts") for item in items)
+    count = sum((item.excluded or "").startswith("contradicts") for item in items)
     if count <= MOST_CONTRADICTING * len(items):
         return []
     return [
@@ -292,9 +263,9 @@ def _too_many_contradict(what: str, items: Sequence[Mapping[str, Any]]) -> list[
     ]
 
 
-def _too_many_not_still(rests: Sequence[Mapping[str, Any]]) -> list[str]:
+def _too_many_not_still(rests: Sequence[Rest]) -> list[str]:
     """A few slow turns look like rests; many mean rates that differ are another bias."""
-    count = sum(rest["excluded"] == "rest_not_still" for rest in rests)
+    count = sum(rest.excluded == "rest_not_still" for rest in rests)
     if count <= MOST_NOT_STILL * len(rests):
         return []
     return [
@@ -304,19 +275,21 @@ def _too_many_not_still(rests: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _too_loud(outcome: _core.Outcome, unit_data: Sequence[Recording]) -> Iterator[Finding]:
+def _too_loud(fit: Fit, unit_data: Sequence[Recording]) -> Iterator[Finding]:
     """Noise that explains far more than is left: what was taken for noise is a motion."""
-    misfit = outcome.misfit
-    if misfit["p_value"] is None or misfit["p_value"] < TOO_SURE:
+    test = fit.noise_alone
+    if test is None or test.p_value is None or test.p_value < TOO_SURE:
         return
-    ratio = (misfit["chi2"] / misfit["degrees_of_freedom"]) ** 0.5
+    if test.chi2 is None or test.degrees_of_freedom is None:
+        return
+    ratio = (test.chi2 / test.degrees_of_freedom) ** 0.5
     yield Finding(
         "noise_overestimated",
         "warning",
         " and ".join(recording.name for recording in unit_data),
         (),
         None,
-        misfit["degrees_of_freedom"],
+        test.degrees_of_freedom,
         ratio,
         "1",
         f"residuals are {ratio:.2g} times what the noise at the rests explains: standard deviations are too "

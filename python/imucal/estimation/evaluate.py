@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 import imucal._core as _core
+from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.correction import empty_samples
-from imucal.calibration.figures import figures_text, poor_figures, used_of
+from imucal.calibration.figures import Figures, figures_text, poor_figures
 from imucal.calibration.provenance import Provenance
 from imucal.calibration.triad import Triad
 from imucal.document.json_document import now
 from imucal.document.plain import plain, without_nan
+from imucal.document.source import Source
 from imucal.errors import InputError
+from imucal.estimation.rests import Move, Rest, of_library, used_of
 from imucal.finding import Finding
 from imucal.limits.judgement import Judgement
 from imucal.notebook import html_of
@@ -30,37 +33,58 @@ __all__ = ["Evaluation", "evaluate"]
 
 SCHEMA: Final = "imucal.evaluation/1"
 
-CARRIED: Final = ("time_s", "measured", "uncalibrated", "calibrated")
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PropagatedGravity:
+    """Gravity at the rests of one recording, m/s^2 in the body frame.
+
+    time_s        (K,) time of each rest, s
+    measured      (K, 3) by the calibrated accelerometer
+    uncalibrated  (K, 3) propagated from the first rest by the uncalibrated gyroscope
+    calibrated    (K, 3) propagated from the first rest by the calibrated gyroscope
+    """
+
+    time_s: FloatArray
+    measured: FloatArray
+    uncalibrated: FloatArray
+    calibrated: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedRecording:
+    """Name of a recording, and the files from which it was read."""
+
+    name: str
+    files: tuple[Source, ...]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Evaluation:
     """A calibration judged on recordings.
 
-    figures    chi2_per_dof, gravity_norm_rms_mps2, gravity_direction_rms_deg
-    before     the same of the unit as it comes, with its nominal sensitivity
-    rests, moves   one mapping for each; `excluded` says why one takes no part
-    carried    for each recording: time_s (K,) of the rests, and gravity there in m/s^2, (K, 3) each:
-               measured, uncalibrated and calibrated (carried from the first rest by the gyroscope)
-    findings   warnings about the recordings
-    reasons    why the verdict is poor; empty for a good one
-    judgement  the checks of the calibration and these figures against limits, if it was judged by any
+    figures       figures of the calibration on these recordings
+    before        figures of the uncalibrated unit, with its nominal sensitivity
+    rests, moves  the rests and moves of the recordings, in order of time
+    carried       for each recording, gravity at its rests, measured and propagated by the gyroscope
+    findings      warnings about the recordings
+    reasons       why the verdict is poor; empty for a good one
+    judgement     the checks of the calibration and these figures against limits; None without limits
     serial_number, provenance   of the calibration
-    recordings   for each, its name and `files`: path and sha256 of what it was read from
-    date       when it was judged, ISO 8601, UTC
+    recordings    name and files of each recording
+    date          date of the evaluation, ISO 8601, UTC
     """
 
-    figures: Mapping[str, Any]
-    before: Mapping[str, Any]
-    rests: tuple[Mapping[str, Any], ...]
-    moves: tuple[Mapping[str, Any], ...]
-    carried: tuple[Mapping[str, Any], ...]
+    figures: Figures
+    before: Figures
+    rests: tuple[Rest, ...]
+    moves: tuple[Move, ...]
+    carried: tuple[PropagatedGravity, ...]
     findings: tuple[Finding, ...]
     reasons: tuple[str, ...]
     judgement: Judgement | None = None
     serial_number: str | None = None
     provenance: Provenance = field(default_factory=Provenance)
-    recordings: tuple[Mapping[str, Any], ...] = ()
+    recordings: tuple[JudgedRecording, ...] = ()
     date: str = ""
 
     @property
@@ -129,13 +153,15 @@ def evaluate(
     outcome = _core.evaluate(
         calibration.without_user_effects(), uncalibrated.gyroscope, judges, corrected, gravity, min_rest_s
     )
-    figures = outcome.figures
+    figures = Figures(**outcome.figures)
     return Evaluation(
         figures=figures,
-        before=before.figures,
-        rests=tuple(outcome.rests),
-        moves=tuple(outcome.moves),
-        carried=tuple({name: getattr(c, name) for name in CARRIED} for c in outcome.carried),
+        before=Figures(**before.figures),
+        rests=tuple(of_library(Rest, fields) for fields in outcome.rests),
+        moves=tuple(of_library(Move, fields) for fields in outcome.moves),
+        carried=tuple(
+            PropagatedGravity(c.time_s, c.measured, c.uncalibrated, c.calibrated) for c in outcome.carried
+        ),
         findings=(
             *(f for r in judges for f in r.findings),
             *outcome.findings,
@@ -144,7 +170,7 @@ def evaluate(
         reasons=tuple(poor_figures("control set", figures, _not_corrected(calibration, judges, corrected))),
         serial_number=calibration.serial_number,
         provenance=calibration.provenance,
-        recordings=tuple({"name": judge.name, "files": judge.sources} for judge in judges),
+        recordings=tuple(JudgedRecording(judge.name, judge.sources) for judge in judges),
         date=now(),
     )
 

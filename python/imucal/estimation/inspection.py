@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,7 +14,9 @@ from imucal.calibration.triad import Triad
 from imucal.document.plain import without_nan
 from imucal.errors import ImucalError
 from imucal.estimation.calibrate import calibrate
+from imucal.estimation.fit import RestThreshold
 from imucal.estimation.options import Options
+from imucal.estimation.rests import of_library
 from imucal.finding import Finding
 from imucal.recording.recording import MIN_REST_S, Recording, as_recording
 from imucal.units import STANDARD_GRAVITY_MPS2
@@ -23,18 +24,34 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 __all__ = ["Inspection", "inspect"]
 
 
+@dataclass(frozen=True, slots=True)
+class FoundRest:
+    """One rest: times of its first and last sample, s."""
+
+    start_s: float
+    end_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class PredictedSigma:
+    """Standard deviation of a parameter, predicted before any fit; None if it is not determined."""
+
+    name: str
+    std: float | None
+    unit: str
+
+
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """One recording, inspected.
+    """The inspection of one recording.
 
-    findings      everything the checks found; those of severity "error" stop a calibration
-    rests         one mapping for each rest, in order of time
-    threshold     how the rests were found: the threshold chosen and why; None without samples
-    explanation   why that threshold, or why there is no rest
+    findings      all findings of the checks; those of severity "error" prevent a calibration
+    rests         the rests, in order of time
+    threshold     how the rests were found; None without samples
+    explanation   why that threshold was chosen, or why there is no rest
     missing       what this recording alone does not determine, and what to add; None if nothing is missing
-    predicted_sigma   name, standard deviation and unit of each of the 21 parameters, before any fit, if the
-                      model describes the unit: noise is that of the rests, the sensors are nominal. The
-                      standard deviation of a parameter that is not determined is None
+    predicted_sigma   predicted standard deviations of the 21 parameters, for the noise at the rests and
+                      nominal sensors
     """
 
     name: str
@@ -44,11 +61,11 @@ class Inspection:
     accel_unit: str
     gyro_unit: str
     findings: tuple[Finding, ...]
-    rests: tuple[Mapping[str, Any], ...]
-    threshold: Mapping[str, Any] | None
+    rests: tuple[FoundRest, ...]
+    threshold: RestThreshold | None
     explanation: str
     missing: str | None
-    predicted_sigma: tuple[Mapping[str, Any], ...]
+    predicted_sigma: tuple[PredictedSigma, ...]
 
     @property
     def usable(self) -> bool:
@@ -79,8 +96,8 @@ def inspect(
         accel_unit=recording.accel_unit,
         gyro_unit=recording.gyro_unit,
         findings=(*recording.findings, *seen.findings),
-        rests=tuple({"start_s": start, "end_s": end} for start, end in seen.rests),
-        threshold=seen.threshold,
+        rests=tuple(FoundRest(start, end) for start, end in seen.rests),
+        threshold=None if seen.threshold is None else of_library(RestThreshold, seen.threshold),
         explanation=seen.explanation,
         missing=missing,
         predicted_sigma=_predicted(recording, gravity_mps2, min_rest_s, _not_determined(missing or "")),
@@ -109,7 +126,7 @@ def _not_determined(missing: str) -> set[str]:
 
 def _predicted(
     recording: Recording, gravity_mps2: float, min_rest_s: float, not_determined: set[str]
-) -> tuple[Mapping[str, str | float | None], ...]:
+) -> tuple[PredictedSigma, ...]:
     """The standard deviations that a calibration will have; none at all for a recording with faults.
 
     What a calibration refuses to estimate has none, though theory determine it: a start may be missing.
@@ -126,10 +143,6 @@ def _predicted(
         gyro_unit=recording.gyro_unit,
     )
     return tuple(
-        {
-            "name": parameter.name,
-            "std": None if parameter.name in not_determined else std,
-            "unit": parameter.unit,
-        }
+        PredictedSigma(parameter.name, None if parameter.name in not_determined else std, parameter.unit)
         for parameter, std in zip(nominal.parameters, prospect.predicted_sigma, strict=True)
     )

@@ -1,17 +1,18 @@
-"""What a calibration run gives: the calibration, what it was made of, and how well it does."""
+"""The result of a calibration: the sensor model, the course of the estimation, and the verdict."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 from imucal.calibration.calibration import Calibration
-from imucal.calibration.figures import figures_text, used_of
+from imucal.calibration.figures import Figures, figures_text
 from imucal.calibration.triad import Parameter
 from imucal.document.plain import without_nan
 from imucal.estimation.evaluate import Evaluation
+from imucal.estimation.fit import Diagnosis, Fit, HeldOut
+from imucal.estimation.rests import FittedMove, FittedRest, used_of
 from imucal.finding import Finding
 from imucal.limits.judgement import Judgement
 from imucal.notebook import html_of
@@ -37,26 +38,28 @@ RESIDUALS = {
 class CalibrationResult:
     """A calibration and all that is known about it.
 
-    rests, moves   one mapping for each, in order of time; `excluded` says why one takes no part, `chi2` and
-                   `p_value` how well noise alone explains one that does, as a fit without it would see it
-    findings       warnings about the recordings
-    held_out       direction of gravity after moves, and its length at rests, that the fit had not seen, if
-                   folds were asked for
-    control        the calibration judged on the control recordings, if there are any
-    reasons        why the verdict is poor; empty for a good one
-    diagnosis      what the data tell badly, one mapping for each: `code` (traded_off, flat or at_bound), the
-                   `parameters`, the `value` that decided, `message`, and `way_out`: the motion that helps
-    judgement      the checks against limits, if it was judged by any
+    calibration      the sensor model with its uncertainty
+    fit              the course of the estimation
+    calibration_set  figures on the calibration recordings
+    rests, moves     the rests and moves of the calibration recordings, in order of time
+    findings         warnings about the recordings
+    held_out         rests and moves predicted by fits without them; None without folds
+    control          the evaluation on the control recordings; None without any
+    reasons          why the verdict is poor; empty for a good one
+    diagnosis        parameters that the recordings determine badly
+    judgement        the checks against limits; None without limits
     """
 
     calibration: Calibration
-    rests: tuple[Mapping[str, Any], ...]
-    moves: tuple[Mapping[str, Any], ...]
+    fit: Fit
+    calibration_set: Figures
+    rests: tuple[FittedRest, ...]
+    moves: tuple[FittedMove, ...]
     findings: tuple[Finding, ...]
-    held_out: Mapping[str, Any] | None
+    held_out: HeldOut | None
     control: Evaluation | None
     reasons: tuple[str, ...]
-    diagnosis: tuple[Mapping[str, Any], ...] = ()
+    diagnosis: tuple[Diagnosis, ...] = ()
     judgement: Judgement | None = None
 
     @property
@@ -70,77 +73,71 @@ class CalibrationResult:
         return self.calibration.parameters
 
     @property
-    def fit(self) -> Mapping[str, Any]:
-        """How the estimation went."""
-        return self.calibration.fit
+    def control_set(self) -> Figures | None:
+        """Figures on the control recordings; None without any."""
+        return None if self.control is None else self.control.figures
 
     @property
-    def calibration_set(self) -> Mapping[str, Any] | None:
-        """Figures on the recordings that the calibration was made of."""
-        return self.calibration.calibration_set
-
-    @property
-    def control_set(self) -> Mapping[str, Any] | None:
-        """Figures on the control recordings, None without any."""
-        return self.calibration.control_set
-
-    @property
-    def control_before(self) -> Mapping[str, Any] | None:
-        """Figures on the control recordings of the unit as it comes, None without any."""
+    def control_before(self) -> Figures | None:
+        """Figures of the uncalibrated unit on the control recordings; None without any."""
         return None if self.control is None else self.control.before
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a careful reader should know: what was left out, is widened or hardly known; effects."""
+        """Exclusions, widened uncertainties, effects and badly determined parameters, one sentence each."""
         notes = [
-            f"rest {index} ({rest['start_s']:.2f} s to {rest['end_s']:.2f} s) of {rest['recording']} "
-            f"left out: {rest['excluded']}"
+            f"rest {index} ({rest.start_s:.2f} s to {rest.end_s:.2f} s) of {rest.recording} "
+            f"left out: {rest.excluded}"
             for index, rest in enumerate(self.rests)
-            if rest["excluded"] is not None
+            if rest.excluded is not None
         ]
         notes += [
-            f"move from rest {move['from_rest']} to {move['to_rest']} of {move['recording']} left out: "
-            f"{move['excluded']}"
+            f"move from rest {move.from_rest} to {move.to_rest} of {move.recording} left out: {move.excluded}"
             for move in self.moves
-            if move["excluded"] is not None
+            if move.excluded is not None
         ]
-        if "joint" in self.fit:
-            scales = self.fit["joint"]["scales"]
-            widened = [(what, scales[kind]) for kind, what in RESIDUALS.items()]
-        else:
-            widened = [(f"the {s}", self.fit[s]["inflation"]) for s in ("accelerometer", "gyroscope")]
         notes += [
             f"standard deviations of {what} are widened {times:.1f} times: by so much residuals exceed "
             "what noise explains"
-            for what, times in widened
-            if times > 1
+            for what, times in self._widened()
+            if times is not None and times > 1
         ]
-        alone = self.fit.get("noise_alone", {})
-        if alone.get("p_value") is not None and alone["p_value"] < UNLIKELY:
+        noise_alone = self.fit.noise_alone
+        if noise_alone is not None and noise_alone.p_value is not None and noise_alone.p_value < UNLIKELY:
             notes.append(
-                f"noise alone does not explain these data: chi2 is {alone['chi2']:.4g} with "
-                f"{alone['degrees_of_freedom']} degrees of freedom; `imucal gap` looks for what is missing"
+                f"noise alone does not explain these data: chi2 is {noise_alone.chi2:.4g} with "
+                f"{noise_alone.degrees_of_freedom} degrees of freedom; `imucal gap` looks for what is missing"
             )
-        instability = self.fit.get("bias_instability_radps")
-        if instability is not None:
+        if self.fit.bias_instability_radps is not None:
+            instability_radps = max(self.fit.bias_instability_radps)
             notes.append(
-                f"the gyroscope's bias wanders by {math.degrees(max(instability)) * 3600.0:.2g} deg/h (bias "
+                f"the gyroscope's bias wanders by {math.degrees(instability_radps) * 3600.0:.2g} deg/h (bias "
                 "instability): it is in the standard deviations, and the estimate is the mean "
                 "(docs/model.md (28))"
             )
-        tremors = [tremor for tremor in self.fit.get("tremor_deg", ()) if tremor is not None]
+        tremors = [tremor for tremor in self.fit.tremor_deg if tremor is not None]
         if tremors:
             notes.append(
                 f"a hand holds the unit and trembles by {max(tremors):.2g} deg: directions of gravity are "
                 "averaged along the gyroscope (docs/model.md (27))"
             )
         notes += [
-            f"{effect['name']}: chi2 of its {effect['dof']} parameters is {effect['statistic']:.4g}, "
-            f"{effect['dof']} or so if it were not there"
-            for effect in self.fit.get("effects", ())
+            f"{effect.name}: chi2 of its {effect.dof} parameters is {effect.statistic:.4g}, "
+            f"{effect.dof} or so if it were not there"
+            for effect in self.fit.effects
         ]
-        notes += [f"{item['message']}: {item['way_out']}" for item in self.diagnosis]
+        notes += [f"{item.message}: {item.way_out}" for item in self.diagnosis]
         return tuple(notes)
+
+    def _widened(self) -> list[tuple[str, float | None]]:
+        """Words and widening factor of each part of the estimate."""
+        if self.fit.joint is not None:
+            scales = self.fit.joint.scales
+            return [(what, getattr(scales, kind)) for kind, what in RESIDUALS.items()]
+        return [
+            ("the accelerometer", self.fit.accelerometer.inflation),
+            ("the gyroscope", self.fit.gyroscope.inflation),
+        ]
 
     def judged_by(self, limits: Limits) -> CalibrationResult:
         """The same with its checks against limits; a limit that is not kept makes the verdict poor."""
@@ -161,11 +158,11 @@ class CalibrationResult:
         ):
             if figures is not None:
                 lines.append(f"{name}: {figures_text(figures)}")
-        alone = self.fit.get("noise_alone", {})
-        if alone.get("p_value") is not None:
+        noise_alone = self.fit.noise_alone
+        if noise_alone is not None and noise_alone.p_value is not None:
             lines.append(
-                f"chi2 is {alone['chi2']:.4g} with {alone['degrees_of_freedom']} degrees of freedom; noise "
-                f"alone makes it larger with the probability {alone['p_value']:.2g}"
+                f"chi2 is {noise_alone.chi2:.4g} with {noise_alone.degrees_of_freedom} degrees of freedom; "
+                f"noise alone makes it larger with the probability {noise_alone.p_value:.2g}"
             )
         lines += self.notes
         findings = [*self.findings, *(self.control.findings if self.control else ())]
@@ -177,7 +174,7 @@ class CalibrationResult:
 
     def __repr__(self) -> str:
         name = "control set" if self.control_set is not None else "calibration set"
-        figures = figures_text(self.control_set or self.calibration_set or {}) or "no figures"
+        figures = figures_text(self.control_set or self.calibration_set) or "no figures"
         return f"CalibrationResult({self.verdict}: {self._used()}; {name}: {figures})"
 
     def _used(self) -> str:

@@ -19,7 +19,6 @@ from typing import TYPE_CHECKING, Any, Final
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import figures_text
 from imucal.document.atomic import write_text
-from imucal.document.plain import without_nan
 from imucal.errors import InputError
 from imucal.estimation.evaluate import Evaluation, evaluate
 from imucal.exporting.ardupilot import ARDUPILOT
@@ -77,14 +76,15 @@ class Residual:
     def to_dict(self) -> dict[str, Any]:
         """The rms errors of the gravity direction per move, deg, and of |f|, m/s^2, for both evaluations."""
         return {
-            name: {figure: without_nan(judged.figures[figure]) for figure in COST}
+            name: {figure: getattr(judged.figures, figure) for figure in COST}
             for name, judged in (("full", self.full), ("exported", self.exported))
         }
 
     def summary(self) -> str:
         """The figures of `to_dict` as two lines of text."""
         return "\n".join(
-            f"control set, {name}: " + figures_text({figure: judged.figures[figure] for figure in COST})
+            f"control set, {name}: "
+            + figures_text({figure: getattr(judged.figures, figure) for figure in COST})
             for name, judged in (("whole calibration", self.full), ("as exported", self.exported))
         )
 

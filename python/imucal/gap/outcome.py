@@ -7,13 +7,14 @@ from typing import Any, Final
 
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration
+from imucal.calibration.figures import Figures
 from imucal.effects.effect import Effect, UserEffect, find
 from imucal.estimation.evaluate import evaluate
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.predicted_error import predicted_error
 from imucal.gap.result import Gap
-from imucal.gap.trial import Trial, require_figures
+from imucal.gap.trial import Trial, chi2_of, require_figures
 from imucal.gap.verdict import judge, misfits
 from imucal.gap.where import disagreement
 
@@ -138,7 +139,7 @@ def _chi2(trial: Trial, calibration: Calibration) -> float:
     judges = trial.unit_data if trial.judges is None else trial.judges
     judged = evaluate(calibration, list(judges), min_rest_s=trial.min_rest_s)
     require_figures(judged)
-    return float(judged.figures["chi2_per_dof"])
+    return chi2_of(judged.figures)
 
 
 def _refit_alone(chi2: Sequence[float], trial: Trial) -> list[str]:
@@ -172,8 +173,10 @@ def _held_out(before: CalibrationResult, after: CalibrationResult) -> dict[str, 
     if before.held_out is None or after.held_out is None:
         return None
     names = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
-    figures = [{name: result.held_out[name] for name in names} for result in (before, after)]  # type: ignore[index]
-    return {"folds": before.held_out["folds"], "before": figures[0], "after": figures[1]}
+    figures = [
+        {name: getattr(held_out, name) for name in names} for held_out in (before.held_out, after.held_out)
+    ]
+    return {"folds": before.held_out.folds, "before": figures[0], "after": figures[1]}
 
 
 def _named(
@@ -259,8 +262,8 @@ def _contradiction(misfits: Sequence[str]) -> dict[str, Any]:
     return {"block": "recordings", "kernel": "contradiction", "description": "; ".join(misfits)}
 
 
-def _figures(figures: Mapping[str, Any] | None) -> dict[str, Any]:
-    return {name: None if figures is None else figures[name] for name in FIGURES}
+def _figures(figures: Figures | None) -> dict[str, Any]:
+    return {name: getattr(figures, name, None) for name in FIGURES}
 
 
 def _unit(name: str, own: Mapping[str, UserEffect]) -> str:

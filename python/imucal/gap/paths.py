@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 import numpy as np
@@ -23,7 +22,7 @@ BLOCK_S: Final = 0.04
 LEAST_CHANGE_K: Final = 0.5
 
 # Place of a rest or a move in the result, and the rest or move.
-Placed: TypeAlias = tuple[int, Mapping[str, Any]]
+Placed: TypeAlias = tuple[int, Any]
 
 
 class Paths:
@@ -46,7 +45,7 @@ class Paths:
         self.moves = moves
         ends, quaternions = [], []
         for _, move in moves:
-            first, last = move["first"], move["last"]
+            first, last = move.first, move.last
             step = max(2, round(BLOCK_S * (last - first) / (time_s[last] - time_s[first])))
             at = [*range(first, last - step + 1, step), last]
             span = slice(first, last + 1)

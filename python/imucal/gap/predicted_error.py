@@ -53,7 +53,7 @@ def predicted_error(
     moved = np.concatenate([slopes(better, run, known) for run in brief], axis=1)
     off, covariance = as_large_as_seen(better, known)
     root = _root(covariance)
-    rest_s = sum(rest["end_s"] - rest["start_s"] for rest in after.rests)
+    rest_s = sum(rest.end_s - rest.start_s for rest in after.rests)
     chances = _Chances.drawn(len(off))
     found = {}
     for name, noise, axes in zip(SIGNALS, _noise(after), (slice(0, 3), slice(3, 6)), strict=True):
@@ -146,7 +146,7 @@ def _noise(after: CalibrationResult) -> tuple[float, float]:
     """
     better = after.calibration
     accel, gyro = noise_densities(better)
-    instability = after.fit.get("bias_instability_radps")
+    instability = after.fit.bias_instability_radps
     wander = 0.0 if instability is None else float(np.mean(np.square(instability)))
     left = left_in_data(better)
     stays = sum(

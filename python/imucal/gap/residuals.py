@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from imucal.estimation.rests import Move, Rest
 from imucal.gap.paths import LEAST_CHANGE_K, Paths, Placed, means_of
 from imucal.recording.recording import Recording
 
@@ -75,7 +76,7 @@ class Residuals:
         self._gravity = calibration.gravity_mps2
         self._accel, self._gyro = noise_densities(calibration)
         self._instability = np.zeros(3) if instability_radps is None else np.array(instability_radps)
-        tremors = [tremor for tremor in result.fit.get("tremor_deg", ()) if tremor is not None]
+        tremors = [tremor for tremor in result.fit.tremor_deg if tremor is not None]
         self._tremor_rad = float(np.radians(max(tremors))) if tremors else 0.0
         self._corrected = {recording.name: calibration.apply_recording(recording) for recording in recordings}
         self._paths = [Paths(corrected, moves) for corrected, moves in self._judged(result.moves)]
@@ -100,22 +101,20 @@ class Residuals:
                 found += [Channel(name, AXES[axis], unit, *of.column(axis)) for axis in range(3)]
         return found
 
-    def _judged(self, items: Sequence[Mapping[str, Any]]) -> Iterator[tuple[Recording, list[Placed]]]:
+    def _judged(self, items: Sequence[Any]) -> Iterator[tuple[Recording, list[Placed]]]:
         """Each recording with its rests, or moves, that are judged, and their places in the result."""
         for name, corrected in self._corrected.items():
-            own = [
-                (k, item) for k, item in enumerate(items) if item["recording"] == name and _is_judged(item)
-            ]
+            own = [(k, item) for k, item in enumerate(items) if item.recording == name and _is_judged(item)]
             if own:
                 yield corrected, own
 
     def _of_rests(self) -> _Table:
         table = _Table()
         moves = self._result.moves
-        turns = {(moves[k]["recording"], moves[k]["to_rest"]): turn for k, turn in self.turns.items()}
+        turns = {(moves[k].recording, moves[k].to_rest): turn for k, turn in self.turns.items()}
         for corrected, rests in self._judged(self._result.rests):
-            spans = np.array([(rest["first"], rest["end"]) for _, rest in rests])
-            duration_s = np.array([rest["end_s"] - rest["start_s"] for _, rest in rests])
+            spans = np.array([(rest.first, rest.end) for _, rest in rests])
+            duration_s = np.array([rest.end_s - rest.start_s for _, rest in rests])
             force, rate = (
                 means_of(column, spans) for column in (corrected.specific_force, corrected.angular_rate)
             )
@@ -127,9 +126,9 @@ class Residuals:
             sigma_rate = np.sqrt(noise + 2.0 * (self._tremor_rad / duration_s[:, None]) ** 2)
             values = np.column_stack([norm - self._gravity, rate])
             sigma = np.column_stack([sigma_norm, sigma_rate])
-            last_turns = [turns.get((rest["recording"], k), np.zeros(3)) for k, rest in rests]
+            last_turns = [turns.get((rest.recording, k), np.zeros(3)) for k, rest in rests]
             inputs = {
-                "time": np.array([[rest["start_s"]] for _, rest in rests]),
+                "time": np.array([[rest.start_s] for _, rest in rests]),
                 "gravity": up,
                 "gravity_squared": _products(up),
                 "sign_of_the_last_turn": np.sign(last_turns),
@@ -140,8 +139,8 @@ class Residuals:
             table.add((k for k, _ in rests), values, sigma, inputs)
             chi2 = np.sum((values / sigma) ** 2, axis=1)
             for (k, rest), own, error in zip(rests, chi2, values[:, 0], strict=True):
-                left_out = rest["excluded"] is not None
-                self.rests.append(Item(rest["recording"], k, float(own), 4, float(error), left_out))
+                left_out = rest.excluded is not None
+                self.rests.append(Item(rest.recording, k, float(own), 4, float(error), left_out))
         return table
 
     def _of_moves(self, inside_moves: bool) -> tuple[_Table, _Table]:
@@ -158,20 +157,20 @@ class Residuals:
             angle = np.arctan2(np.linalg.norm(error, axis=1), np.sum(after * carried, axis=1))
             chi2 = np.sum(error**2, axis=1) / sigma**2
             for (k, move), own, error_rad in zip(paths.moves, chi2, angle, strict=True):
-                left_out = move["excluded"] is not None
+                left_out = move.excluded is not None
                 error_deg = float(np.degrees(error_rad))
-                self.moves.append(Item(move["recording"], k, float(own), 2, error_deg, left_out))
+                self.moves.append(Item(move.recording, k, float(own), 2, error_deg, left_out))
             if inside_moves:
                 self._add_inside(forces, paths, before)
         return directions, forces
 
-    def _direction_sigma(self, move: Mapping[str, Any]) -> float:
+    def _direction_sigma(self, move: Move) -> float:
         """What noise explains of each component of a move's direction, rad."""
-        sigma = float(np.radians(move["direction_sigma_deg"] or 0.0))
+        sigma = float(np.radians(move.direction_sigma_deg or 0.0))
         if sigma > 0.0:
             return sigma
         ends = 2.0 * np.mean(self._accel**2) / self._gravity**2
-        return float(np.sqrt(np.mean(self._gyro**2) * move["duration_s"] + ends))
+        return float(np.sqrt(np.mean(self._gyro**2) * move.duration_s + ends))
 
     def _add_inside(self, table: _Table, paths: Paths, before: FloatArray) -> None:
         up = paths.up(before)
@@ -185,13 +184,13 @@ class Residuals:
         }
         table.add((k for k, _ in paths.moves), values, sigma, inputs)
 
-    def _up(self, move: Mapping[str, Any], end: str) -> FloatArray:
+    def _up(self, move: Move, end: str) -> FloatArray:
         """Direction of gravity before or after a move; of one that was left out, that of the rest."""
-        known = move[f"gravity_{end}"]
+        known = move.gravity_before if end == "before" else move.gravity_after
         if known is not None and all(value is not None and math.isfinite(value) for value in known):
             return np.array(known)
-        rest = self._result.rests[move["from_rest" if end == "before" else "to_rest"]]
-        force = self._corrected[rest["recording"]].specific_force[rest["first"] : rest["end"]].mean(axis=0)
+        rest = self._result.rests[move.from_rest if end == "before" else move.to_rest]
+        force = self._corrected[rest.recording].specific_force[rest.first : rest.end].mean(axis=0)
         up: FloatArray = force / np.linalg.norm(force)
         return up
 
@@ -237,8 +236,8 @@ def noise_densities(calibration: Calibration) -> tuple[FloatArray, FloatArray]:
     return np.maximum(accel, 1e-5), np.maximum(gyro, 1e-6)
 
 
-def _is_judged(item: Mapping[str, Any]) -> bool:
-    return item["excluded"] is None or item["excluded"].startswith("contradicts")
+def _is_judged(item: Rest | Move) -> bool:
+    return item.excluded is None or item.excluded.startswith("contradicts")
 
 
 def _products(v: FloatArray) -> FloatArray:

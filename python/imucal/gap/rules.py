@@ -10,11 +10,12 @@ Noise is that of fourth differences: motion is too smooth to show in them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from imucal.estimation.rests import Move, Rest
 from imucal.finding import Finding
 
 if TYPE_CHECKING:
@@ -50,7 +51,7 @@ APART: Final = 5
 def mount_slips(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Steps between the attitude of the unit and the angles of the stand, that stay."""
     for recording in recordings:
-        rests = [rest for rest in _on_a_stand(result, recording) if rest["excluded"] is None]
+        rests = [rest for rest in _on_a_stand(result, recording) if rest.excluded is None]
         if len(rests) < 4 * FEWEST_RESTS:
             continue
         first, turn_rad, times = _largest_step(*_against_stand(result, recording, rests))
@@ -60,7 +61,7 @@ def mount_slips(result: CalibrationResult, recordings: Sequence[Recording]) -> I
                 "mount_slip",
                 recording,
                 (degrees, "deg"),
-                f"from {rests[first]['start_s']:.1f} s on the unit sits turned by {degrees:.2f} deg "
+                f"from {rests[first].start_s:.1f} s on the unit sits turned by {degrees:.2f} deg "
                 f"on its mount: with it rests miss the stand's angles {times**0.5:.2g} times less",
                 "fasten the unit and record again",
             )
@@ -87,22 +88,22 @@ def loose_mounts(result: CalibrationResult, recordings: Sequence[Recording]) -> 
             )
 
 
-def _on_a_stand(result: CalibrationResult, recording: Recording) -> list[Mapping[str, Any]]:
+def _on_a_stand(result: CalibrationResult, recording: Recording) -> list[Rest]:
     """The rests of a recording at which the stand's angles are known."""
     angles = recording.stand_rad
-    own = [rest for rest in result.rests if rest["recording"] == recording.name]
-    return [] if angles is None else [r for r in own if np.isfinite(angles[r["first"] : r["end"]]).all()]
+    own = [rest for rest in result.rests if rest.recording == recording.name]
+    return [] if angles is None else [r for r in own if np.isfinite(angles[r.first : r.end]).all()]
 
 
 def _against_stand(
-    result: CalibrationResult, recording: Recording, rests: Sequence[Mapping[str, Any]]
+    result: CalibrationResult, recording: Recording, rests: Sequence[Rest]
 ) -> tuple[FloatArray, FloatArray]:
     """The direction up at each rest and the angles of the motors there, (K, 3) each."""
     assert recording.stand_rad is not None
-    raw = np.array([rest["mean_specific_force"] for rest in rests])
+    raw = np.array([rest.mean_specific_force for rest in rests])
     _, force = result.calibration.apply(np.zeros_like(raw), raw)
     up = force / np.linalg.norm(force, axis=1, keepdims=True)
-    return up, np.array([recording.stand_rad[r["first"] : r["end"]].mean(axis=0) for r in rests])
+    return up, np.array([recording.stand_rad[r.first : r.end].mean(axis=0) for r in rests])
 
 
 def _largest_step(up: FloatArray, angles: FloatArray) -> tuple[int, float, float]:
@@ -209,8 +210,8 @@ def _clock(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterat
 
 def _noise(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Why moves scatter beyond noise though nothing else does."""
-    scales = result.fit["joint"]["scales"]
-    if not scales["moves"] > 1.0 or scales["norms"] > 1.0:
+    joint = result.fit.joint
+    if joint is None or not (joint.scales.moves or 0.0) > 1.0 or (joint.scales.norms or 0.0) > 1.0:
         return
     for recording in recordings:
         moves = _Moves(result, recording)
@@ -241,7 +242,7 @@ def _noise(result: CalibrationResult, recordings: Sequence[Recording]) -> Iterat
                 recording,
                 (factor**0.5, "1"),
                 f"the gyroscope is {factor**0.5:.2g} times as loud in moves as at rest, and "
-                f"standard deviations of moves are widened {scales['moves']:.2g} times",
+                f"standard deviations of moves are widened {joint.scales.moves:.2g} times",
                 "look for what vibrates while the unit turns; its noise at rest says too little about moves",
             )
 
@@ -262,9 +263,9 @@ class _Moves:
         slope = np.gradient(rate, step_s, axis=0)[2:-2]
         smooth = np.stack([np.convolve(axis, np.full(5, 0.2), mode="same") for axis in slope.T], axis=1)
 
-        def stretches(items: Sequence[Any], last: str) -> list[int]:
-            own = [i for i in items if i["recording"] == recording.name and i["excluded"] is None]
-            return [k for item in own for k in range(item["first"], item[last] - 4, APART)]
+        def stretches(items: Sequence[Rest] | Sequence[Move], last: str) -> list[int]:
+            own = [i for i in items if i.recording == recording.name and i.excluded is None]
+            return [k for item in own for k in range(item.first, getattr(item, last) - 4, APART)]
 
         at_rest, inside = noise[stretches(result.rests, "end")], stretches(result.moves, "last")
         sigma = np.sqrt(np.mean(at_rest**2, axis=0, where=_is_noise(at_rest))) if len(at_rest) else np.ones(3)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 import imucal._core as _core
+from imucal.calibration.figures import Figures
 from imucal.effects.effect import UserEffect, catalogue
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrated, fields_for_library
@@ -95,10 +97,9 @@ class Trial:
     def metric(self, before: CalibrationResult, after: CalibrationResult) -> tuple[str, float, float, float]:
         """Name, value before and after, and floor of the figure on what no fit has seen that changes most."""
         if before.control_set is not None and after.control_set is not None:
-            values = [float(result.control_set["chi2_per_dof"]) for result in (before, after)]  # type: ignore[index]
-            return "chi2_per_dof", values[0], values[1], 1.0
+            return "chi2_per_dof", chi2_of(before.control_set), chi2_of(after.control_set), 1.0
         figures = [
-            (f"held_out_{name}", *((result.held_out or {})[name] for result in (before, after)), floor)
+            (f"held_out_{name}", *(getattr(result.held_out, name) for result in (before, after)), floor)
             for name, (floor, _) in _floors(before).items()
         ]
         known = [(name, a, b, floor) for name, a, b, floor in figures if a is not None and b is not None]
@@ -107,12 +108,11 @@ class Trial:
     def unseen_chi2(self, result: CalibrationResult) -> float:
         """chi2 per degree of freedom of what no fit has seen."""
         if result.control_set is not None:
-            return float(result.control_set["chi2_per_dof"])
-        held_out = result.held_out or {}
+            return chi2_of(result.control_set)
         terms: list[tuple[int, float]] = [
-            (count, count * (held_out[name] / floor) ** 2)
+            (count, count * (value / floor) ** 2)
             for name, (floor, count) in _floors(self.fit(())).items()
-            if held_out[name] is not None and floor > 0
+            if (value := getattr(result.held_out, name)) is not None and floor > 0
         ]
         return sum(chi2 for _, chi2 in terms) / max(sum(count for count, _ in terms), 1)
 
@@ -167,26 +167,32 @@ class Trial:
 
 def require_figures(control: Evaluation) -> None:
     """Refuse control recordings that judge nothing, with InputError."""
-    if control.figures["chi2_per_dof"] is None:
+    if control.figures.chi2_per_dof is None:
         raise InputError("; ".join(control.reasons))
+
+
+def chi2_of(figures: Figures) -> float:
+    """chi2 per degree of freedom of figures that `require_figures` has accepted."""
+    return math.nan if figures.chi2_per_dof is None else figures.chi2_per_dof
 
 
 def _squares(result: CalibrationResult) -> dict[tuple[str, int], float]:
     """chi2 of each rest and of each move that no fit has seen."""
     if result.control is not None:
         rests, moves = result.control.rests, result.control.moves
-        norms = [rest["norm_error_mps2"] for rest in rests]
-        turns = [move["direction_error_deg"] for move in moves]
+        norms = [rest.norm_error_mps2 for rest in rests]
+        turns = [move.direction_error_deg for move in moves]
     else:
-        held_out = result.held_out or {"norm_error_mps2": (), "direction_error_deg": ()}
+        held_out = result.held_out
         rests, moves = result.rests, result.moves
-        norms, turns = held_out["norm_error_mps2"], held_out["direction_error_deg"]
+        norms = [] if held_out is None else list(held_out.norm_error_mps2)
+        turns = [] if held_out is None else list(held_out.direction_error_deg)
     known = [
-        (("rest", k), error, rest["norm_sigma_mps2"])
+        (("rest", k), error, rest.norm_sigma_mps2)
         for k, (error, rest) in enumerate(zip(norms, rests, strict=False))
     ]
     known += [
-        (("move", k), error, move["direction_sigma_deg"])
+        (("move", k), error, move.direction_sigma_deg)
         for k, (error, move) in enumerate(zip(turns, moves, strict=False))
     ]
     return {item: (error / sigma) ** 2 for item, error, sigma in known if error is not None and sigma}
@@ -207,9 +213,9 @@ def _squares_of_rates(
         rate = result.calibration.apply_recording(recording).angular_rate
         to_rate = np.linalg.inv(result.calibration.gyroscope.sensitivity).T
         rests = [
-            (k, slice(rest["first"], rest["end"]))
+            (k, slice(rest.first, rest.end))
             for k, rest in enumerate(result.control.rests)
-            if rest["recording"] == recording.name and rest["excluded"] is None
+            if rest.recording == recording.name and rest.excluded is None
         ]
         if not rests:
             continue
@@ -223,8 +229,8 @@ def _squares_of_rates(
 
 def _floors(result: CalibrationResult) -> dict[str, tuple[float, int]]:
     """What noise alone leaves of each figure that is held out, and of how many numbers it is."""
-    moves = [m["direction_sigma_deg"] for m in result.moves if m["direction_sigma_deg"] is not None]
-    rests = [r["norm_sigma_mps2"] for r in result.rests if r["norm_sigma_mps2"] is not None]
+    moves = [m.direction_sigma_deg for m in result.moves if m.direction_sigma_deg is not None]
+    rests = [r.norm_sigma_mps2 for r in result.rests if r.norm_sigma_mps2 is not None]
     # Both components of a direction have its standard deviation.
     direction = float(np.sqrt(2.0 * np.mean(np.square(moves)))) if moves else 0.0
     norm = float(np.sqrt(np.mean(np.square(rests)))) if rests else 0.0

@@ -46,7 +46,7 @@ def disagreement(
     inside_moves  whether the unit turns in one place, so that the force inside the moves is gravity
     """
     # What wanders by chance is what still does when the effects have joined: before, they are taken for it.
-    wander = after.fit.get("bias_instability_radps")
+    wander = after.fit.bias_instability_radps
     left = Residuals(before, recordings, inside_moves, wander)
     right = left if after is before else Residuals(after, recordings, inside_moves, wander)
     explained = {(c.name, c.axis): c for c in right.channels()}

@@ -10,12 +10,14 @@ rests or moves of a set of recordings, or a list of permitted effects. A missing
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 from imucal.calibration.calibration import Calibration
+from imucal.calibration.figures import Figures
 from imucal.document.json_document import read_json, write_json
+from imucal.document.plain import plain
 from imucal.document.source import Source, open_file
 from imucal.effects.effect import UserEffect
 from imucal.errors import InputError
@@ -34,7 +36,7 @@ class CalibrationRun(Protocol):
         """The calibration."""
 
     @property
-    def held_out(self) -> Mapping[str, Any] | None:
+    def held_out(self) -> object:
         """Figures on held-out rests and moves; None without folds."""
 
 
@@ -57,9 +59,7 @@ class Limits:
         if not self.parameters and not self.figures and self.effects is None:
             raise InputError(NO_LIMIT)
 
-    def judge(
-        self, unit: CalibrationRun | Calibration, *, control_set: Mapping[str, Any] | None = None
-    ) -> Judgement:
+    def judge(self, unit: CalibrationRun | Calibration, *, control_set: Figures | None = None) -> Judgement:
         """Judge a calibration, or the result of `calibrate`, which also has held-out figures.
 
         control_set  figures on recordings other than the control set of the calibration
@@ -67,8 +67,8 @@ class Limits:
         calibration = unit if isinstance(unit, Calibration) else unit.calibration
         sets = {
             "calibration_set": calibration.calibration_set,
-            "control_set": calibration.control_set if control_set is None else control_set,
-            "held_out": None if isinstance(unit, Calibration) else unit.held_out,
+            "control_set": calibration.control_set if control_set is None else plain(control_set),
+            "held_out": None if isinstance(unit, Calibration) else plain(unit.held_out),
         }
         checks = [check for limit in self.parameters for check in limit.checks(calibration)]
         checks += [limit.check(sets[limit.of]) for limit in self.figures]

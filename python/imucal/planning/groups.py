@@ -5,11 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
-__all__ = ["GROUPS", "PlannedParameter", "is_of", "worst_of"]
+__all__ = ["GROUPS", "PlannedParameter", "Size", "is_of", "worst_of"]
 
-# Group, which is the start of the names of its parameters: SI unit.
+# Group, which is the beginning of the names of its parameters: its SI unit.
 GROUPS: Final = {
     "accel_sensitivity": "1",
     "accel_bias": "m/s^2",
@@ -18,9 +18,17 @@ GROUPS: Final = {
 }
 
 
+@dataclass(frozen=True, slots=True)
+class Size:
+    """A standard deviation or the size of an effect, in an SI unit."""
+
+    value: float
+    unit: str
+
+
 @dataclass(frozen=True)
 class PlannedParameter:
-    """Predicted standard deviation of a parameter in SI units; None if the motion does not determine it."""
+    """Predicted standard deviation of a parameter, SI unit; None if the motion does not determine it."""
 
     name: str
     std: float | None
@@ -28,20 +36,18 @@ class PlannedParameter:
 
 
 def is_of(name: str, group: str) -> bool:
-    """Whether a parameter belongs to a group; names of effects may begin with the name of a group."""
+    """Whether a parameter is in a group; the name of an effect may begin with that of a group."""
     if group in GROUPS:
         return re.fullmatch(f"{group}_[xyz]+", name) is not None
     return name.startswith(f"{group}_")
 
 
-def worst_of(
-    parameters: Sequence[PlannedParameter], effects: Sequence[str]
-) -> dict[str, dict[str, Any] | None]:
-    """The largest standard deviation of each group; None if a parameter of the group is not determined."""
-    worst: dict[str, dict[str, Any] | None] = {}
+def worst_of(parameters: Sequence[PlannedParameter], effects: Sequence[str]) -> dict[str, Size | None]:
+    """The largest standard deviation of each group; None if one of the group is not determined."""
+    worst: dict[str, Size | None] = {}
     for group in (*GROUPS, *effects):
         members = [p for p in parameters if is_of(p.name, group)]
         sizes = [p.std for p in members if p.std is not None]
         complete = members and len(sizes) == len(members)
-        worst[group] = {"value": max(sizes), "unit": members[0].unit} if complete else None
+        worst[group] = Size(max(sizes), members[0].unit) if complete else None
     return worst

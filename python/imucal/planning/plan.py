@@ -14,7 +14,7 @@ import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -25,8 +25,8 @@ from imucal.document.whole import check_count, check_seed
 from imucal.effects.effect import catalogue, find
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.options import Options
-from imucal.planning.groups import PlannedParameter, worst_of
-from imucal.planning.result import Plan
+from imucal.planning.groups import PlannedParameter, Size, worst_of
+from imucal.planning.result import ComparedProgram, NotObservable, Plan
 from imucal.planning.targets import sigma_of, targets_of
 from imucal.recording.recording import Recording
 from imucal.rig.motion import Motion, Program, Tumble, motion_of
@@ -168,8 +168,8 @@ class _Planner:
         run = self._run(motion)
         known, undetermined = self._determined(run)
         notes = self._notes()
-        visible: dict[str, dict[str, Any]] = {}
-        blind: tuple[dict[str, str], ...] = ()
+        visible: dict[str, Size] = {}
+        blind: tuple[NotObservable, ...] = ()
         if thorough:
             if undetermined is None:
                 visible, blind, note = self._visible(run)
@@ -245,23 +245,21 @@ class _Planner:
         prospect = _core.prospect([run], self._options())
         return [sigma is not None for sigma in prospect.predicted_sigma], prospect.missing
 
-    def _visible(
-        self, run: Recording
-    ) -> tuple[dict[str, dict[str, Any]], tuple[dict[str, str], ...], list[str]]:
+    def _visible(self, run: Recording) -> tuple[dict[str, Size], tuple[NotObservable, ...], list[str]]:
         """Detection limits, effects that are not observable, and notes if there are no limits."""
         candidates = [(effect.name, False) for effect in catalogue()]
         try:
             visible, blind = _core.smallest_visible([run], self._options(), candidates)
         except ImucalError as error:
             return {}, (), [f"no detection limits: {error}"]
-        limits = {name: {"value": size, "unit": unit} for name, size, unit in visible}
-        return limits, tuple({"name": name, "needs": needs} for name, needs in blind), []
+        limits = {name: Size(size, unit) for name, size, unit in visible}
+        return limits, tuple(NotObservable(name, needs) for name, needs in blind), []
 
-    def _papers(self) -> tuple[Mapping[str, Any], ...]:
+    def _papers(self) -> tuple[ComparedProgram, ...]:
         """The paper's programs with the noise of this unit, on its own stand."""
         own = dataclasses.replace(self, limits=stand_limits_of("paper"), effects=())
         grid, random = Program.grid(), Program.random(seed=self.seed)
-        rows: list[dict[str, Any]] = []
+        rows = []
         for name, motions in (("grid", [grid]), ("random", [random]), ("grid and random", [grid, random])):
             minutes = sum(motion.duration_s for motion in motions) / 60.0
             sigma, _ = own._sigma(motions, minutes)
@@ -271,7 +269,7 @@ class _Planner:
                 PlannedParameter(parameter, std if std < OPEN else None, unit)
                 for (parameter, unit), std in zip(own._parameters(minutes), sigma, strict=True)
             ]
-            rows.append({"name": name, "minutes": minutes, "worst": worst_of(parameters, ())})
+            rows.append(ComparedProgram(name, minutes, worst_of(parameters, ())))
         return tuple(rows)
 
     def _notes(self) -> list[str]:

@@ -1,4 +1,4 @@
-"""A plan: a motion and its predicted accuracy, with summary and tables."""
+"""A plan: a motion, the predicted standard deviations, and their text and tables."""
 
 from __future__ import annotations
 
@@ -9,35 +9,50 @@ from typing import Any, Final
 
 from imucal.document.plain import without_nan
 from imucal.errors import InputError
-from imucal.planning.groups import GROUPS, PlannedParameter
+from imucal.planning.groups import GROUPS, PlannedParameter, Size
 from imucal.rig.motion import Motion, Program
 from imucal.units import units_of
 
 __all__ = ["Plan", "headline", "worst_rows"]
 
-# Factor and unit in which standard deviations are shown.
-READ_IN: Final = {"1": "ppm", "m/s^2": "ug"}
+# SI unit: unit in which a plan shows standard deviations, if not in SI units.
+SHOWN_IN: Final = {"1": "ppm", "m/s^2": "ug"}
+
+
+@dataclass(frozen=True, slots=True)
+class NotObservable:
+    """An effect that a run cannot show, and the data that would show it."""
+
+    name: str
+    needs: str
+
+
+@dataclass(frozen=True, slots=True)
+class ComparedProgram:
+    """One of the paper's programs: its duration, and the largest standard deviation of each group."""
+
+    name: str
+    minutes: float
+    worst: Mapping[str, Size | None]
 
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion and its predicted accuracy.
+    """A motion and the predicted standard deviations of a calibration from it.
 
     kind              "optimal", "random", "grid", "tumble" or "program"
-    motion            the motion; `program` gives it as a program of a stand
+    motion            the motion; `program` if a stand runs it
     minutes           duration on the stand
     moves, rests      their numbers, without rests that are too short to be found
     parameters        the 21 parameters, then those of the requested effects
-    worst             largest standard deviation of each group, {"accel_bias": {value, unit}, ...}; None if
-                      a parameter of the group is not determined
-    targets           targets by group, SI units
-    reached           whether all targets and the permitted duration are kept
-    detection_limits  by effect: the smallest size that `imucal gap` would find with 90 % probability
-    not_observable    effects that such a run cannot show: {name, needs}
-    undetermined      text on parameters that are not determined and what would determine them; None if all
-    are
-    comparison        the paper's programs with this unit: {name, minutes, worst} of each, and of both
-    notes             errors that the prediction does not include
+    worst             largest standard deviation of each group; None if one of the group is not determined
+    targets           requested standard deviations by group, SI units
+    reached           whether all targets and the allowed duration are met
+    detection_limits  for each effect, the smallest size that `imucal gap` would find with 90 % probability
+    not_observable    effects that such a run cannot show
+    undetermined      what the motion does not determine, and what would; None if it determines all
+    comparison        the paper's programs with this unit: each, and both
+    notes             contributions that the standard deviations do not include
     """
 
     kind: str
@@ -46,20 +61,20 @@ class Plan:
     moves: int
     rests: int
     parameters: tuple[PlannedParameter, ...]
-    worst: Mapping[str, Any]
+    worst: Mapping[str, Size | None]
     targets: Mapping[str, float]
     reached: bool
-    detection_limits: Mapping[str, Mapping[str, Any]]
-    not_observable: tuple[Mapping[str, str], ...]
+    detection_limits: Mapping[str, Size]
+    not_observable: tuple[NotObservable, ...]
     undetermined: str | None
-    comparison: tuple[Mapping[str, Any], ...]
+    comparison: tuple[ComparedProgram, ...]
     notes: tuple[str, ...]
     unit: str
     seed: int
 
     @property
     def program(self) -> Program:
-        """The program of the stand; InputError for a motion without a program."""
+        """The program of the stand; InputError for a motion without one."""
         if not isinstance(self.motion, Program):
             raise InputError(f"a {self.kind} is no program of a stand: plan grid, random or optimal")
         return self.motion
@@ -73,7 +88,7 @@ class Plan:
         return document
 
     def summary(self) -> str:
-        """A summary: duration, the worst standard deviation of each group, and undetermined parameters."""
+        """Duration, largest standard deviation of each group, and what is missing, as plain text."""
         return _summary(self)
 
 
@@ -85,29 +100,29 @@ def headline(plan: Plan) -> str:
     )
 
 
-def shown(size: Mapping[str, Any] | None) -> str:
+def shown(size: Size | None) -> str:
     """A standard deviation with its unit."""
     if size is None:
         return "not determined"
-    unit = READ_IN.get(size["unit"], size["unit"])
-    return f"{size['value'] / units_of(size['unit'])[unit]:.3g} {unit}"
+    unit = SHOWN_IN.get(size.unit, size.unit)
+    return f"{size.value / units_of(size.unit)[unit]:.3g} {unit}"
 
 
 def worst_rows(plan: Plan) -> list[list[str]]:
-    """Worst standard deviation of each group, for this plan and for the paper's programs."""
+    """Largest standard deviation of each group for this plan and for the paper's programs."""
     rows = [["this plan", f"{plan.minutes:.2f}", *(shown(plan.worst[group]) for group in GROUPS)]]
     for row in plan.comparison:
-        rows.append([row["name"], f"{row['minutes']:.2f}", *(shown(row["worst"][group]) for group in GROUPS)])
+        rows.append([row.name, f"{row.minutes:.2f}", *(shown(row.worst[group]) for group in GROUPS)])
     return rows
 
 
 def _summary(plan: Plan) -> str:
-    """The summary, several lines."""
+    """The plan in a few lines."""
     lines = [headline(plan)]
     for group, size in plan.worst.items():
-        target = plan.targets.get(group)
-        of = "" if target is None or size is None else f" (target: {shown({**size, 'value': target})})"
-        lines.append(f"  worst {group}: {shown(size)}{of}")
+        wish = plan.targets.get(group)
+        wished = "" if wish is None or size is None else f" (wished: {shown(Size(wish, size.unit))})"
+        lines.append(f"  worst {group}: {shown(size)}{wished}")
     if not plan.reached:
         lines.append("  targets not reached")
     if plan.undetermined is not None:

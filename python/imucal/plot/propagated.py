@@ -38,12 +38,11 @@ def propagated_gravity(judged: Evaluation, axis: Literal["x", "y", "z"], recordi
     column = "xyz".index(axis)
     carried = judged.carried[recording]
     gravity, uncalibrated, calibrated = (
-        np.asarray(carried[name], dtype=float)[:, column]
-        for name in ("measured", "uncalibrated", "calibrated")
+        getattr(carried, name)[:, column] for name in ("measured", "uncalibrated", "calibrated")
     )
     difference = calibrated - gravity
     kept = thinned(np.abs(difference))
-    time = np.asarray(carried["time_s"], dtype=float)[kept]
+    time = carried.time_s[kept]
 
     go, make_subplots = plotly()
     figure = make_subplots(rows=2, shared_xaxes=True, row_heights=[0.7, 0.3], vertical_spacing=0.07)

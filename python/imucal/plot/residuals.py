@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from imucal.arrays import FloatArray
+from imucal.estimation.rests import FittedMove, FittedRest, Move, Rest
 from imucal.plot.style import BAND, BLUE, GREY, VERMILION, plotly, styled
 from imucal.plot.thinning import numbers, thinned
 
@@ -32,7 +33,7 @@ def rest_residuals(result: CalibrationResult | Evaluation) -> Figure:
     """
     rests = result.rests
     words = [
-        f"rest {number} of {rest['recording']}<br>{rest['start_s']:.1f} s to {rest['end_s']:.1f} s"
+        f"rest {number} of {rest.recording}<br>{rest.start_s:.1f} s to {rest.end_s:.1f} s"
         for number, rest in enumerate(rests)
     ]
     errors, sigmas = numbers(rests, "norm_error_mps2"), numbers(rests, "norm_sigma_mps2")
@@ -46,8 +47,8 @@ def move_residuals(result: CalibrationResult | Evaluation) -> Figure:
     """
     moves = result.moves
     words = [
-        f"move {number} of {move['recording']}<br>rest {move['from_rest']} to rest {move['to_rest']}, "
-        f"{move['duration_s']:.1f} s"
+        f"move {number} of {move.recording}<br>rest {move.from_rest} to rest {move.to_rest}, "
+        f"{move.duration_s:.1f} s"
         for number, move in enumerate(moves)
     ]
     errors, sigmas = numbers(moves, "direction_error_deg"), numbers(moves, "direction_sigma_deg")
@@ -56,7 +57,7 @@ def move_residuals(result: CalibrationResult | Evaluation) -> Figure:
 
 def _figure(
     what: str,
-    items: Sequence[Mapping[str, Any]],
+    items: Sequence[Rest] | Sequence[Move],
     words: Sequence[str],
     errors: FloatArray,
     sigmas: FloatArray,
@@ -65,7 +66,7 @@ def _figure(
 ) -> Figure:
     go, _ = plotly()
     name, unit = title
-    out = np.array([item["excluded"] is not None for item in items], dtype=bool)
+    out = np.array([item.excluded is not None for item in items], dtype=bool)
     with np.errstate(divide="ignore", invalid="ignore"):
         importance = np.where(out, np.inf, np.abs(errors) / sigmas)
     kept = np.array(thinned(importance), dtype=int)
@@ -102,14 +103,14 @@ def _figure(
     return styled(figure, 340)
 
 
-def _hover(words: str, item: Mapping[str, Any], sigma: float, unit: str) -> str:
+def _hover(words: str, item: Rest | Move, sigma: float, unit: str) -> str:
     lines = [words]
     if np.isfinite(sigma):
         lines.append(f"1 σ of noise {sigma:.3g} {unit}")
-    if item.get("p_value") is not None:
-        lines.append(f"p {item['p_value']:.2g} for noise only")
-    if item["excluded"] is not None:
-        lines.append(f"excluded: {item['excluded']}")
+    if isinstance(item, (FittedRest, FittedMove)) and item.p_value is not None:
+        lines.append(f"p {item.p_value:.2g} for noise only")
+    if item.excluded is not None:
+        lines.append(f"excluded: {item.excluded}")
     return "<br>".join(lines)
 
 

@@ -61,10 +61,10 @@ def up_at_rests(result: CalibrationResult | Evaluation) -> FloatArray:
     from imucal.estimation.evaluate import Evaluation
 
     if isinstance(result, Evaluation):
-        force = [np.asarray(carried["measured"], dtype=float).reshape(-1, 3) for carried in result.carried]
+        force = [np.asarray(carried.measured, dtype=float).reshape(-1, 3) for carried in result.carried]
         up = np.concatenate([np.empty((0, 3)), *force])
     else:
-        raw = np.array([rest["mean_specific_force"] for rest in result.rests]).reshape(-1, 3)
+        raw = np.array([rest.mean_specific_force for rest in result.rests]).reshape(-1, 3)
         triad = result.calibration.accelerometer
         up = np.linalg.solve(triad.sensitivity, (raw - triad.bias).T).T
     unit: FloatArray = up / np.linalg.norm(up, axis=1, keepdims=True)
@@ -80,11 +80,11 @@ def _series(result: CalibrationResult | Evaluation) -> list[tuple[str, FloatArra
         return [("control rests", up, _numbered(len(up), "control rest"), GREEN, "diamond", 5)]
     up = up_at_rests(result)
     words = [
-        f"rest {number} of {rest['recording']}<br>{rest['start_s']:.1f} s to {rest['end_s']:.1f} s"
-        + (f"<br>excluded: {rest['excluded']}" if rest["excluded"] else "")
+        f"rest {number} of {rest.recording}<br>{rest.start_s:.1f} s to {rest.end_s:.1f} s"
+        + (f"<br>excluded: {rest.excluded}" if rest.excluded else "")
         for number, rest in enumerate(result.rests)
     ]
-    out = np.array([rest["excluded"] is not None for rest in result.rests], dtype=bool)
+    out = np.array([rest.excluded is not None for rest in result.rests], dtype=bool)
     looks = (("rests", ~out, BLUE, "circle", 6), ("excluded", out, VERMILION, "x", 6))
     series = [
         (name, up[own], [words[i] for i in np.flatnonzero(own)], colour, symbol, size)

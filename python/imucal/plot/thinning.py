@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
@@ -15,9 +15,10 @@ __all__ = ["MOST", "evenly", "numbers", "thinned"]
 MOST: Final = 400
 
 
-def numbers(items: Sequence[Mapping[str, Any]], name: str) -> FloatArray:
+def numbers(items: Sequence[object], name: str) -> FloatArray:
     """The field `name` of each item, (K,); NaN where it is None."""
-    return np.array([np.nan if item[name] is None else item[name] for item in items], dtype=float)
+    values = [getattr(item, name) for item in items]
+    return np.array([np.nan if value is None else value for value in values], dtype=float)
 
 
 def evenly(count: int, most: int = MOST) -> list[int]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from collections.abc import Iterator, Sequence, Sized
+from typing import TYPE_CHECKING, Literal
 
 import imucal.plot as plot
 from imucal.plot.sphere import up_at_rests
@@ -12,6 +12,7 @@ from imucal.report.tables import checks_table, heading, item_list, paragraph, ta
 
 if TYPE_CHECKING:
     from imucal.estimation.evaluate import Evaluation
+    from imucal.estimation.rests import Move, Rest
     from imucal.estimation.result import CalibrationResult
     from imucal.finding import Finding
     from imucal.limits.judgement import Judgement
@@ -36,9 +37,7 @@ def propagated_tab(judged: Evaluation) -> Tab:
             content.append(heading(f"Recording {recording + 1} of {len(judged.carried)}"))
         for axis in AXES:
             figure = plot.propagated_gravity(judged, axis, recording)
-            caption = (
-                f"Gravity along body {axis} at the rests{_thinned(judged.carried[recording]['time_s'])}."
-            )
+            caption = f"Gravity along body {axis} at the rests{_thinned(judged.carried[recording].time_s)}."
             content.append(Shown(f"carried-{recording}-{axis}", figure, caption))
     return Tab("Propagated gravity", tuple(content))
 
@@ -108,11 +107,11 @@ def finding_texts(findings: Sequence[Finding]) -> list[str]:
     return [finding.line for finding in findings]
 
 
-def _out_of_sight(items: Sequence[Mapping[str, Any]]) -> str:
-    if all(item["excluded"] is None for item in items):
+def _out_of_sight(items: Sequence[Rest] | Sequence[Move]) -> str:
+    if all(item.excluded is None for item in items):
         return "."
     return ". The axis range fits the used values: a double click also shows the excluded ones."
 
 
-def _thinned(items: Sequence[object]) -> str:
+def _thinned(items: Sized) -> str:
     return "" if len(items) <= plot.MOST else f" ({plot.MOST} of {len(items)} are drawn, including the worst)"

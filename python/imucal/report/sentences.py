@@ -29,7 +29,7 @@ NO_NAME = {
 
 def of_calibration(result: CalibrationResult) -> Verdict:
     """Whether the calibration is good, and its improvement on control recordings."""
-    used = [sum(item["excluded"] is None for item in items) for items in (result.rests, result.moves)]
+    used = [sum(item.excluded is None for item in items) for items in (result.rests, result.moves)]
     beside = f"{used[0]} of {len(result.rests)} rests and {used[1]} of {len(result.moves)} moves are used."
     if result.control is None:
         beside += " There is no control recording to verify it: give one with --control."
@@ -87,8 +87,8 @@ def _judged(result: CalibrationResult | Evaluation | NoiseResult, good: str, bes
 
 def _better(judged: Evaluation) -> str:
     """The most informative figure in a sentence; empty if it is unknown."""
-    key = "gravity_direction_rms_deg"
-    uncalibrated, calibrated = judged.before.get(key), judged.figures.get(key)
+    uncalibrated = judged.before.gravity_direction_rms_deg
+    calibrated = judged.figures.gravity_direction_rms_deg
     if uncalibrated is None or calibrated is None:
         return ""
     return (

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from imucal.document.plain import plain
 from imucal.plot.style import shown_unit
 
 if TYPE_CHECKING:
@@ -80,9 +81,9 @@ def parameter_table(parameters: Iterable[Parameter], truth: Mapping[str, float] 
     return table(header, rows)
 
 
-def figures_table(columns: Mapping[str, Mapping[str, Any] | None]) -> str:
+def figures_table(columns: Mapping[str, object]) -> str:
     """Figures of sets of recordings, one column per set; sets that are None are omitted."""
-    sets = {name: figures for name, figures in columns.items() if figures is not None}
+    sets = {name: plain(figures) for name, figures in columns.items() if figures is not None}
     keys = [key for key in FIGURES if any(key in figures for figures in sets.values())]
     rows = [[FIGURES[key], *(_figure(figures.get(key)) for figures in sets.values())] for key in keys]
     return table(["", *sets], rows)

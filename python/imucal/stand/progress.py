@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -142,12 +142,11 @@ class Progress:
 
 
 def _prospect(recording: Recording, inspection: Inspection) -> Prospect:
-    predicted: Sequence[Mapping[str, Any]] = inspection.predicted_sigma
     return Prospect(
         rests=len(inspection.rests),
         coverage=_coverage(recording, inspection),
-        sigma={item["name"]: item["std"] for item in predicted},
-        units={item["name"]: item["unit"] for item in predicted},
+        sigma={item.name: item.std for item in inspection.predicted_sigma},
+        units={item.name: item.unit for item in inspection.predicted_sigma},
         missing=inspection.missing,
     )
 
@@ -155,8 +154,7 @@ def _prospect(recording: Recording, inspection: Inspection) -> Prospect:
 def _coverage(recording: Recording, inspection: Inspection) -> float:
     """Share of all directions within `NEAR_DEG` of the vertical of a rest."""
     ups = [
-        recording.between(rest["start_s"], rest["end_s"]).specific_force.mean(axis=0)
-        for rest in inspection.rests
+        recording.between(rest.start_s, rest.end_s).specific_force.mean(axis=0) for rest in inspection.rests
     ]
     if not ups:
         return 0.0

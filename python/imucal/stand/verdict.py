@@ -18,13 +18,14 @@ not_determined      the run does not determine all parameters; no result
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrate
+from imucal.estimation.rests import FittedRest
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
 from imucal.gap.rules import best_mount, loose_mounts, mount_slips, vertical
@@ -113,7 +114,11 @@ def assess(
         return Assessment((Reason("not_determined", str(error)),), judged=False)
     found = [*_mount(result, run)]
     if control is not None and result.control is not None:
-        found += _mount(replace(result, rests=result.control.rests), control)
+        rests = tuple(
+            FittedRest(**asdict(rest), chi2=None, degrees_of_freedom=None, p_value=None)
+            for rest in result.control.rests
+        )
+        found += _mount(replace(result, rests=rests), control)
     for finding in found:
         if finding.value > GROSS_DEG:
             message = (

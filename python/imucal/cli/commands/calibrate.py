@@ -84,7 +84,7 @@ def calibrate(
     Example: imucal calibrate run.csv --control control.csv -o unit-0042.json --limits limits.json
     """
     import imucal
-    from imucal.calibration.figures import used_of
+    from imucal.estimation.rests import used_of
 
     require_apart(
         [*recordings, *(control or ()), unit, limits],

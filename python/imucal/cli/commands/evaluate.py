@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -21,6 +21,9 @@ from imucal.cli.output import (
 )
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
+
+if TYPE_CHECKING:
+    from imucal.estimation.rests import Move, Rest
 
 __all__ = ["evaluate"]
 
@@ -67,8 +70,8 @@ def evaluate(
     out.verdict(judged.verdict, judged.reasons)
 
 
-def _evaluated(items: Sequence[Mapping[str, Any]], what: str) -> str:
-    from imucal.calibration.figures import used_of
+def _evaluated(items: Sequence[Rest] | Sequence[Move], what: str) -> str:
+    from imucal.estimation.rests import used_of
 
-    all_used = all(item["excluded"] is None for item in items)
+    all_used = all(item.excluded is None for item in items)
     return f"{len(items)} {what}" if all_used else f"{used_of(items)} {what} evaluated"

@@ -51,9 +51,9 @@ def inspect(
                 (
                     [
                         str(index),
-                        f"{rest['start_s']:.3f}",
-                        f"{rest['end_s']:.3f}",
-                        f"{rest['end_s'] - rest['start_s']:.3f}",
+                        f"{rest.start_s:.3f}",
+                        f"{rest.end_s:.3f}",
+                        f"{rest.end_s - rest.start_s:.3f}",
                     ]
                     for index, rest in enumerate(seen.rests)
                 ),
@@ -70,7 +70,7 @@ def inspect(
             out.table(
                 ["parameter", "predicted 1 sigma", "unit"],
                 (
-                    [p["name"], "not determined" if p["std"] is None else f"{p['std']:.2e}", p["unit"]]
+                    [p.name, "not determined" if p.std is None else f"{p.std:.2e}", p.unit]
                     for p in seen.predicted_sigma
                 ),
             )

@@ -178,10 +178,10 @@ def plan(
     if planned.detection_limits:
         out.table(
             ("effect", "smallest detectable size", "unit"),
-            [[name, f"{size['value']:.2e}", size["unit"]] for name, size in planned.detection_limits.items()],
+            [[name, f"{size.value:.2e}", size.unit] for name, size in planned.detection_limits.items()],
         )
     for effect_row in planned.not_observable:
-        out.line(f"not observable: {effect_row['name']} (needs {effect_row['needs']})")
+        out.line(f"not observable: {effect_row.name} (needs {effect_row.needs})")
     out.table(
         ("largest 1 sigma", "minutes", "accel sensitivity", "accel bias", "gyro sensitivity", "gyro bias"),
         worst_rows(planned),

@@ -1,0 +1,226 @@
+"""The course of an estimation: how rests were found, how each fit ended, and what its residuals show."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from imucal.document.plain import plain, without_nan
+from imucal.estimation.rests import of_library
+
+if TYPE_CHECKING:
+    import imucal._core as _core
+
+__all__ = [
+    "Diagnosis",
+    "EffectSignificance",
+    "Fit",
+    "FitReport",
+    "HeldOut",
+    "JointFit",
+    "NoiseTest",
+    "ResidualScales",
+    "RestThreshold",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class FitReport:
+    """How one fit ended.
+
+    chi2, degrees_of_freedom   of its weighted residuals
+    inflation                  factor by which the standard deviations are widened; 1 if noise explains the
+                               residuals
+    iterations                 number of iterations
+    termination                why it stopped
+    """
+
+    chi2: float | None
+    degrees_of_freedom: int
+    inflation: float | None
+    iterations: int
+    termination: str
+
+
+@dataclass(frozen=True, slots=True)
+class ResidualScales:
+    """Factor by which the joint fit widens each kind of residual; 1 if noise explains it (model.md (19)).
+
+    norms   norm of gravity at the rests
+    moves   gravity direction after the moves
+    inside  specific force within the moves
+    stand   attitude relative to the stand
+    """
+
+    norms: float | None
+    moves: float | None
+    inside: float | None
+    stand: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class JointFit(FitReport):
+    """How the joint fit ended.
+
+    scales   factors by which each kind of residual is widened
+    """
+
+    scales: ResidualScales
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseTest:
+    """Test of the hypothesis that noise alone explains the residuals of the joint fit.
+
+    p_value   probability of a larger chi2 under this hypothesis
+    """
+
+    chi2: float | None
+    degrees_of_freedom: int | None
+    p_value: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class EffectSignificance:
+    """Wald test of the parameters of one effect.
+
+    statistic   chi2 of the parameters by their covariance, with `dof` degrees of freedom if they are zero
+    """
+
+    name: str
+    statistic: float
+    dof: int
+
+
+@dataclass(frozen=True, slots=True)
+class RestThreshold:
+    """How the rests of one recording were found.
+
+    factor                 threshold, as a multiple of the noise floor
+    stable_from, stable_to range of factors with the same rests
+    window_s               length of the window over which samples are compared, s
+    noise_floor            (6,) standard deviation of a sample at rest, gyroscope x, y, z, accelerometer x, y,
+                           z, in raw units
+    """
+
+    factor: float | None
+    stable_from: float | None
+    stable_to: float | None
+    window_s: float | None
+    noise_floor: tuple[float | None, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """The course of an estimation.
+
+    accelerometer, gyroscope  the two-stage fits, from which the joint fit starts
+    joint                     the joint fit; None without one, which leaves the next four fields empty, too
+    noise_alone               test whether noise alone explains the residuals
+    bias_instability_radps    (3,) of the gyroscope, rad/s, as given by `unit` or estimated from the rates at
+                              the rests; None if neither shows any
+    tremor_deg                for each recording the hand tremor about each axis, deg; None if it lies on
+                              something rigid
+    effects                   significance of each estimated effect
+    rest_thresholds           how the rests of each recording were found
+    """
+
+    accelerometer: FitReport
+    gyroscope: FitReport
+    joint: JointFit | None
+    noise_alone: NoiseTest | None
+    bias_instability_radps: tuple[float, ...] | None
+    tremor_deg: tuple[float | None, ...]
+    effects: tuple[EffectSignificance, ...]
+    rest_thresholds: tuple[RestThreshold, ...]
+
+    @staticmethod
+    def of_outcome(outcome: _core.Outcome) -> Fit:
+        """The fits of an outcome of the compiled library."""
+        joint = noise_alone = instability = None
+        if outcome.joint_fit is not None and outcome.joint_scales is not None:
+            scales = of_library(ResidualScales, outcome.joint_scales)
+            joint = of_library(JointFit, {**outcome.joint_fit, "scales": scales})
+            noise_alone = of_library(NoiseTest, outcome.misfit)
+            if outcome.bias_instability_radps is not None:
+                instability = tuple(outcome.bias_instability_radps)
+        tremors = tuple(None if rad is None else math.degrees(rad) for rad in outcome.tremor_rad)
+        tests = tuple(EffectSignificance(e.name, e.statistic, len(e.values)) for e in outcome.effects)
+        return Fit(
+            of_library(FitReport, outcome.accelerometer_fit),
+            of_library(FitReport, outcome.gyroscope_fit),
+            joint,
+            noise_alone,
+            instability,
+            tremors if joint else (),
+            tests if joint else (),
+            tuple(of_library(RestThreshold, fields) for fields in outcome.thresholds),
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """The section `fit` of documents; without a joint fit its fields are absent."""
+        document: dict[str, Any] = plain(self)
+        if self.joint is None:
+            for name in ("joint", "noise_alone", "bias_instability_radps", "tremor_deg", "effects"):
+                del document[name]
+        return document
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Rests and moves predicted by fits without them.
+
+    folds                      number of fits, each without one part of the rests and of the moves
+    gravity_direction_rms_deg  rms angle between predicted and measured gravity after a move, deg
+    direction_error_deg        that angle for each move, deg; None for a move that is not used
+    gravity_norm_rms_mps2      rms error of the norm of gravity at a rest, m/s^2
+    norm_error_mps2            that error for each rest, m/s^2; None for a rest that is not used
+    """
+
+    folds: int
+    gravity_direction_rms_deg: float | None
+    direction_error_deg: tuple[float | None, ...]
+    gravity_norm_rms_mps2: float | None
+    norm_error_mps2: tuple[float | None, ...]
+
+    @staticmethod
+    def of_outcome(outcome: _core.Outcome, folds: int | None) -> HeldOut | None:
+        """The predictions in an outcome of the compiled library; None without folds."""
+        if outcome.held_out is None or folds is None:
+            return None
+        norm_error_mps2 = outcome.held_out.norm_error_mps2
+        known = norm_error_mps2[np.isfinite(norm_error_mps2)]
+        return HeldOut(
+            folds,
+            without_nan(outcome.held_out.gravity_direction_rms_deg),
+            tuple(without_nan(outcome.held_out.direction_error_deg)),
+            float(np.sqrt(np.mean(known**2))) if len(known) else None,
+            tuple(without_nan(norm_error_mps2)),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """Parameters that the recordings determine badly.
+
+    code        "traded_off", "flat" or "at_bound"
+    parameters  their names
+    value       the number that decided
+    message     what is wrong
+    way_out     the motion that helps
+    """
+
+    code: str
+    parameters: tuple[str, ...]
+    value: float | None
+    message: str
+    way_out: str
+
+    @staticmethod
+    def of_library(fields: Mapping[str, Any]) -> Diagnosis:
+        """A diagnosis of the compiled library."""
+        return of_library(Diagnosis, fields)

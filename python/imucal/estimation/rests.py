@@ -1,0 +1,107 @@
+"""Rests and moves of a recording: where they are, their residuals, and why one is excluded."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias, TypeVar
+
+__all__ = ["FittedMove", "FittedRest", "Move", "Rest", "of_library", "used_of"]
+
+# One value per axis; None where a sample of the interval is missing.
+Axes: TypeAlias = tuple[float | None, float | None, float | None]
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """One rest.
+
+    recording            name of the recording
+    first, end           samples [first, end) of the recording
+    start_s, end_s       times of its first and last sample, s
+    unsteadiness         standard deviation of its samples, as a multiple of the noise floor
+    mean_specific_force  (3,) mean of the raw samples, in the raw unit
+    mean_angular_rate    (3,) mean of the raw samples, in the raw unit
+    norm_error_mps2      norm of the corrected specific force minus gravity, m/s^2
+    norm_sigma_mps2      standard deviation of that from noise, m/s^2
+    excluded             why the rest is not used; None if it is
+    """
+
+    recording: str
+    first: int
+    end: int
+    start_s: float
+    end_s: float
+    unsteadiness: float | None
+    mean_specific_force: Axes
+    mean_angular_rate: Axes
+    norm_error_mps2: float | None
+    norm_sigma_mps2: float | None
+    excluded: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Move:
+    """One move from a rest to the next.
+
+    recording            name of the recording
+    from_rest, to_rest   indices of the rests before and after it
+    first, last          its first and last sample
+    duration_s           time from the first to the last sample, s
+    direction_error_deg  angle between the gravity direction propagated by the gyroscope over the move and the
+                         direction measured after it, deg
+    direction_sigma_deg  standard deviation of that from noise, per axis, deg
+    gravity_before, gravity_after   (3,) unit vectors of measured gravity at the two rests, body frame
+    excluded             why the move is not used; None if it is
+    """
+
+    recording: str
+    from_rest: int
+    to_rest: int
+    first: int
+    last: int
+    duration_s: float
+    direction_error_deg: float | None
+    direction_sigma_deg: float | None
+    gravity_before: Axes
+    gravity_after: Axes
+    excluded: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class FittedRest(Rest):
+    """One rest of a calibration recording.
+
+    chi2, degrees_of_freedom   of its residuals in a fit without this rest; None if no joint fit used it
+    p_value                    probability of a larger chi2 under the null hypothesis of noise only
+    """
+
+    chi2: float | None
+    degrees_of_freedom: int | None
+    p_value: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class FittedMove(Move):
+    """One move of a calibration recording.
+
+    chi2, degrees_of_freedom   of its residuals in a fit without this move; None if no joint fit used it
+    p_value                    probability of a larger chi2 under the null hypothesis of noise only
+    """
+
+    chi2: float | None
+    degrees_of_freedom: int | None
+    p_value: float | None
+
+
+def of_library(kind: type[T], fields: Mapping[str, Any]) -> T:
+    """An instance of a frozen dataclass with the fields that the compiled library returns by name."""
+    return kind(
+        **{name: tuple(value) if isinstance(value, list) else value for name, value in fields.items()}
+    )
+
+
+def used_of(items: Sequence[Rest] | Sequence[Move]) -> str:
+    """How many rests or moves are used, of how many."""
+    return f"{sum(item.excluded is None for item in items)} of {len(items)}"
