@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 from imucal.finding import Finding
 
 __all__ = [
+    "MAX_EFFECTS",
+    "MAX_PASSES",
+    "MIN_REST_S",
     "REFERENCE_TEMPERATURE_DEGC",
     "AxisNoise",
     "Carried",
@@ -58,6 +61,9 @@ __all__ = [
 ]
 
 __version__: str
+MAX_EFFECTS: int
+MAX_PASSES: int
+MIN_REST_S: float
 REFERENCE_TEMPERATURE_DEGC: float
 
 _Array = NDArray[np.float64]

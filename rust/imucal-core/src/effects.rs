@@ -43,7 +43,7 @@ mod values;
 #[cfg(test)]
 mod tests;
 
-pub use values::{EffectError, EffectSet, EffectValues, MAX_EFFECTS};
+pub use values::{EffectError, EffectSet, EffectValues, MAX_EFFECTS, MAX_PASSES};
 
 use nalgebra::{RealField, UnitQuaternion, Vector3};
 

@@ -52,6 +52,18 @@ mod _core {
     #[pymodule_export]
     const REFERENCE_TEMPERATURE_DEGC: f64 = library::recording::REFERENCE_TEMPERATURE_DEGC;
 
+    /// Maximum number of effects of the catalogue in a calibration.
+    #[pymodule_export]
+    const MAX_EFFECTS: usize = imucal_core::effects::MAX_EFFECTS;
+
+    /// Maximum number of iterations of a correction.
+    #[pymodule_export]
+    const MAX_PASSES: usize = imucal_core::effects::MAX_PASSES;
+
+    /// Default of the shortest duration of a rest, s.
+    #[pymodule_export]
+    const MIN_REST_S: f64 = library::rests::MIN_REST_S;
+
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
     fn require_same_length(time: usize, rate: usize) -> Result<(), Error> {

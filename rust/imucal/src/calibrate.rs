@@ -86,7 +86,7 @@ impl Default for Options<'_> {
         Self {
             gravity_mps2: STANDARD_GRAVITY_MPS2,
             frame: Frame::Symmetric,
-            min_rest_s: 1.0,
+            min_rest_s: crate::rests::MIN_REST_S,
             exclude_saturated: false,
             accel_nominal: None,
             gyro_nominal: None,

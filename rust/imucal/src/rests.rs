@@ -9,4 +9,4 @@ pub(crate) mod unit_rest;
 
 pub use noise_density::NoiseDensity;
 pub use rest::{Rest, RestMean};
-pub use segment::{Segments, Threshold};
+pub use segment::{MIN_REST_S, Segments, Threshold};

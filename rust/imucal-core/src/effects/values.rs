@@ -14,7 +14,7 @@ pub const MAX_EFFECTS: usize = 12;
 
 /// Maximum number of iterations of [`EffectSet::remove`]. They reduce the error to rounding in f64 if each iteration
 /// reduces it at least by the factor 3.
-const MAX_PASSES: usize = 32;
+pub const MAX_PASSES: usize = 32;
 
 /// An effect and the values of its parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -67,7 +67,7 @@ impl Limits {
         Self {
             axes: [Some(axis); 3],
             settle_s: 0.0,
-            min_rest_s: 1.0,
+            min_rest_s: crate::rests::MIN_REST_S,
             min_move_s: SHORTEST_MOVE_S,
             forbidden: Vec::new(),
             pose_step_rad: 0.1_f64.to_radians(),

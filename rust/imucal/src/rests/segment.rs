@@ -58,6 +58,8 @@ pub struct Segments {
     pub noise_density: NoiseDensity,
 }
 
+/// Default of the minimum duration of a rest, s. Poses are held for longer, and pauses within a move are shorter.
+pub const MIN_REST_S: f64 = 1.0;
 /// Nobody waits longer for one pose, s.
 const LONGEST_MIN_REST_S: f64 = 3600.0;
 
