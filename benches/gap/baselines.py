@@ -23,7 +23,7 @@ FAMILY_ALPHA = 0.01
 # Directions that the base model takes away all but this share of are not seen.
 SEEN = 1e-6
 LASSO = "LASSO"
-OPTIONS = Options(STANDARD_GRAVITY_MPS2, "symmetric", 1.0, False, None, None)
+OPTIONS = Options(gravity_mps2=STANDARD_GRAVITY_MPS2, min_rest_s=1.0)
 
 
 @dataclass(frozen=True)

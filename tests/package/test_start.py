@@ -1,6 +1,7 @@
 """What import and help load: counted, for a time is never the same twice."""
 
 import ast
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -9,6 +10,7 @@ from types import ModuleType
 import cloudpickle
 
 import imucal
+import imucal.cli.options as cli_options
 
 
 def loaded(code):
@@ -73,3 +75,7 @@ def test_a_function_that_uses_the_package_can_be_sent_to_another_process(tmp_pat
         f"assert function({str(path)!r}) == 2"
     )
     assert "imucal.io" in loaded(code)
+
+
+def test_the_default_in_help_is_that_of_the_library():
+    assert inspect.signature(imucal.calibrate).parameters["min_rest_s"].default == cli_options.MIN_REST_S

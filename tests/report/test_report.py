@@ -236,7 +236,7 @@ def test_text_from_outside_is_escaped(result, tmp_path):
     hostile = replace(
         result,
         calibration=replace(result.calibration, serial_number=HOSTILE),
-        rests=tuple({**rest, "recording": HOSTILE} for rest in result.rests),
+        rests=tuple(replace(rest, recording=HOSTILE) for rest in result.rests),
         reasons=(HOSTILE,),
     )
     page_of(report.write_calibration_page, tmp_path / "report.html", hostile)

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from imucal.cli.demo_folder import prepare_folder
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.options import JsonPath
+from imucal.cli.output import Output
 from imucal.cli.working import working
 
 if TYPE_CHECKING:

@@ -1,4 +1,7 @@
-"""Options shared by several commands: a dataclass whose fields are command line options."""
+"""Options of several commands, each declared once, and groups of them.
+
+A group is a dataclass whose fields are options (`options_of`).
+"""
 
 from __future__ import annotations
 
@@ -6,9 +9,74 @@ import functools
 import inspect
 from collections.abc import Callable
 from dataclasses import fields
-from typing import Any, get_type_hints
+from pathlib import Path
+from typing import Annotated, Any, Final, get_type_hints
 
-__all__ = ["options_of"]
+import typer
+
+import imucal.cli.completion as completion
+
+__all__ = [
+    "MIN_REST_S",
+    "Control",
+    "ExcludeSaturated",
+    "Gravity",
+    "JsonPath",
+    "LimitsPath",
+    "MinRest",
+    "RecordingPath",
+    "ReportPath",
+    "Verbose",
+    "effect_option",
+    "options_of",
+    "unit_option",
+    "writing_option",
+]
+
+# Default of --min-rest-s, s. It is the MIN_REST_S of the compiled library, which --help does not load.
+MIN_REST_S: Final = 1.0
+
+JsonPath = Annotated[
+    str | None, typer.Option("--json", metavar="PATH", help="JSON file to write; - is standard output.")
+]
+Control = Annotated[
+    list[Path] | None,
+    typer.Option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
+]
+Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
+MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest to detect, s.")]
+ExcludeSaturated = Annotated[
+    bool, typer.Option("--exclude-saturated", help="Exclude rests and moves with saturated samples.")
+]
+LimitsPath = Annotated[
+    Path | None,
+    typer.Option(
+        "--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is exceeded."
+    ),
+]
+Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print intermediate results.")]
+ReportPath = Annotated[
+    Path | None,
+    typer.Option("--report", metavar="PAGE", help="HTML report with figures to write; needs plotly."),
+]
+RecordingPath = Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")]
+
+
+def writing_option(help: str, metavar: str = "PATH") -> Any:
+    """The option --output of a command."""
+    return typer.Option("--output", "-o", metavar=metavar, help=help)
+
+
+def effect_option(help: str, autocompletion: Callable[..., Any], panel: str | None = None) -> Any:
+    """The option --effect of a command, which may be repeated."""
+    return typer.Option(
+        "--effect", metavar="NAME", help=help, autocompletion=autocompletion, rich_help_panel=panel
+    )
+
+
+def unit_option(help: str) -> Any:
+    """The option --unit of a command: a profile by its name or its file."""
+    return typer.Option("--unit", metavar="NAME|FILE", help=help, autocompletion=completion.units)
 
 
 def options_of(parameter: str, group: Any) -> Callable[[Callable[..., None]], Callable[..., None]]:

@@ -7,7 +7,7 @@ import os
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import typer
 
@@ -19,15 +19,7 @@ if TYPE_CHECKING:
     from imucal.limits.judgement import Judgement
 
 __all__ = [
-    "Control",
-    "ExcludeSaturated",
-    "Gravity",
-    "JsonPath",
-    "LimitsPath",
-    "MinRest",
     "Output",
-    "ReportPath",
-    "Verbose",
     "prepare_report",
     "require_apart",
 ]
@@ -37,30 +29,6 @@ NO_RESULT = 1
 POOR_VERDICT = 2
 # Width for output to a file or a pipe, characters: enough for every table, while rich assumes 80.
 PIPE_WIDTH = 160
-
-JsonPath = Annotated[
-    str | None, typer.Option("--json", metavar="PATH", help="JSON file to write; - is standard output.")
-]
-Control = Annotated[
-    list[Path] | None,
-    typer.Option("--control", metavar="REC", help="Recording not used for the fit; may be repeated."),
-]
-Gravity = Annotated[float, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")]
-MinRest = Annotated[float, typer.Option("--min-rest-s", help="Shortest rest to detect, s.")]
-ExcludeSaturated = Annotated[
-    bool, typer.Option("--exclude-saturated", help="Exclude rests and moves with saturated samples.")
-]
-LimitsPath = Annotated[
-    Path | None,
-    typer.Option(
-        "--limits", metavar="LIMITS", help="Limits file; the verdict is poor if a limit is exceeded."
-    ),
-]
-Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print intermediate results.")]
-ReportPath = Annotated[
-    Path | None,
-    typer.Option("--report", metavar="PAGE", help="HTML report with figures to write; needs plotly."),
-]
 
 
 def require_apart(inputs: Iterable[str | Path | None], outputs: Mapping[str, str | Path | None]) -> None:

@@ -99,13 +99,13 @@ def calibrate(
         )
     require_serial_number(serial_number)
     options = Options(
-        float(gravity_mps2),
-        body_frame,
-        float(min_rest_s),
-        exclude_saturated,
-        accel_nominal,
-        gyro_nominal,
-        wanted,
+        gravity_mps2=float(gravity_mps2),
+        frame=body_frame,
+        min_rest_s=float(min_rest_s),
+        exclude_saturated=exclude_saturated,
+        accel_nominal=accel_nominal,
+        gyro_nominal=gyro_nominal,
+        effects=wanted,
         joint=joint,
         wander=wander_of(unit),
         folds=folds,

@@ -131,7 +131,7 @@ def _predicted(
 
     What a calibration refuses to estimate has none, though theory determine it: a start may be missing.
     """
-    options = Options(gravity_mps2, "symmetric", min_rest_s, True, None, None)
+    options = Options(gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
     try:
         prospect = _core.prospect([recording], options)
     except ImucalError:

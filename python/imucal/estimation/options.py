@@ -1,4 +1,4 @@
-"""What the compiled library is told to estimate, and how."""
+"""Options of an estimation in the compiled library."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Options", "UserField", "Wander", "asked_for", "wander_of"]
 
 @dataclass(frozen=True, eq=False)
 class UserField:
-    """A user's effect as the library takes it: its field, (N, 3, p), at each sample of each recording."""
+    """A user-defined effect for the library: its field, (N, 3, p), at each sample of each recording."""
 
     name: str
     sensor: str
@@ -25,16 +25,22 @@ class UserField:
     columns: tuple[FloatArray, ...]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Options:
-    """What the library is told; it reads the fields by name."""
+    """Options of an estimation; the compiled library reads the fields by name.
+
+    effects      names of the effects of the catalogue, and whether the full form is estimated
+    user_fields  fields of the user-defined effects
+    partly       names of the effects of which only the observable part is estimated
+    The other fields are the arguments of `calibrate`.
+    """
 
     gravity_mps2: float
-    frame: Frame
     min_rest_s: float
-    exclude_saturated: bool
-    accel_nominal: float | None
-    gyro_nominal: float | None
+    frame: Frame = "symmetric"
+    exclude_saturated: bool = False
+    accel_nominal: float | None = None
+    gyro_nominal: float | None = None
     effects: tuple[tuple[str, bool], ...] = ()
     user_fields: tuple[UserField, ...] = ()
     joint: bool = True
@@ -45,14 +51,14 @@ class Options:
 
 @dataclass(frozen=True)
 class Wander:
-    """How the biases of a sensor wander as the library takes it, x, y and z, SI units."""
+    """Bias instability and random walk of a sensor for the library, x, y and z, SI units."""
 
     bias_instability: tuple[float, ...]
     random_walk: tuple[float, ...]
 
 
 def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wander] | None:
-    """How the biases of the accelerometer and of the gyroscope wander, None if that is not known."""
+    """Bias instability and random walk of accelerometer and gyroscope; None if the unit has neither."""
     if unit is None:
         return None
     profile = unit_of(unit)
@@ -67,7 +73,7 @@ def wander_of(unit: Unit | str | os.PathLike[str] | None) -> tuple[Wander, Wande
 def asked_for(
     effects: Sequence[str | UserEffect],
 ) -> tuple[tuple[tuple[str, bool], ...], tuple[str, ...], tuple[UserEffect, ...]]:
-    """Names of the catalogue and whether the full form is meant, those in part, and effects of one's own."""
+    """Names of the catalogue and whether the full form is requested, names with `:seen`, and user effects."""
     if isinstance(effects, str):
         raise InputError(f"effects is the string {effects!r}: give a list of names")
     wanted, partly = [], []

@@ -49,7 +49,9 @@ class Trial:
         self.judges = None if judges is None else with_own_names(judges)
         require_other_data(self.unit_data, judges or ())
         self.gravity_mps2, self.min_rest_s = gravity_mps2, min_rest_s
-        self.options = Options(gravity_mps2, "symmetric", min_rest_s, exclude_saturated, None, None)
+        self.options = Options(
+            gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=exclude_saturated
+        )
         self.stage = stage
         self._known: _core.Checked | None = None
         self._fits: dict[tuple[str, ...], CalibrationResult] = {}

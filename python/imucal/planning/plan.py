@@ -238,7 +238,7 @@ class _Planner:
         return dataclasses.replace(run, stand_rad=None) if self.limits.in_hand else run
 
     def _options(self) -> Options:
-        return Options(self.gravity_mps2, "symmetric", min(1.0, self.limits.min_rest_s), False, None, None)
+        return Options(gravity_mps2=self.gravity_mps2, min_rest_s=min(1.0, self.limits.min_rest_s))
 
     def _determined(self, run: Recording) -> tuple[list[bool], str | None]:
         """Whether a run determines each of the 21 parameters, and a text on what is missing."""

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath, RecordingPath
+from imucal.cli.output import Output, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -35,7 +36,7 @@ def apply(
     recording: Annotated[
         list[Path], typer.Argument(metavar="REC", help="The file, or the two files, of one recording.")
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    output: RecordingPath,
     reading: Reading,
     json: JsonPath = None,
 ) -> None:

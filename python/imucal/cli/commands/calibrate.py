@@ -9,21 +9,24 @@ import typer
 
 import imucal.cli.completion as completion
 from imucal.cli.decisions import show_fit, show_rests_and_moves
-from imucal.cli.output import (
+from imucal.cli.options import (
+    MIN_REST_S,
     Control,
     ExcludeSaturated,
     Gravity,
     JsonPath,
     LimitsPath,
     MinRest,
-    Output,
     ReportPath,
     Verbose,
-    prepare_report,
-    require_apart,
+    effect_option,
+    unit_option,
+    writing_option,
 )
+from imucal.cli.output import Output, prepare_report, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["calibrate"]
 
@@ -33,12 +36,10 @@ def calibrate(
     recordings: Files,
     reading: Reading,
     control: Control = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="PATH", help="Calibration file to write.")
-    ] = None,
-    gravity: Gravity = 9.80665,
+    output: Annotated[Path | None, writing_option("Calibration file to write.")] = None,
+    gravity: Gravity = STANDARD_GRAVITY_MPS2,
     frame: Annotated[str, typer.Option("--frame", help="Body frame: symmetric or triangular.")] = "symmetric",
-    min_rest_s: MinRest = 1.0,
+    min_rest_s: MinRest = MIN_REST_S,
     exclude_saturated: ExcludeSaturated = False,
     accel_nominal: Annotated[
         float | None,
@@ -50,21 +51,15 @@ def calibrate(
     ] = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option(
-            "--effect",
-            metavar="NAME",
-            help="Also estimate this effect (see `imucal effects`; NAME:full for the full form); may be "
-            "repeated.",
-            autocompletion=completion.effects_to_estimate,
+        effect_option(
+            "Also estimate this effect (see `imucal effects`; NAME:full for the full form); may be repeated.",
+            completion.effects_to_estimate,
         ),
     ] = None,
     unit: Annotated[
         str | None,
-        typer.Option(
-            "--unit",
-            metavar="FILE|NAME",
-            help="Unit file; its bias instability and random walk are included in the standard deviations.",
-            autocompletion=completion.units,
+        unit_option(
+            "Unit file; its bias instability and random walk are included in the standard deviations."
         ),
     ] = None,
     folds: Annotated[

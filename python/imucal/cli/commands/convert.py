@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath, RecordingPath
+from imucal.cli.output import Output, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -33,7 +34,7 @@ def convert(
         list[Path],
         typer.Argument(metavar="FILE...", help="The file, the two files, or the folder of one recording."),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    output: RecordingPath,
     reading: Reading,
     formats: Annotated[
         bool,

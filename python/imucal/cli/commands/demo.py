@@ -11,7 +11,8 @@ import typer
 import imucal.cli.demo_gap as demo_gap
 from imucal.cli.demo_folder import prepare_folder
 from imucal.cli.group import group
-from imucal.cli.output import JsonPath, Output
+from imucal.cli.options import JsonPath
+from imucal.cli.output import Output
 from imucal.cli.working import working
 
 __all__ = ["app"]

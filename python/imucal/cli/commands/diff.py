@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from imucal.cli.output import POOR_VERDICT, JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath
+from imucal.cli.output import POOR_VERDICT, Output, require_apart
 
 __all__ = ["diff"]
 

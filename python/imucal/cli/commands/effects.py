@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import imucal.cli.completion as completion
-from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath
+from imucal.cli.output import Output, require_apart
 
 if TYPE_CHECKING:
     from imucal.effects.disturbance import Disturbance

@@ -9,16 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucal.cli.decisions import show_rests_and_moves
-from imucal.cli.output import (
-    JsonPath,
-    LimitsPath,
-    MinRest,
-    Output,
-    ReportPath,
-    Verbose,
-    prepare_report,
-    require_apart,
-)
+from imucal.cli.options import MIN_REST_S, JsonPath, LimitsPath, MinRest, ReportPath, Verbose
+from imucal.cli.output import Output, prepare_report, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -33,7 +25,7 @@ def evaluate(
     calibration: Annotated[Path, typer.Argument(metavar="CAL.JSON", help="Calibration file.")],
     recordings: Files,
     reading: Reading,
-    min_rest_s: MinRest = 1.0,
+    min_rest_s: MinRest = MIN_REST_S,
     limits: LimitsPath = None,
     verbose: Verbose = False,
     report: ReportPath = None,

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from imucal.cli.output import Control, JsonPath, MinRest, Output, require_apart
+from imucal.cli.options import MIN_REST_S, Control, JsonPath, MinRest
+from imucal.cli.output import Output, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 from imucal.errors import InputError
@@ -45,7 +46,7 @@ def export(
             help="c-header, fusion: prefix of all names; two units in one program need two prefixes.",
         ),
     ] = None,
-    min_rest_s: MinRest = 1.0,
+    min_rest_s: MinRest = MIN_REST_S,
     show_formats: Annotated[
         bool, typer.Option("--list", help="List the formats with what they include and omit.")
     ] = False,

@@ -9,19 +9,18 @@ import typer
 
 import imucal.cli.completion as completion
 from imucal.cli.decisions import show_ranking
-from imucal.cli.output import (
-    NO_RESULT,
-    POOR_VERDICT,
+from imucal.cli.options import (
+    MIN_REST_S,
     Control,
     ExcludeSaturated,
     JsonPath,
     MinRest,
-    Output,
     ReportPath,
     Verbose,
-    prepare_report,
-    require_apart,
+    effect_option,
+    writing_option,
 )
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, prepare_report, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
 
@@ -40,22 +39,15 @@ def gap(
         Path | None,
         typer.Option("--calibration", metavar="CAL.JSON", help="Calibration to examine; made if not given."),
     ] = None,
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="PATH", help="Improved calibration to write.")
-    ] = None,
+    output: Annotated[Path | None, writing_option("Improved calibration to write.")] = None,
     gravity: Annotated[
         float | None, typer.Option("--gravity", metavar="MPS2", help="Local gravity, m/s^2.")
     ] = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option(
-            "--effect",
-            metavar="NAME",
-            help="Test only this effect; may be repeated.",
-            autocompletion=completion.effects,
-        ),
+        effect_option("Test only this effect; may be repeated.", completion.effects),
     ] = None,
-    min_rest_s: MinRest = 1.0,
+    min_rest_s: MinRest = MIN_REST_S,
     exclude_saturated: ExcludeSaturated = False,
     explain: Annotated[
         str | None,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import typer
 
-from imucal.cli.output import POOR_VERDICT, Gravity, JsonPath, MinRest, Output, require_apart
+from imucal.cli.options import MIN_REST_S, Gravity, JsonPath, MinRest
+from imucal.cli.output import POOR_VERDICT, Output, require_apart
 from imucal.cli.reading import Files, Reading, reading_options
 from imucal.cli.working import working
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["inspect"]
 
@@ -15,8 +17,8 @@ __all__ = ["inspect"]
 def inspect(
     recordings: Files,
     reading: Reading,
-    gravity: Gravity = 9.80665,
-    min_rest_s: MinRest = 1.0,
+    gravity: Gravity = STANDARD_GRAVITY_MPS2,
+    min_rest_s: MinRest = MIN_REST_S,
     json: JsonPath = None,
 ) -> None:
     """Show sampling rate, faults and rests of recordings, and the parameters that they determine.

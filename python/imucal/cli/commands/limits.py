@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 from imucal.cli.group import group
-from imucal.cli.output import NO_RESULT, JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath, writing_option
+from imucal.cli.output import NO_RESULT, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import ImucalError
 
@@ -37,7 +38,7 @@ Calibrations = Annotated[
 @app.command()
 def template(
     calibrations: Calibrations,
-    output: Annotated[Path, typer.Option("--output", "-o", metavar="PATH", help="Limits file to write.")],
+    output: Annotated[Path, writing_option("Limits file to write.")],
     deviations: Annotated[
         float,
         typer.Option(

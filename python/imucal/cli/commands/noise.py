@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from imucal.cli.decisions import show_noise_fits
-from imucal.cli.output import JsonPath, MinRest, Output, ReportPath, Verbose, prepare_report, require_apart
+from imucal.cli.options import MIN_REST_S, JsonPath, MinRest, ReportPath, Verbose
+from imucal.cli.output import Output, prepare_report, require_apart
 from imucal.cli.reading import Reading, reading_options
 from imucal.cli.working import working
 
@@ -37,7 +38,7 @@ def noise(
             "--unit-profile", metavar="PATH", help="Write a unit file with this noise for imucal simulate."
         ),
     ] = None,
-    min_rest_s: MinRest = 1.0,
+    min_rest_s: MinRest = MIN_REST_S,
     verbose: Verbose = False,
     json: JsonPath = None,
 ) -> None:

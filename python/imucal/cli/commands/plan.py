@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 import imucal.cli.completion as completion
-from imucal.cli.output import POOR_VERDICT, JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath, effect_option, unit_option, writing_option
+from imucal.cli.output import POOR_VERDICT, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -28,9 +29,7 @@ def plan(
             autocompletion=completion.plans,
         ),
     ],
-    output: Annotated[
-        Path | None, typer.Option("--output", "-o", metavar="PATH", help="Program file to write, JSON.")
-    ] = None,
+    output: Annotated[Path | None, writing_option("Program file to write, JSON.")] = None,
     card: Annotated[
         Path | None,
         typer.Option(
@@ -41,12 +40,9 @@ def plan(
     ] = None,
     unit: Annotated[
         str,
-        typer.Option(
-            "--unit",
-            metavar="NAME|FILE",
-            help="Unit with the assumed noise: paper, bmi088, adis16460, icm42688p, mpu6050, lsm6dso, or a "
-            "unit file.",
-            autocompletion=completion.units,
+        unit_option(
+            "Unit with the assumed noise: paper, bmi088, adis16460, icm42688p, mpu6050, lsm6dso, or a "
+            "unit file."
         ),
     ] = "paper",
     stand: Annotated[
@@ -81,12 +77,10 @@ def plan(
     ] = None,
     effect: Annotated[
         list[str] | None,
-        typer.Option(
-            "--effect",
-            metavar="NAME",
-            help="Effect that the program must make observable; may be repeated (see `imucal effects`).",
-            autocompletion=completion.effects,
-            rich_help_panel=GOAL,
+        effect_option(
+            "Effect that the program must make observable; may be repeated (see `imucal effects`).",
+            completion.effects,
+            GOAL,
         ),
     ] = None,
     proposals: Annotated[

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 import imucal.cli.completion as completion
-from imucal.cli.output import JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath, RecordingPath
+from imucal.cli.output import Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -34,7 +35,7 @@ def simulate(
             autocompletion=completion.programs,
         ),
     ],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    output: RecordingPath,
     truth: Annotated[
         Path | None, typer.Option("--truth", metavar="PATH", help="Truth file to write, JSON.")
     ] = None,

@@ -12,7 +12,8 @@ import imucal.cli.completion as completion
 from imucal.cli.commands import stand_calibrate
 from imucal.cli.equipment import Equipment, equipment_options
 from imucal.cli.group import group
-from imucal.cli.output import NO_RESULT, POOR_VERDICT, JsonPath, Output, require_apart
+from imucal.cli.options import JsonPath, RecordingPath
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
 from imucal.cli.working import working
 from imucal.errors import InputError
 
@@ -43,7 +44,7 @@ Seed = Annotated[int, typer.Option("--seed", help="Seed of the random program an
 def run(
     program: ProgramName,
     equipment: Equipment,
-    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    output: RecordingPath,
     target_sigma: Annotated[
         list[str] | None,
         typer.Option(
@@ -209,7 +210,7 @@ app.command()(stand_calibrate.calibrate)
 @app.command()
 def recover(
     journal: Annotated[Path, typer.Argument(metavar="JOURNAL", help="Journal of an interrupted run.")],
-    output: Annotated[Path, typer.Option("--output", "-o", help="Recording to write, .csv or .parquet.")],
+    output: RecordingPath,
     json: JsonPath = None,
 ) -> None:
     """Convert the journal of an interrupted run to a recording; the journal is kept.

@@ -12,7 +12,9 @@ import typer
 
 import imucal.cli.completion as completion
 from imucal.cli.equipment import Equipment, equipment_options
-from imucal.cli.output import NO_RESULT, POOR_VERDICT, Gravity, JsonPath, LimitsPath, Output, require_apart
+from imucal.cli.options import Gravity, JsonPath, LimitsPath
+from imucal.cli.output import NO_RESULT, POOR_VERDICT, Output, require_apart
+from imucal.units import STANDARD_GRAVITY_MPS2
 
 if TYPE_CHECKING:
     from imucal.rig.motion import Program
@@ -71,7 +73,7 @@ def calibrate(
         list[str] | None,
         typer.Option("--export", metavar="FORMAT", help="Export if the unit passes; may be repeated."),
     ] = None,
-    gravity: Gravity = 9.80665,
+    gravity: Gravity = STANDARD_GRAVITY_MPS2,
     json: JsonPath = None,
 ) -> None:
     """Run, calibrate, run a control program, judge, and export one unit.
