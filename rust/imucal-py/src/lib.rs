@@ -4,6 +4,7 @@
 //! is released during all calculations. Errors are converted to the classes of `imucal.errors` (`error`).
 
 mod arrays;
+mod calibration;
 mod effects;
 mod error;
 mod gap;
@@ -28,7 +29,8 @@ mod _core {
     use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
     use pyo3::prelude::*;
 
-    use super::arrays::{CalibrationArrays, RecordingColumns, TriadArrays, column, matrix, rows, to_rows};
+    use super::arrays::{RecordingColumns, column, matrix, rows, to_rows};
+    use super::calibration::{CalibrationArrays, TriadArrays};
     #[pymodule_export]
     use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};

@@ -30,6 +30,7 @@ mod block;
 pub mod earth;
 pub mod faults;
 pub mod gimbal;
+mod moment;
 pub mod motion;
 mod noise;
 pub mod profile;
@@ -49,7 +50,8 @@ pub mod unit;
 mod tests;
 
 pub use faults::Faults;
-pub use motion::{Moment, Motion};
+pub use moment::Moment;
+pub use motion::Motion;
 pub use program::{Grid, Program, RandomMoves, Step};
 pub use sampling::LowPass;
 pub use slip::Slip;

@@ -7,12 +7,9 @@
 //! Attitude and derivatives have closed forms. The rate is therefore the derivative of the attitude except for
 //! rounding, and nothing depends on a sampling rate.
 
-use imucal_core::effects::StandState;
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::attitude::Attitude;
-use super::gimbal::inner_ring;
-use super::profile::MotorState;
+use super::moment::Moment;
 use super::program::Program;
 use super::stand::Stand;
 use super::tumble::Tumble;
@@ -37,55 +34,6 @@ pub enum Motion {
         /// Duration, s.
         duration_s: f64,
     },
-}
-
-/// Motion of the unit at an instant.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moment {
-    /// Attitude: rotation from the body frame to the world frame, `v_w = r_wb * v_b`.
-    pub rotation_world_from_body: UnitQuaternion<f64>,
-    /// Angular rate of the body relative to the world, in the body frame, rad/s.
-    pub angular_rate: Vector3<f64>,
-    /// Derivative of the angular rate in the body frame, rad/s^2.
-    pub angular_acceleration: Vector3<f64>,
-    /// Acceleration of the unit relative to the world, in the world frame, m/s^2.
-    pub acceleration: Vector3<f64>,
-    /// State of the stand's motors; `None` without a stand.
-    pub stand: Option<StandState<f64>>,
-}
-
-impl Moment {
-    /// Motion of a unit on a stand without errors, from the state of its motors.
-    pub(crate) fn on_perfect_stand(motors: &MotorState) -> Self {
-        let attitude = inner_ring(motors, &[0.0; 2]);
-        Self {
-            rotation_world_from_body: attitude.rotation,
-            angular_rate: attitude.rate,
-            angular_acceleration: attitude.acceleration,
-            acceleration: Vector3::zeros(),
-            stand: Some(StandState {
-                angle_rad: motors.angle_rad,
-                rate_radps: motors.rate_radps,
-                direction: motors.rate_radps.map(|rate| if rate == 0.0 { 0.0 } else { rate.signum() }),
-            }),
-        }
-    }
-
-    /// This motion followed by a further rotation of the unit in the body frame.
-    pub(super) fn turned(self, turn: &Attitude) -> Self {
-        let before = Attitude {
-            rotation: self.rotation_world_from_body,
-            rate: self.angular_rate,
-            acceleration: self.angular_acceleration,
-        };
-        let after = before.then(turn);
-        Self {
-            rotation_world_from_body: after.rotation,
-            angular_rate: after.rate,
-            angular_acceleration: after.acceleration,
-            ..self
-        }
-    }
 }
 
 impl Motion {

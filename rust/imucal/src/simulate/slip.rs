@@ -9,7 +9,7 @@
 use nalgebra::Vector3;
 
 use super::attitude::Attitude;
-use super::motion::Moment;
+use super::moment::Moment;
 use super::profile::Course;
 
 /// Duration of a slip, s.

@@ -23,7 +23,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::attitude::Attitude;
 use super::gimbal;
-use super::motion::Moment;
+use super::moment::Moment;
 use super::profile::{Course, MotorState};
 use super::program::Phase;
 use super::slip::Slip;

@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand_chacha::ChaCha8Rng;
 
 use super::attitude::Attitude;
-use super::motion::Moment;
+use super::moment::Moment;
 use super::profile::Course;
 use super::stream::Stream;
 

@@ -16,7 +16,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 use super::attitude::Attitude;
-use super::motion::Moment;
+use super::moment::Moment;
 use super::profile::Course;
 use super::stream::Stream;
 use super::tremor::Tremor;

@@ -1,0 +1,44 @@
+//! Converts calibrations.
+
+use imucal::error::Error;
+use imucal_core::calibration::Calibration;
+use imucal_core::sensor::Triad;
+use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use crate::arrays::{matrix, vector};
+use crate::effects::EffectArrays;
+use crate::error::ToPython;
+
+/// An `imucal.Triad`; its attributes are converted: sensitivity (3, 3) and bias (3,).
+#[derive(FromPyObject)]
+pub(crate) struct TriadArrays<'py> {
+    sensitivity: PyReadonlyArray2<'py, f64>,
+    bias: PyReadonlyArray1<'py, f64>,
+}
+
+impl TriadArrays<'_> {
+    pub(crate) fn triad(&self, py: Python<'_>, name: &str) -> PyResult<Triad<f64>> {
+        let sensitivity = matrix(py, &self.sensitivity, &format!("sensitivity of the {name}"))?;
+        let bias = vector(py, &self.bias, &format!("bias of the {name}"))?;
+        Triad::try_new(sensitivity, bias).map_err(|error| Error::Input(format!("{name}: {error}"))).to_python(py)
+    }
+}
+
+/// An `imucal.Calibration`; its attributes are converted.
+#[derive(FromPyObject)]
+pub(crate) struct CalibrationArrays<'py> {
+    accelerometer: TriadArrays<'py>,
+    gyroscope: TriadArrays<'py>,
+    effects: Vec<EffectArrays<'py>>,
+}
+
+impl CalibrationArrays<'_> {
+    pub(crate) fn calibration(&self, py: Python<'_>) -> PyResult<Calibration<f64>> {
+        Ok(Calibration {
+            accelerometer: self.accelerometer.triad(py, "accelerometer")?,
+            gyroscope: self.gyroscope.triad(py, "gyroscope")?,
+            effects: EffectArrays::set(py, &self.effects)?,
+        })
+    }
+}
