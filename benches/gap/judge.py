@@ -17,7 +17,7 @@ import imucal
 from gap.case import Answer, Case, Sealed
 from gap.said import Said
 from gap.worth import Worth
-from imucal.effects.effect import named_numbers
+from imucal.effects.definition import named_numbers
 
 CERTAIN = ("named", "data_fault")
 INTERVAL_95 = 1.959964

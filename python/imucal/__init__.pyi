@@ -7,13 +7,9 @@ from .calibration.difference import Change as Change, Difference as Difference, 
 from .calibration.provenance import Provenance as Provenance
 from .calibration.triad import Parameter as Parameter, Triad as Triad
 from .document.source import Source as Source
-from .effects.effect import (
-    Effect as Effect,
-    EffectParameter as EffectParameter,
-    EffectValues as EffectValues,
-    State as State,
-    UserEffect as UserEffect,
-)
+from .effects.definition import UserEffect as UserEffect
+from .effects.effect import Effect as Effect, EffectParameter as EffectParameter, EffectValues as EffectValues
+from .effects.state import State as State
 from .errors import (
     FitError as FitError,
     FormatError as FormatError,

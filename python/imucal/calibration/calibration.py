@@ -26,7 +26,7 @@ from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.triad import Parameter
 from imucal.document.json_document import Node, read_json, write_json
 from imucal.document.plain import plain
-from imucal.effects.effect import UserEffect, by_name
+from imucal.effects.definition import UserEffect, by_name
 from imucal.errors import FormatError, InputError
 from imucal.notebook import html_of
 from imucal.recording.recording import Recording

@@ -21,7 +21,9 @@ import imucal._core as _core
 from imucal.arrays import FloatArray, SampleArray, as_rows
 from imucal.calibration.model import SensorModel
 from imucal.calibration.triad import Triad
-from imucal.effects.effect import EffectValues, State, UserEffect
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import EffectValues
+from imucal.effects.state import State
 from imucal.errors import InputError
 from imucal.recording.recording import Recording
 

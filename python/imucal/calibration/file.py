@@ -18,7 +18,9 @@ from imucal.calibration.triad import FRAMES, Parameter, Triad, as_frame
 from imucal.document.json_document import Node
 from imucal.document.plain import plain
 from imucal.document.source import Source
-from imucal.effects.effect import Effect, EffectParameter, EffectValues, UserEffect, catalogue
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import Effect, EffectParameter, EffectValues
+from imucal.effects.table import catalogue
 from imucal.errors import FormatError
 from imucal.recording.recording import AccelUnit, GyroUnit
 

@@ -14,15 +14,9 @@ from typing import Final, TypeVar
 import numpy as np
 
 from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES, Frame, Parameter, Triad, as_frame
-from imucal.effects.effect import (
-    Effect,
-    EffectValues,
-    UserEffect,
-    check_values,
-    definitions,
-    find,
-    named_numbers,
-)
+from imucal.effects.definition import UserEffect, check_values, definitions, named_numbers
+from imucal.effects.effect import Effect, EffectValues
+from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 from imucal.units import STANDARD_GRAVITY_MPS2

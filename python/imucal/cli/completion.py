@@ -18,7 +18,7 @@ __all__ = [
 
 def effects(incomplete: str) -> list[str]:
     """Names of effects."""
-    from imucal.effects.effect import catalogue
+    from imucal.effects.table import catalogue
 
     return _starting([effect.name for effect in catalogue()], incomplete)
 
@@ -32,7 +32,7 @@ def effects_and_disturbances(incomplete: str) -> list[str]:
 
 def effects_to_estimate(incomplete: str) -> list[str]:
     """Effects that a calibration can estimate, with `:full` if they have a full form."""
-    from imucal.effects.effect import catalogue
+    from imucal.effects.table import catalogue
 
     names = []
     for effect in catalogue():

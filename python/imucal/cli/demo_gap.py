@@ -82,7 +82,8 @@ def _hidden(seed: int) -> EffectValues:
     import numpy as np
 
     from imucal.document.whole import check_seed
-    from imucal.effects.effect import EffectValues, find
+    from imucal.effects.effect import EffectValues
+    from imucal.effects.table import find
 
     check_seed(seed)
     random = np.random.default_rng(seed)
@@ -95,7 +96,7 @@ def _hidden(seed: int) -> EffectValues:
 
 def _revealed(hidden: EffectValues, found: Gap) -> str:
     """The hidden effect, and whether it was found with the right parameters."""
-    from imucal.effects.effect import find
+    from imucal.effects.table import find
     from imucal.gap.text import for_people
 
     names = [effect["name"] for effect in found.effects]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from imucal.effects.disturbance import DisturbanceParameter, disturbances
-from imucal.effects.effect import Effect, EffectParameter, catalogue
+from imucal.effects.effect import Effect, EffectParameter
+from imucal.effects.table import catalogue
 
 __all__ = ["NEEDS", "page", "size"]
 

@@ -1,9 +1,9 @@
 """Values of effects: as arguments, on the command line, and in files.
 
-{"gyro_g_sensitivity": 1e-4}                                   all parameters equal {"gyro_bias_drift":
-[1e-6, 0, 0]}                              one value per parameter, in the order of the catalogue
-{"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}} {"gyro_bias_warmup": "typical"}
-the typical size in MEMS sensors
+{"gyro_g_sensitivity": 1e-4}                                   all parameters equal
+{"gyro_bias_drift": [1e-6, 0, 0]}                              one value per parameter, as in the catalogue
+{"gyro_bias_warmup": {"values": [1e-3, 0, 0], "shape": 100.0}}
+{"gyro_bias_warmup": "typical"}                                the typical size in MEMS sensors
 """
 
 from __future__ import annotations
@@ -15,17 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from imucal.document.json_document import Node
+from imucal.effects.definition import UserEffect, by_name, check_values
 from imucal.effects.disturbance import Disturbance, disturbances
-from imucal.effects.effect import (
-    Effect,
-    EffectValues,
-    UserEffect,
-    by_name,
-    catalogue,
-    check_values,
-    find,
-    not_known,
-)
+from imucal.effects.effect import Effect, EffectValues
+from imucal.effects.table import catalogue, find, not_known
 from imucal.errors import FormatError, InputError
 
 __all__ = ["EffectInput", "effects_of", "effects_to_list", "give_effects", "parse_effects"]

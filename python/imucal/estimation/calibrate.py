@@ -18,7 +18,9 @@ from imucal.document.json_document import now
 from imucal.document.plain import plain
 from imucal.document.source import Source
 from imucal.document.whole import is_whole
-from imucal.effects.effect import EffectValues, State, UserEffect
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import EffectValues
+from imucal.effects.state import State
 from imucal.errors import FitError, InputError
 from imucal.estimation.evaluate import evaluate
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut

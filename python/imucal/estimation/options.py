@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 from imucal.arrays import FloatArray
 from imucal.calibration.triad import Frame
-from imucal.effects.effect import UserEffect, find
+from imucal.effects.definition import UserEffect
+from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.rig.unit import Unit, unit_of
 

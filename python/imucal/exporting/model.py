@@ -12,7 +12,8 @@ import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.triad import Frame, Triad
-from imucal.effects.effect import EffectValues, UserEffect
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import EffectValues
 from imucal.errors import InputError
 
 __all__ = [

@@ -17,7 +17,8 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration, require_calibration
-from imucal.effects.effect import UserEffect, by_name, catalogue, find
+from imucal.effects.definition import UserEffect, by_name
+from imucal.effects.table import catalogue, find
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.gap.outcome import data_fault, outcome
 from imucal.gap.result import Gap

@@ -19,7 +19,8 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.document.plain import plain
-from imucal.effects.effect import Effect, catalogue
+from imucal.effects.effect import Effect
+from imucal.effects.table import catalogue
 from imucal.errors import ImucalError
 from imucal.gap.motion_library import Suggestion, suggestions
 from imucal.gap.residuals import noise_densities

@@ -8,7 +8,9 @@ from typing import Any, Final
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import Figures
-from imucal.effects.effect import Effect, UserEffect, find
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import Effect
+from imucal.effects.table import find
 from imucal.estimation.evaluate import evaluate
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding

@@ -12,7 +12,7 @@ from imucal.finding import Finding
 from imucal.notebook import html_of
 
 if TYPE_CHECKING:
-    from imucal.effects.effect import UserEffect
+    from imucal.effects.definition import UserEffect
     from imucal.estimation.result import CalibrationResult
 
 __all__ = ["Gap"]

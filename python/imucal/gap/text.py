@@ -249,7 +249,8 @@ def _channel(row: Mapping[str, Any]) -> str:
 
 def explanation(gap: Gap, name: str) -> Iterator[str]:
     """Lines on one effect: formula, predicted residuals, detection limit, and result in these recordings."""
-    from imucal.effects.effect import Effect, find
+    from imucal.effects.effect import Effect
+    from imucal.effects.table import find
 
     own = next((effect for effect in gap.user_effects if effect.name == name), None)
     effect = own or find(name)

@@ -11,7 +11,8 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.calibration.figures import Figures
-from imucal.effects.effect import UserEffect, catalogue
+from imucal.effects.definition import UserEffect
+from imucal.effects.table import catalogue
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrated, fields_for_library
 from imucal.estimation.options import Options, asked_for

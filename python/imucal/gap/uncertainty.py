@@ -10,7 +10,8 @@ import numpy as np
 
 import imucal._core as _core
 from imucal.calibration.correction import left_in_data
-from imucal.effects.effect import State, UserEffect
+from imucal.effects.definition import UserEffect
+from imucal.effects.state import State
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

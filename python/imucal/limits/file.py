@@ -8,7 +8,7 @@ from typing import Any, Final
 
 from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES
 from imucal.document.json_document import Node
-from imucal.effects.effect import UserEffect, definitions
+from imucal.effects.definition import UserEffect, definitions
 from imucal.errors import FormatError, InputError
 from imucal.limits.limit import COUNTS, FIGURES, FigureLimit, ParameterLimit
 

@@ -19,7 +19,7 @@ from imucal.calibration.figures import Figures
 from imucal.document.json_document import read_json, write_json
 from imucal.document.plain import plain
 from imucal.document.source import Source, open_file
-from imucal.effects.effect import UserEffect
+from imucal.effects.definition import UserEffect
 from imucal.errors import InputError
 from imucal.limits.file import NO_LIMIT, document_of, fields_of
 from imucal.limits.judgement import Check, Judgement

@@ -22,7 +22,7 @@ import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.triad import Triad
 from imucal.document.whole import check_count, check_seed
-from imucal.effects.effect import catalogue, find
+from imucal.effects.table import catalogue, find
 from imucal.errors import ImucalError, InputError
 from imucal.estimation.options import Options
 from imucal.planning.groups import PlannedParameter, Size, worst_of

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Final
 
-from imucal.effects.effect import find
+from imucal.effects.table import find
 from imucal.errors import InputError
 from imucal.planning.groups import GROUPS, is_of
 from imucal.units import units_of

@@ -24,7 +24,8 @@ from imucal.arrays import FloatArray, as_matrix
 from imucal.document.figure import Figure
 from imucal.document.json_document import Node, read_json, write_json
 from imucal.document.whole import check_seed
-from imucal.effects.effect import EffectValues, find
+from imucal.effects.effect import EffectValues
+from imucal.effects.table import find
 from imucal.effects.values import effects_of, effects_to_list
 from imucal.errors import FormatError, InputError
 

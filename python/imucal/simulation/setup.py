@@ -13,7 +13,9 @@ import numpy as np
 from imucal.arrays import FloatArray
 from imucal.document.json_document import Node
 from imucal.document.whole import check_seed
-from imucal.effects.effect import EffectValues, UserEffect, by_name, catalogue
+from imucal.effects.definition import UserEffect, by_name
+from imucal.effects.effect import EffectValues
+from imucal.effects.table import catalogue
 from imucal.effects.values import effects_of, effects_to_list
 from imucal.errors import FormatError, InputError
 from imucal.rig.motion import Motion, Program, Tumble, motion_from, motion_to_dict

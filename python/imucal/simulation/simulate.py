@@ -20,8 +20,10 @@ from numpy.typing import ArrayLike
 import imucal._core as _core
 from imucal.arrays import FloatArray, as_rows
 from imucal.document.json_document import read_json
+from imucal.effects.definition import UserEffect, by_name
 from imucal.effects.disturbance import disturbances
-from imucal.effects.effect import EffectValues, State, UserEffect, by_name
+from imucal.effects.effect import EffectValues
+from imucal.effects.state import State
 from imucal.effects.values import EffectInput, give_effects
 from imucal.errors import InputError
 from imucal.recording.recording import Recording

@@ -39,7 +39,7 @@ def effects(
     from imucal.cli.effects_page import page
     from imucal.document.atomic import write_text
     from imucal.effects.disturbance import disturbances
-    from imucal.effects.effect import catalogue, find
+    from imucal.effects.table import catalogue, find
 
     require_apart([], {"--markdown": markdown, "--json": json})
     out = Output(json)

@@ -77,7 +77,7 @@ def gap(
     Example: imucal gap run.csv --explain gyro_g_sensitivity
     """
     import imucal
-    from imucal.effects.effect import find
+    from imucal.effects.table import find
 
     require_apart(
         [*recordings, *(control or ()), calibration],

@@ -1,0 +1,151 @@
+"""Definitions of effects: those of the catalogue, and effects that a user writes in Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from imucal.arrays import FloatArray
+from imucal.effects.disturbance import disturbances
+from imucal.effects.effect import Effect, EffectParameter, EffectValues
+from imucal.effects.state import State
+from imucal.effects.table import catalogue_by_name
+from imucal.errors import InputError
+
+__all__ = ["UserEffect", "by_name", "check_values", "definitions", "named_numbers"]
+
+# Sensors on which a user-defined effect can act.
+TRIADS: Final = ("accelerometer", "gyroscope")
+
+
+@dataclass(frozen=True, eq=False)
+class UserEffect:
+    """A user-defined effect.
+
+    name        must not be in the catalogue; parameters are called `<name>_<parameter>` in all results
+    sensor      "accelerometer" (the field is a specific force) or "gyroscope" (it is an angular rate)
+    parameters  one per column of the field
+    field       function of the State that returns the field, (N, 3, p); None if the calibration was loaded
+                from a file without the definition
+
+    Example: a gyroscope whose bias depends on the supply voltage in the column `supply_v`:
+
+        def field(state):
+            return (state.auxiliary["supply_v"] - 3.3)[:, None, None] * np.eye(3)
+
+        per_volt = tuple(imucal.EffectParameter(axis, "rad/s/V", 1e-3) for axis in "xyz")
+        supply = imucal.UserEffect("gyro_bias_supply", "gyroscope", per_volt, field)
+
+    Raises InputError for a name that exists or is not an identifier, for an unknown sensor, and without
+    parameters.
+    """
+
+    name: str
+    sensor: str
+    parameters: tuple[EffectParameter, ...]
+    field: Callable[[State], ArrayLike] | None
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        if not self.name.isidentifier():
+            raise InputError(f"the effect's name {self.name!r} cannot be one: use letters, digits and _")
+        if self.name in catalogue_by_name() or self.name in {row.name for row in disturbances()}:
+            raise InputError(f"imucal has an effect of the name {self.name}: give yours another name")
+        if self.sensor not in TRIADS:
+            raise InputError(f"the sensor of {self.name} is {self.sensor!r}: give one of {', '.join(TRIADS)}")
+        names = [parameter.name for parameter in self.parameters]
+        if not names or len(set(names)) < len(names):
+            raise InputError(f"{self.name} has the parameters {names}: give one or more with different names")
+
+    @property
+    def plain(self) -> int:
+        """The number of parameters; a user-defined effect has only one form."""
+        return len(self.parameters)
+
+    @property
+    def shape(self) -> None:
+        """None, because a user-defined field is linear in all parameters."""
+        return
+
+    def required_field(self) -> Callable[[State], ArrayLike]:
+        """The field; InputError if the effect was loaded from a file, which does not contain the function."""
+        if self.field is None:
+            raise InputError(
+                f"the definition of the effect {self.name} is not in the file: pass it as user_effects=[...] "
+                "to Calibration.load"
+            )
+        return self.field
+
+    def columns(self, state: State) -> FloatArray:
+        """The field at each sample, (N, 3, p).
+
+        Raises InputError if the definition is missing, if the function returns another shape, or if it
+        returns values that are not finite at a sample with finite rate and force.
+        """
+        field = self.required_field()
+        needed = (len(state.time_s), 3, len(self.parameters))
+        try:
+            columns = np.asarray(field(state), dtype=np.float64)
+        except KeyError as error:
+            raise InputError(
+                f"the field of {self.name} asks for {error}, the recording has the auxiliary columns "
+                f"{sorted(state.auxiliary)}"
+            ) from error
+        except (TypeError, ValueError) as error:
+            raise InputError(f"the field of {self.name} cannot be evaluated: {error}") from error
+        if columns.shape != needed:
+            raise InputError(f"the field of {self.name} has the shape {columns.shape}, {needed} is needed")
+        known = np.isfinite(state.angular_rate).all(axis=1) & np.isfinite(state.specific_force).all(axis=1)
+        wrong = np.flatnonzero(known & ~np.isfinite(columns).all(axis=(1, 2)))
+        if len(wrong):
+            raise InputError(
+                f"the field of {self.name} is not finite at {len(wrong)} samples, first at sample {wrong[0]}"
+            )
+        return columns
+
+    def at(self, state: State, values: EffectValues) -> FloatArray:
+        """The contribution of the effect to the true rate or force at each sample, (N, 3)."""
+        check_values(self, values)
+        added: FloatArray = self.columns(state) @ values.values
+        return added
+
+
+def by_name(user_effects: Iterable[UserEffect]) -> dict[str, UserEffect]:
+    """User-defined effects by name; InputError for any other type."""
+    found = {}
+    for effect in user_effects:
+        if not isinstance(effect, UserEffect):
+            raise InputError(f"{effect!r} is no effect of your own: give a list of imucal.UserEffect")
+        if effect.name in found:
+            raise InputError(f"the effect {effect.name} is defined twice: give each one name")
+        found[effect.name] = effect
+    return found
+
+
+def definitions(user_effects: Sequence[UserEffect]) -> Mapping[str, Effect | UserEffect]:
+    """All effects by name: those of the catalogue and the user-defined ones."""
+    return {**catalogue_by_name(), **by_name(user_effects)}
+
+
+def check_values(effect: Effect | UserEffect, values: EffectValues) -> None:
+    """Raise InputError if the number of values, or the shape, does not match the effect."""
+    count, plain, full = len(values.values), effect.plain, len(effect.parameters)
+    if count not in (plain, full):
+        forms = f"{full} parameters" if plain == full else f"{plain} parameters, or {full} in its full form"
+        raise InputError(f"{effect.name} has {forms}: {count} were given")
+    if effect.shape is not None and values.shape is None:
+        raise InputError(f"{effect.name} needs its shape {effect.shape.name}, {effect.shape.unit}")
+    if effect.shape is None and values.shape is not None:
+        raise InputError(f"{effect.name} has no shape: {values.shape} was given")
+
+
+def named_numbers(effect: Effect | UserEffect, values: EffectValues) -> list[tuple[EffectParameter, float]]:
+    """Each parameter with its value, the shape last."""
+    numbers = list(zip(effect.parameters, values.values.tolist(), strict=False))
+    if effect.shape is not None and values.shape is not None:
+        numbers.append((effect.shape, float(values.shape)))
+    return numbers

@@ -1,0 +1,56 @@
+"""The catalogue of effects, which is that of the compiled library."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Mapping
+from functools import cache
+
+import imucal._core as _core
+from imucal.effects.disturbance import disturbances
+from imucal.effects.effect import Alias, Effect, EffectParameter
+from imucal.errors import InputError
+
+__all__ = ["catalogue", "catalogue_by_name", "find", "not_known"]
+
+
+def catalogue() -> tuple[Effect, ...]:
+    """All effects of the catalogue, in the order of their families."""
+    return tuple(catalogue_by_name().values())
+
+
+@cache
+def catalogue_by_name() -> Mapping[str, Effect]:
+    """All effects of the catalogue by name."""
+    return {
+        row.name: Effect(
+            row.name,
+            row.sensor,
+            tuple(EffectParameter(*parameter) for parameter in row.parameters),
+            row.plain,
+            None if row.shape is None else EffectParameter(*row.shape),
+            tuple(row.needs),
+            row.formula,
+            row.observable,
+            tuple(Alias(*alias) for alias in row.aliases),
+        )
+        for row in _core.effects()
+    }
+
+
+def find(name: str) -> Effect:
+    """The effect with this name; InputError with similar names if there is none."""
+    if name in catalogue_by_name():
+        return catalogue_by_name()[name]
+    for row in disturbances():
+        if name == row.name:
+            what = "noise" if row.kind == "noise" else "a fault"
+            raise InputError(f"{name} is {what}: it has no field, so it is not estimated or taken away")
+    raise not_known(name, catalogue_by_name())
+
+
+def not_known(name: str, known: Iterable[str]) -> InputError:
+    """The error for an unknown name, with similar names."""
+    close = difflib.get_close_matches(name, list(known), cutoff=0.5)
+    hint = f"is it {' or '.join(close)}? " if close else ""
+    return InputError(f"there is no effect {name!r}: {hint}`imucal effects` lists them all")
