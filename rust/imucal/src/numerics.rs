@@ -1,4 +1,5 @@
-//! Numerical methods that know nothing of sensors: least squares, statistics, robust weights, derivatives, SIMD rows, threads.
+//! Numerical methods without sensor models: least squares, statistics, detection of outliers, differentiation of noisy
+//! data, symmetric matrices, memory aligned for SIMD, and threads.
 
 pub(crate) mod aligned;
 pub(crate) mod derivative;

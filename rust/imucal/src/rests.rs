@@ -1,4 +1,5 @@
-//! Rests of a recording, their noise, the moves between them, and the tremor of a hand.
+//! Detection of rests and of the moves between them, the white noise of a recording, and the tremor of a hand-held
+//! unit.
 
 pub(crate) mod moves;
 pub(crate) mod noise_density;

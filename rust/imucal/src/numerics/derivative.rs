@@ -1,14 +1,16 @@
-//! The derivative by time of columns that hold noise, as smooth as their motion allows.
+//! Time derivative of noisy data, with as much smoothing as the motion allows (model.md (16)).
 //!
-//! At each sample it is that of the polynomial of fourth degree whose means over five boxes in a row are those of the values:
+//! The derivative at a sample is that of a polynomial of fourth degree. Its means over five consecutive intervals
+//! ("boxes") equal the means of the data:
 //!
 //! ```text
 //! sum_j weight_j mean over box j of (t - t_k)^m = 1 for m = 1, 0 for m = 0, 2, 3, 4
 //! ```
 //!
-//! Its noise falls with the power 3/2 of the width of a box, the error of a motion grows with the fourth. So boxes are widened
-//! as long as what they say differs from what the narrower ones say by no more than noise (after Lepski, Theory of Probability and
-//! its Applications 35, 1991, 454-466), and then narrowed again by one step, where the motion's error is an eighth of that.
+//! The noise of the derivative decreases with the power 3/2 of the width of a box, and the error from motion increases
+//! with the fourth power. Boxes are therefore widened as long as noise explains the change of the derivative (after
+//! Lepski, Theory of Probability and its Applications 35, 1991, 454-466). The width chosen is one step narrower than
+//! the widest accepted one, where the error from motion is an eighth as large.
 
 mod stencil;
 
@@ -21,31 +23,35 @@ use stencil::{BOXES, Stencil, Steps, Sums};
 
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// The narrowest box, s, or one sample: closer values differ by more noise than motion.
+/// Width of the narrowest box, s, or one sample if that is longer. Noise of narrower boxes exceeds any error from
+/// motion.
 const NARROWEST_S: f64 = 2e-3;
-/// The widest: no motion stays a polynomial for five of these, s.
+/// Width of the widest box, s. Over five wider boxes a motion is not a polynomial of fourth degree.
 const WIDEST_S: f64 = 0.1;
-/// From one width to the next.
+/// Ratio of consecutive widths. With 1.7 the error from motion changes by a factor of eight.
 const WIDER: f64 = 1.7;
-/// Fewer samples do not tell noise from motion.
+/// Minimum number of samples for a choice of the width. With fewer samples noise and motion cannot be separated.
 const FEWEST: usize = 4 * BOXES;
-/// So many differences say what noise is to a per cent.
+/// Number of fourth differences from which the noise is estimated, accurate to one per cent.
 const ENOUGH: usize = 100_000;
 
-/// How a derivative is taken at given times.
+/// A differentiation rule for given times.
 pub(crate) struct Derivative<'a> {
+    /// Distinct times, s.
     time_s: Cow<'a, [f64]>,
-    /// Of samples at one time the first counts: the place of each sample among those. Empty where all count.
+    /// For each sample, its index among the distinct times. Only the first of several samples with the same time is
+    /// used. Empty if all times are distinct.
     places: Vec<usize>,
     stencil: Stencil,
 }
 
-/// Samples in a box, once it is known how smooth a motion is.
+/// Number of samples in a box, determined on first use and then kept.
 #[derive(Default)]
 pub(crate) struct Width(OnceLock<usize>);
 
 impl Width {
-    /// As smooth as the motion in the values allows, which are asked for the first time.
+    /// Returns the derivative with the width that the motion allows. `values` is evaluated on the first call only, to
+    /// determine this width.
     pub(crate) fn derivative<'a>(
         &self,
         time_s: &'a [f64],
@@ -61,7 +67,7 @@ impl Width {
 }
 
 impl<'a> Derivative<'a> {
-    /// By the polynomials through neighbouring samples.
+    /// Without smoothing: the polynomials pass through neighbouring samples.
     pub(crate) fn narrow(time_s: &'a [f64]) -> Self {
         let is_again = |k: usize| k > 0 && time_s[k] == time_s[k - 1];
         let (mut distinct, mut places) = (Cow::Borrowed(time_s), Vec::new());
@@ -77,14 +83,14 @@ impl<'a> Derivative<'a> {
         Self { time_s: distinct, places, stencil }
     }
 
-    /// As smooth as the motion in `values` allows.
+    /// With as much smoothing as the motion in `values` allows.
     pub(crate) fn smooth(time_s: &'a [f64], values: &[Vector3<f64>]) -> Self {
         let mut derivative = Self::narrow(time_s);
         derivative.stencil = derivative.smoothed(values);
         derivative
     }
 
-    /// Boxes as wide as that allows.
+    /// Returns the stencil with the widest boxes that the motion allows.
     fn smoothed(&self, values: &[Vector3<f64>]) -> Stencil {
         let (values, times, narrow) = (self.distinct(values), &self.time_s, &self.stencil);
         let (n, interval_s) = (values.len(), narrow.steps.interval_s);
@@ -108,7 +114,7 @@ impl<'a> Derivative<'a> {
         }
     }
 
-    /// The derivative of values at these times, one for each; none for a single one.
+    /// The derivative of `values` at each time, per second. The result is empty if there is only one distinct time.
     pub(crate) fn of(&self, values: &[Vector3<f64>]) -> Vec<Vector3<f64>> {
         let distinct = self.distinct(values);
         if distinct.len() < 2 {
@@ -127,7 +133,8 @@ impl<'a> Derivative<'a> {
     }
 }
 
-/// White noise of a sample on each axis, from fourth divided differences: motion is too smooth to show in them.
+/// Standard deviation of the white noise of each axis, from fourth divided differences, which are insensitive to smooth
+/// motion.
 fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> {
     let apart = (values.len() / ENOUGH).max(1);
     let of_even = steps.are_even.then(|| weights_of_noise(&[0.0, 1.0, 2.0, 3.0, 4.0]));
@@ -146,7 +153,7 @@ fn noise(steps: Steps, time_s: &[f64], values: &[Vector3<f64>]) -> Vector3<f64> 
     })
 }
 
-/// What values at these times add to their divided difference, all squares together being one.
+/// Weights of the values at times `t` in their fourth divided difference, normalised to a sum of squares of one.
 fn weights_of_noise(t: &[f64]) -> [f64; BOXES] {
     let others = |j: usize| (0..BOXES).filter(move |i| *i != j);
     let weights: [f64; BOXES] = std::array::from_fn(|j| others(j).map(|i| t[j] - t[i]).product::<f64>().recip());

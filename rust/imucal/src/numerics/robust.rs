@@ -1,22 +1,23 @@
-//! Finding the few rests or moves that contradict all others.
+//! Detection of outliers: rests or moves that contradict all others (model.md (14)).
 
 use faer::Mat;
 
 use crate::numerics::lsq;
 use crate::numerics::stats::{MEDIAN_SIZE, median};
 
-/// Scores above this many robust standard deviations are outliers. With `d` residuals per item and normal errors
-/// a clean item exceeds it about once in 10^6.
+/// Threshold of an outlier, in robust standard deviations of the scores. With normal errors the score of a valid item
+/// exceeds it with a probability of about 1e-6.
 const LIMIT: f64 = 5.2;
 
-/// Score of each item (`size` neighbouring rows): the length of its residual as seen by a fit without it,
-/// in units of the residuals' own standard deviation.
+/// Score of each item (`size` consecutive rows): the norm of its residuals in a fit without the item, divided by their
+/// standard deviation.
 pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usize) -> Vec<f64> {
     let hat_rows = lsq::leverages(jacobian);
     (0..residuals.nrows() / size)
         .map(|item| {
             let rows = item * size..(item + 1) * size;
-            // A leverage of one means that the fit follows the item whatever it says: no judgement is possible.
+            // A leverage near one means that the fit follows the residual whatever its value, so the residual is not
+            // judged.
             rows.map(|row| {
                 let free = (1.0 - hat_rows[row]).max(0.0);
                 if free > 0.05 { residuals[(row, 0)].powi(2) / free } else { 0.0 }
@@ -27,16 +28,18 @@ pub(crate) fn leave_one_out(residuals: &Mat<f64>, jacobian: &Mat<f64>, size: usi
         .collect()
 }
 
-/// The item with the largest score if it is an outlier; the scale is the median of the scores, at least one.
+/// The item with the largest score if it is an outlier. The scale is the median of the scores divided by its value for
+/// normal errors, and at least one.
 pub(crate) fn worst_outlier(scores: &[f64], size: usize) -> Option<usize> {
-    // Median of |z| for one and of sqrt(chi2) for two degrees of freedom.
+    // Median of the score for normal errors: |z| for one residual, the square root of chi2 for two.
     let median_of_clean = if size == 1 { MEDIAN_SIZE } else { 1.177_410_02 };
     let scale = (median(&mut scores.to_vec()) / median_of_clean).max(1.0);
     let worst = (0..scores.len()).max_by(|&a, &b| scores[a].total_cmp(&scores[b]))?;
     (scores[worst] > LIMIT * scale).then_some(worst)
 }
 
-/// Whether one more item may be left out: at most a fifth of all, and `least` must stay.
+/// Whether one more item may be excluded: at most a fifth of all items may be excluded, and at least `least` must
+/// remain.
 pub(crate) fn may_exclude(used: &[bool], least: usize) -> bool {
     let kept = used.iter().filter(|&&kept| kept).count();
     kept > least && used.len() - kept < used.len() / 5
@@ -56,7 +59,7 @@ mod tests {
 
     #[test]
     fn an_item_that_the_fit_follows_blindly_is_not_judged() {
-        // The last row alone determines the second parameter: its residual is zero by construction.
+        // The second parameter depends on the last row only, so the residual of this row is zero by construction.
         let jacobian = Mat::from_fn(5, 2, |i, j| f64::from(u8::from((i < 4) == (j == 0))));
         let residuals = Mat::from_fn(5, 1, |i, _| if i == 4 { 1e-9 } else { 1.0 });
         assert_eq!(leave_one_out(&residuals, &jacobian, 1)[4], 0.0);

@@ -1,24 +1,25 @@
-//! Tails of chi2, and robust statistics of small samples.
+//! Probabilities of the chi2 distribution, quantiles, and robust means.
 
 use std::cmp::Ordering;
 
 use pulp::{Arch, Simd, WithSimd};
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 
-/// Probability that chi2 with `dof` degrees of freedom exceeds `statistic`; 1 for none.
+/// Probability that a chi2 variable with `dof` degrees of freedom exceeds `statistic`. It is 1 for zero degrees of
+/// freedom.
 pub fn p_value(statistic: f64, dof: usize) -> f64 {
     ChiSquared::new(dof as f64).map_or(1.0, |distribution| distribution.sf(statistic.max(0.0)))
 }
 
-/// Median of a normal number without its sign.
+/// Median of the absolute value of a standard normal variable.
 pub(crate) const MEDIAN_SIZE: f64 = 0.674_489_75;
 
-/// Median; NaN of an empty slice. Reorders the slice.
+/// Median of the values; NaN for an empty slice. Reorders the slice.
 pub(crate) fn median(values: &mut [f64]) -> f64 {
     quantile(values, 0.5)
 }
 
-/// The value below which the share `q` of the values lies; NaN of an empty slice. Reorders the slice.
+/// The `q` quantile of the values (0 to 1, linear interpolation); NaN for an empty slice. Reorders the slice.
 pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     if values.is_empty() {
         return f64::NAN;
@@ -26,16 +27,19 @@ pub(crate) fn quantile(values: &mut [f64], q: f64) -> f64 {
     let position = q * (values.len() - 1) as f64;
     let below = position.floor() as usize;
     let (_, &mut low, above) = values.select_nth_unstable_by(below, f64::total_cmp);
-    between(low, least(above), position - below as f64)
+    between(low, smallest(above), position - below as f64)
 }
 
-/// [`quantile`] of `count` values that are computed when they are needed instead of being kept; NaN is passed over.
-/// `write(k, to)` writes those from place `k` on.
+/// [`quantile`] of `count` values that are computed when needed and not stored. NaN values are ignored. `write(k, to)`
+/// writes the values from index `k` on.
 ///
-/// A few of them, evenly spread, say between which two values the quantile very likely lies; only what lies there is kept.
-/// Where the few are misleading all values are (after Floyd and Rivest, Communications of the ACM 18, 1975, 165-172).
+/// An evenly spaced sample of the values gives two limits between which the quantile lies with high probability. Only
+/// values between these limits are stored. If the quantile is outside the limits, all values are stored (after Floyd
+/// and Rivest, Communications of the ACM 18, 1975, 165-172).
 pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f64) -> f64 {
+    // Number of values below which storing all of them is faster.
     const FEWEST: usize = 2000;
+    // Number of values from which storing all of them must be avoided.
     const MANY: usize = 100_000;
     let of_all = || {
         let mut all = vec![f64::NAN; count];
@@ -56,8 +60,9 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if sample.is_empty() {
         return of_all();
     }
-    // In standard deviations of a rank among so many. One quantile in a hundred is further off by chance, which is cheaper than to keep
-    // more of what lies between; but all values of a long record are not to be kept.
+    // Distance of the limits from the sample quantile, in standard deviations of its rank. With 2.5 about one quantile
+    // in a hundred is outside the limits, which is faster on average than storing more values. For long records all
+    // values must not be stored, so the limits are wider.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();
@@ -71,40 +76,45 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
     if rank < below || rank + 1 >= up_to_high {
         return of_all();
     }
-    // The value of that rank, and the next one.
+    // The value of this rank and the value of the next rank.
     let (low, high) = match rank.checked_sub(up_to_low) {
         _ if rank + 1 < up_to_low => (low, low),
-        None => (low, least(&inside).min(high)),
+        None => (low, smallest(&inside).min(high)),
         Some(k) if k < inside.len() => {
             let (_, &mut value, above) = inside.select_nth_unstable_by(k, ascending);
-            (value, least(above).min(high))
+            (value, smallest(above).min(high))
         }
         Some(_) => (high, high),
     };
     between(low, high, position - rank as f64)
 }
 
-/// Order of numbers none of which is NaN, in one comparison.
+/// Order of two numbers that are not NaN, with a single comparison in the usual case.
 fn ascending(a: &f64, b: &f64) -> Ordering {
     a.partial_cmp(b).unwrap_or(Ordering::Equal)
 }
 
-/// The smallest of some values; infinity of none.
-fn least(values: &[f64]) -> f64 {
-    values.iter().fold(f64::INFINITY, |least, &v| if v < least { v } else { least })
+/// The smallest value; infinity for an empty slice.
+fn smallest(values: &[f64]) -> f64 {
+    values.iter().fold(f64::INFINITY, |smallest, &v| if v < smallest { v } else { smallest })
 }
 
-/// How values lie about two of them. Ties are counted, for a clock has hardly any other steps.
+/// Numbers of values relative to the two limits. Values equal to a limit are counted and not stored, because the time
+/// steps of a regular clock are nearly all equal.
 struct Census {
+    /// Number of values below the lower limit.
     below: usize,
+    /// Number of values up to and including the lower limit.
     up_to_low: usize,
+    /// Number of values up to and including the upper limit.
     up_to_high: usize,
+    /// Number of values that are not NaN.
     all: usize,
-    /// The values between.
+    /// The values strictly between the limits.
     inside: Vec<f64>,
 }
 
-/// Takes the [`Census`] with the widest vectors that the processor has.
+/// Computes the [`Census`] with the widest vector instructions of the processor.
 struct Counting<'a, W> {
     count: usize,
     write: &'a W,
@@ -137,7 +147,7 @@ impl<W: Fn(usize, &mut [f64])> WithSimd for Counting<'_, W> {
             census.up_to_high += up_to_high as usize;
             census.all += all as usize;
             if below_high > up_to_low {
-                // Without a branch, which would often be foretold wrongly.
+                // No branch per value, because its outcome would be predicted poorly.
                 let (mut inside, mut kept) = ([0.0; PART], 0);
                 for few in values.chunks_exact(FEW) {
                     if few.iter().fold(false, |any, v| any | ((*v > low) & (*v < high))) {
@@ -158,7 +168,7 @@ fn between(low: f64, high: f64, share: f64) -> f64 {
     if high.is_finite() { low + share * (high - low) } else { low }
 }
 
-/// Root mean square; zero of nothing.
+/// Root mean square of the values; zero if there are none.
 pub(crate) fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (mut sum, mut count) = (0.0, 0usize);
     for value in values {
@@ -168,17 +178,19 @@ pub(crate) fn rms(values: impl Iterator<Item = f64>) -> f64 {
     if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
 }
 
-/// A mean of values with known and different variances that may also differ from each other by more than that.
+/// Result of [`random_effects_mean`].
 pub(crate) struct RandomEffectsMean {
+    /// The weighted mean.
     pub(crate) mean: f64,
-    /// Weight of each value; they sum to one.
+    /// Weight of each value. The weights sum to one.
     pub(crate) weights: Vec<f64>,
-    /// Variance between the values beyond their own.
+    /// Variance between the true values, in addition to the variances of the single values.
     pub(crate) between: f64,
 }
 
-/// Random-effects mean: inverse-variance weights where `variances` explain the scatter, equal weights where it is much
-/// larger (DerSimonian and Laird, Controlled Clinical Trials 7, 1986, 177-188).
+/// Mean of values whose true values may differ. If `variances` explain the scatter, the weights are the inverse
+/// variances. If the scatter is much larger, the weights are nearly equal (DerSimonian and Laird, Controlled Clinical
+/// Trials 7, 1986, 177-188; model.md (7)).
 pub(crate) fn random_effects_mean(values: &[f64], variances: &[f64]) -> RandomEffectsMean {
     let fixed: Vec<f64> = variances.iter().map(|v| 1.0 / v).collect();
     let total: f64 = fixed.iter().sum();
@@ -200,7 +212,8 @@ fn weighted_sum(weights: &[f64], values: &[f64]) -> f64 {
     weights.iter().zip(values).map(|(w, x)| w * x).sum()
 }
 
-/// Sum of products, in four sums side by side: one alone would wait for itself at each step.
+/// Scalar product. It is accumulated in four independent sums, because each addition to a single sum would wait for the
+/// previous one.
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let (a, b) = (a.chunks_exact(4), b.chunks_exact(4));
     let rest: f64 = a.remainder().iter().zip(b.remainder()).map(|(a, b)| a * b).sum();
@@ -213,12 +226,12 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     (sums[0] + sums[1]) + (sums[2] + sums[3]) + rest
 }
 
-/// Median time between samples, s; NaN for fewer than two.
+/// Median sampling interval, s; NaN for fewer than two samples.
 pub fn sample_interval_s(time_s: &[f64]) -> f64 {
     quantile_of(time_s.len().saturating_sub(1), |k, to| steps_s(&time_s[k..], to), 0.5)
 }
 
-/// The first steps in time, s.
+/// Writes the first `to.len()` time steps, s.
 pub(crate) fn steps_s(time_s: &[f64], to: &mut [f64]) {
     let times = time_s.iter().zip(time_s.get(1..).unwrap_or_default());
     to.iter_mut().zip(times).for_each(|(to, (before, after))| *to = after - before);
@@ -257,7 +270,7 @@ mod tests {
                 assert_eq!(of(50_000, &value, q), quantile(&mut kept, q), "{k} {q}");
             }
         }
-        // In time with the sample, which sees one value alone.
+        // A period that equals the spacing of the sample, so the sample contains a single value.
         let value = |i: usize| if i.is_multiple_of(50) { 7.0 } else { i as f64 };
         assert_eq!(of(50_000, &value, 0.5), quantile(&mut (0..50_000).map(value).collect::<Vec<_>>(), 0.5));
         assert!(of(0, &|_| 1.0, 0.5).is_nan());

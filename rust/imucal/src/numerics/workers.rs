@@ -1,23 +1,25 @@
-//! Work shared out to threads.
+//! Distribution of work to threads.
 
 use std::num::NonZeroUsize;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// Fewer samples are passed over in about the time that threads take to start.
+/// Number of samples from which threads are used. A pass over fewer samples takes about as long as starting the
+/// threads.
 const WORTH_THREADS: usize = 500_000;
 
-/// All processors where a pass over so many samples is worth it.
+/// Number of threads for a pass over `samples` samples: all processors, or one if threads would not make it faster.
 pub(crate) fn threads_for(samples: usize) -> usize {
     if samples < WORTH_THREADS { 1 } else { processors() }
 }
 
-/// How many threads can run at once: asked for once, for it takes as long as a short pass.
+/// Number of threads that can run in parallel. The system is queried once, because the query takes as long as a short
+/// pass.
 pub(crate) fn processors() -> usize {
     static COUNT: OnceLock<usize> = OnceLock::new();
     *COUNT.get_or_init(|| std::thread::available_parallelism().map_or(1, NonZeroUsize::get))
 }
 
-/// What is made of each place below `count`, in their order.
+/// Results of `work` for all indices below `count`, in the order of the indices.
 pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usize) -> R + Sync) -> Vec<R> {
     if threads <= 1 {
         return (0..count).map(work).collect();
@@ -27,7 +29,7 @@ pub(crate) fn in_order<R: Send>(threads: usize, count: usize, work: impl Fn(usiz
     made.into_iter().flatten().collect()
 }
 
-/// Does every job once, on up to `threads` threads, in any order: the jobs must not depend on each other.
+/// Processes each job once, on up to `threads` threads and in any order. The jobs must not depend on each other.
 pub(crate) fn share_out<J: Send>(threads: usize, jobs: Vec<J>, work: impl Fn(J) + Sync) {
     let threads = threads.min(jobs.len());
     if threads <= 1 {

@@ -1,4 +1,5 @@
-//! Moves between rests: what a calibration fits the gyroscope to, and what a control record judges it by.
+//! Moves between consecutive rests, and the direction of gravity at both ends of a move (model.md (7), (8), (13)). The
+//! gyroscope is fitted to the moves of a calibration recording and evaluated on those of a control recording.
 
 use std::ops::Range;
 
@@ -13,90 +14,106 @@ use crate::rests::noise_density::{NoiseDensity, random_walk_rad, variance_per_ax
 use crate::rests::tremor::{Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, touches};
 
-/// A step in time of more than this many sample intervals inside a move loses too much of the rotation.
+/// Maximum ratio of a time step to the median sampling interval inside a move. After a longer gap the rotation cannot
+/// be integrated accurately, and the move is not used. Chosen by experience; model.md (7) states it.
 const LONGEST_STEP: f64 = 2.5;
 
-/// How much of an unsteady rest, next to the move, gives the direction of gravity, s.
+/// Duration of the part of an unsteady rest, next to the move, from which the direction of gravity is computed, s
+/// (model.md (13)).
 const SPAN_S: f64 = 1.0;
+/// Number of sub-means of this part; their scatter gives the variance of the direction (model.md (13)).
 const TENTHS: usize = 10;
-/// A hand makes the gyroscope scatter by more than this many times its noise, and by more than this rate, rad/s.
+/// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope for a rest to be hand-held.
+/// Chosen well above the fluctuations of an estimated noise level.
 const TREMBLING: f64 = 1.5;
+/// Minimum scatter of the rates within 0.1 s for a rest to be hand-held, rad/s. It prevents the detection of a hand in
+/// recordings without noise. A hand causes larger rates.
 const STILL_RADPS: f64 = 1e-3;
-/// The integration of a sampled rate is no finer than this; without noise it alone is left.
+/// Lower bound of the standard deviation of the direction error of a move, rad. It represents the error of integrating
+/// a sampled rate, which is all that remains in simulated data without noise.
 pub(crate) const FINEST_RAD: f64 = 2e-5;
 
-/// The way from one rest to the next, from the last sample of the one to the first sample of the other.
+/// A move: the samples from the last sample of a rest to the first sample of the next rest.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Move {
     /// Index of the recording.
     pub(crate) recording: usize,
-    /// Index of the rest before and after, among all rests of all recordings.
+    /// Index of the rest before the move, among all rests of all recordings.
     pub(crate) from: usize,
+    /// Index of the rest after the move.
     pub(crate) to: usize,
-    /// First and last sample, both included.
+    /// Index of the first sample. It is the last sample of the rest before the move.
     pub(crate) first: usize,
+    /// Index of the last sample (inclusive). It is the first sample of the rest after the move.
     pub(crate) last: usize,
     /// Duration, s.
     pub(crate) duration_s: f64,
-    /// Median time between its samples, s.
+    /// Median sampling interval within the move, s.
     pub(crate) interval_s: f64,
 }
 
-/// What the residual of a move depends on beside the gyroscope.
+/// Measured quantities of a move, in addition to the rates, that its residual depends on (model.md (7), (8)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Ends {
-    /// Direction of gravity in the body at the rest before and after the move.
+    /// Unit vector of gravity in the body frame at the rest before the move.
     pub(crate) before: Vector3<f64>,
+    /// Unit vector of gravity in the body frame at the rest after the move.
     pub(crate) after: Vector3<f64>,
     /// Standard deviation of each component of the residual, rad.
     pub(crate) sigma_rad: f64,
 }
 
 impl Ends {
-    /// Two rows across the direction of gravity after the move.
+    /// The matrix E of model.md (7): two orthonormal rows perpendicular to the direction of gravity after the move.
     pub(crate) fn across(&self) -> Matrix2x3<f64> {
         rows_across(&self.after)
     }
 
-    /// The residual in rad: components of the carried minus the measured direction.
+    /// Residual of the move, rad: the propagated minus the measured direction of gravity, projected with E. `rotation`
+    /// is the rotation from the body frame at the end of the move to that at its start.
     pub(crate) fn residual(&self, rotation: &Matrix3<f64>) -> Vector2<f64> {
         self.across() * (rotation.tr_mul(&self.before) - self.after)
     }
 }
 
-/// Two directions across this one.
+/// Two orthonormal vectors perpendicular to the unit vector `up`.
 pub(crate) fn across(up: &Vector3<f64>) -> [Vector3<f64>; 2] {
     let first = Vector3::ith(axis_aside(up), 1.0).cross(up).normalize();
     [first, up.cross(&first)]
 }
 
-/// The axis that directions across this one are made with: one that is well aside, and stays the same for a direction that is close,
-/// where the smallest of three components may change between two that are both zero.
+/// Index of the coordinate axis from which [`across`] constructs the perpendicular vectors: the first axis that is far
+/// from parallel to `up`. This choice is the same for neighbouring directions. The axis of the smallest component would
+/// not be, because two components near zero exchange their order at random.
 pub(crate) fn axis_aside(up: &Vector3<f64>) -> usize {
+    /// Maximum absolute component of `up` along the axis. One component of a unit vector is always below 0.58.
     const ASIDE: f64 = 0.6;
-    // The smallest of three components of a unit vector is below 0.58.
     up.iter().position(|component| component.abs() < ASIDE).unwrap_or(0)
 }
 
-/// The same as rows.
+/// The two vectors of [`across`] as rows of a matrix.
 pub(crate) fn rows_across(up: &Vector3<f64>) -> Matrix2x3<f64> {
     Matrix2x3::from_rows(&across(up).map(|direction| direction.transpose()))
 }
 
-/// A stretch between two rests that cannot be used, and why (a reason code).
+/// An interval between two rests that cannot be used as a move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Unusable {
+    /// The interval, described like a move.
     pub(crate) span: Move,
+    /// Reason code: `saturation` or `samples_missing`.
     pub(crate) reason: &'static str,
 }
 
-/// Saturated stretches of each recording; the samples are read again only where the checks have found some.
+/// Index ranges of saturated samples, for each recording. The samples are examined only if the checks have reported
+/// saturation.
 pub(crate) fn saturated_stretches(recordings: &[Recording<'_>], findings: &[Finding]) -> Vec<Vec<Range<usize>>> {
     let found = findings.iter().any(Finding::is_saturation);
     recordings.iter().map(|recording| if found { saturated_samples(recording) } else { Vec::new() }).collect()
 }
 
-/// The moves between neighbouring usable rests, and those that a gap or saturated samples spoil.
+/// The moves between consecutive usable rests, and the intervals that are not usable because they contain missing or
+/// saturated samples.
 pub(crate) fn between(
     recordings: &[Recording<'_>],
     rests: &[UnitRest],
@@ -127,34 +144,35 @@ pub(crate) fn between(
     (moves, unusable)
 }
 
-/// What the directions of gravity at the ends of the moves are computed with.
+/// Data and calibration from which the directions of gravity at the ends of moves are computed.
 pub(crate) struct Directions<'a> {
     pub(crate) recordings: &'a [Recording<'a>],
     pub(crate) rests: &'a [UnitRest],
-    /// Noise of each recording, raw units.
+    /// White-noise densities of each recording, raw units per sqrt(Hz).
     pub(crate) noise: &'a [NoiseDensity],
-    /// The hand that holds the unit, if one does, for each recording.
+    /// Hand model of each recording; `None` if the unit is not hand-held.
     pub(crate) hands: &'a [Option<Hand>],
     pub(crate) accelerometer: &'a Triad<f64>,
-    /// The gyroscope, as far as it is known.
+    /// Current estimate of the gyroscope.
     pub(crate) gyroscope: &'a Triad<f64>,
 }
 
-/// What the accelerometer reads at one end of a move, and the variance of each component of the direction.
+/// Reading of gravity at one end of a move, and the variance of each component of its direction.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct End {
-    /// Raw units.
+    /// Reading of the accelerometer, raw units.
     pub(crate) raw: Vector3<f64>,
-    /// Whether it is the mean over the whole rest.
+    /// Whether the reading is the mean over the whole rest.
     pub(crate) steady: bool,
-    /// From the mean over the whole rest, which also serves the accelerometer's fit, rad^2.
+    /// Variance from the noise of the mean over the whole rest, rad^2. This noise also affects the accelerometer fit.
     pub(crate) shared_variance: f64,
-    /// From noise that nothing else sees, rad^2.
+    /// Variance from noise that affects only this end of this move, rad^2.
     pub(crate) own_variance: f64,
 }
 
 impl Directions<'_> {
-    /// The ends of each move, and of their standard deviation the part that the mean of the rest does not make, rad.
+    /// The directions of gravity and the standard deviation of each move, and its part that does not come from the
+    /// means of the rests (rad), which is independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()
@@ -170,9 +188,10 @@ impl Directions<'_> {
             .unzip()
     }
 
-    /// What the accelerometer reads before and after a move.
+    /// Readings of gravity at the start and at the end of a move.
     ///
-    /// Where `sensors_drift` may explain that a reading wanders, the gyroscope alone says whether a hand holds the unit.
+    /// `sensors_drift` states that a drift of the sensors can explain a changing mean force. Only the gyroscope then
+    /// decides whether a rest is hand-held.
     pub(crate) fn readings(&self, m: &Move, sensors_drift: bool) -> [End; 2] {
         let steady = |k: usize| {
             let UnitRest { recording, rest, .. } = &self.rests[k];
@@ -181,7 +200,8 @@ impl Directions<'_> {
         [self.reading(m.from, true, steady(m.from)), self.reading(m.to, false, steady(m.to))]
     }
 
-    /// Whether the gyroscope feels a hand: more than its noise within a tenth of a second.
+    /// Whether rest `k` is hand-held according to the gyroscope: the scatter of the rates within 0.1 s exceeds the
+    /// noise.
     fn trembles(&self, k: usize) -> bool {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let rates = self.recordings[*recording].angular_rate.part(rest.first..rest.end);
@@ -200,7 +220,7 @@ impl Directions<'_> {
         (0..3).any(|axis| scatter[axis] > floor[axis])
     }
 
-    /// The reading of gravity at the last (`at_end`) or first sample of a rest.
+    /// Reading of gravity at the last (`at_end`) or first sample of rest `k`.
     fn reading(&self, k: usize, at_end: bool, steady: bool) -> End {
         let UnitRest { recording, rest, bias, .. } = &self.rests[k];
         let mean = &rest.specific_force;
@@ -223,11 +243,13 @@ impl Directions<'_> {
         End { raw, steady: false, shared_variance: 0.0, own_variance: scatter + walk * walk / 3.0 }
     }
 
-    /// Mean of the last or first second of a rest, each sample turned by the gyroscope to the attitude at the end of it,
-    /// the variance of that mean from the scatter of its tenths (rad^2), and the span, s.
+    /// Mean force over the last or first second of a rest, with each sample rotated by the integrated gyroscope to the
+    /// attitude at that end (model.md (13)). Returns the mean (m/s^2), the variance of its direction from the scatter
+    /// of ten sub-means (rad^2), and the duration used (s).
     ///
-    /// A hand that holds a pose trembles: the plain mean is not where the move starts. The mean rate of the rest is
-    /// taken for the gyroscope's bias, so that a bias that depends on the pose does no harm.
+    /// The attitude of a hand-held unit varies during a rest, so the plain mean is not the direction at which the move
+    /// starts. The mean rate of the rest is used as the bias of the gyroscope, so a bias that depends on the pose
+    /// causes no error.
     fn tremor_free(&self, k: usize, at_end: bool) -> (Vector3<f64>, f64, f64) {
         let UnitRest { recording, rest, .. } = &self.rests[k];
         let recording = &self.recordings[*recording];
@@ -249,9 +271,9 @@ impl Directions<'_> {
     }
 }
 
-/// Error of the gravity direction after a move: the angle between carried and measured, rad.
+/// Error of the gravity direction after a move, rad: the angle between the propagated and the measured direction.
 pub(crate) fn direction_error_rad(ends: &Ends, rotation: &Matrix3<f64>) -> f64 {
-    let carried: Vector3<f64> = rotation.tr_mul(&ends.before);
-    // The arc tangent keeps its digits for small angles, unlike the arc cosine.
-    carried.cross(&ends.after).norm().atan2(carried.dot(&ends.after))
+    let propagated: Vector3<f64> = rotation.tr_mul(&ends.before);
+    // The arc tangent is accurate for small angles; the arc cosine is not.
+    propagated.cross(&ends.after).norm().atan2(propagated.dot(&ends.after))
 }

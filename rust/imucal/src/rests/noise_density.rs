@@ -1,27 +1,30 @@
-//! White noise of a recording, and the variances that it makes.
+//! White noise of a recording, and the variances of derived quantities (model.md (8), (10)).
 
 use nalgebra::{Matrix3, Vector3};
 
-/// White-noise densities from the steady rests, or from the noise floor where a hand holds the unit throughout, in raw units per sqrt(Hz).
+/// White-noise densities, raw units per sqrt(Hz) (model.md (10)). They are estimated from the steady rests or, if the
+/// unit is hand-held throughout, from the noise floor.
 #[derive(Clone, Copy, Debug)]
 pub struct NoiseDensity {
-    /// Accelerometer x, y, z.
+    /// Densities of the accelerometer axes x, y, z.
     pub specific_force: Vector3<f64>,
-    /// Gyroscope x, y, z.
+    /// Densities of the gyroscope axes x, y, z.
     pub angular_rate: Vector3<f64>,
 }
 
-/// Standard deviation of each direction component of a move that the gyroscope's white noise makes, rad.
+/// Standard deviation of the integrated white noise of the gyroscope over `duration_s`, per axis, rad: the angle random
+/// walk of model.md (8). `density` is in raw units per sqrt(Hz); `inverse` is the inverse sensitivity.
 pub(crate) fn random_walk_rad(density: &Vector3<f64>, inverse: &Matrix3<f64>, duration_s: f64) -> f64 {
     (variance_per_axis(inverse, density) * duration_s).sqrt()
 }
 
-/// Variance along each body axis, in SI units, of noise with these standard deviations or densities in raw units.
+/// Variance along each body axis, in SI units squared, of noise with standard deviations (or densities) `raw` in raw
+/// units. `inverse` is the inverse sensitivity of the triad.
 pub(crate) fn variance_by_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> Vector3<f64> {
     (inverse * Matrix3::from_diagonal(raw)).map(|v| v * v).column_sum()
 }
 
-/// The mean of it over the axes.
+/// Mean of [`variance_by_axis`] over the three axes.
 pub(crate) fn variance_per_axis(inverse: &Matrix3<f64>, raw: &Vector3<f64>) -> f64 {
     variance_by_axis(inverse, raw).mean()
 }

@@ -1,9 +1,10 @@
-//! Rests and moves: when does the unit stand still? (model.md (11))
+//! Detection of rests (model.md (11)).
 //!
-//! The statistic of a half-second window is the mean over the six channels of (variance / noise floor), of samples
-//! averaged to 200 Hz where there are more. No initial rest and no threshold is asked for: the noise floor is that of the
-//! quietest windows, and the threshold is taken from the widest range of thresholds that all find the same number of
-//! rests. A sum of squared misfits would not do as a criterion, for fewer rests always have the smaller sum.
+//! The statistic of a window of half a second is the mean over the six channels of the ratio of the variance to the
+//! noise floor. From 400 Hz on, the samples are first averaged to means over about 5 ms. No initial rest and no
+//! threshold is required from the user: the noise floor is estimated from the quietest windows, and the threshold is
+//! taken from the widest range of thresholds that yield the same number of rests. A sum of squared residuals cannot be
+//! used to choose the threshold, because fewer rests always give a smaller sum.
 
 mod blocks;
 mod edges;
@@ -24,50 +25,54 @@ use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::rest::{Rest, RestMean, UNSTEADY};
 use blocks::{Block, Blocks, mean, sum_blocks};
 use edges::{calm, onset, settle, trim};
-use steadiness::{Steadiness, Stretch, wanders};
+use steadiness::{Steadiness, Stretch, gravity_wanders};
 use threshold::{choose_threshold, still, window_statistic};
 
-/// Length of a block, s; a window has [`WINDOW_BLOCKS`] of them.
+/// Length of a block, s. It is the resolution at which ends of rests are found.
 const BLOCK_S: f64 = 0.05;
+/// Number of blocks in a window, which is therefore 0.5 s long.
 const WINDOW_BLOCKS: usize = 10;
-/// The threshold that was chosen, and why.
+/// The chosen threshold of the statistic, and the reason for the choice.
 #[derive(Clone, Debug)]
 pub struct Threshold {
-    /// A window is still below this multiple of the noise floor (a ratio of variances).
+    /// The threshold: a window is at rest if its statistic (a ratio of variances) is below this multiple of the noise
+    /// floor.
     pub factor: f64,
-    /// The same number of rests is found from this threshold ...
+    /// Lower end of the range of thresholds that yield the same number of rests. The range with the largest logarithmic
+    /// width, weighted by the number of rests, is chosen.
     pub stable_from: f64,
-    /// ... to this one: the widest such range, weighed by the number of rests.
+    /// Upper end of this range.
     pub stable_to: f64,
-    /// Noise floor of one sample: standard deviation in raw units, gyroscope x, y, z, accelerometer x, y, z.
+    /// Noise floor: standard deviation of one sample, raw units, in the order gyroscope x, y, z, accelerometer x, y, z.
     pub noise_floor: Vector6<f64>,
     /// Length of a window, s.
     pub window_s: f64,
 }
 
-/// What rest detection says about a recording.
+/// Result of the rest detection for one recording.
 #[derive(Clone, Debug)]
 pub struct Segments {
-    /// Rests in order of time.
+    /// Rests in chronological order.
     pub rests: Vec<Rest>,
-    /// Still stretches that are shorter than a rest must be, as sample ranges.
+    /// Intervals at rest that are shorter than the required duration, as index ranges of samples.
     pub too_short: Vec<Range<usize>>,
-    /// The threshold and why it was chosen.
+    /// The threshold and the reason for its choice.
     pub threshold: Threshold,
-    /// Noise within the rests.
+    /// White-noise densities estimated from the rests.
     pub noise_density: NoiseDensity,
 }
 
 /// Default of the minimum duration of a rest, s. Poses are held for longer, and pauses within a move are shorter.
 pub const MIN_REST_S: f64 = 1.0;
-/// Nobody waits longer for one pose, s.
+/// Maximum accepted value of `min_rest_s`, s. Larger values are rejected, because they probably have the wrong unit.
 const LONGEST_MIN_REST_S: f64 = 3600.0;
 
 impl Segments {
-    /// Finds the rests that last `min_rest_s` or more.
+    /// Finds all rests of at least `min_rest_s` seconds.
     ///
     /// # Errors
-    /// [`Error::NotEnoughMotion`] if there is no rest.
+    /// * [`Error::Input`] if `min_rest_s` is not between 0 and 3600 s.
+    /// * [`Error::NotEnoughMotion`] if there is no rest.
     pub fn find(recording: &Recording<'_>, min_rest_s: f64) -> Result<Self, Error> {
         if !(min_rest_s > 0.0 && min_rest_s <= LONGEST_MIN_REST_S) {
             return Err(Error::Input(format!("min_rest_s = {min_rest_s}: give a duration in s, such as 1")));
@@ -86,7 +91,7 @@ impl Segments {
         let gravity = gravity_size(recording, blocks);
         let still: Vec<_> = still(&statistic, threshold.0)
             .map(|range| settle(calm(trim(&range, statistic.len()), &statistic), blocks))
-            .filter(|range| !range.is_empty() && !wanders(&blocks[range.clone()], gravity))
+            .filter(|range| !range.is_empty() && !gravity_wanders(&blocks[range.clone()], gravity))
             .collect();
         let (long, short): (Vec<_>, Vec<_>) =
             still.iter().cloned().zip(around(&still, blocks.len())).partition(|(range, _)| range.len() >= min_blocks);
@@ -96,7 +101,7 @@ impl Segments {
         let stretch = |range: &Range<usize>| Stretch::of(range, blocks, &statistic);
         let mut stretches: Vec<Stretch> = long.iter().map(|(range, _)| stretch(range)).collect();
         let settled = Steadiness::of(stretches.iter());
-        // Where a hand holds the unit, no end is sharper than its tremor.
+        // The ends of hand-held rests are not refined, because tremor limits their accuracy.
         for (rest, (_, within)) in stretches.iter_mut().zip(&long) {
             if settled.unsteadiness(rest) < UNSTEADY {
                 let range = onset(rest.blocks.clone(), within, blocks);
@@ -136,7 +141,7 @@ impl Segments {
 }
 
 impl Threshold {
-    /// One sentence for people.
+    /// Describes the threshold in one sentence for the user.
     pub fn explain(&self, rests: usize) -> String {
         format!(
             "a {:.2} s window is still below {:.1} times the noise floor; every threshold from {:.1} to {:.1} finds the \
@@ -147,7 +152,7 @@ impl Threshold {
 }
 
 impl Segments {
-    /// Means and noise of the corrected samples instead of the raw ones, SI units.
+    /// Replaces means and noise of the raw samples by those of the corrected samples, in SI units.
     pub(crate) fn correct(&mut self, corrected: &Recording<'_>, calibration: &Calibration<f64>) {
         let mean = |rows: Samples<'_>| rows.iter().map(Vector3::from).sum::<Vector3<f64>>() / rows.len() as f64;
         let turned = |triad: &Triad<f64>, std: Vector3<f64>| variance_by_axis(triad.inverse(), &std);
@@ -168,14 +173,15 @@ impl Segments {
     }
 }
 
-/// From the end of the stretch before each to the start of the one after it.
+/// For each interval at rest, the range from the end of the previous interval to the start of the next one, in blocks.
 fn around(still: &[Range<usize>], blocks: usize) -> impl Iterator<Item = Range<usize>> + '_ {
     let before = std::iter::once(0).chain(still.iter().map(|range| range.end));
     let after = still.iter().skip(1).map(|range| range.start).chain([blocks]);
     before.zip(after).map(|(start, end)| start..end)
 }
 
-/// Size of gravity in raw units, or a number that is certainly not much smaller: counts may have an offset.
+/// Magnitude of gravity in raw units, or an upper estimate of it. The estimate is not much too small even if raw counts
+/// have an offset.
 fn gravity_size(recording: &Recording<'_>, blocks: &[Block]) -> f64 {
     if recording.accel_unit == RawUnit::Si {
         return STANDARD_GRAVITY_MPS2;
@@ -241,14 +247,15 @@ mod tests {
             let found = Segments::find(&run.recording("run"), 1.0).unwrap();
             assert_eq!(found.rests.len(), run.rests.len(), "{rate_hz} Hz, noise x {noise}");
             for (rest, (start_s, end_s)) in found.rests.iter().zip(&run.rests) {
-                // The ramps of the motors begin too softly to be seen at once.
+                // The acceleration of the motors starts smoothly, so the ends are detected with a delay.
                 assert!(rest.start_s > start_s - 0.25 && rest.start_s < start_s + 0.4, "{} {start_s}", rest.start_s);
                 assert!(rest.end_s < end_s + 0.25 && rest.end_s > end_s - 0.4, "{} {end_s}", rest.end_s);
             }
         }
     }
 
-    /// What a rest keeps of a move's turn is missing in the move: it makes every scale of the gyroscope too small.
+    /// Rotation of a move that is assigned to a rest is missing in the move. All scales of the gyroscope then become
+    /// too small.
     #[test]
     fn the_slow_beginning_of_a_move_that_drowns_in_noise_is_the_moves() {
         for (rate_hz, noise) in [(25.0, 3.0), (128.0, 1.0), (128.0, 3.0), (128.0, 10.0), (1000.0, 3.0)] {
@@ -265,7 +272,7 @@ mod tests {
                 .zip(&run.rests)
                 .flat_map(|(rest, (start_s, end_s))| [kept(rest.start_s, *start_s), kept(*end_s, rest.end_s)]);
             let mean_rad = ends.sum::<f64>() / (2 * found.len()) as f64;
-            // Over the turn that the noise makes in a move of 2 s.
+            // Ratio to the angle random walk of a move of 2 s.
             let share = mean_rad / (noise * Unit::paper().gyroscope.noise_density * 2_f64.sqrt());
             assert!(share < 0.02, "{rate_hz} Hz, noise x {noise}: {share}");
             let lasting =
@@ -281,7 +288,7 @@ mod tests {
         let found = Segments::find(&run(200.0, 1.0).recording("run"), 1.0).unwrap();
         let unit = Unit::paper();
         for axis in 0..3 {
-            // 45 s of rests in groups of 0.25 s: about 9 % per axis, one sigma.
+            // 45 s of rests in means of 0.25 s give a standard deviation of about 9 % per axis.
             let rate = found.noise_density.angular_rate[axis] / unit.gyroscope.noise_density;
             let force = found.noise_density.specific_force[axis] / unit.accelerometer.noise_density;
             assert!((rate - 1.0).abs() < 0.27 && (force - 1.0).abs() < 0.27, "{rate} {force}");

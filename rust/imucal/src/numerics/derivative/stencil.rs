@@ -1,4 +1,5 @@
-//! Boxes of samples in a row, and the slope of the polynomial through their means.
+//! Stencils for the derivative of noisy data. A stencil consists of consecutive boxes, each with the same number of
+//! samples; the slope is that of the polynomial with the same means over the boxes.
 
 use std::iter::StepBy;
 use std::ops::Range;
@@ -8,20 +9,22 @@ use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::stats::sample_interval_s;
 
-/// Boxes whose means give the polynomial.
+/// Number of boxes of a stencil, which determines a polynomial of fourth degree.
 pub(super) const BOXES: usize = 5;
-/// Of the squares that noise explains of a difference.
+/// Maximum ratio of the mean squared difference of two derivatives to its expected value from noise, up to which they
+/// are consistent.
 const AGREE: f64 = 2.0;
-/// Every stretch as long as this has to agree, s, and of as many boxes at least.
+/// Length of the segments in which derivatives are compared, s. They must be consistent in each segment.
 const STRETCH_S: f64 = 1.0;
+/// Minimum length of such a segment, in boxes.
 const STRETCH_BOXES: usize = 20;
-/// At so many places of it.
+/// Maximum number of samples per segment at which derivatives are compared.
 const MOST_LOOKS: usize = 100;
-/// Steps that differ by a smaller share are even.
+/// Maximum relative deviation of time steps that count as equal; it allows for rounding.
 const EVEN: f64 = 1e-9;
 
-/// Running sums of what values differ by from the first one, for a large bias is no reason for a large rounding error, and after them how
-/// many are missing: four numbers side by side are added at once.
+/// Cumulative sums of the values minus the first value, with the number of missing values as fourth component.
+/// Subtracting the first value avoids rounding errors with a large bias. Four components allow SIMD addition.
 pub(super) struct Sums(Vec<Vector4<f64>>);
 
 impl Sums {
@@ -39,10 +42,12 @@ impl Sums {
     }
 }
 
-/// The steps in time.
+/// Properties of the time steps.
 #[derive(Clone, Copy)]
 pub(super) struct Steps {
+    /// Sampling interval, s: the mean of equal steps, otherwise the median.
     pub(super) interval_s: f64,
+    /// Whether all steps are equal.
     pub(super) are_even: bool,
 }
 
@@ -55,31 +60,36 @@ impl Steps {
     }
 }
 
-/// Boxes of one width.
+/// A stencil with boxes of a given width.
 #[derive(Clone)]
 pub(super) struct Stencil {
     pub(super) steps: Steps,
-    /// Samples in a box.
+    /// Number of samples in a box.
     pub(super) stride: usize,
+    /// Number of boxes; smaller than [`BOXES`] for few samples.
     boxes: usize,
-    /// The same for all boxes, where steps are even.
+    /// Weights that apply to every sample, if the steps are equal.
     even: Option<Even>,
 }
 
+/// Weights for equal time steps.
 #[derive(Clone)]
 struct Even {
+    /// The polynomial as a function of the means over the boxes.
     polynomial: Polynomial,
-    /// What each box and each edge of one adds to the slope in the middle.
+    /// Weight of the mean over each box in the slope at the middle sample.
     weights: [f64; BOXES],
+    /// Weight of the cumulative sum at each edge of a box in this slope.
     edges: Edges,
 }
 
-/// What the mean over each box, row by row, adds to the coefficient of each power, of time in widths of a box from the middle.
+/// Weights of the mean over each box (rows) in the coefficient of each power (columns) of the polynomial. Time is
+/// measured from the middle, in widths of a box.
 type Polynomial = SMatrix<f64, BOXES, BOXES>;
-/// What the running sum at each edge of boxes in a row adds to a slope.
+/// Weights of the cumulative sums at the edges of consecutive boxes in a slope.
 type Edges = [f64; BOXES + 1];
 
-/// Those of boxes of so many samples, of which each adds this.
+/// Weights of the edges, from the weights of the boxes and the number of samples in a box.
 fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
     std::array::from_fn(|edge| {
         let before = edge.checked_sub(1).map_or(0.0, |j| weights[j]);
@@ -88,12 +98,12 @@ fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
 }
 
 impl Stencil {
-    /// A sample in each box.
+    /// The stencil with one sample in each box.
     pub(super) fn narrow(time_s: &[f64]) -> Self {
         Self { steps: Steps::of(time_s), stride: 1, boxes: 0, even: None }.with(time_s, 1)
     }
 
-    /// So many samples in each box, at the same times.
+    /// A stencil with `stride` samples in each box, for the same times.
     pub(super) fn with(&self, time_s: &[f64], stride: usize) -> Self {
         let boxes = (time_s.len() / stride).min(BOXES);
         let mut stencil = Self { steps: self.steps, stride, boxes, even: None };
@@ -106,17 +116,17 @@ impl Stencil {
         stencil
     }
 
-    /// Samples of the boxes before the one that they are about.
+    /// Number of samples of the stencil before the sample to which it applies.
     fn before(&self) -> usize {
         self.stride / 2 + self.boxes / 2 * self.stride
     }
 
-    /// The first sample of the boxes about sample `k`: at the ends those that have room there.
+    /// Index of the first sample of the stencil for sample `k`. Near the ends the stencil is shifted to fit.
     fn first(&self, samples: usize, k: usize) -> usize {
         k.saturating_sub(self.before()).min(samples - self.boxes * self.stride)
     }
 
-    /// The boxes about sample `k`.
+    /// The stencil for sample `k`.
     pub(super) fn at(&self, time_s: &[f64], k: usize) -> Boxes {
         let first = self.first(time_s.len(), k);
         let middle = first + self.before();
@@ -131,12 +141,12 @@ impl Stencil {
         Boxes { first, stride: self.stride, count: self.boxes, weights }
     }
 
-    /// The samples that have as many on either side as their boxes reach.
+    /// Index range of the samples for which the stencil is centred.
     fn inside(&self, samples: usize) -> Range<usize> {
         self.before()..(samples + self.before() + 1).saturating_sub(self.boxes * self.stride)
     }
 
-    /// The slope at each sample.
+    /// The slope at each sample, per second.
     pub(super) fn slopes(&self, time_s: &[f64], sums: &Sums) -> Vec<Vector3<f64>> {
         let one_by_one = |range: Range<usize>| range.map(|k| self.at(time_s, k).slope(sums));
         let (n, inside) = (time_s.len(), self.inside(time_s.len()));
@@ -145,14 +155,14 @@ impl Stencil {
         }
         let mut slopes = Vec::with_capacity(n);
         slopes.extend(one_by_one(0..inside.start));
-        // There the boxes about each are alike.
+        // Here the stencil is the same for each sample.
         let boxes = self.at(time_s, inside.start);
         Arch::new().dispatch(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));
         slopes
     }
 
-    /// The boxes about any sample with as many on either side, where they are alike.
+    /// The centred stencil, if the steps are equal.
     fn run(&self) -> Option<Run> {
         self.even.as_ref().map(|even| Run { before: self.before(), stride: self.stride, edges: even.edges })
     }
@@ -162,8 +172,8 @@ impl Stencil {
         self.stride as f64 * self.steps.interval_s
     }
 
-    /// Box by box the means of the powers of time from sample `k` on, in widths of a box; the boxes begin with sample `first`. With fewer
-    /// boxes the polynomial is of a lower degree.
+    /// Means over each box of the powers of time since sample `k`, in widths of a box. The boxes begin with sample
+    /// `first`. With fewer than five boxes the polynomial has a lower degree.
     fn powers(&self, time_s: &[f64], k: usize, first: usize) -> Polynomial {
         let mut powers = Polynomial::identity();
         for (j, mut column) in powers.column_iter_mut().enumerate().take(self.boxes) {
@@ -180,7 +190,7 @@ impl Stencil {
         powers
     }
 
-    /// What each box adds to the slope of the polynomial at a time, in widths of a box.
+    /// Weight of the mean over each box in the slope of the polynomial at time `at`, in widths of a box.
     fn slope_of(&self, polynomial: &Polynomial, at: f64) -> [f64; BOXES] {
         std::array::from_fn(|j| {
             let slope = (1..self.boxes).rev().fold(0.0, |slope, m| slope * at + m as f64 * polynomial[(j, m)]);
@@ -188,17 +198,18 @@ impl Stencil {
         })
     }
 
-    /// Whether the slopes of both differ by no more than noise of `sigma` makes of it, in every stretch and on every axis.
+    /// Whether noise of standard deviation `sigma` explains the difference between the slopes of both stencils, in each
+    /// segment and on each axis.
     pub(super) fn agrees(&self, narrower: &Self, (time_s, sums): (&[f64], &Sums), sigma: &Vector3<f64>) -> bool {
         let n = time_s.len();
         let length = ((STRETCH_S / self.steps.interval_s) as usize).max(STRETCH_BOXES * self.stride);
         let inside = self.inside(n);
         let count = inside.len().div_ceil(length).max(1);
-        // Neighbouring slopes are of nearly the same samples.
+        // Slopes at neighbouring samples are highly correlated, so samples half a box apart are sufficient.
         let apart = (self.stride / 2).max(length / MOST_LOOKS).max(1);
         let both = |k: usize| (self.at(time_s, k), narrower.at(time_s, k));
         let noise_of = |(wide, narrow): (Boxes, Boxes)| wide.noise_of_difference(&narrow);
-        // Of even steps it is the same everywhere.
+        // With equal steps the noise of the difference is the same at all samples.
         let runs = self.run().zip(narrower.run());
         let of_even = runs.map(|(wide, narrow)| ([wide, narrow], noise_of(both(self.before()))));
         (0..count).all(|part| {
@@ -225,15 +236,16 @@ impl Stencil {
     }
 }
 
-/// Boxes that are alike at all places.
+/// A centred stencil that applies at all samples.
 struct Run {
-    /// Samples from the first of the boxes to that which they are about.
+    /// Number of samples from the start of the stencil to the sample to which it applies.
     before: usize,
     stride: usize,
     edges: Edges,
 }
 
-/// The sums of the squares of what the slopes of two runs differ by, the wide one first, and at how many places no value is missing.
+/// Sum of squares, for each axis, of the difference between the slopes of two stencils (the wide one first), and the
+/// number of samples at which no value is missing.
 struct Squares<'a> {
     sums: &'a Sums,
     runs: &'a [Run; 2],
@@ -243,7 +255,7 @@ struct Squares<'a> {
 impl WithSimd for Squares<'_> {
     type Output = ([f64; 3], usize);
 
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // to use the widest SIMD registers
     fn with_simd<S: Simd>(self, _: S) -> Self::Output {
         let Self { sums: Sums(sums), runs: [wide, narrow], places } = self;
         let (mut squares, mut looks) = ([0.0; 4], 0);
@@ -262,7 +274,7 @@ impl WithSimd for Squares<'_> {
     }
 }
 
-/// The slopes that boxes make of sums, moved to so many places in a row.
+/// Slopes at consecutive samples, with the same stencil shifted from sample to sample.
 struct Slopes<'a> {
     sums: &'a Sums,
     boxes: Boxes,
@@ -273,7 +285,7 @@ struct Slopes<'a> {
 impl WithSimd for Slopes<'_> {
     type Output = ();
 
-    #[inline(always)] // With the widest registers.
+    #[inline(always)] // to use the widest SIMD registers
     fn with_simd<S: Simd>(self, _: S) {
         let Self { sums, mut boxes, places, slopes } = self;
         for _ in 0..places {
@@ -283,8 +295,8 @@ impl WithSimd for Slopes<'_> {
     }
 }
 
-/// Adds so many times what the boxes of a run make of sums.
-#[inline(always)] // With the widest registers that the caller has.
+/// Adds `times` the slope of a stencil to `to`.
+#[inline(always)] // to use the widest SIMD registers of the caller
 fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     for (edge, share) in run.edges.iter().enumerate() {
         let (sum, share) = (&sums[edge * run.stride], times * share);
@@ -294,7 +306,7 @@ fn add(sums: &[Vector4<f64>], run: &Run, times: f64, to: &mut [f64; 4]) {
     }
 }
 
-/// Boxes in a row and what each adds to a derivative.
+/// Consecutive boxes at a given place, with their weights in the derivative.
 pub(super) struct Boxes {
     first: usize,
     stride: usize,
@@ -303,21 +315,22 @@ pub(super) struct Boxes {
 }
 
 impl Boxes {
-    /// NaN if a value is missing.
-    #[inline(always)] // With the widest registers that the caller has.
+    /// The slope, per second; NaN if a value is missing.
+    #[inline(always)] // to use the widest SIMD registers of the caller
     pub(super) fn slope(&self, sums: &Sums) -> Vector3<f64> {
         let edge = |j: usize| &sums.0[self.first + j * self.stride];
         if edge(0).w != edge(self.count).w {
             return Vector3::repeat(f64::NAN);
         }
         let sum = |j: usize| edge(j + 1) - edge(j);
-        // Of what differs from the middle: what is the same in all is no reason for a rounding error.
+        // Relative to the middle box, so that a common offset causes no rounding errors.
         let middle = sum(self.count / 2);
         let slope: Vector4<f64> = (0..self.count).map(|j| (sum(j) - middle) * self.weights[j]).sum();
         slope.xyz() / self.stride as f64
     }
 
-    /// The variance of the difference to narrower ones for values with noise of one.
+    /// Variance of the difference between the slopes of this and a narrower stencil, for values with noise of variance
+    /// one.
     fn noise_of_difference(&self, narrower: &Self) -> f64 {
         let of = |boxes: &Self, k: usize| {
             let place = k.checked_sub(boxes.first).map(|k| k / boxes.stride);

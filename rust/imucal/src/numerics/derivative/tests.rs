@@ -6,10 +6,10 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::StandardNormal;
 
 const AMPLITUDE_RADPS: f64 = 2.0;
-/// Of the paper's gyroscope at 400 Hz.
+/// Noise of the paper's gyroscope at 400 Hz, rad/s.
 const NOISE_RADPS: f64 = 9e-3;
 
-/// A sine at 400 Hz with noise, and its derivative.
+/// A sine sampled at 400 Hz with noise: times, values and true derivatives.
 fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vector3<f64>>) {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut noise = || Vector3::from_fn(|_, _| NOISE_RADPS * random.sample::<f64, _>(StandardNormal));
@@ -21,7 +21,7 @@ fn sine(frequency_hz: f64, seed: u64) -> (Vec<f64>, Vec<Vector3<f64>>, Vec<Vecto
     (time_s.clone(), rates.collect(), slopes.collect())
 }
 
-/// Rms error, and the share by which the derivative is too small.
+/// Root mean square error, and the relative amount by which the derivative is too small.
 fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
     let of = |product: fn(&Vector3<f64>, &Vector3<f64>) -> f64| -> f64 {
         found.iter().zip(truth).map(|(found, truth)| product(found, truth)).sum()
@@ -33,7 +33,7 @@ fn errors(found: &[Vector3<f64>], truth: &[Vector3<f64>]) -> (f64, f64) {
 
 #[test]
 fn noise_goes_as_far_as_the_motion_allows() {
-    // Of slow turns nearly all of it, of fast ones less; what is left of the motion is right to two per mille.
+    // Slow motion allows stronger smoothing than fast motion. The remaining error of the motion is below 0.2 %.
     for (frequency_hz, times_less) in [(0.3, 80.0), (1.0, 25.0), (5.0, 4.0)] {
         let (time_s, rates, truth) = sine(frequency_hz, 1);
         let neighbours = errors(&Derivative::narrow(&time_s).of(&rates), &truth);
@@ -62,7 +62,7 @@ fn how_smooth_a_motion_is_is_asked_once() {
 
 #[test]
 fn that_of_neighbours_is_wrong_by_the_fourth_power_of_the_step() {
-    // The fifth derivative times h^4 / 30 in the middle, / 20 and / 5 at the ends.
+    // The error is the fifth derivative times h^4 / 30 in the middle, h^4 / 20 and h^4 / 5 at the ends.
     let (h, frequency) = (2e-3, 20.0);
     let time_s: Vec<f64> = (0..1000).map(|i| f64::from(i) * h).collect();
     let rates: Vec<Vector3<f64>> = time_s.iter().map(|t| Vector3::repeat((frequency * t + 0.4).sin())).collect();

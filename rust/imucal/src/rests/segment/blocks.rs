@@ -1,4 +1,4 @@
-//! Block sums of a recording and what their scatter says about its noise.
+//! Sums over blocks of samples, and the variances of windows (model.md (11)).
 
 use imucal_core::rest::BlockSums;
 use nalgebra::{Vector3, Vector6};
@@ -8,33 +8,35 @@ use super::WINDOW_BLOCKS;
 use crate::numerics::workers::{share_out, threads_for};
 use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 
-/// Sums over [`BLOCK_S`](super::BLOCK_S) of samples, six channels: rate x, y, z, then force x, y, z.
+/// Sums over the samples of one block of [`BLOCK_S`](super::BLOCK_S), six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
-/// A block has this many means at least, if it has as many samples (0.005 s each).
+/// Minimum number of means per block to which samples are averaged at high rates (about 5 ms each).
 const MEANS: usize = 10;
 
-/// Samples that are looked at while they are near, in whole blocks.
+/// Number of samples processed together, so that they stay in the cache.
 const PART: usize = 256;
-/// Samples that a thread takes at once.
+/// Number of samples per job of a thread.
 const JOB: usize = 1 << 16;
 
-/// Blocks that are averaged before neighbours are compared, to see noise at low frequency (0.25 s).
+/// Number of blocks per mean (0.25 s) for the Allan variance, which measures noise at low frequencies.
 const GROUP_BLOCKS: usize = 5;
 
-/// The blocks of a recording, and what else one pass over the samples tells.
+/// The blocks of a recording, with further statistics from the same pass over the samples.
 pub(super) struct Blocks {
-    /// Sums of the samples.
+    /// Sums over the samples of each block.
     pub(super) samples: Vec<Block>,
-    /// Variance of each channel in every window, one for each block that it may start at, of means over `averaged` samples. The
-    /// noise of single samples grows with the rate until slow motion drowns in it; that of these means does not.
+    /// Variance of each channel in each window; consecutive windows are shifted by one block. The variance is that of
+    /// means over `averaged` samples. The noise of single samples increases with the sampling rate and would hide slow
+    /// motion.
     pub(super) variances: [Vec<f64>; 6],
+    /// Number of samples per mean; 1 below 400 Hz.
     pub(super) averaged: usize,
-    /// Smallest step of each channel (its resolution).
+    /// Smallest nonzero difference of consecutive samples of each channel (its resolution), raw units.
     pub(super) steps: Vector6<f64>,
 }
 
-/// One pass over the samples, and at high rates a second one for the means.
+/// Computes the blocks in one pass over the samples, divided among threads.
 pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blocks {
     let averaged = (block_samples / MEANS).max(1);
     let count = recording.len() / block_samples;
@@ -65,17 +67,18 @@ pub(super) fn sum_blocks(recording: &Recording<'_>, block_samples: usize) -> Blo
     Blocks { samples, variances, averaged, steps }
 }
 
-/// The passes over some blocks, made with the widest vectors that the processor has.
+/// Computation for one job of consecutive blocks, with the widest vector instructions of the processor.
 struct Summing<'a> {
     recording: &'a Recording<'a>,
     block_samples: usize,
     averaged: usize,
-    /// The first block.
+    /// Index of the first block of the job.
     first: usize,
+    /// Output: sums of the blocks.
     samples: &'a mut [Block],
-    /// Of the windows that begin in these blocks; left alone where nothing is averaged.
+    /// Output: variances of the windows that begin in these blocks. Not written if no samples are averaged.
     variances: [&'a mut [f64]; 6],
-    /// Of some rows side by side: rate, then force.
+    /// Output: smallest steps of the rates, then of the forces, for rows processed side by side.
     steps: &'a mut [[f64; SIDE_BY_SIDE]; 2],
 }
 
@@ -105,7 +108,7 @@ impl WithSimd for Summing<'_> {
             }
         }
         if averaged > 1 && !variances[0].is_empty() {
-            // The last windows reach into the blocks of the next job.
+            // The last windows contain blocks of the next job.
             for block in means.len()..variances[0].len() + WINDOW_BLOCKS - 1 {
                 let own = (first + block) * block_samples..(first + block + 1) * block_samples;
                 let (rates, forces) = (recording.angular_rate.part(own.clone()), recording.specific_force.part(own));
@@ -116,13 +119,13 @@ impl WithSimd for Summing<'_> {
     }
 }
 
-/// The variance of each channel in every window, made with the widest vectors that the processor has.
+/// Variance of each channel in each window, with the widest vector instructions of the processor.
 ///
-/// The windows that begin in one stretch of their length are what is left of it and what has come of the next: three
-/// merges for a window instead of ten.
+/// A window is merged from the last blocks of one group of ten and the first blocks of the next group. The sums of all
+/// last blocks and of all first blocks are accumulated once, so a window needs three merges instead of ten.
 struct Windows<'a> {
     blocks: &'a [Block],
-    /// As many as there are windows.
+    /// Output: variances of each channel, one per window.
     to: [&'a mut [f64]; 6],
 }
 
@@ -133,19 +136,19 @@ impl WithSimd for Windows<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let Self { blocks: mut ahead, mut to } = self;
         let (mut at, windows) = (0, to[0].len());
-        while let Some((stretch, next)) = ahead.split_first_chunk::<WINDOW_BLOCKS>() {
-            let mut left = *stretch;
+        while let Some((group, next)) = ahead.split_first_chunk::<WINDOW_BLOCKS>() {
+            let mut suffixes = *group;
             for k in (0..WINDOW_BLOCKS - 1).rev() {
-                let after = left[k + 1];
-                left[k].merge(&after);
+                let after = suffixes[k + 1];
+                suffixes[k].merge(&after);
             }
-            let mut come = Block::new();
-            for (k, left) in left.iter().enumerate().take(windows - at) {
+            let mut prefix = Block::new();
+            for (k, suffix) in suffixes.iter().enumerate().take(windows - at) {
                 if k > 0 {
-                    come.merge(&next[k - 1]);
+                    prefix.merge(&next[k - 1]);
                 }
-                let mut window = *left;
-                window.merge(&come);
+                let mut window = *suffix;
+                window.merge(&prefix);
                 let variance = window.variance();
                 to.iter_mut().zip(&variance).for_each(|(of_channel, v)| of_channel[at] = *v);
                 at += 1;
@@ -155,7 +158,7 @@ impl WithSimd for Windows<'_> {
     }
 }
 
-/// Lessens `steps`, those of some rows side by side, to the smallest steps from one row to the next.
+/// Updates `steps` with the smallest nonzero differences of consecutive rows.
 #[inline(always)]
 fn smallest_steps(rows: &[[f64; 3]], steps: &mut [f64; SIDE_BY_SIDE]) {
     each_step(rows, |k, before, after| {
@@ -165,7 +168,7 @@ fn smallest_steps(rows: &[[f64; 3]], steps: &mut [f64; SIDE_BY_SIDE]) {
     });
 }
 
-/// Sums of the means of `averaged` samples each.
+/// Sums over the means of `averaged` consecutive samples.
 #[inline(always)]
 fn sum_means(rates: &[[f64; 3]], forces: &[[f64; 3]], averaged: usize) -> Block {
     let mean = |rows: &[[f64; 3]]| rows.iter().map(|&row| Vector3::from(row)).sum::<Vector3<f64>>() / averaged as f64;
@@ -176,6 +179,7 @@ fn sum_means(rates: &[[f64; 3]], forces: &[[f64; 3]], averaged: usize) -> Block 
     block
 }
 
+/// Sums over all samples of several blocks.
 pub(super) fn merge(blocks: &[Block]) -> Block {
     blocks.iter().fold(Block::new(), |mut sum, block| {
         sum.merge(block);
@@ -183,16 +187,19 @@ pub(super) fn merge(blocks: &[Block]) -> Block {
     })
 }
 
-/// Mean of blocks of one length.
+/// Mean over blocks with equal numbers of samples.
 pub(super) fn mean(blocks: &[Block]) -> Vector6<f64> {
     blocks.iter().map(Block::mean).sum::<Vector6<f64>>() / blocks.len() as f64
 }
 
-/// What says by how much the variance of a mean exceeds that of white noise: half the squared differences of neighbouring 0.25 s
-/// means (an Allan variance) over what the scatter of single samples predicts.
+/// Data for the factor by which the variance of a mean exceeds that of white noise (c in model.md (10)): the Allan
+/// variance of neighbouring 0.25 s means, divided by the value that the variance of single samples predicts for white
+/// noise.
 #[derive(Clone, Copy)]
 pub(super) struct Colour {
+    /// Sum over all pairs of the ratio of these two variances.
     sum: Vector6<f64>,
+    /// Number of pairs of neighbouring means.
     pairs: f64,
 }
 
@@ -201,7 +208,7 @@ impl Colour {
         Self { sum: Vector6::zeros(), pairs: 0.0 }
     }
 
-    /// Of a rest in which single samples have this variance.
+    /// Data from a rest in which single samples have the variance `variance`.
     pub(super) fn of(blocks: &[Block], variance: &Vector6<f64>) -> Self {
         let mut colour = Self::none();
         let mut before = None;
@@ -222,7 +229,8 @@ impl Colour {
         self.pairs += other.pairs;
     }
 
-    /// The factor; with fewer than 20 pairs the estimate says nothing, and white noise is assumed.
+    /// The factor of each channel. It is one (white noise) with fewer than 20 pairs, because the estimate is then too
+    /// uncertain.
     pub(super) fn factor(&self) -> Vector6<f64> {
         self.sum.map(|total| if self.pairs >= 20.0 && total > 0.0 { total / self.pairs } else { 1.0 })
     }
@@ -259,7 +267,8 @@ mod tests {
 
     #[test]
     fn jobs_and_parts_meet_without_a_seam() {
-        // More than two jobs, the last block of which is not full; the smallest step is between two of them.
+        // The recording needs more than two jobs, and its last block is incomplete. The smallest step lies on the
+        // boundary of two jobs.
         let rough = |i: usize, axis: usize| (((i * i + 7 * axis) % 1009) as f64 - 504.0) * 10.0;
         let samples = 2 * JOB + 333;
         let mut rate: Vec<[f64; 3]> = (0..samples).map(|i| [0, 1, 2].map(|axis| rough(i, axis))).collect();

@@ -1,4 +1,4 @@
-//! Where a rest begins and ends.
+//! Refinement of the start and the end of a rest (model.md (11)).
 
 use std::ops::Range;
 
@@ -8,34 +8,37 @@ use super::WINDOW_BLOCKS;
 use super::blocks::Block;
 use super::steadiness::unsteadiness;
 
-/// Without the guard block at each end that the motion may have touched; a recording's own ends need none.
+/// Removes one guard block at each end, which the motion may have touched. An end that coincides with an end of the
+/// recording needs no guard block.
 pub(super) fn trim(blocks: &Range<usize>, windows: usize) -> Range<usize> {
     let start = if blocks.start == 0 { 0 } else { blocks.start + 1 };
     let end = if blocks.end == windows + WINDOW_BLOCKS - 1 { blocks.end } else { blocks.end - 1 };
     start..end.max(start)
 }
 
-/// Without the ends that are louder than the rest itself: a hand comes to rest slowly, and its tremor says how calm
-/// this rest is.
+/// Removes blocks at the ends while the statistic there exceeds three times the unsteadiness of the rest. This removes
+/// the slow settling of a hand. The limit depends on the tremor of the rest itself.
 pub(super) fn calm(mut blocks: Range<usize>, statistic: &[f64]) -> Range<usize> {
     if blocks.len() <= WINDOW_BLOCKS {
         return blocks;
     }
-    let loud = 3.0 * unsteadiness(&blocks, statistic).max(1.0);
-    while blocks.len() > WINDOW_BLOCKS && statistic[blocks.start] > loud {
+    let limit = 3.0 * unsteadiness(&blocks, statistic).max(1.0);
+    while blocks.len() > WINDOW_BLOCKS && statistic[blocks.start] > limit {
         blocks.start += 1;
     }
-    while blocks.len() > WINDOW_BLOCKS && statistic[blocks.end - WINDOW_BLOCKS] > loud {
+    while blocks.len() > WINDOW_BLOCKS && statistic[blocks.end - WINDOW_BLOCKS] > limit {
         blocks.end -= 1;
     }
     blocks
 }
 
-/// The rate of a rest, away from its ends.
+/// Mean and variance of the rate over the inner part of a rest.
 struct Inner {
+    /// Mean rate, raw units.
     mean: Vector3<f64>,
-    /// Of the mean of a block.
+    /// Variance of the mean of one block, raw units squared.
     variance: Vector3<f64>,
+    /// Number of blocks.
     count: f64,
 }
 
@@ -45,11 +48,11 @@ impl Inner {
         let count = rates.len() as f64;
         let mean = rates.iter().sum::<Vector3<f64>>() / count;
         let scatter = rates.iter().map(|rate| square(rate - mean)).sum::<Vector3<f64>>() / (count - 1.0);
-        // A noise-free simulation: rounding is no turn.
+        // The lower bound prevents rounding errors from being detected as rotation in simulated data without noise.
         Self { mean, variance: scatter.map(|v| v.max(1e-18)), count }
     }
 
-    /// chi2, with three degrees of freedom, of the sum of `n` rates less the mean each.
+    /// chi2 (three degrees of freedom) of `sum`, the sum over `n` blocks of the rate minus the mean rate.
     fn chi2(&self, sum: Vector3<f64>, n: usize) -> f64 {
         let n = n as f64;
         square(sum).component_div(&(self.variance * (n * (1.0 + n / self.count)))).sum()
@@ -64,13 +67,14 @@ fn square(v: Vector3<f64>) -> Vector3<f64> {
     v.component_mul(&v)
 }
 
-/// Without the ends in which the gyroscope already turns too slowly for its scatter to show it.
+/// Removes the ends in which the unit rotates too slowly to increase the variance within windows.
 ///
-/// Up to half a second at each end is compared with the inner part: a turn that the noise of the inner part explains
-/// less than once in 10^5 ends belongs to the move.
+/// Up to half a second at each end is compared with the inner part. Blocks whose accumulated rotation has a probability
+/// below 1e-5 under the null hypothesis are assigned to the move.
 pub(super) fn settle(mut range: Range<usize>, blocks: &[Block]) -> Range<usize> {
     const EDGE: usize = WINDOW_BLOCKS;
-    const LIMIT: f64 = 25.9; // chi2 with 3 degrees of freedom, 1e-5
+    // Quantile of chi2 with three degrees of freedom that is exceeded with a probability of 1e-5.
+    const LIMIT: f64 = 25.9;
     if range.len() < 3 * EDGE {
         return range;
     }
@@ -85,7 +89,7 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block]) -> Range<usize> 
                 worst = (chi2, k + 1);
             }
         }
-        // One guard block more, as everywhere.
+        // One guard block is added.
         if worst.1 > 0 { worst.1 + 1 } else { 0 }
     };
     let rest = &blocks[range.clone()];
@@ -95,30 +99,35 @@ pub(super) fn settle(mut range: Range<usize>, blocks: &[Block]) -> Range<usize> 
     range
 }
 
-/// Without the beginning and the end of moves that drown in noise; nothing outside `within` is looked at.
+/// Removes the first and the last part of moves that are hidden by noise. Blocks outside `within` are not used.
 ///
-/// The jerk of a move is bounded, so it begins with a turn of c t^3 at a rate of 3 c t^2: three times the turn over the
-/// rate is the time since it began. Both are taken where the turn, counted from a fifth of a second inside the rest, has
-/// become ten times its noise. Five sixths of that time go to the move: in the first sixth it turned by a twentieth of the
-/// noise. Where no turn follows, as at a jolt, or one that began before it was counted, nothing is dropped.
+/// The jerk of a move is bounded, so a move begins with the angle c t^3 and the rate 3 c t^2. The time since the start
+/// of the move is therefore three times the angle divided by the rate. Both are evaluated where the angle, accumulated
+/// from 0.2 s inside the rest, reaches ten times its noise. The last five sixths of that time are assigned to the move;
+/// in the first sixth the angle is below a twentieth of its noise. Nothing is removed if the angle does not increase
+/// further, as after a jolt, or if the move began before the first accumulated block.
 pub(super) fn onset(range: Range<usize>, within: &Range<usize>, blocks: &[Block]) -> Range<usize> {
+    // Blocks inside the rest at which the accumulation of the angle begins (0.2 s).
     const EDGE: usize = 4;
+    // Maximum number of blocks outside the rest over which the angle is accumulated (1 s).
     const REACH: usize = 2 * WINDOW_BLOCKS;
-    const PLAIN: f64 = 100.0;
-    const BACK: f64 = 3.0 * 5.0 / 6.0;
+    // chi2 of the accumulated angle at which it is evaluated: ten times its noise.
+    const CHI2_AT_END: f64 = 100.0;
+    // Time assigned to the move, in units of angle / rate: five sixths of the time since its start, 3 angle / rate.
+    const ASSIGNED: f64 = 3.0 * 5.0 / 6.0;
     if range.len() < 2 * WINDOW_BLOCKS {
         return range;
     }
     let inner = Inner::of(&blocks[range.start + EDGE..range.end - EDGE]);
-    // Outwards from inside the rest: how many blocks of its edge stay.
+    // Number of blocks at one end that remain in the rest. The blocks are given in order from the inside outwards.
     let still = |outwards: &mut dyn Iterator<Item = &Block>| {
         let rates: Vec<_> = outwards.take(EDGE + REACH).map(|block| rate(block) - inner.mean).collect();
         let mut turn = Vector3::zeros();
         for (k, pair) in rates.windows(2).enumerate() {
             turn += pair[0];
-            if inner.chi2(turn, k + 1) > PLAIN {
+            if inner.chi2(turn, k + 1) > CHI2_AT_END {
                 let rate_at_end = turn.dot(&(pair[0] + pair[1])) / 2.0;
-                let before = (k + 1) as f64 - BACK * turn.norm_squared() / rate_at_end;
+                let before = (k + 1) as f64 - ASSIGNED * turn.norm_squared() / rate_at_end;
                 return if rate_at_end > 0.0 && before >= 0.0 { EDGE.min(before as usize) } else { EDGE };
             }
         }
@@ -136,7 +145,8 @@ mod tests {
     const STILL: usize = 40;
     const NOISE: f64 = 0.01;
 
-    /// A rest of 40 blocks whose noise has no mean, then `rate` of the time since in blocks, as means of a block.
+    /// 40 blocks at rest with zero-mean noise, followed by 40 blocks whose rate is `rate` of the time in blocks since
+    /// the rest.
     fn blocks(rate: impl Fn(f64) -> f64) -> Vec<Block> {
         let block = |k: usize| {
             let mut block = Block::new();
@@ -157,12 +167,13 @@ mod tests {
 
     #[test]
     fn a_move_that_begins_softly_is_given_back_its_beginning() {
-        // A rate of c t^2 reaches the noise of a block after 0.4 to 4 blocks.
+        // The rate c t^2 reaches the noise of a block after 0.4 to 4 blocks.
         for strength in [0.05, 0.005, 0.0005] {
             for begin in [-2.2, -1.7, -0.9, 0.0, 0.3] {
                 let blocks = blocks(|time| strength * (time - begin).max(0.0).powi(2));
                 let end = found_end(STILL, &blocks) as f64 - STILL as f64;
-                // A sixth of the time until the turn is plain may stay in the rest: a twentieth of the noise of some 20 blocks.
+                // A sixth of the time until the angle reaches ten times its noise may remain in the rest. The remaining
+                // angle is a twentieth of the noise of about 20 blocks.
                 let kept = (end - begin).max(0.0);
                 let turn = strength * kept.powi(3) / 3.0;
                 assert!(turn < 0.25 * NOISE, "{strength} {begin}: {end}");

@@ -1,4 +1,4 @@
-//! How still a rest is: on something firm or in a hand.
+//! Unsteadiness of a rest, which separates rests on a rigid support from hand-held ones (model.md (11)).
 
 use std::ops::Range;
 
@@ -9,16 +9,18 @@ use super::blocks::{Block, Colour, mean, merge};
 use crate::numerics::stats::median;
 use crate::rests::rest::UNSTEADY;
 
-/// A rest and what its blocks say of it.
+/// An interval at rest with the statistics of its blocks.
 #[derive(Clone)]
 pub(super) struct Stretch {
+    /// Index range of its blocks.
     pub(super) blocks: Range<usize>,
-    /// Sums of all its samples.
+    /// Sums over all samples.
     pub(super) whole: Block,
-    /// Those of the first and the last third, if there are so many blocks.
+    /// Sums over the first and over the last third; `None` for fewer than three blocks.
     thirds: Option<[Block; 2]>,
-    /// Median statistic of its windows.
+    /// Median of the statistic over its windows.
     scatter: f64,
+    /// Data for the factor of coloured noise (model.md (10)).
     colour: Colour,
 }
 
@@ -37,13 +39,13 @@ impl Stretch {
         }
     }
 
-    /// Whether it is without tremor.
+    /// Whether the scatter of the samples is that of a rest without tremor.
     pub(super) fn is_steady(&self) -> bool {
         self.scatter < UNSTEADY
     }
 
-    /// Change of gravity from the first to the last third of a rest over what noise explains at most (chi2 / 15, so that
-    /// noise alone exceeds 2 once in 10^6 rests).
+    /// Squared change of the mean force from the first to the last third divided by its noise, as chi2 / 15. With this
+    /// divisor noise alone exceeds 2 with a probability of 1e-6 per rest.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
@@ -52,10 +54,11 @@ impl Stretch {
     }
 }
 
-/// Colour of the noise that the rests of a recording have in common. A table and a hand have noise of different kinds.
+/// Factors of coloured noise for the rests of a recording. Steady and hand-held rests have different spectra.
 pub(super) struct Steadiness {
-    /// That of rests without tremor, and of all others.
+    /// Factor of each channel for rests without tremor.
     pub(super) steady_colour: Vector6<f64>,
+    /// Factor of each channel for hand-held rests.
     held_colour: Vector6<f64>,
 }
 
@@ -68,17 +71,18 @@ impl Steadiness {
         Self { steady_colour: steady.factor(), held_colour: held.factor() }
     }
 
-    /// Colour of the noise in a rest.
+    /// Factors of coloured noise that apply to a rest.
     pub(super) fn colour(&self, rest: &Stretch) -> &Vector6<f64> {
         if rest.is_steady() { &self.steady_colour } else { &self.held_colour }
     }
 
-    /// See [`Rest::unsteadiness`](super::Rest::unsteadiness).
+    /// Unsteadiness of a rest, see [`Rest::unsteadiness`](super::Rest::unsteadiness).
     pub(super) fn unsteadiness(&self, rest: &Stretch) -> f64 {
         rest.scatter.max(rest.drift(self.colour(rest)))
     }
 
-    /// Variance of one sample of white noise with the same density at low frequency as in the steady rests; `None` without any.
+    /// Variance of one sample of white noise with the same density at low frequencies as the noise of the steady rests;
+    /// `None` if there are no steady rests.
     pub(super) fn noise_variance(&self, rests: &[Stretch]) -> Option<Vector6<f64>> {
         let variances: Vec<Vector6<f64>> =
             rests.iter().filter(|rest| rest.is_steady()).map(|rest| rest.whole.variance()).collect();
@@ -88,17 +92,18 @@ impl Steadiness {
     }
 }
 
-/// Median statistic of the windows inside a rest.
+/// Median of the statistic over the windows inside a rest.
 pub(super) fn unsteadiness(blocks: &Range<usize>, statistic: &[f64]) -> f64 {
-    // Where the record ends with a stretch of one window, what is left of it when its ends are cut starts behind the last.
+    // An interval of one window at the end of the recording may start behind the last window after its ends have been
+    // cut.
     let first = blocks.start.min(statistic.len().saturating_sub(1));
     let end = (blocks.end + 1).saturating_sub(WINDOW_BLOCKS).max(first + 1).min(statistic.len());
     median(&mut statistic[first..end].to_vec())
 }
 
-/// Whether gravity goes astray by more than 5 % of `size` (3 deg) within a rest: an even tumble has no quieter windows
-/// to be told from, but no rest either.
-pub(super) fn wanders(blocks: &[Block], size: f64) -> bool {
+/// Whether the mean force of any window deviates from that of the whole interval by more than 5 % of gravity `size` (3
+/// deg). A uniform tumble passes the test of the statistic, because no window is quieter, but it is not a rest.
+pub(super) fn gravity_wanders(blocks: &[Block], size: f64) -> bool {
     let force = |blocks: &[Block]| -> Vector3<f64> { mean(blocks).fixed_rows::<3>(3).into() };
     let whole = force(blocks);
     blocks.chunks_exact(WINDOW_BLOCKS).any(|window| (force(window) - whole).norm() > 0.05 * size)

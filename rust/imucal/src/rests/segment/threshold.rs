@@ -1,4 +1,4 @@
-//! Noise floor, window statistic, and the choice of the threshold.
+//! Noise floor, window statistic, and choice of the threshold (model.md (11)).
 
 use std::ops::Range;
 
@@ -9,12 +9,14 @@ use super::WINDOW_BLOCKS;
 use super::edges::trim;
 use crate::numerics::stats::quantile_of;
 
-/// The statistic of every window (one per block it may start at) and the noise floor (variances).
+/// Returns the statistic of each window and the noise floor of each channel (a variance, raw units squared).
 ///
-/// `variances` are those of each channel in the windows, `steps` the smallest steps of the channels.
+/// `variances` contains the variance of each channel in each window, `steps` the smallest step (resolution) of each
+/// channel.
 pub(super) fn window_statistic(variances: &[Vec<f64>; 6], steps: &Vector6<f64>) -> (Vec<f64>, Vector6<f64>) {
-    // A coarse converter may read one number throughout a rest: its floor is that of the rounding. A channel that
-    // never changes has no step at all and no say.
+    // With a coarse converter a channel may be constant throughout a rest, so the floor is at least the variance of
+    // rounding. A channel that is constant throughout the recording has no finite step. Its floor is infinite, so it
+    // does not contribute to the statistic.
     let rounding = steps.map(|step| if step.is_finite() { step * step / 12.0 } else { f64::INFINITY });
     let mut floor = Vector6::from_fn(|channel, _| {
         let of_channel = &variances[channel];
@@ -23,13 +25,14 @@ pub(super) fn window_statistic(variances: &[Vec<f64>; 6], steps: &Vector6<f64>) 
     });
     let mut statistic = vec![0.0; variances[0].len()];
     let (mut before, mut in_quiet) = (Vec::new(), Vec::new());
-    // The floor of each channel is that of the windows that are quiet in all channels together.
+    // The floor of each channel is estimated from the windows that are quiet in all channels together. Four iterations
+    // are sufficient.
     for _ in 0..4 {
         Arch::new().dispatch(Ratios { variances, floor: &floor, statistic: &mut statistic });
         let write = |k: usize, to: &mut [f64]| to.copy_from_slice(&statistic[k..k + to.len()]);
         let limit = 2.0 * quantile_of(statistic.len(), write, 0.05);
         let quiet = runs_up_to(&statistic, limit);
-        // The same windows have the same floor.
+        // The floor has converged: the same windows would give the same floor.
         if quiet == before {
             break;
         }
@@ -44,7 +47,7 @@ pub(super) fn window_statistic(variances: &[Vec<f64>; 6], steps: &Vector6<f64>) 
     (statistic, floor)
 }
 
-/// The windows whose statistic is no more than this, in runs.
+/// The windows whose statistic is at most `limit`, as index ranges of consecutive windows.
 fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     let mut runs: Vec<Range<usize>> = Vec::new();
     for (window, _) in statistic.iter().enumerate().filter(|(_, s)| **s <= limit) {
@@ -56,7 +59,8 @@ fn runs_up_to(statistic: &[f64], limit: f64) -> Vec<Range<usize>> {
     runs
 }
 
-/// The mean over the six channels of variance over noise floor, as [`imucal_core::rest::statistic_of`], of every window.
+/// Computes the statistic of every window: the mean over the six channels of the ratio of the variance to the noise
+/// floor, as [`imucal_core::rest::statistic_of`].
 struct Ratios<'a> {
     variances: &'a [Vec<f64>; 6],
     floor: &'a Vector6<f64>,
@@ -78,20 +82,26 @@ impl WithSimd for Ratios<'_> {
     }
 }
 
-/// The threshold in the widest range (on a logarithmic scale) that always finds the same number of rests, and that range.
+/// Returns the threshold and the two ends of the range from which it was chosen: the widest range, on a logarithmic
+/// scale, in which the number of rests is constant.
 ///
-/// Widths are weighed by the number of rests (none weighs less than nothing): one rest on a table before a unit is held by
-/// hand, a thousand times less quiet, must not be all that is found.
+/// Widths are weighted by the logarithm of the number of rests, and a range without rests has a negative weight.
+/// Otherwise a unit that first lies on a table and is then held by hand, with a thousand times the variance, would have
+/// a single rest.
 pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f64, f64) {
+    // The lowest threshold tried, a ratio of variances. It exceeds the statistic of most windows at rest, which is near
+    // 1.
     const LOWEST: f64 = 1.5;
+    // Ratio of consecutive thresholds.
     const STEP: f64 = 1.08;
-    let loudest = statistic.iter().copied().fold(1.0, f64::max);
-    // A tenth of the fastest motion, or half way to it on a logarithmic scale: above that, motion is taken for rest.
-    let highest = (loudest / 100.0).max(loudest.sqrt()).max(2.0 * LOWEST);
-    let mut louder: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
-    louder.retain(|(level, _)| (LOWEST..highest).contains(level));
-    louder.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
-    let mut louder = louder.into_iter().peekable();
+    let maximum = statistic.iter().copied().fold(1.0, f64::max);
+    // The highest threshold: a tenth of the fastest motion (in standard deviation), or the geometric mean of noise and
+    // fastest motion. Higher thresholds would classify motion as rest.
+    let highest = (maximum / 100.0).max(maximum.sqrt()).max(2.0 * LOWEST);
+    let mut pending: Vec<(f64, usize)> = statistic.iter().copied().zip(0..).collect();
+    pending.retain(|(level, _)| (LOWEST..highest).contains(level));
+    pending.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+    let mut pending = pending.into_iter().peekable();
     let is_rest = |blocks: &Range<usize>| trim(blocks, statistic.len()).len() >= min_blocks;
     let (mut stretches, mut rests) = (Stretches::none(statistic.len()), 0);
     for blocks in still(statistic, LOWEST) {
@@ -102,7 +112,7 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
     let mut plateau: Option<(usize, f64)> = None;
     let mut threshold = LOWEST;
     while threshold <= highest {
-        while let Some((_, window)) = louder.next_if(|(level, _)| *level < threshold) {
+        while let Some((_, window)) = pending.next_if(|(level, _)| *level < threshold) {
             if let Some((joined, parts)) = stretches.add(window..window + 1) {
                 rests =
                     rests + usize::from(is_rest(&joined)) - parts.iter().flatten().filter(|part| is_rest(part)).count();
@@ -120,18 +130,18 @@ pub(super) fn choose_threshold(statistic: &[f64], min_blocks: usize) -> (f64, f6
         threshold *= STEP;
     }
     let (_, from, to) = best;
-    // Nearer the noise than the motion: the ends of a rest then hold as little motion as possible.
+    // The threshold is closer to the lower end of the range, so that the ends of the rests contain little motion.
     (from * (to / from).powf(0.25), from, to)
 }
 
-/// Stretches of blocks that lie in some window below the threshold.
+/// Intervals of blocks that belong to at least one window below the threshold, in chronological order.
 pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = Range<usize>> + '_ {
     let below = move |(window, value): (usize, &f64)| (*value < threshold).then_some(window);
     let mut windows = statistic.iter().enumerate().filter_map(below).peekable();
     std::iter::from_fn(move || {
         let first = windows.next()?;
         let mut end = first + WINDOW_BLOCKS;
-        // Windows that overlap are one stretch.
+        // Overlapping windows form one interval.
         while let Some(next) = windows.next_if(|next| *next < end) {
             end = next + WINDOW_BLOCKS;
         }
@@ -139,27 +149,29 @@ pub(super) fn still(statistic: &[f64], threshold: f64) -> impl Iterator<Item = R
     })
 }
 
-/// The same stretches as more and more windows come below a threshold that rises.
+/// The intervals of [`still`], updated incrementally while the threshold increases and windows are added.
 struct Stretches {
-    /// Of the first window of each its last one, and of the last its first; any of its windows for what is between, and
-    /// [`Self::OUTSIDE`] for windows in none.
+    /// For the first window of each interval, the index of its last window, and for the last window that of the first.
+    /// Windows between them hold the index of any window of the interval, and windows outside hold [`Self::OUTSIDE`].
     other_end: Vec<usize>,
 }
 
-/// The blocks of a stretch, and of those that it was joined of.
+/// The blocks of an interval, and the blocks of up to two former intervals that it replaces.
 type Joined = (Range<usize>, [Option<Range<usize>>; 2]);
 
 impl Stretches {
+    /// Marks a window that belongs to no interval.
     const OUTSIDE: usize = usize::MAX;
-    /// A window that begins so much later still overlaps.
+    /// Maximum distance between the starts of two windows that overlap, in blocks.
     const REACH: usize = WINDOW_BLOCKS - 1;
 
-    /// Of so many windows none is still.
+    /// No intervals among `windows` windows.
     fn none(windows: usize) -> Self {
         Self { other_end: vec![Self::OUTSIDE; windows] }
     }
 
-    /// With windows in a row; `None` where they lie in a stretch.
+    /// Adds consecutive windows, and returns the interval that contains them. Returns `None` if they already belong to
+    /// an interval.
     fn add(&mut self, windows: Range<usize>) -> Option<Joined> {
         let Range { start, end } = windows;
         let is_in = |window: &usize| self.other_end[*window] != Self::OUTSIDE;
