@@ -97,9 +97,9 @@ def named(words):
 
 
 def traded(words):
-    """Groups of which combinations are determined, with their number."""
-    groups = re.findall(r"of ((?:accelerometer|gyroscope)[^;:]*) (\d+) combinations? (?:is|are)", words)
-    return [(set(re.split(", | and ", members)), int(count)) for members, count in groups]
+    """Groups of parameters of which only some combinations are observable, with the number of combinations."""
+    group = r"only (\d+) independent combinations? of ((?:accelerometer|gyroscope)[^;:]*) (?:is|are) observable"
+    return [(set(re.split(", | and ", members)), int(count)) for count, members in re.findall(group, words)]
 
 
 def refusal(recordings):

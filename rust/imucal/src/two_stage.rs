@@ -1,4 +1,5 @@
-//! The estimate in two stages: an ellipsoid fit of the accelerometer at rest, then the gyroscope from the moves between rests.
+//! The two-stage fit (model.md (3) to (5), (7) to (9)): the accelerometer from the rests, then the gyroscope from the
+//! moves.
 
 pub(crate) mod accelerometer;
 pub(crate) mod ellipsoid;

@@ -5,7 +5,7 @@
 //! with f = T^-1 (a - b), u = f / |f|, v = T^-T u:   d|f|/db = -v,   d|f|/dT = -v f^T
 //! ```
 //!
-//! The fit is made in the symmetric frame: nine parameters, `[b_x, b_y, b_z, T_xx, T_yy, T_zz, T_xy, T_xz, T_yz]`.
+//! The fit uses the symmetric frame, with nine parameters: `[b_x, b_y, b_z, T_xx, T_yy, T_zz, T_xy, T_xz, T_yz]`.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -19,21 +19,31 @@ use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
 use crate::two_stage::observability;
 
-/// Noise of a rest's mean over the smallest radius of the ellipsoid, at most. A noisy sensor has 0.001, noise alone 0.5.
+/// Maximum ratio of the noise of a rest mean to the smallest radius of the ellipsoid. It is 0.001 for a noisy sensor,
+/// and 0.5 if the ellipsoid is fitted to noise.
 const NOISE_OVER_SIZE: f64 = 0.02;
 
-/// The fitted accelerometer and what the fit leaves.
+/// Result of the accelerometer fit.
 #[derive(Clone, Debug)]
 pub(crate) struct AccelerometerFit {
+    /// The fitted accelerometer.
     pub(crate) triad: Triad<f64>,
-    /// Which rests the fit uses; the others were found bad.
+    /// Whether the fit uses each rest. The others are outliers.
     pub(crate) used: Vec<bool>,
-    /// Parameters per error of |f| at each rest in m/s^2, 9 x rests; zero columns for unused rests.
+    /// Derivative of the parameters with respect to the error of |f| at each rest in m/s^2, 9 x number of rests. The
+    /// columns of unused rests are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
 
-/// Fits the nine parameters; rests that contradict all others are left out one by one.
+/// Fits the nine parameters. Rests that contradict all others are excluded one by one (model.md (14)).
+///
+/// `nominal` is the start value if the rests determine no ellipsoid. In SI units (`raw_is_si`) the identity is the
+/// default.
+///
+/// # Errors
+/// * [`Error::NotEnoughMotion`] if the rests do not determine the parameters.
+/// * [`Error::Fit`] if the result is not finite.
 pub(crate) fn fit(
     rests: &[&Rest],
     gravity_mps2: f64,
@@ -66,18 +76,19 @@ pub(crate) fn fit(
     }
 }
 
-/// Whether the ellipsoid is larger than the noise of the means: one fits the noise of a single pose, too.
+/// Whether the ellipsoid is much larger than the noise of the means. The means of a single pose also determine an
+/// ellipsoid, whose size is that of the noise.
 fn exceeds_noise(start: &Start, rests: &[&Rest], gravity_mps2: f64) -> bool {
     let mut noise: Vec<f64> = rests.iter().map(|rest| rest.specific_force.variance_of_mean.max().sqrt()).collect();
     let noise = stats::median(&mut noise);
     start.sensitivity.try_inverse().is_some_and(|inverse| noise * inverse.norm() < NOISE_OVER_SIZE * gravity_mps2)
 }
 
-/// Refuses rests that leave a direction of the nine parameters open.
+/// Returns an error if the rests do not determine all nine parameters.
 fn check_design(means: &[Vector3<f64>], start: &Start, gravity_mps2: f64) -> Result<(), Error> {
     let triad = triad_of(&parameters_of(start))?;
     let gradients: Vec<_> = means.iter().map(|mean| norm_and_gradient(&triad, mean).1).collect();
-    // In parts of the sensitivity and of what gravity reads.
+    // Columns in units of the mean scale, and of the reading of gravity for biases.
     let scale = start.sensitivity.trace() / 3.0;
     let design = Mat::from_fn(means.len(), 9, |k, j| {
         let unit = if j < 3 { gravity_mps2 } else { 1.0 };
@@ -114,7 +125,7 @@ pub(crate) fn triad_of(parameters: &[f64]) -> Result<Triad<f64>, Error> {
     Triad::try_new(sensitivity, bias).map_err(|error| Error::Fit(format!("accelerometer: {error}")))
 }
 
-/// Row of d|f|/d(parameters) for one mean, and |f|.
+/// f| for one mean, and its derivative with respect to the nine parameters.
 pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64, SVector<f64, 9>) {
     let f = triad.correct(*mean);
     let norm = f.norm();
@@ -129,7 +140,7 @@ pub(crate) fn norm_and_gradient(triad: &Triad<f64>, mean: &Vector3<f64>) -> (f64
     (norm, gradient)
 }
 
-/// The residuals of the used rests, with weights fixed at the start value.
+/// The residuals of the used rests, with the weights of the start value.
 struct Norms {
     means: Vec<Vector3<f64>>,
     sigma: Vec<f64>,
@@ -154,7 +165,7 @@ impl Norms {
 impl Residuals for Norms {
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
         let Ok(triad) = triad_of(parameters) else {
-            residuals.fill(f64::NAN); // the solver takes a shorter step
+            residuals.fill(f64::NAN); // the solver then takes a shorter step
             return;
         };
         for (k, (mean, sigma)) in self.means.iter().zip(&self.sigma).enumerate() {

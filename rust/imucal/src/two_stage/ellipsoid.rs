@@ -1,6 +1,7 @@
-//! The algebraic ellipsoid fit: start value of the accelerometer (model.md (3) to (5)).
+//! Algebraic ellipsoid fit: start value of the accelerometer (model.md (3), (4)).
 //!
-//! At rest |T^-1 (a - b)| = g, so the means a of the rests lie on an ellipsoid, linear in ten unknowns:
+//! At rest |T^-1 (a - b)| = g, so the means a of the rests lie on an ellipsoid, whose equation is linear in ten
+//! unknowns:
 //!
 //! ```text
 //! [ax^2, ay^2, az^2, 2 ax ay, 2 ax az, 2 ay az, ax, ay, az, 1] . alpha = 0
@@ -14,21 +15,28 @@ use crate::error::Error;
 use crate::frame::square_root;
 use crate::numerics::lsq;
 
-/// A sensitivity (symmetric positive definite) and a bias, in raw units.
+/// Start value of a triad: sensitivity T (symmetric positive definite, raw units per SI unit) and bias b (raw units).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Start {
+    /// Sensitivity T, raw units per m/s^2.
     pub(crate) sensitivity: Matrix3<f64>,
+    /// Bias b, raw units.
     pub(crate) bias: Vector3<f64>,
 }
 
-/// Means in a plane have a smallest singular value of zero; noise lifts it to less than this share of the largest.
+/// Minimum ratio of a singular value to the largest one for the sphere to be determined. For means in one plane the
+/// smallest singular value is zero without noise, and below this ratio with noise.
 const LEAST_SINGULAR: f64 = 1e-3;
 
-/// The ellipsoid through `means` (one per rest, any raw unit), or the sphere where no ellipsoid is determined.
+/// The ellipsoid through `means` (one per rest, any raw unit), or the sphere if the means determine no ellipsoid.
 ///
-/// Returns `None` when not even a sphere fits, that is, when the means lie in one plane.
+/// Returns `None` if the means do not determine a sphere, that is, if they lie in one plane.
+///
+/// # Errors
+/// [`Error::Fit`] if the singular value decomposition fails.
 pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
-    // Centred and scaled, so that counts with an offset and m/s^2 give alike columns.
+    // The points are centred and scaled, so that all columns have similar magnitudes, for counts with an offset as for
+    // m/s^2.
     let Some((centre, size)) = extent(means).filter(|_| means.len() >= 4) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
     let unit = match ellipsoid(&points)? {
@@ -41,8 +49,8 @@ pub(crate) fn fit(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<St
     }))
 }
 
-/// The sphere through `means` whose centre is nearest to their middle: for poses that determine no sphere, too. `None` for a
-/// single pose.
+/// The sphere through `means` with the centre closest to their midpoint (minimum-norm solution). It exists also if the
+/// poses do not determine a sphere. Returns `None` for a single pose.
 pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Result<Option<Start>, Error> {
     let Some((centre, size)) = extent(means) else { return Ok(None) };
     let points: Vec<Vector3<f64>> = means.iter().map(|mean| (mean - centre) / size).collect();
@@ -62,7 +70,7 @@ pub(crate) fn smallest_sphere(means: &[Vector3<f64>], gravity_mps2: f64) -> Resu
     Ok((radius > 0.0).then(|| Start { sensitivity, bias: centre + bias * size }))
 }
 
-/// Middle and half width of the box around the means; `None` if it has no width.
+/// Midpoint and half of the largest width of the box around the means; `None` if this width is zero.
 fn extent(means: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
     let (mut low, mut high) = (Vector3::repeat(f64::INFINITY), Vector3::repeat(f64::NEG_INFINITY));
     for mean in means {
@@ -73,7 +81,7 @@ fn extent(means: &[Vector3<f64>]) -> Option<(Vector3<f64>, f64)> {
     (size > 0.0).then(|| ((low + high) / 2.0, size))
 }
 
-/// Ellipsoid of points for |T^-1 (a - b)| = 1; `None` if the quadric is not an ellipsoid.
+/// The ellipsoid of points with |T^-1 (a - b)| = 1; `None` if the fitted quadric is not an ellipsoid.
 fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     if points.len() < 9 {
         return Ok(None);
@@ -91,7 +99,7 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     });
     let (values, vectors) = lsq::singular(&design)?;
     if values[8] < 1e-9 * values[0] {
-        return Ok(None); // two quadrics pass through the points
+        return Ok(None); // more than one quadric passes through the points
     }
     let alpha: Vec<f64> = (0..10).map(|i| vectors[(i, 9)]).collect();
     let sign = (alpha[0] + alpha[1] + alpha[2]).signum();
@@ -105,7 +113,7 @@ fn ellipsoid(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     Ok(square_root(&(w_inverse * scale)).map(|sensitivity| Start { sensitivity, bias }))
 }
 
-/// Sphere of points, linear in centre and radius: |a|^2 = 2 a . b + (r^2 - |b|^2).
+/// The sphere of points, by an equation linear in centre and radius: |a|^2 = 2 a . b + (r^2 - |b|^2).
 fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
     let design = Mat::from_fn(points.len(), 4, |k, j| if j < 3 { 2.0 * points[k][j] } else { 1.0 });
     let (values, _) = lsq::singular(&design)?;
@@ -125,7 +133,7 @@ fn sphere(points: &[Vector3<f64>]) -> Result<Option<Start>, Error> {
 mod tests {
     use super::*;
 
-    /// Directions spread over the sphere by the golden angle.
+    /// `n` directions distributed evenly over the sphere (golden-angle spiral).
     fn directions(n: usize) -> Vec<Vector3<f64>> {
         (0..n)
             .map(|k| {

@@ -1,12 +1,13 @@
-//! What a motion does not determine (model.md (12)).
+//! Parameters that a motion does not determine (model.md (12)).
 //!
 //! ```text
 //! C = (J^T J + 1 / 10^2)^-1,     undetermined: C_jj > 1
 //! ```
 //!
-//! J is the design over errors that every real model has (half a mg at a rest, 0.2 deg in a move) and times a hundredth of the
-//! parameters' size. Noise alone would be the wrong measure: a small noise must not make three nearly equal poses look like
-//! enough. No parameter is taken to be off by more than a tenth of its size, which is the second term.
+//! J is the design matrix. Its rows are divided by errors that every real unit has (half a mg at a rest, 0.2 deg in a
+//! move), and its columns are multiplied by a hundredth of the size of the parameters. Sensor noise is not a suitable
+//! reference, because with small noise three nearly equal poses would appear sufficient. The second term is a prior: no
+//! parameter deviates by more than a tenth of its size.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -15,33 +16,36 @@ use crate::error::Error;
 use crate::numerics::lsq;
 use crate::parameters::{self, ACCELEROMETER, WORDS};
 
-/// Unmodelled error of |f| at a rest, m/s^2.
+/// Model error of |f| at a rest of a real unit, m/s^2 (half a mg).
 pub(crate) const REST_ERROR_MPS2: f64 = 0.005;
-/// Unmodelled error of the gravity direction after a move, rad.
+/// Model error of the gravity direction after a move of a real unit, rad (0.2 deg).
 pub(crate) const MOVE_ERROR_RAD: f64 = 0.0035;
-/// A parameter that such errors move by more than this share of its size is not determined.
+/// A parameter is not determined if these model errors change it by more than this fraction of its size.
 pub(crate) const LARGEST_SHIFT: f64 = 0.01;
-/// No parameter is further from nominal, in units of its size.
+/// Prior standard deviation of a parameter about its nominal value, as a fraction of its size.
 pub(crate) const FARTHEST: f64 = 0.1;
-/// A parameter that makes up this much of the square of an open direction is open by itself.
-const BY_ITSELF: f64 = 0.95;
-/// Open parameters are traded off against each other from this correlation within the open directions on.
+/// A parameter is unobservable by itself if it makes up at least this share of the squared length of an unobservable
+/// direction.
+const OWN_SHARE: f64 = 0.95;
+/// Undetermined parameters form a group if their correlation within the unobservable directions exceeds this value.
 const TRADED: f64 = 0.1;
-/// An axis that no rest brings this close to the vertical is said to be missing.
+/// Maximum angle between an axis and the vertical, deg, for a pose to count as "axis up" or "axis down".
 const FACE_LIMIT_DEG: f64 = 40.0;
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// What a design leaves open.
+/// The parameters that a design does not determine.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Open {
-    /// Columns that are not determined.
+    /// Columns of the design whose parameters are not determined.
     pub(crate) columns: Vec<usize>,
-    /// Groups of them of which some combinations are determined, and how many.
+    /// Groups of undetermined columns of which some linear combinations are determined, with the number of these
+    /// combinations.
     pub(crate) traded: Vec<(Vec<usize>, usize)>,
 }
 
 impl Open {
-    /// What `design` leaves open: rows in units of the errors of real units, columns for a hundredth of each parameter's size.
+    /// The undetermined parameters of `design`. Its rows are in units of the model errors of real units, its columns in
+    /// units of a hundredth of the size of each parameter.
     pub(crate) fn of(design: &Mat<f64>) -> Result<Self, Error> {
         let (values, vectors) = lsq::singular(design)?;
         let loosest = LARGEST_SHIFT / FARTHEST;
@@ -51,14 +55,15 @@ impl Open {
             (0..n).map(part).sum::<f64>()
         };
         let columns: Vec<usize> = (0..n).filter(|&j| shift(j) > 1.0).collect();
-        // Projection on the directions that are open.
+        // Projection onto the unobservable directions.
         let open: Vec<usize> = (0..n).filter(|&k| values[k] < 1.0).collect();
         let projection = |i: usize, j: usize| open.iter().map(|&k| vectors[(i, k)] * vectors[(j, k)]).sum::<f64>();
         Ok(Self { traded: traded(&columns, projection), columns })
     }
 
-    /// "of accelerometer bias z and accelerometer scale z 1 combination is determined", for each group.
-    fn traded_words(&self) -> Vec<String> {
+    /// One phrase for each group, such as "only 1 independent combination of accelerometer bias z and accelerometer
+    /// scale z is observable".
+    fn group_phrases(&self) -> Vec<String> {
         let name = |&j: &usize| {
             let sensor = if j < ACCELEROMETER { "accelerometer" } else { "gyroscope" };
             format!("{sensor} {}", WORDS[j])
@@ -66,21 +71,21 @@ impl Open {
         let of_group = |(members, determined): &(Vec<usize>, usize)| {
             let names: Vec<String> = members.iter().map(name).collect();
             let (last, others) = names.split_last()?;
-            let count =
-                if *determined == 1 { "1 combination is".into() } else { format!("{determined} combinations are") };
-            Some(format!("of {} and {last} {count} determined", others.join(", ")))
+            let (plural, verb) = if *determined == 1 { ("", "is") } else { ("s", "are") };
+            let others = others.join(", ");
+            Some(format!("only {determined} independent combination{plural} of {others} and {last} {verb} observable"))
         };
         self.traded.iter().filter_map(of_group).collect()
     }
 
-    /// What is open of the accelerometer, and of the gyroscope.
+    /// Names of the undetermined parameters of the accelerometer and of the gyroscope.
     pub(crate) fn names(&self) -> [Vec<&'static str>; 2] {
         [true, false].map(|accelerometer| {
             self.columns.iter().filter(|&&j| (j < ACCELEROMETER) == accelerometer).map(|&j| WORDS[j]).collect()
         })
     }
 
-    /// The words for what `rests` and `moves` leave open, and for what to add; `None` if nothing is.
+    /// Message that names the undetermined parameters and the poses and rotations to add; `None` if all are determined.
     pub(crate) fn explain(&self, rests: usize, moves: usize, poses: &str, turns: &str) -> Option<String> {
         let [accelerometer, gyroscope] = self.names();
         let mut parts = Vec::new();
@@ -96,22 +101,24 @@ impl Open {
         if parts.is_empty() {
             return None;
         }
-        parts.extend(self.traded_words());
+        parts.extend(self.group_phrases());
         Some(parts.join("; "))
     }
 }
 
-/// Groups of open columns that hang together in the open directions, with the number of combinations that are determined.
+/// Groups of undetermined columns that are correlated within the unobservable directions, with the number of linear
+/// combinations that are determined.
 fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(Vec<usize>, usize)> {
-    let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < BY_ITSELF).collect();
+    let mut left: Vec<usize> = columns.iter().copied().filter(|&j| projection(j, j) < OWN_SHARE).collect();
     let mut groups = Vec::new();
     while let Some(first) = left.pop() {
         let mut group = vec![first];
         let mut next = 0;
         while next < group.len() {
             let i = group[next];
-            let hangs_on = |&j: &usize| projection(i, j).abs() > TRADED * (projection(i, i) * projection(j, j)).sqrt();
-            let (joined, others): (Vec<usize>, Vec<usize>) = left.into_iter().partition(hangs_on);
+            let is_coupled =
+                |&j: &usize| projection(i, j).abs() > TRADED * (projection(i, i) * projection(j, j)).sqrt();
+            let (joined, others): (Vec<usize>, Vec<usize>) = left.into_iter().partition(is_coupled);
             group.extend(joined);
             left = others;
             next += 1;
@@ -127,10 +134,13 @@ fn traded(columns: &[usize], projection: impl Fn(usize, usize) -> f64) -> Vec<(V
     groups
 }
 
-/// The words for rests that alone do not determine the accelerometer; `None` if they do.
+/// Returns an error if the rests do not determine the accelerometer.
 ///
-/// `design` is the Jacobian of |f| in m/s^2 with respect to biases in units of what gravity reads and entries in units of the
-/// sensitivity; `up` are the directions of gravity at the rests.
+/// `design` is the Jacobian of |f| in m/s^2, with respect to biases in units of the reading of gravity and to entries
+/// of the sensitivity in units of its mean scale. `up` contains the directions of gravity at the rests.
+///
+/// # Errors
+/// [`Error::NotEnoughMotion`] names the parameters and the poses to add.
 pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>]) -> Result<(), Error> {
     let open = Open::of(&in_hundredths(design, REST_ERROR_MPS2))?;
     match open.explain(up.len(), 0, &missing_poses(up), "") {
@@ -139,9 +149,12 @@ pub(crate) fn check_accelerometer(design: &Mat<f64>, up: &[Vector3<f64>]) -> Res
     }
 }
 
-/// Refuses moves that leave an entry of the gyroscope open, given the accelerometer.
+/// Returns an error if the moves do not determine all entries of the gyroscope, given the accelerometer.
 ///
-/// `design` is the Jacobian of the move residuals in rad with respect to entries in units of the sensitivity.
+/// `design` is the Jacobian of the move residuals in rad, with respect to entries in units of the mean scale.
+///
+/// # Errors
+/// [`Error::NotEnoughMotion`] names the entries and the moves to add.
 pub(crate) fn check_gyroscope(design: &Mat<f64>, moves: usize) -> Result<(), Error> {
     let open = Open::of(&in_hundredths(design, MOVE_ERROR_RAD))?;
     if open.columns.is_empty() {
@@ -159,7 +172,7 @@ fn in_hundredths(design: &Mat<f64>, typical_error: f64) -> Mat<f64> {
     Mat::from_fn(design.nrows(), design.ncols(), |i, j| design[(i, j)] * unit)
 }
 
-/// The message for rests so few or so alike that no sphere passes through them.
+/// Message for rests that are too few or too similar to determine a sphere.
 pub(crate) fn no_start(rests: usize) -> String {
     format!(
         "{rests} rests do not determine the accelerometer's {}: {}",
@@ -168,12 +181,12 @@ pub(crate) fn no_start(rests: usize) -> String {
     )
 }
 
-/// What to add where rests do not even suggest the scale of an accelerometer in counts.
+/// Recommendation if the rests of an accelerometer in counts do not even determine its scale.
 pub(crate) fn too_few_poses() -> String {
     "at least 9 different poses are needed; hold the unit still with each axis up and down, and in some poses in between".into()
 }
 
-/// Which poses to add, from how close each half axis has come to the vertical.
+/// Recommendation of poses to add, from the angle between each half axis and the vertical in the best pose.
 pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
     let closest = |axis: usize, sign: f64| {
         let cosine = up.iter().map(|u| sign * u[axis]).fold(-1.0, f64::max);
@@ -201,8 +214,8 @@ pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
 
 const OTHER_AXES: &str = "add moves of 90 deg or more about different axes, each between two rests in different poses";
 
-/// Which turns to add. `open` are the gyroscope's entries that stay open with the accelerometer known; `turned_rad` says how far
-/// the unit turned about each axis.
+/// Recommendation of rotations to add. `open` contains the entries of the gyroscope that remain undetermined if the
+/// accelerometer is known. `turned_rad` is the total rotation about each axis, rad.
 pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String {
     if open.is_empty() {
         return "the poses that the accelerometer needs determine these, too".into();
@@ -211,7 +224,7 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
     if largest < 0.3 {
         return "the unit hardly turns: add moves of 90 deg or more about each axis".into();
     }
-    // Entry (i, j) acts on turns about axis j: an idle axis leaves its whole column open.
+    // Entry (i, j) responds to rotation about axis j. Without rotation about an axis its whole column is undetermined.
     let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;
     let idle: Vec<&str> =
         (0..3).filter(|&j| column_open(j) && turned_rad[j] < 0.3 * largest).map(|j| AXES[j]).collect();
@@ -231,28 +244,29 @@ mod tests {
     }
 
     #[test]
-    fn open_by_itself_or_traded_off() {
-        // The first column is seen, the second is not, of the others only the sum is.
+    fn undetermined_by_itself_or_in_combination() {
+        // Only the first column and the sum of the last two are observable.
         let open = Open::of(&design(&[&[50.0, 0.0, 0.0, 0.0], &[0.0, 0.0, 40.0, 40.0]])).unwrap();
         assert_eq!(open, Open { columns: vec![1, 2, 3], traded: vec![(vec![2, 3], 1)] });
         let words = open.explain(7, 0, "add rests", "").unwrap();
         assert_eq!(
             words,
-            "7 rests do not determine the accelerometer's bias y, bias z, scale x: add rests; of accelerometer bias z and \
-             accelerometer scale x 1 combination is determined"
+            "7 rests do not determine the accelerometer's bias y, bias z, scale x: add rests; only 1 independent \
+             combination of accelerometer bias z and accelerometer scale x is observable"
         );
     }
 
     #[test]
-    fn a_small_part_in_an_open_direction_does_no_harm() {
-        // A tenth of the second, at most, times 0.05 is less than a hundredth of the first.
+    fn a_small_component_in_an_unobservable_direction_is_tolerated() {
+        // The second parameter deviates by at most a tenth of its size. Times 0.05 this is less than a hundredth of the
+        // first.
         let open = |part: f64| Open::of(&design(&[&[50.0, 50.0 * part]])).unwrap().columns;
         assert_eq!(open(0.05), [1]);
         assert_eq!(open(0.2), [0, 1]);
     }
 
     #[test]
-    fn a_full_design_leaves_nothing_open() {
+    fn a_full_design_determines_all_parameters() {
         let open = Open::of(&design(&[&[2.0, 1.0], &[-1.0, 2.0]])).unwrap();
         assert_eq!(open, Open::default());
         assert_eq!(open.explain(9, 8, "", ""), None);

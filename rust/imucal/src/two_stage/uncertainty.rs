@@ -1,9 +1,9 @@
 //! Covariance of the two-stage estimate (model.md (9)).
 //!
-//! The stages share their data: the errors of the rests reach the gyroscope through the directions of gravity,
-//! through the accelerometer's parameters and through the bias. To first order every parameter is a linear function
-//! of independent errors - three of each accelerometer mean, three of each gyroscope mean, two of each move - and the
-//! covariance is that map applied to their variances.
+//! Both stages use the same rests: errors of the rests affect the gyroscope through the directions of gravity, through
+//! the parameters of the accelerometer and through the gyroscope bias. To first order every parameter is a linear
+//! function of independent errors: three of each mean force, three of each mean rate, and two of each move. The
+//! covariance follows from the variances of these errors.
 
 use faer::Mat;
 use nalgebra::{Matrix2x3, Matrix3, SMatrix, SVector, Vector3};
@@ -14,7 +14,10 @@ use crate::rests::rest::Rest;
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::gyroscope::{GyroscopeBias, GyroscopeFit, residual_gradient};
 
-/// Covariance of `[accelerometer bias, its six entries, gyroscope bias, its nine entries]`, symmetric frame, 21 x 21.
+/// Covariance of `[accelerometer bias, its six entries, gyroscope bias, its nine entries]` in the symmetric frame, 21 x
+/// 21, raw units.
+///
+/// `random_walk_rad` is the standard deviation of the error of each move that does not come from its rests, rad.
 pub(crate) fn covariance(
     rests: &[&Rest],
     moves: &[Move],
@@ -25,7 +28,7 @@ pub(crate) fn covariance(
     random_walk_rad: &[f64],
 ) -> Mat<f64> {
     let (k, m) = (rests.len(), moves.len());
-    // Columns: accelerometer means (3 k), gyroscope means (3 k), moves (2 m).
+    // Columns: mean forces (3 k), mean rates (3 k), moves (2 m).
     let mut map = Mat::<f64>::zeros(21, 6 * k + 2 * m);
     accelerometer_rows(&mut map, rests, accelerometer);
     for (rest, weight) in bias.weights.iter().enumerate() {
@@ -35,7 +38,7 @@ pub(crate) fn covariance(
     }
     gyroscope_rows(&mut map, rests, moves, ends, accelerometer, gyroscope);
 
-    // Where residuals exceed what noise explains, the noise is taken to be larger by that much.
+    // If the residuals are significantly larger than noise, the noise is increased by the same factor.
     let (widen_rests, widen_moves) = (accelerometer.report.inflation, gyroscope.report.inflation);
     let deviation = |column: usize| {
         let (item, axis) = (column / 3, column % 3);
@@ -51,7 +54,7 @@ pub(crate) fn covariance(
     &scaled * scaled.transpose()
 }
 
-/// How the errors of the accelerometer means move its nine parameters.
+/// Fills the derivatives of the nine accelerometer parameters with respect to the errors of the mean forces.
 fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFit) {
     for (rest, r) in rests.iter().enumerate() {
         let up = fit.triad.correct(r.specific_force.mean).normalize();
@@ -64,10 +67,11 @@ fn accelerometer_rows(map: &mut Mat<f64>, rests: &[&Rest], fit: &AccelerometerFi
     }
 }
 
-/// How all errors move the nine entries of the gyroscope: minus the fit's gain times the derivative of the residuals.
+/// Fills the derivatives of the nine gyroscope entries with respect to all errors: minus the gain of the fit times the
+/// derivative of the residuals.
 ///
-/// What reaches the moves through the accelerometer's parameters and the bias is summed up over the moves first, so
-/// that the work grows with their number, not with its square.
+/// The effects of the accelerometer parameters and of the bias are summed over the moves first, so the cost is
+/// proportional to the number of moves and not to its square.
 fn gyroscope_rows(
     map: &mut Mat<f64>,
     rests: &[&Rest],
@@ -89,7 +93,8 @@ fn gyroscope_rows(
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];
             by_parameters += by_direction * direction_by_parameters;
-            // A hand-held rest has its direction from a part of it, whose noise is in the move's own.
+            // The direction at a hand-held rest comes from a part of its samples, whose noise is included in that of
+            // the move.
             if rests[rest].is_steady() {
                 subtract(map, 3 * rest, &(by_direction * by_mean));
             }
@@ -106,7 +111,7 @@ fn gyroscope_rows(
     }
 }
 
-/// Subtracts from the gyroscope's nine rows, from `column` on.
+/// Subtracts `change` from the nine rows of the gyroscope, from column `column` on.
 fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<f64, 9, C>) {
     for i in 0..9 {
         for c in 0..C {
@@ -115,7 +120,8 @@ fn subtract<const C: usize>(map: &mut Mat<f64>, column: usize, change: &SMatrix<
     }
 }
 
-/// Derivative of the direction of gravity at a rest with respect to its mean (3 x 3) and the nine parameters (3 x 9).
+/// Derivative of the direction of gravity at a rest with respect to its mean force (3 x 3) and to the nine parameters
+/// of the accelerometer (3 x 9).
 fn direction_gradients(rest: &Rest, fit: &AccelerometerFit) -> (Matrix3<f64>, SMatrix<f64, 3, 9>) {
     let f = fit.triad.correct(rest.specific_force.mean);
     let up = f.normalize();

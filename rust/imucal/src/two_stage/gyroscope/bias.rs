@@ -1,25 +1,27 @@
-//! The bias as the mean over all rests (model.md (7)).
+//! The gyroscope bias as the random-effects mean over all rests (model.md (7)).
 
 use nalgebra::Vector3;
 
 use crate::numerics::stats::{MEDIAN_SIZE, median, random_effects_mean};
 use crate::rests::rest::Rest;
 
-/// A rest whose mean rate is further than this from the median, in robust standard deviations, is none.
+/// Maximum deviation of the mean rate of a rest from the median, in robust standard deviations. An interval with a
+/// larger deviation is a slow rotation and not a rest.
 const LIMIT: f64 = 6.0;
 
-/// The bias and what it is made of, one axis each.
+/// The gyroscope bias and the weights of the rests, for each axis separately.
 #[derive(Clone, Debug)]
 pub(crate) struct GyroscopeBias {
-    /// The bias, raw units.
+    /// Bias, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Weight of each rest per axis; they sum to one. Zero for a rest that was left out.
+    /// Weight of each rest for each axis. The weights of an axis sum to one; the weight of an excluded rest is zero.
     pub(crate) weights: Vec<Vector3<f64>>,
-    /// Variance from one rest to the next beyond each rest's own noise, raw units squared.
+    /// Variance between rests in addition to the noise of their means, raw units squared; tau^2 of model.md (7).
     pub(crate) between: Vector3<f64>,
 }
 
-/// The bias, each rest weighted by its own noise and the scatter between rests. At least one rest is needed.
+/// Estimates the bias with weights from the noise of each rest and the scatter between rests. At least one rest is
+/// required.
 pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
     let mut result = GyroscopeBias {
         bias: Vector3::zeros(),
@@ -28,7 +30,7 @@ pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
     };
     for axis in 0..3 {
         let means: Vec<f64> = rests.iter().map(|rest| rest.angular_rate.mean[axis]).collect();
-        // A noise-free simulation has no scatter at all.
+        // Lower bound for simulated data without noise, whose variances are zero.
         let variances: Vec<f64> = rests.iter().map(|r| r.angular_rate.variance_of_mean[axis].max(1e-30)).collect();
         let kept = kept(&means, &variances);
         let pick = |values: &[f64]| kept.iter().map(|&k| values[k]).collect::<Vec<f64>>();
@@ -42,11 +44,12 @@ pub(crate) fn bias_from_rests(rests: &[&Rest]) -> GyroscopeBias {
     result
 }
 
-/// Indices of the rests that are near the median, in units of their own noise and of the scatter of all.
+/// Indices of the rests whose deviation from the median is at most [`LIMIT`], relative to their noise and the common
+/// scatter.
 fn kept(means: &[f64], variances: &[f64]) -> Vec<usize> {
     let centre = median(&mut means.to_vec());
     let scores: Vec<f64> = means.iter().zip(variances).map(|(m, v)| (m - centre).abs() / v.sqrt()).collect();
-    // The median of |z| of a normal distribution.
+    // Robust scale: median of the deviations over the median of |z| of a normal distribution, at least one.
     let scale = (median(&mut scores.clone()) / MEDIAN_SIZE).max(1.0);
     (0..means.len()).filter(|&k| scores[k] <= LIMIT * scale).collect()
 }
