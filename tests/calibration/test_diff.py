@@ -50,6 +50,7 @@ COVARIANCES = covariance(1), covariance(2)
 BEFORE = calibration(VALUES, COVARIANCES[0])
 
 
+@pytest.mark.slow
 def test_an_unmoved_unit_is_called_moved_as_rarely_as_said():
     random = np.random.default_rng(3)
     roots = [np.linalg.cholesky(c) for c in COVARIANCES]

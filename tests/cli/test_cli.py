@@ -151,6 +151,7 @@ def test_json_keeps_the_result_when_the_summary_is_interrupted(run_csv, monkeypa
         assert list(json.loads(text)) == ["recordings"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("command", [["demo"], ["demo", "gap"]])
 def test_a_demonstration_writes_over_none_but_its_own(command, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
@@ -256,6 +257,7 @@ def test_a_narrow_terminal_cuts_off_no_digits(tmp_path):
     assert "…" not in shown.decode()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes are POSIX")
 def test_standard_output_may_be_named_as_a_file(run_csv, tmp_path):
     command = (
@@ -265,6 +267,7 @@ def test_standard_output_may_be_named_as_a_file(run_csv, tmp_path):
     assert '"samples"' in done.stdout, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes are POSIX")
 def test_reader_that_goes_away_is_no_traceback(run_csv, tmp_path):
     command = f"{sys.executable} -m imucal.cli convert {run_csv} -o {tmp_path}/out.csv --json - | true"
@@ -273,6 +276,7 @@ def test_reader_that_goes_away_is_no_traceback(run_csv, tmp_path):
     assert "BrokenPipe" not in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no device that is always full")
 def test_full_standard_output_is_no_traceback(run_csv, tmp_path):
     with Path("/dev/full").open("w") as full:
@@ -391,6 +395,7 @@ def test_a_stage_is_shown_on_a_terminal_when_it_takes_long(monkeypatch):
     assert "soon done" not in shown
 
 
+@pytest.mark.slow
 def test_nothing_is_shown_in_a_pipe(stand_runs, command, tmp_path):
     done = command("calibrate", stand_runs / "run.parquet", "-o", tmp_path / "cal.json")
     assert done.returncode == 0
@@ -398,6 +403,7 @@ def test_nothing_is_shown_in_a_pipe(stand_runs, command, tmp_path):
     assert "\x1b" not in done.stdout
 
 
+@pytest.mark.slow
 def test_verbose_says_each_decision(stand_runs, tmp_path, capsys):
     cal, output = tmp_path / "cal.json", tmp_path / "result.json"
     run, control = str(stand_runs / "run.parquet"), str(stand_runs / "control.parquet")
@@ -487,6 +493,7 @@ def test_refused_recording_names_the_fault(stand_runs, tmp_path, capsys):
     assert "[non_finite]" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_effects_lists_all_and_shows_one(capsys):
     assert main(["effects"]) == 0
     listed = capsys.readouterr().out

@@ -92,6 +92,7 @@ def test_examples_are_as_wide_as_the_help():
         assert max(len(f"  Example: {first}"), *map(len, others)) <= 80
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="there is no sh")
 @pytest.mark.parametrize("example", examples())
 def test_example_runs_as_printed(example, files, tmp_path, monkeypatch, capsys):

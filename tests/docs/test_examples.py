@@ -9,6 +9,8 @@ import pytest
 
 from children import HANGS_S
 
+pytestmark = pytest.mark.slow
+
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 PROMISED = {
     "calibrate_arrays.py": ["verdict: good", "gyro_sensitivity_zz"],

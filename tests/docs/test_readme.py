@@ -93,12 +93,14 @@ def word_alike(word, expected):
         return False
 
 
+@pytest.mark.slow
 def test_readme_runs(tmp_path):
     assert run_page("README.md", tmp_path) >= 7
     for name in ("run.csv", "truth.json", "unit-0042.json", "report.html", "corrected.csv"):
         assert (tmp_path / name).stat().st_size > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("page", "number_of_steps"),
     [
@@ -129,16 +131,19 @@ def test_page_of_firmware_has_the_dependencies_that_an_exported_module_is_built_
     assert shown.replace("../imucal/rust", "../../rust") in built
 
 
+@pytest.mark.slow
 def test_tutorial_prints_what_it_shows(tmp_path, data_file):
     for name in ("xsens_acc.mat", "xsens_gyro.mat"):
         shutil.copy(data_file(f"xsens_mti/{name}"), tmp_path)
     assert run_page("docs/tutorial-xsens.md", tmp_path) == 7
 
 
+@pytest.mark.slow
 def test_page_of_simulation_prints_what_it_shows(tmp_path):
     assert run_page("docs/simulation.md", tmp_path) == 7
 
 
+@pytest.mark.slow
 def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
     page = (ROOT / "docs/production-line.md").read_text(encoding="utf-8")
     script = ROOT / "examples/production_line.sh"
@@ -150,6 +155,7 @@ def test_page_of_the_production_line_prints_what_it_shows(tmp_path):
     assert run_page("docs/production-line.md", tmp_path) == 10
 
 
+@pytest.mark.slow
 def test_page_of_the_stand_prints_what_it_shows(tmp_path):
     assert run_page("docs/stand.md", tmp_path) == 5
     page = (ROOT / "docs/stand.md").read_text(encoding="utf-8")
@@ -166,24 +172,29 @@ def test_page_of_the_stand_prints_what_it_shows(tmp_path):
     assert all(f"`{code}" in page for code in codes)
 
 
+@pytest.mark.slow
 def test_page_of_the_gap_prints_what_it_shows(tmp_path):
     assert run_page("docs/gap.md", tmp_path) == 9
 
 
+@pytest.mark.slow
 def test_page_of_noise_prints_what_it_shows(tmp_path):
     assert run_page("docs/noise.md", tmp_path) == 4
 
 
+@pytest.mark.slow
 def test_page_of_exports_prints_what_it_shows(tmp_path):
     assert run_page("docs/export.md", tmp_path) == 9
 
 
+@pytest.mark.slow
 def test_page_of_reports_prints_what_it_shows(tmp_path):
     assert run_page("docs/report.md", tmp_path) == 5
     assert (tmp_path / "unit-0042.html").stat().st_size > 0
     assert (tmp_path / "coverage.html").stat().st_size > 0
 
 
+@pytest.mark.slow
 def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
     written = tmp_path / "effects.md"
     subprocess.run(
@@ -198,6 +209,7 @@ def test_page_of_effects_is_the_catalogue_and_runs(tmp_path):
     assert run_page("docs/effects.md", tmp_path) == 2
 
 
+@pytest.mark.slow
 def test_page_of_an_own_effect_is_its_example(tmp_path):
     shutil.copy(ROOT / "examples/own_effect.py", tmp_path)
     assert run_page("docs/own-effect.md", tmp_path) == 1

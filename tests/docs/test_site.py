@@ -13,6 +13,8 @@ import pytest
 import effects_gallery
 import imucal
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 SPEC = importlib.util.spec_from_file_location("site_hooks", ROOT / "docs/site_hooks.py")
 site_hooks = importlib.util.module_from_spec(SPEC)

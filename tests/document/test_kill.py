@@ -17,7 +17,7 @@ import pytest
 import imucal
 from children import HANGS_S, ended, heed_signals, stopped_while_writing
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
+pytestmark = [pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX"), pytest.mark.slow]
 
 COMMAND = Path(sys.executable).with_name("imucal")
 

@@ -15,6 +15,8 @@ import accuracy.page
 import imucal
 from children import HANGS_S
 
+pytestmark = pytest.mark.slow
+
 BENCHES = Path(__file__).resolve().parents[2] / "benches"
 RUNS = 40
 SPOILT_RUNS = 6

@@ -935,6 +935,7 @@ def test_a_calibration_for_another_gravity_is_a_poor_verdict(capsys, monkeypatch
     assert "verdict: poor; control set: residuals are" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
@@ -1043,6 +1044,7 @@ def test_output_that_is_a_folder_or_in_none(run, capsys):
     assert f"there is no folder {run / 'none'}: create it first" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @POSIX
 @pytest.mark.skipif(sys.platform == "darwin", reason="file names are UTF-8 there")
 def test_file_names_that_are_no_text(run):

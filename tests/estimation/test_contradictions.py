@@ -168,6 +168,7 @@ def test_heavy_tails_are_no_contradiction(seed):
     assert error < WORST
 
 
+@pytest.mark.slow
 def test_the_command_lists_what_it_leaves_out_and_what_it_widens(command, tmp_path):
     run, random = simulated(2), np.random.default_rng(2)
     force = pushed(run, [10], random)

@@ -174,6 +174,7 @@ def test_what_is_not_determined_has_no_predicted_sigma():
     assert max(known) < 0.05
 
 
+@pytest.mark.slow
 def test_inspect_shows_predicted_sigmas(command, tmp_path):
     imucal.write(paper_run(moves=20, hold_s=2.0).recording, tmp_path / "run.csv")
     done = command("inspect", tmp_path / "run.csv", "--json", tmp_path / "seen.json")
@@ -187,6 +188,7 @@ def test_inspect_shows_predicted_sigmas(command, tmp_path):
     assert f"{first['std']:.2e}" in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("poses", "seed"), [(7, 1), (8, 4), (9, 3)])
 def test_inspect_predicts_nothing_for_what_it_says_is_missing(poses, seed, command, tmp_path):
     motion = imucal.Tumble(seed, poses=poses, hold_s=3, move_s=2)

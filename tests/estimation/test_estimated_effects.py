@@ -50,6 +50,7 @@ def form_name(effect, count):
     return effect.name if count == effect.plain else f"{effect.name}:full"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "count"), DETERMINED, ids=[form_name(*form) for form in DETERMINED])
 def test_an_effect_comes_back(effect, count):
     truth = typical(effect, count)
@@ -136,6 +137,7 @@ def by_hand():
     return imucal.simulate("tumble", unit="mpu6050", rate_hz=100, seed=3, temperature=CYCLE).recording
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["noisy", "by_hand"])
 @pytest.mark.parametrize(("effect", "count"), FORMS, ids=[form_name(*form) for form in FORMS])
 def test_an_effect_that_is_not_there_is_small_or_refused(effect, count, motion, request):

@@ -9,6 +9,8 @@ from scipy.spatial.transform import Rotation
 
 import imucal
 
+pytestmark = pytest.mark.slow
+
 # What no standard deviation is finer than, m/s^2 and rad.
 FINEST_NORM, FINEST_DIRECTION = 1e-5, 2e-5
 STANDARD_GRAVITY_MPS2 = 9.80665

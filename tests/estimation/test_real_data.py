@@ -13,6 +13,8 @@ from scipy.optimize import least_squares
 
 import imucal
 
+pytestmark = pytest.mark.slow
+
 PADOVA_MPS2 = 9.81744
 STANDARD_GRAVITY_MPS2 = 9.80665
 MPU9150 = "accel_x_mps2,accel_y_mps2,accel_z_mps2,gyro_x_radps,gyro_y_radps,gyro_z_radps"

@@ -55,6 +55,7 @@ def fits(result):
     return result.fit.accelerometer, result.fit.gyroscope
 
 
+@pytest.mark.slow
 def test_every_parameter_is_within_its_own_sigmas(paper_runs):
     errors, _, _ = paper_runs
     assert errors.shape == (20, 21)

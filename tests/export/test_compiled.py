@@ -18,6 +18,8 @@ import imucal
 import imucal._core as _core
 from imucal.effects import catalogue
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 GCC = ("-std=c99", "-O1", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wdouble-promotion", "-Werror")
 ACCELEROMETER = imucal.Triad(

@@ -8,6 +8,8 @@ import pytest
 import imucal
 from gap_runs import CONTROL_SEED, RUN_SEED, pair, simulated
 
+pytestmark = pytest.mark.slow
+
 CYCLE = "cycle:10:40:320"
 
 

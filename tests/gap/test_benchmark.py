@@ -14,6 +14,8 @@ import gap.said
 import gap.suite
 from children import HANGS_S
 
+pytestmark = pytest.mark.slow
+
 BENCHES = Path(__file__).resolve().parents[2] / "benches"
 
 

@@ -8,6 +8,8 @@ import pytest
 import imucal
 from imucal import Tumble, find_gap, simulate
 
+pytestmark = pytest.mark.slow
+
 
 def by_hand(seed, translation_mm, unit="bmi088", **arguments):
     motion = Tumble(seed=seed, poses=20, hold_s=3.0, tremor_deg=0.1, translation_mm=translation_mm)

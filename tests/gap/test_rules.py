@@ -13,6 +13,8 @@ import pytest
 import imucal
 from imucal.rig.unit import unit_of
 
+pytestmark = pytest.mark.slow
+
 RUN_SEED = 21
 FIRM = imucal.Stand(
     mount_rotation_deg=(0.8, -1.1, 0.6),

@@ -25,6 +25,7 @@ def hidden(seed=RUN_SEED, **arguments):
     return imucal.simulate("random", seed=seed, rate_hz=100.0, **arguments).recording
 
 
+@pytest.mark.slow
 def test_a_real_unit_is_named_and_its_gap_shrinks(data_file, tmp_path, command):
     files = [data_file(f"xsens_mti/xsens_{sensor}.mat") for sensor in ("acc", "gyro")]
     done = command(
@@ -65,6 +66,7 @@ def test_a_real_unit_is_given_no_effect_that_does_not_predict(data_file, unit, v
     assert gap.gap["before"] == gap.gap["after"]
 
 
+@pytest.mark.slow
 def test_what_turns_three_times_as_fast_as_the_earth_is_not_it_and_one_search_says_so():
     program = imucal.Program.random(seed=4, moves=40, hold_s=8.0, move_s=2.0)
     run = imucal.simulate(program, rate_hz=100.0, seed=5, effects={"earth_rate": [1.6e-4, 0.0, 1.4e-4]})
@@ -95,6 +97,7 @@ def test_nothing_is_missing_where_nothing_is_hidden():
     assert {"gyro_bias_temperature"} <= {item["name"] for item in gap.not_observable}
 
 
+@pytest.mark.slow
 def test_nothing_is_missing_in_many_noisy_moves():
     # Residuals and their derivatives inside the moves must not share the noise of the same samples.
     unit = unit_of("paper")
@@ -104,6 +107,7 @@ def test_nothing_is_missing_in_many_noisy_moves():
     assert imucal.find_gap(run.recording).verdict == "nothing_missing"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["gyro_g_sensitivity", "accel_scale_quadratic", "accel_lever_arm"])
 def test_what_is_hidden_is_named_added_and_gone(name):
     effect = imucal.effects.find(name)
@@ -123,6 +127,7 @@ def test_what_is_hidden_is_named_added_and_gone(name):
     assert gap.gap["after"] <= gap.gap["before"] * 1.005
 
 
+@pytest.mark.slow
 def test_a_random_walk_is_not_given_the_name_of_an_effect():
     gap = imucal.find_gap(hidden(effects={"gyro_bias_random_walk": [2e-4] * 3}))
     assert gap.verdict == "stochastic"
@@ -136,6 +141,7 @@ def test_faults_of_the_data_come_before_effects():
     assert gap.calibration is None
 
 
+@pytest.mark.slow
 def test_an_effect_of_ones_own_is_found_by_its_name_and_removed():
     per_volt = tuple(imucal.EffectParameter(axis, "rad/s/V", 1e-3) for axis in "xyz")
     supply = imucal.UserEffect(
@@ -169,6 +175,7 @@ def test_an_effect_of_ones_own_is_found_by_its_name_and_removed():
     assert blind.verdict != "nothing_missing"
 
 
+@pytest.mark.slow
 def test_what_the_finding_says_can_be_read():
     effects = {"gyro_g_sensitivity": 1e-4}
     gap = imucal.find_gap(hidden(effects=effects), control=hidden(CONTROL_SEED, effects=effects))
@@ -180,6 +187,7 @@ def test_what_the_finding_says_can_be_read():
         gap.explain("gyro_g_sensitivty")
 
 
+@pytest.mark.slow
 def test_an_effect_is_named_of_which_a_stand_shows_some_directions():
     """Three of nine g^2-sensitivities are a bias; the others are seen, five times what just is."""
     random = np.random.default_rng(1)
@@ -190,6 +198,7 @@ def test_an_effect_is_named_of_which_a_stand_shows_some_directions():
     assert [effect["name"] for effect in gap.effects] == ["gyro_g2_sensitivity"]
 
 
+@pytest.mark.slow
 def test_sensors_that_contradict_the_stand_say_that_it_is_the_stand():
     """Encoders that lag look like a gyroscope that leads, and the accelerometer says that it does not."""
     others = [effect.name for effect in imucal.effects.catalogue() if effect.name != "encoder_time_offset"]

@@ -13,6 +13,8 @@ import imucal
 from gap_runs import CONTROL_SEED, RATE_HZ, RUN_SEED, pair, simulated
 from imucal.report import write_gap_page
 
+pytestmark = pytest.mark.slow
+
 NEXT_SEED = 21
 
 

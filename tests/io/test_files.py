@@ -611,6 +611,7 @@ def test_full_disk_leaves_the_old_file_and_nothing_else(tmp_path, ending):
     assert list(tmp_path.iterdir()) == [path]
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 def test_killed_while_writing_leaves_the_old_or_the_new_file(tmp_path):
     path = tmp_path / "run.csv"

@@ -15,7 +15,10 @@ from pyarrow import parquet
 
 import imucal
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the peak is found elsewhere")
+pytestmark = [
+    pytest.mark.skipif(sys.platform != "linux", reason="the peak is found elsewhere"),
+    pytest.mark.slow,
+]
 
 NAMES = ["time_s", *(f"accel_{axis}_mps2" for axis in "xyz"), *(f"gyro_{axis}_radps" for axis in "xyz")]
 # What the libraries need once is in both.

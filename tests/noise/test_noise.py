@@ -69,6 +69,7 @@ def test_deviations_are_those_of_allantools(kind, taus):
         np.testing.assert_allclose(deviations, expected, rtol=1e-10)
 
 
+@pytest.mark.slow
 def test_deviations_at_given_times_are_those_of_allantools():
     values = series("white", 3_000_000)
     wanted = np.unique(np.round(np.geomspace(1, 1e6, 30))) / RATE_HZ
@@ -148,6 +149,7 @@ def test_bands_hold_the_truth():
     assert inside >= 46
 
 
+@pytest.mark.slow
 def test_bands_of_the_deviations_hold_the_true_ones():
     """White noise, a thousand points by and large; neighbours hang together, so the share is taken widely."""
     inside = []
@@ -308,6 +310,7 @@ def test_the_figure_shows_points_bands_and_model(found):
     assert "rad/s" in figure.layout.yaxis.title.text
 
 
+@pytest.mark.slow
 def test_the_command_writes_everything_it_is_asked_for(recording, tmp_path, capsys):
     paths = {name: tmp_path / name for name in ("still.parquet", "n.json", "n.html", "imu.yaml", "unit.json")}
     imucal.write(recording, paths["still.parquet"])

@@ -55,6 +55,7 @@ def optimal():
     return quick("optimal", targets=TARGETS, proposals=3000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["random", "tumble", "optimal"])
 def test_predicted_sigmas_are_those_of_the_joint_fit(name, optimal):
     options = {"random": {"moves": 20, "hold_s": 2.0}, "tumble": {"poses": 20, "hold_s": 2.0}}
@@ -145,6 +146,7 @@ def test_what_a_stand_with_one_axis_cannot_determine_is_said_in_words():
     assert all(step.turn_deg[0] == step.turn_deg[2] == 0 for step in plan.program.steps)
 
 
+@pytest.mark.slow
 def test_an_effect_that_is_asked_for_is_seen_better():
     name = "gyro_g_sensitivity"
     plain = quick("optimal", minutes=1.5, proposals=1200)
@@ -242,6 +244,7 @@ def test_a_wrong_limits_file_names_its_field(tmp_path, change, message):
         imucal.StandLimits.read(tmp_path / "stand.json")
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_program_that_runs_and_the_figures(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     arguments = ["plan", "optimal", "--minutes", "1.5", "--proposals", "400", "-o", "program.json"]

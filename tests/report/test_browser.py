@@ -17,6 +17,8 @@ from imucal.document.plain import plain
 from imucal.plot.style import DARK, PAPER
 from imucal.report import write_gap_page
 
+pytestmark = pytest.mark.slow
+
 sync_api = pytest.importorskip("playwright.sync_api", reason="the browser test needs playwright")
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)

@@ -7,6 +7,8 @@ from numpy.typing import NDArray
 
 import imucal
 
+pytestmark = pytest.mark.slow
+
 SEED = 20
 RATE_HZ = 100.0
 DURATION_S = 4 * 3600.0

@@ -22,6 +22,8 @@ from imucal.stand.programs import in_another_order, ranges_deg
 from imucal.stand.simulated import SimulatedStand
 from imucal.stand.verdict import assess
 
+pytestmark = pytest.mark.slow
+
 NAMES = {"slip": "mount_slip", "loose-mount": "loose_mount", "clipping": "clipping", "dead-axis": "dead_axis"}
 
 

@@ -359,6 +359,7 @@ def test_a_controller_that_falls_silent(bench):
     assert_every_intact_sample_once(unit, read, numbers)
 
 
+@pytest.mark.slow
 def test_a_run_at_pseudo_terminals(terminals):
     done, stand, unit, read, numbers = terminals()
     assert (done.state, codes(done)) == ("completed", [])
@@ -367,6 +368,7 @@ def test_a_run_at_pseudo_terminals(terminals):
     assert_every_intact_sample_once(unit, read, numbers)
 
 
+@pytest.mark.slow
 def test_a_pseudo_terminal_that_goes_and_comes_back(terminals):
     done, stand, unit, read, numbers = terminals(script=unplugged_for(6.0))
     assert done.state == "completed", (done.message, done.events)
@@ -404,6 +406,7 @@ def line(number):
     return f"{number * 500},1,2,3,4,5,{number % 100}\n".encode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGHUP, 129)]
 )

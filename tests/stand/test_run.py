@@ -61,6 +61,7 @@ def test_the_speed_changes_nothing_but_the_time_taken(tmp_path):
     assert (tmp_path / "200.0.parquet").read_bytes() == (tmp_path / "5000.0.parquet").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_target_ends_the_run_early(tmp_path):
     program = Program.random(seed=1)
     clock = VirtualClock()
@@ -76,6 +77,7 @@ def test_a_target_ends_the_run_early(tmp_path):
     assert max(bias) < 2e-4 * 1.2
 
 
+@pytest.mark.slow
 def test_a_target_that_is_missed_is_said(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = ["stand", "run", "random", "--driver", "simulated", "--speed", "2000", "-o", "run.csv"]
@@ -145,6 +147,7 @@ def test_a_unit_that_falls_silent_ends_the_run_and_keeps_what_it_sent(tmp_path):
     assert done.samples == len(imucal.read(tmp_path / "run.csv")) == 600
 
 
+@pytest.mark.slow
 def test_a_journal_that_is_there_is_never_overwritten(tmp_path, command):
     left = journal_of(tmp_path / "run.csv")
     with Journal(left, ("time_s", "a"), {}) as journal:
@@ -390,6 +393,7 @@ def test_a_unit_with_encoders_of_its_own_needs_no_positions(tmp_path):
     assert np.array_equal(imucal.read(tmp_path / "a.csv").stand_rad[:, 2], samples[:, -1])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 def test_killed_at_fifty_moments_every_acknowledged_sample_is_recovered(tmp_path):
     program = Program(tuple(Step((40.0, 20.0, 10.0), 0.5, 1.0) for _ in range(50)))
@@ -441,6 +445,7 @@ def read_journal_or_none(path):
         return ()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="signals are POSIX")
 def test_interrupted_the_command_says_where_the_samples_are(tmp_path):
     output = tmp_path / "run.csv"
@@ -463,6 +468,7 @@ def test_interrupted_the_command_says_where_the_samples_are(tmp_path):
     assert len(recover(journal, output).samples) == len(imucal.read(output)) > 100
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX")
 def test_a_terminal_that_is_closed_ends_a_run_as_an_interrupt_does(tmp_path):
     import pty
@@ -500,6 +506,7 @@ def test_run_of_a_program_file_by_the_command(tmp_path, command):
     assert document["prospect"]["rests"] == 3
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are POSIX")
 def test_a_terminal_shows_what_there_is(tmp_path):
     import pty

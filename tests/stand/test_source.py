@@ -307,6 +307,7 @@ def test_poses_in_words():
         ManualDriver(Program.random(seed=1, moves=2), ("time_s", "a"))
 
 
+@pytest.mark.slow
 def test_by_hand_with_the_command_and_a_pipe(tmp_path):
     """The unit's lines come on standard input; without a terminal each pose is a line on standard error."""
     program = Program((Step((0, 0, 0), 0.0, 1.0), Step((90, 0, 0), 1.0, 1.0)))
