@@ -97,8 +97,9 @@ def named(words):
 
 
 def traded(words):
-    """Groups of parameters of which only some combinations are observable, with the number of combinations."""
-    group = r"only (\d+) independent combinations? of ((?:accelerometer|gyroscope)[^;:]*) (?:is|are) observable"
+    """Groups of parameters with fewer observable combinations than members, and how many there are."""
+    members = r"((?:accelerometer|gyroscope)[^;:]*)"
+    group = rf"only (\d+) independent combinations? of {members} (?:is|are) observable"
     return [(set(re.split(", | and ", members)), int(count)) for count, members in re.findall(group, words)]
 
 
