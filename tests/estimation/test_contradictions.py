@@ -186,8 +186,8 @@ def test_the_command_lists_what_it_leaves_out_and_what_it_widens(command, tmp_pa
     done = command("calibrate", path, "--json", tmp_path / "result.json")
     assert done.returncode == 0, done.stderr
     for line in (
-        r"rest 10 \(\d+\.\d\d s to \d+\.\d\d s\) of \S* left out: contradicts_other_rests",
-        r"move from rest 30 to 31 of \S* left out: contradicts_other_moves",
-        r"standard deviations of gravity's norm at the rests are widened \d\.\d times: .*",
+        r"rest 10 \(\d+\.\d\d s to \d+\.\d\d s\) of \S* excluded: contradicts_other_rests",
+        r"move from rest 30 to 31 of \S* excluded: contradicts_other_moves",
+        r"standard deviations of the norm of gravity at the rests are widened by the factor \d\.\d, .*",
     ):
         assert re.search(f"^{line}$", done.stdout, re.MULTILINE), f"{line}\n{done.stdout}"

@@ -96,7 +96,7 @@ def test_chi2_of_the_fit_and_of_each_rest_and_move():
                 p_values[name].append(item.p_value)
     for name, values in p_values.items():
         assert kstest(values, "uniform").pvalue > 1e-3, name
-    assert "noise alone makes it larger with the probability" in result.summary()
+    assert "the probability of a larger chi2 from noise alone is" in result.summary()
 
 
 def test_a_nudged_rest_has_a_small_probability():

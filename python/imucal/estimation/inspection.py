@@ -69,7 +69,7 @@ class Inspection:
 
     @property
     def usable(self) -> bool:
-        """Whether a calibration would take this recording."""
+        """Whether the recording has no fault that prevents a calibration."""
         return all(finding.severity != "error" for finding in self.findings)
 
     def to_dict(self) -> dict[str, Any]:
@@ -84,7 +84,10 @@ def inspect(
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
     min_rest_s: float = MIN_REST_S,
 ) -> Inspection:
-    """Check a recording, find its rests, and say what they determine; faults are findings, not errors."""
+    """Check a recording, find its rests, and report which parameters they determine.
+
+    Faults of the recording are findings, not errors.
+    """
     as_recording(recording)
     seen = _core.inspect(recording, gravity_mps2, min_rest_s)
     missing = _missing(recording, gravity_mps2, min_rest_s)
@@ -105,9 +108,12 @@ def inspect(
 
 
 def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> str | None:
-    """Whether a calibration succeeds is the one sure test of what a recording determines."""
+    """The message of a calibration that fails; None if the recording determines all parameters.
+
+    Only a complete calibration tests this reliably.
+    """
     try:
-        # Faults are findings already; here only what the rest of the data determines is asked for.
+        # Saturated samples are findings already, so a calibration without them is tested.
         calibrate(recording, gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
     except ImucalError as error:
         return str(error)
@@ -115,7 +121,7 @@ def _missing(recording: Recording, gravity_mps2: float, min_rest_s: float) -> st
 
 
 def _not_determined(missing: str) -> set[str]:
-    """Names of the parameters in the words of a refusal: the accelerometer's bias x, misalignment xy."""
+    """Names of the parameters in the message of NotEnoughMotionError, such as: accelerometer's bias x."""
     names = set()
     for sensor, listed in re.findall(r"not determine the (accel|gyro)\w*'s ([^:]*)", missing):
         for kind, axes in re.findall(r"(bias|scale|misalignment) ([xyz]+)\b", listed):
@@ -127,9 +133,10 @@ def _not_determined(missing: str) -> set[str]:
 def _predicted(
     recording: Recording, gravity_mps2: float, min_rest_s: float, not_determined: set[str]
 ) -> tuple[PredictedSigma, ...]:
-    """The standard deviations that a calibration will have; none at all for a recording with faults.
+    """Predicted standard deviations of the parameters of a calibration; empty for a recording with faults.
 
-    What a calibration refuses to estimate has none, though theory determine it: a start may be missing.
+    A parameter for which the calibration fails has none, even if the data determine it in theory: its start
+    value may be missing.
     """
     options = Options(gravity_mps2=gravity_mps2, min_rest_s=min_rest_s, exclude_saturated=True)
     try:

@@ -23,20 +23,20 @@ if TYPE_CHECKING:
 __all__ = ["CalibrationResult"]
 
 SCHEMA: Final = "imucal.calibration-result/1"
-# Noise alone makes chi2 so large less often than this.
-UNLIKELY = 1e-6
-# Kinds of residuals of the joint fit that may be widened (docs/model.md (19)).
-RESIDUALS = {
-    "norms": "gravity's norm at the rests",
-    "moves": "gravity's direction after the moves",
-    "inside": "the force inside the moves",
-    "stand": "the attitude against the stand",
+# Largest p value of the residuals at which a note says that noise alone does not explain them.
+UNLIKELY: Final = 1e-6
+# Words for the kinds of residuals whose standard deviations the joint fit may widen (docs/model.md (19)).
+RESIDUALS: Final = {
+    "norms": "the norm of gravity at the rests",
+    "moves": "the gravity direction after the moves",
+    "inside": "the specific force within the moves",
+    "stand": "the attitude relative to the stand",
 }
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class CalibrationResult:
-    """A calibration and all that is known about it.
+    """A calibration, how it was estimated, and its verdict.
 
     calibration      the sensor model with its uncertainty
     fit              the course of the estimation
@@ -87,43 +87,44 @@ class CalibrationResult:
         """Exclusions, widened uncertainties, effects and badly determined parameters, one sentence each."""
         notes = [
             f"rest {index} ({rest.start_s:.2f} s to {rest.end_s:.2f} s) of {rest.recording} "
-            f"left out: {rest.excluded}"
+            f"excluded: {rest.excluded}"
             for index, rest in enumerate(self.rests)
             if rest.excluded is not None
         ]
         notes += [
-            f"move from rest {move.from_rest} to {move.to_rest} of {move.recording} left out: {move.excluded}"
+            f"move from rest {move.from_rest} to {move.to_rest} of {move.recording} excluded: {move.excluded}"
             for move in self.moves
             if move.excluded is not None
         ]
         notes += [
-            f"standard deviations of {what} are widened {times:.1f} times: by so much residuals exceed "
-            "what noise explains"
-            for what, times in self._widened()
-            if times is not None and times > 1
+            f"standard deviations of {what} are widened by the factor {factor:.1f}, by which its residuals "
+            "exceed the noise"
+            for what, factor in self._widened()
+            if factor is not None and factor > 1
         ]
         noise_alone = self.fit.noise_alone
         if noise_alone is not None and noise_alone.p_value is not None and noise_alone.p_value < UNLIKELY:
             notes.append(
                 f"noise alone does not explain these data: chi2 is {noise_alone.chi2:.4g} with "
-                f"{noise_alone.degrees_of_freedom} degrees of freedom; `imucal gap` looks for what is missing"
+                f"{noise_alone.degrees_of_freedom} degrees of freedom; `imucal gap` searches for the missing "
+                "effect"
             )
         if self.fit.bias_instability_radps is not None:
-            instability_radps = max(self.fit.bias_instability_radps)
+            deg_per_h = math.degrees(max(self.fit.bias_instability_radps)) * 3600.0
             notes.append(
-                f"the gyroscope's bias wanders by {math.degrees(instability_radps) * 3600.0:.2g} deg/h (bias "
-                "instability): it is in the standard deviations, and the estimate is the mean "
+                f"the gyroscope has a bias instability of {deg_per_h:.2g} deg/h: it is included in the "
+                "standard deviations, and the estimated bias is the mean over the recording "
                 "(docs/model.md (28))"
             )
         tremors = [tremor for tremor in self.fit.tremor_deg if tremor is not None]
         if tremors:
             notes.append(
-                f"a hand holds the unit and trembles by {max(tremors):.2g} deg: directions of gravity are "
-                "averaged along the gyroscope (docs/model.md (27))"
+                f"the unit is hand-held with a tremor of {max(tremors):.2g} deg: the rotation measured by "
+                "the gyroscope is compensated in the mean gravity directions (docs/model.md (27))"
             )
         notes += [
-            f"{effect.name}: chi2 of its {effect.dof} parameters is {effect.statistic:.4g}, "
-            f"{effect.dof} or so if it were not there"
+            f"{effect.name}: chi2 of its {effect.dof} parameters is {effect.statistic:.4g}; about "
+            f"{effect.dof} would be expected without the effect"
             for effect in self.fit.effects
         ]
         notes += [f"{item.message}: {item.way_out}" for item in self.diagnosis]
@@ -140,7 +141,7 @@ class CalibrationResult:
         ]
 
     def judged_by(self, limits: Limits) -> CalibrationResult:
-        """The same with its checks against limits; a limit that is not kept makes the verdict poor."""
+        """The result with its checks against limits; a failed check makes the verdict poor."""
         judgement = limits.judge(self)
         return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
 
@@ -162,7 +163,7 @@ class CalibrationResult:
         if noise_alone is not None and noise_alone.p_value is not None:
             lines.append(
                 f"chi2 is {noise_alone.chi2:.4g} with {noise_alone.degrees_of_freedom} degrees of freedom; "
-                f"noise alone makes it larger with the probability {noise_alone.p_value:.2g}"
+                f"the probability of a larger chi2 from noise alone is {noise_alone.p_value:.2g}"
             )
         lines += self.notes
         findings = [*self.findings, *(self.control.findings if self.control else ())]
