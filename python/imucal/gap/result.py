@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass
+from typing import Any, Final
 
-from imucal.calibration.calibration import Calibration
 from imucal.document.plain import plain, without_nan
-from imucal.finding import Finding
+from imucal.gap.fields import GapFields
+from imucal.gap.text import explanation, sentences
 from imucal.notebook import html_of
-
-if TYPE_CHECKING:
-    from imucal.effects.definition import UserEffect
-    from imucal.estimation.result import CalibrationResult
 
 __all__ = ["Gap"]
 
@@ -21,7 +16,7 @@ SCHEMA: Final = "imucal.gap/1"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Gap:
+class Gap(GapFields):
     """What the search has found.
 
     verdict            nothing_missing, named, ambiguous, stochastic, unknown or data_fault
@@ -54,28 +49,6 @@ class Gap:
     notes              what a careful reader should know
     user_effects       effects of one's own that were looked for
     """
-
-    verdict: str
-    effects: tuple[Mapping[str, Any], ...] = ()
-    ambiguous_with: tuple[str, ...] = ()
-    resembles: tuple[str, ...] = ()
-    generic: Mapping[str, Any] | None = None
-    not_observable: tuple[Mapping[str, str], ...] = ()
-    smallest_visible: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    next_motion: Mapping[str, Any] | None = None
-    gap: Mapping[str, Any] | None = None
-    where: Mapping[str, Any] | None = None
-    corrected_error: Mapping[str, Mapping[str, float]] | None = None
-    traces: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    calibration_set: Mapping[str, Any] | None = None
-    control_set: Mapping[str, Any] | None = None
-    held_out: Mapping[str, Any] | None = None
-    fits: Mapping[str, CalibrationResult] = field(default_factory=dict)
-    calibration: Calibration | None = None
-    ranking: tuple[Mapping[str, Any], ...] = ()
-    findings: tuple[Finding, ...] = ()
-    notes: tuple[str, ...] = ()
-    user_effects: tuple[UserEffect, ...] = ()
 
     def __repr__(self) -> str:
         names = ", ".join([self.verdict, *(effect["name"] for effect in self.effects)])
@@ -119,12 +92,8 @@ class Gap:
 
         Raises InputError for a name that is neither in the catalogue nor in `user_effects`.
         """
-        from imucal.gap.text import explanation
-
         return list(explanation(self, name))
 
     def summary(self) -> str:
         """The finding in sentences."""
-        from imucal.gap.text import sentences
-
         return "\n".join(sentences(self))

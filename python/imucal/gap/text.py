@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from imucal.gap.fields import GapFields
 from imucal.units import SHOWN
-
-if TYPE_CHECKING:
-    from imucal.gap.result import Gap
 
 __all__ = ["explanation", "for_people", "sentences"]
 
@@ -49,7 +47,7 @@ def for_people(value: float, unit: str) -> tuple[float, str]:
     return factor * value, name
 
 
-def sentences(gap: Gap) -> Iterator[str]:
+def sentences(gap: GapFields) -> Iterator[str]:
     """The lines of a summary: verdict, effects, residuals, next motion, and figures before and after."""
     yield f"verdict: {gap.verdict}"
     if any(effect["parameters"] for effect in gap.effects):
@@ -120,7 +118,7 @@ def _none_of(names: Sequence[str]) -> str:
     return f"none of {len(names)} effects is present above its detection limit"
 
 
-def _finding(gap: Gap) -> str:
+def _finding(gap: GapFields) -> str:
     """A sentence with the effects, their sizes, and the improvement."""
     names = " and ".join(f"{e['name']} ({_size(e)})" for e in gap.effects)
     explain = "explains" if len(gap.effects) == 1 else "explain"
@@ -203,7 +201,7 @@ def _change(change: Mapping[str, float], unit: str) -> str:
     return f"{words} (by a factor of {change['factor_low']:.2g} to {change['factor_high']:.2g})"
 
 
-def where_in_words(gap: Gap) -> Iterator[str]:
+def where_in_words(gap: GapFields) -> Iterator[str]:
     """Lines on the significant residuals, the largest first, with the variables that explain them."""
     if not gap.where:
         return
@@ -247,7 +245,7 @@ def _channel(row: Mapping[str, Any]) -> str:
     return f"{KINDS[row['channel']]} {row['axis'] or ''}".strip()
 
 
-def explanation(gap: Gap, name: str) -> Iterator[str]:
+def explanation(gap: GapFields, name: str) -> Iterator[str]:
     """Lines on one effect: formula, predicted residuals, detection limit, and result in these recordings."""
     from imucal.effects.effect import Effect
     from imucal.effects.table import find
