@@ -222,7 +222,7 @@ def test_a_gyroscope_that_only_makes_noise(run, counts):
     silent = changed(run.recording, rate=noise(run.recording, 0.004, 0.01), counts=counts)
     words = refusal(silent)
     assert named(words) == NAMES[9:]
-    assert "the gyroscope shows no more than noise" in words
+    assert "the gyroscope reads no more than noise" in words
 
 
 @pytest.mark.parametrize("counts", [False, True])
@@ -231,7 +231,7 @@ def test_an_accelerometer_that_only_makes_noise(run, counts):
     force = noise(run.recording, 0.012, (0.0, 0.0, 9.8))
     words = refusal(changed(run.recording, force=force, counts=counts))
     assert named(words) == NAMES
-    assert counts or "the accelerometer reads the same at all of them" in words
+    assert counts or "the accelerometer readings are the same at all of them" in words
 
 
 @pytest.mark.parametrize(("dead", "expected"), [("gyroscope", NAMES[9:]), ("accelerometer", NAMES)])

@@ -111,7 +111,7 @@ def test_two_recordings_of_one_unit_are_better_than_one():
 def test_the_grid_alone_does_not_determine_the_gyroscope():
     """It turns about one body axis but for eight small steps."""
     grid = imucal.simulate("grid", unit="paper", rate_hz=100, seed=2)
-    with pytest.raises(imucal.NotEnoughMotionError, match="hardly any turn about body x"):
+    with pytest.raises(imucal.NotEnoughMotionError, match="hardly any rotation about body x"):
         imucal.calibrate(grid.recording)
 
 

@@ -40,7 +40,7 @@ def test_a_stand_that_shakes_is_no_hand():
 
 def test_what_a_hand_hides_is_not_estimated():
     recording = by_hand(1, 100.0)
-    with pytest.raises(imucal.NotEnoughMotionError, match="accel_lever_arm would show: turn it on a stand"):
+    with pytest.raises(imucal.NotEnoughMotionError, match="accel_lever_arm is not observable: use a stand"):
         imucal.calibrate(recording, effects=["accel_lever_arm"])
 
 

@@ -1,4 +1,4 @@
-//! How well a fit predicts rests and moves that it has not seen.
+//! Cross-validation: errors at rests and moves that were excluded from the fit.
 
 use super::Options;
 use super::unit_data::UnitData;
@@ -8,19 +8,21 @@ use crate::preintegration::integrate_rotation_linear;
 use crate::rests::moves::{Move, direction_error_rad};
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// How well rests and moves are predicted that the fit has not seen.
+/// Errors at rests and moves that were excluded from the fit (`folds` of [`Options`]).
 #[derive(Clone, Debug)]
 pub struct CrossValidation {
-    /// Rms over all moves of the angle between carried and measured gravity, each with the fit that left it out, deg.
+    /// Root mean square, over all moves, of the angle between propagated and measured gravity, deg. Each angle is that
+    /// of the fit without the move.
     pub gravity_direction_rms_deg: f64,
-    /// The angle of each move, deg.
+    /// This angle for each move, deg.
     pub direction_error_deg: Vec<f64>,
-    /// Error of |f| at each rest, with the joint fit that left it out, m/s^2; NaN for rests that take no part or cannot be spared,
-    /// and in two stages.
+    /// Error of |f| at each rest in the joint fit without it, m/s^2. NaN for rests that are not used or that the fit
+    /// cannot do without, and for the two-stage fit.
     pub norm_error_mps2: Vec<f64>,
 }
 
-/// Fits the gyroscope `folds` times without every `folds`-th move, and judges on what was left out: two stages.
+/// Cross-validation of the two-stage fit: the gyroscope is fitted `folds` times without every `folds`-th move, and
+/// evaluated on the moves left out.
 pub(super) fn cross_validate(
     data: &UnitData<'_>,
     accelerometer: &AccelerometerFit,

@@ -1,43 +1,44 @@
-//! What a calibration knows badly, in words with the motion that would help.
+//! Parameters that a calibration determines poorly, with the motion that would improve them (model.md (12)).
 //!
 //! ```text
-//! traded off   |C_ij| > 0.95 sqrt(C_ii C_jj)
-//! flat         sqrt(C_jj) > the size that the parameter usually has
-//! at a bound   a time constant longer than the recordings, or shorter than a hundredth of them
+//! traded_off   |C_ij| > 0.95 sqrt(C_ii C_jj)
+//! flat         sqrt(C_jj) > usual size of the parameter
+//! at_bound     a time constant longer than the recordings, or shorter than a hundredth of them
 //! ```
 //!
-//! Such a result is no error: its covariance says all of it. But few read a covariance.
+//! Such a result is not an error, and its covariance contains the same information. The diagnosis states it in words.
 
 use imucal_core::effects::Effect;
 
 use crate::calibrate::{Outcome, TermEstimate};
 use crate::recording::Recording;
 
-/// Correlation from which on two parameters count as traded off.
+/// Absolute correlation of two parameters above which they are reported as not separately observable.
 const TRADED: f64 = 0.95;
-/// Usual error of a MEMS sensor before calibration, in parts of its sensitivity.
+/// Usual error of a sensitivity before calibration, as a fraction of the sensitivity; typical of MEMS sensors.
 const USUAL_SENSITIVITY_ERROR: f64 = 0.01;
-/// Usual bias of an accelerometer, m/s^2, and of a gyroscope, rad/s.
+/// Usual biases of a MEMS accelerometer, m/s^2, and of a MEMS gyroscope, rad/s.
 const USUAL_BIAS: [f64; 2] = [0.2, 0.02];
-/// A time constant below this share of the longest recording leaves nothing to see.
+/// Minimum time constant as a fraction of the longest recording. The effect of a shorter one ends almost immediately.
 const SHORTEST_SHARE: f64 = 0.01;
 
-/// One thing that a calibration knows badly.
+/// One parameter, or group of parameters, that a calibration determines poorly.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Diagnosis {
     /// Reason code: `traded_off`, `flat` or `at_bound`.
     pub code: &'static str,
-    /// Names of the parameters concerned.
+    /// Names of the parameters.
     pub parameters: Vec<String>,
-    /// The number that decided: the largest correlation, the standard deviation over the usual size, the time constant in s.
+    /// The value that exceeded its limit: the largest correlation, the ratio of the standard deviation to the usual
+    /// size, or the time constant in s.
     pub value: f64,
-    /// What is known badly, with the number.
+    /// Description with the value.
     pub message: String,
-    /// The motion that would help.
+    /// The motion that would improve the estimate.
     pub way_out: String,
 }
 
-/// What this calibration, made from `recordings`, knows badly; nothing for a good one.
+/// Diagnoses of a calibration made from `recordings`. The list is empty for a good calibration.
 pub fn diagnose(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Diagnosis> {
     let longest_s = recordings.iter().filter_map(|r| Some(r.time_s.last()? - r.time_s.first()?)).fold(0.0, f64::max);
     let mut found = traded_off(outcome);
@@ -46,7 +47,7 @@ pub fn diagnose(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Diagnosi
     found
 }
 
-/// Groups of parameters that are known only together.
+/// Groups of parameters with high correlations.
 fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     let (names, covariance) = (&outcome.names, &outcome.covariance);
     let correlation = |i: usize, j: usize| covariance[i][j] / (covariance[i][i] * covariance[j][j]).sqrt();
@@ -57,8 +58,8 @@ fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
         let mut group = vec![first];
         let mut next = 0;
         while next < group.len() {
-            let hangs_on = |&j: &usize| correlation(group[next], j).abs() > TRADED;
-            let (joined, others): (Vec<usize>, Vec<usize>) = left.into_iter().partition(hangs_on);
+            let is_coupled = |&j: &usize| correlation(group[next], j).abs() > TRADED;
+            let (joined, others): (Vec<usize>, Vec<usize>) = left.into_iter().partition(is_coupled);
             group.extend(joined);
             left = others;
             next += 1;
@@ -73,7 +74,7 @@ fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
         found.push(Diagnosis {
             code: "traded_off",
             value: largest,
-            message: format!("{} are known only together: their correlation is {largest:.3}", listed(&members)),
+            message: format!("{} cannot be estimated separately: their correlation is {largest:.3}", listed(&members)),
             way_out: way_out(outcome, &group),
             parameters: members,
         });
@@ -81,7 +82,7 @@ fn traded_off(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// Parameters that are less certain than they usually are large.
+/// Parameters whose standard deviation exceeds their usual size.
 fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     let mut found = Vec::new();
     for (p, name) in outcome.names.iter().enumerate() {
@@ -93,8 +94,7 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
                 parameters: vec![name.clone()],
                 value: sigma / usual,
                 message: format!(
-                    "{name} is hardly determined: its standard deviation {sigma:.2e} is larger than the {usual:.2e} that it \
-                     usually is"
+                    "{name} is poorly determined: its standard deviation {sigma:.2e} exceeds its usual size {usual:.2e}"
                 ),
                 way_out: way_out(outcome, &[p]),
             });
@@ -103,14 +103,14 @@ fn flat(outcome: &Outcome) -> Vec<Diagnosis> {
     found
 }
 
-/// A time constant that the recordings are too short or too long for.
+/// A time constant outside the range that the recordings can determine.
 fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     let tau_s = effect.shape?;
     let name = effect.parameter_names.last()?;
     let (bound, way_out) = if tau_s > longest_s {
-        ("longer than", "record from power-on until nothing drifts any more, or estimate a drift instead")
+        ("longer than", "record from power-on until the sensors have settled, or estimate a drift instead")
     } else if tau_s < SHORTEST_SHARE * longest_s {
-        ("less than a hundredth of", "begin to record at power-on, with short rests at first, or leave the effect out")
+        ("less than a hundredth of", "start recording at power-on, with short rests at first, or leave the effect out")
     } else {
         return None;
     };
@@ -123,12 +123,12 @@ fn at_bound(effect: &TermEstimate, longest_s: f64) -> Option<Diagnosis> {
     })
 }
 
-/// The effect that a parameter belongs to, and its place there.
+/// The effect to which parameter `p` belongs, and the index of the parameter within the effect.
 fn effect_of(outcome: &Outcome, p: usize) -> Option<(&TermEstimate, usize)> {
     outcome.effects.iter().find_map(|e| Some((e, e.parameter_names.iter().position(|name| *name == outcome.names[p])?)))
 }
 
-/// What a parameter usually is, raw units; `None` for a user's own and for time constants.
+/// Usual size of parameter `p`, in its own unit; `None` for user-defined effects and for time constants.
 fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     let scale = |triad: &imucal_core::sensor::Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&outcome.calibration.accelerometer), scale(&outcome.calibration.gyroscope));
@@ -148,12 +148,12 @@ fn usual_size(outcome: &Outcome, p: usize) -> Option<f64> {
     }
 }
 
-/// The motion that would tell these parameters apart from all others.
+/// The motion that would separate these parameters from all others.
 fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     let free = outcome.frame.free_entries();
     const AXES: [&str; 3] = ["x", "y", "z"];
     let mut motions: Vec<String> = Vec::new();
-    // What tells an effect from the base parameters says what these need, too.
+    // The motion that separates an effect from the base parameters also determines the latter.
     let with_effect = parameters.iter().any(|&p| p >= 21);
     for &p in parameters.iter().filter(|&&p| p >= 21 || !with_effect) {
         let motion = match p {
@@ -166,11 +166,11 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
                     format!("add rests with the edge between {} and {} up", AXES[i], AXES[j])
                 }
             }
-            9..12 => "rest for longer".into(),
+            9..12 => "add longer rests".into(),
             12..21 => format!("add moves of 90 deg or more about body {}", AXES[(p - 12) % 3]),
             _ => match effect_of(outcome, p).and_then(|(term, _)| Effect::<f64>::find(&term.name)) {
-                Some(effect) => told_apart(outcome, effect, parameters),
-                None => "record motion that changes the field of the effect alone".into(),
+                Some(effect) => separation(outcome, effect, parameters),
+                None => "record motion in which the field of this effect changes independently of all others".into(),
             },
         };
         if !motions.contains(&motion) {
@@ -180,12 +180,12 @@ fn way_out(outcome: &Outcome, parameters: &[usize]) -> String {
     motions.join("; ")
 }
 
-/// What tells an effect from the others of a group, or else what it needs to be seen.
-fn told_apart(outcome: &Outcome, effect: &Effect<f64>, group: &[usize]) -> String {
+/// The motion that separates an effect from the others of a group, otherwise the motion that makes it observable.
+fn separation(outcome: &Outcome, effect: &Effect<f64>, group: &[usize]) -> String {
     let is_in_group =
         |name: &str| group.iter().any(|&p| effect_of(outcome, p).is_some_and(|(term, _)| term.name == name));
     match effect.aliases.iter().find(|alias| is_in_group(alias.with)) {
-        Some(alias) => format!("{} is told apart from {} by {}", effect.name, alias.with, alias.told_apart_by),
+        Some(alias) => format!("{} is separated from {} by {}", effect.name, alias.with, alias.told_apart_by),
         None => format!("{} needs {}", effect.name, effect.observable),
     }
 }
@@ -229,7 +229,7 @@ mod tests {
         assert_eq!((traded.code, traded.parameters.len()), ("traded_off", 2));
         assert_eq!(
             traded.message,
-            "accel_sensitivity_yy and gyro_sensitivity_xz are known only together: their correlation is -0.970"
+            "accel_sensitivity_yy and gyro_sensitivity_xz cannot be estimated separately: their correlation is -0.970"
         );
         assert_eq!(traded.way_out, "add rests with y up and with y down; add moves of 90 deg or more about body z");
         assert_eq!((flat.code, &flat.parameters[0][..]), ("flat", "accel_bias_y"));

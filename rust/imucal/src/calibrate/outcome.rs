@@ -23,55 +23,55 @@ use crate::rests::noise_density::{NoiseDensity, variance_by_axis};
 use crate::rests::segment::Threshold;
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// A calibration and all that is known about it.
+/// A calibration with its covariance, residuals and figures.
 #[derive(Clone, Debug)]
 pub struct Outcome {
-    /// Both triads, in `frame`.
+    /// Both triads, in the body frame `frame`.
     pub calibration: Calibration<f64>,
-    /// The body frame.
+    /// Body frame of the triads.
     pub frame: Frame,
-    /// Effects, in the order in which they were asked for, those of the catalogue first.
+    /// Estimated effects in the order of the request; effects of the catalogue come first.
     pub effects: Vec<TermEstimate>,
-    /// Names of the parameters: 21, then those of the effects.
+    /// Names of the parameters: 21 of the triads, then those of the effects.
     pub names: Vec<String>,
-    /// Their values, in the same order, raw units.
+    /// Values of the parameters, in the same order. Raw units for the triads, SI units for the effects.
     pub values: Vec<f64>,
-    /// Their covariance, row by row.
+    /// Covariance of the parameters, by rows.
     pub covariance: Vec<Vec<f64>>,
-    /// Every rest found.
+    /// Reports of all rests.
     pub rests: Vec<RestReport>,
-    /// Every stretch between neighbouring rests.
+    /// Reports of all intervals between consecutive rests.
     pub moves: Vec<MoveReport>,
-    /// How each recording's rests were found.
+    /// Threshold of the rest detection for each recording.
     pub thresholds: Vec<Threshold>,
-    /// White-noise density of the unit, SI units per sqrt(Hz), median over the recordings.
+    /// White-noise densities of the unit, SI units per sqrt(Hz): the medians over the recordings.
     pub noise_density: NoiseDensity,
-    /// The accelerometer's fit.
+    /// Report of the accelerometer fit.
     pub accelerometer_fit: FitReport,
-    /// The gyroscope's fit.
+    /// Report of the gyroscope fit.
     pub gyroscope_fit: FitReport,
-    /// The joint fit, if it makes the estimate; the two others are its start then.
+    /// Report of the joint fit, if it was requested. The other two fits are then its start.
     pub joint_fit: Option<FitReport>,
-    /// How well noise alone explains the joint fit, nothing being widened.
+    /// Goodness of fit of the joint fit, with the weights of noise alone (model.md (26)).
     pub misfit: Option<Misfit>,
-    /// By how much the joint fit widens each kind of residual.
+    /// Factors by which the joint fit increases the noise of each kind of residual (model.md (19)).
     pub joint_scales: Option<ResidualScales>,
-    /// Bias instability of the gyroscope that the joint fit takes into account, rad/s: as the rates at the rests show it, or as it
-    /// was given; `None` where neither.
+    /// Bias instability of the gyroscope in the weights of the joint fit, rad/s: the given one, or an estimate from the
+    /// scatter of the rates between rests. `None` if there is neither.
     pub bias_instability_radps: Option<[f64; 3]>,
-    /// Standard deviation of the tremor of the hand that holds the unit, about each axis, rad, one entry for each recording;
-    /// `None` for one on something firm. Only the joint fit looks for hands.
+    /// Standard deviation of the tremor about each axis, rad, for each recording; `None` for a unit on a rigid support.
+    /// Only the joint fit estimates tremor.
     pub tremor_rad: Vec<Option<f64>>,
-    /// How well the calibration explains its own data.
+    /// Figures of merit on the calibration recordings themselves.
     pub figures: Figures,
-    /// Rests and moves predicted by the others, if folds were asked for.
+    /// Cross-validation, if folds were requested.
     pub held_out: Option<CrossValidation>,
-    /// Warnings about the data.
+    /// Warnings about the recordings.
     pub findings: Vec<Finding>,
 }
 
 impl Outcome {
-    /// Covariance, reports and figures of the two fits, in the frame asked for.
+    /// The result of the two-stage fit, in the requested body frame.
     pub(super) fn new(
         mut data: UnitData<'_>,
         accelerometer: &AccelerometerFit,
@@ -117,7 +117,8 @@ impl Outcome {
         })
     }
 
-    /// The result of the joint fit; `started_from` are the fits of accelerometer and gyroscope that it began with.
+    /// The result of the joint fit. `started_from` contains the reports of the accelerometer and gyroscope fits that
+    /// gave its start value.
     pub(super) fn joint(
         mut data: UnitData<'_>,
         started_from: [FitReport; 2],
@@ -193,7 +194,8 @@ impl Outcome {
     }
 }
 
-/// Sensitivities, covariance and directions of the moves in the body frame asked for; effects are of the symmetric one.
+/// Converts sensitivities, covariance and gravity directions of the moves from the symmetric to the requested body
+/// frame. Effects are defined in the symmetric frame only.
 fn in_frame(
     frame: Frame,
     symmetric: Sensitivities,
@@ -213,11 +215,12 @@ fn in_frame(
     Ok((converted, &jacobian * covariance * jacobian.transpose()))
 }
 
+/// The rows of a matrix.
 fn rows(matrix: &Mat<f64>) -> Vec<Vec<f64>> {
     (0..matrix.nrows()).map(|i| (0..matrix.ncols()).map(|j| matrix[(i, j)]).collect()).collect()
 }
 
-/// Median over the recordings, in SI units of the calibrated sensors.
+/// Median of the noise densities over the recordings, converted to SI units with the calibration.
 fn noise_density(noise: &[NoiseDensity], calibration: &Calibration<f64>) -> NoiseDensity {
     let median_of = |pick: fn(&NoiseDensity) -> Vector3<f64>| {
         Vector3::from_fn(|axis, _| {

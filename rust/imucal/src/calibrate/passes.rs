@@ -1,10 +1,10 @@
-//! How often a calibration passes over the samples of its moves.
+//! Number of times that a calibration reads the samples of its moves.
 
 use super::*;
 use crate::preintegration::STEPS_TAKEN;
 use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-/// Passes over all moves in the two-stage fit, and in the joint fit with it.
+/// Number of passes over the samples of all moves: in the two-stage fit, and in the joint fit that includes it.
 fn passes(seed: u64) -> [f64; 2] {
     let program = Program::random(&RandomMoves::default(), seed).unwrap();
     let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, seed).unwrap();

@@ -1,7 +1,8 @@
-//! What recordings can determine, and how well, before any fit (model.md (12)).
+//! Prediction, before any fit, of what recordings can determine and how accurately (model.md (12)).
 //!
-//! The residuals of the joint estimate are linearised at nominal sensors: the design says which parameters stay open, and with
-//! the noise of the rests what the standard deviation of each will be if the model describes the unit.
+//! The residuals of the joint estimate are linearised at nominal sensors. The design states which parameters are not
+//! determined. With the noise of the rests it also gives the standard deviation that each parameter will have if the
+//! model describes the unit.
 
 use std::sync::OnceLock;
 
@@ -26,30 +27,33 @@ use crate::two_stage::observability::{
     FARTHEST, LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2, missing_poses, missing_turns, too_few_poses,
 };
 
-/// Between rests whose directions of gravity differ by more than this, a unit has turned for certain, rad.
+/// Minimum angle between the directions of gravity at two rests that is certain to be a rotation of the unit, rad.
 const TURNED_RAD: f64 = 0.35;
-/// Directions of gravity that differ by less are alike, rad.
+/// Maximum angle between directions of gravity that count as equal, rad.
 const ALIKE_RAD: f64 = 0.05;
-/// Motion scatters by more than this many times the noise at rest.
+/// Minimum ratio of the rms rate in a move to the noise at rest for the gyroscope to respond to the motion.
 const REACTS: f64 = 3.0;
 
-/// Steps towards the truth; the second is as exact as noise.
+/// Number of Gauss-Newton steps towards the true parameters. After the second step the remaining error is at the level
+/// of noise.
 const STEPS: usize = 3;
-/// A step as large as this share of a parameter's size leads nowhere.
+/// Maximum change of a parameter in a step, as a fraction of its size. Larger steps indicate faulty data and are not
+/// used.
 const FAR_OFF: f64 = 0.3;
 
-/// What recordings can determine.
+/// The parameters that recordings can determine, with predicted standard deviations.
 #[derive(Clone, Debug)]
 pub struct Prospect {
     /// Names of the 21 parameters, symmetric frame.
     pub names: [String; 21],
-    /// Standard deviation that each will have if the model describes the unit, raw units; `None` where it is not determined.
+    /// Predicted standard deviation of each parameter if the model describes the unit, raw units; `None` if the
+    /// parameter is not determined.
     pub predicted_sigma: [Option<f64>; 21],
-    /// What is not determined, and which poses and turns would change that; `None` if all is determined.
+    /// Message about the undetermined parameters and the poses and rotations to add; `None` if all are determined.
     pub missing: Option<String>,
 }
 
-/// What recordings of one unit can determine, before any fit.
+/// Predicts what the recordings of one unit can determine, without a fit.
 ///
 /// # Errors
 /// [`Error::Data`] for recordings with faults, [`Error::NotEnoughMotion`] if there is no rest.
@@ -63,33 +67,39 @@ pub fn prospect(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<P
     data.prospect(scene, options)
 }
 
-/// Rests and moves as far as they are known before a fit.
+/// The rests, moves and nominal sensors of the recordings before a fit.
 struct Scene {
+    /// Whether each rest is without known faults.
     used: Vec<bool>,
+    /// Moves between these rests.
     moves: Vec<Move>,
+    /// Intervals between these rests that cannot be used as moves.
     unusable: Vec<Unusable>,
+    /// Nominal accelerometer; `None` if its scale is unknown.
     accelerometer: Option<Triad<f64>>,
+    /// Nominal gyroscope; `None` if its scale is unknown.
     gyroscope: Option<Triad<f64>>,
-    /// Directions of gravity at the rests that are used.
+    /// Directions of gravity at these rests, unit vectors in the body frame.
     up: Vec<Vector3<f64>>,
-    /// The words for a sensor that does not react to motion.
+    /// Message about an accelerometer that does not respond to motion.
     silent_accelerometer: Option<String>,
+    /// Message about a gyroscope that does not respond to motion.
     silent_gyroscope: Option<String>,
 }
 
 impl UnitData<'_> {
-    /// What recordings that no calibration comes of can determine.
+    /// The prediction for recordings from which a calibration failed.
     pub(super) fn prospect_without_result(&self, options: &Options<'_>) -> Result<Prospect, Error> {
         self.prospect(self.scene(options)?, options)
     }
 
-    /// What these recordings can determine.
+    /// The prediction for these recordings.
     fn prospect(&self, scene: Scene, options: &Options<'_>) -> Result<Prospect, Error> {
         let accelerometer = scene.accelerometer.unwrap_or_else(Triad::identity);
         let gyroscope = scene.gyroscope.unwrap_or_else(Triad::identity);
-        let sees_gravity = scene.accelerometer.is_some() && scene.silent_accelerometer.is_none();
-        let sees_turns = sees_gravity && scene.gyroscope.is_some() && scene.silent_gyroscope.is_none();
-        let moves: &[Move] = if sees_turns { &scene.moves } else { &[] };
+        let measures_gravity = scene.accelerometer.is_some() && scene.silent_accelerometer.is_none();
+        let measures_rotation = measures_gravity && scene.gyroscope.is_some() && scene.silent_gyroscope.is_none();
+        let moves: &[Move] = if measures_rotation { &scene.moves } else { &[] };
 
         let directions = self.directions(&accelerometer, &gyroscope);
         let ends: Vec<_> = moves.iter().map(|m| directions.readings(m, false)).collect();
@@ -113,7 +123,8 @@ impl UnitData<'_> {
         let model = Model { accelerometer, gyroscope, values: Vec::new(), stand: Vec::new() };
         let sizes = sizes(&model, options.gravity_mps2);
 
-        let design = if sees_gravity { Design::near(&prepared, &terms, &model, &sizes)? } else { Design::default() };
+        let design =
+            if measures_gravity { Design::near(&prepared, &terms, &model, &sizes)? } else { Design::default() };
         let (rows, lines) = (&design.rows, &design.lines);
         let open = design.open()?;
         let turns: Vec<&[f64; 18]> =
@@ -123,15 +134,15 @@ impl UnitData<'_> {
         let mut predicted_sigma = [None; BASE];
         let problem = Joint::new(&prepared, &terms, &model.parameters())?;
         let (_, whitened) = problem.whitened(&model.parameters())?;
-        // What is open is held to a tenth of its size, so that the rest has a covariance.
+        // Undetermined parameters get a prior of a tenth of their size, so that the covariance of the others is finite.
         let held = Mat::from_fn(whitened.nrows() + 18, BASE, |i, p| match i.checked_sub(whitened.nrows()) {
             None => whitened[(i, p)],
-            Some(k) if TOGETHER[k] == p => 1.0 / (FARTHEST * sizes[p]),
+            Some(k) if OBSERVED[k] == p => 1.0 / (FARTHEST * sizes[p]),
             Some(_) => 0.0,
         });
         let covariance = lsq::covariance(&held);
         for (p, sigma) in predicted_sigma.iter_mut().enumerate() {
-            let is_open = open.columns.iter().any(|&k| TOGETHER[k] == p);
+            let is_open = open.columns.iter().any(|&k| OBSERVED[k] == p);
             *sigma = (!is_open).then(|| covariance[(p, p)].sqrt());
         }
 
@@ -141,13 +152,14 @@ impl UnitData<'_> {
         };
         let missing = (!open.columns.is_empty()).then(|| {
             let poses = scene.missing_poses();
-            let turns = scene.missing_turns(sees_gravity, || missing_turns(&open_to_turns, &turned()));
+            let turns = scene.missing_turns(measures_gravity, || missing_turns(&open_to_turns, &turned()));
             let words = open.explain(scene.up.len(), scene.moves.len(), &poses, &turns);
             [words, self.short_rests(options)].into_iter().flatten().collect::<Vec<_>>().join("; ")
         });
         Ok(Prospect { names: parameter_names(Frame::Symmetric), predicted_sigma, missing })
     }
 
+    /// The rests, moves and nominal sensors of these recordings.
     fn scene(&self, options: &Options<'_>) -> Result<Scene, Error> {
         let used: Vec<bool> = self.excluded.iter().map(Option::is_none).collect();
         let (moves, unusable) = between(self.recordings, &self.rests, &used, &self.saturated);
@@ -177,7 +189,8 @@ impl UnitData<'_> {
         Ok(scene)
     }
 
-    /// The accelerometer before any fit: in SI units a perfect one, in counts one that the rests suggest.
+    /// The nominal accelerometer. In SI units it is the identity, in counts it has the nominal scale or that of the
+    /// smallest sphere through the rests. `None` if nothing determines the scale.
     fn nominal_accelerometer(&self, used: &[bool], options: &Options<'_>) -> Result<Option<Triad<f64>>, Error> {
         if self.raw_is_si(|recording| recording.accel_unit) {
             return Ok(Some(Triad::identity()));
@@ -202,7 +215,8 @@ impl UnitData<'_> {
         Ok(start.and_then(|start| Triad::try_new(start.sensitivity, start.bias).ok()).filter(exceeds_noise))
     }
 
-    /// The gyroscope before any fit, likewise; `None` if nothing suggests a scale.
+    /// The nominal gyroscope. In SI units it is the identity, in counts it has the nominal scale or that from the
+    /// rotation of gravity. `None` if nothing determines the scale.
     fn nominal_gyroscope(
         &self,
         moves: &[Move],
@@ -223,13 +237,14 @@ impl UnitData<'_> {
         Triad::try_new(sensitivity, bias).ok()
     }
 
-    /// Whether the gyroscope shows no more than noise while this accelerometer sees the unit turn.
+    /// Whether the gyroscope reads no more than noise although the directions of gravity at the rests differ.
     pub(super) fn has_silent_gyroscope(&self, moves: &[Move], accelerometer: &Triad<f64>) -> bool {
         let up = |rest: &UnitRest| accelerometer.correct(rest.rest.specific_force.mean).normalize();
         self.silent_gyroscope(moves, &self.rests.iter().map(up).collect::<Vec<_>>()).is_some()
     }
 
-    /// The words for a gyroscope that shows no more than noise while gravity turns in the body.
+    /// Message about a gyroscope that reads no more than noise although gravity rotates in the body frame; `None` if it
+    /// responds.
     fn silent_gyroscope(&self, moves: &[Move], up: &[Vector3<f64>]) -> Option<String> {
         let turned = |m: &&Move| up[m.from].angle(&up[m.to]) > TURNED_RAD;
         let turns: Vec<&Move> = moves.iter().filter(turned).collect();
@@ -244,25 +259,26 @@ impl UnitData<'_> {
         let silent = turns.len() >= 3 && 5 * turns.iter().filter(reacts).count() < turns.len();
         silent.then(|| {
             format!(
-                "the gyroscope shows no more than noise while the accelerometer sees the unit turn in {} of them: check its \
-                 power, its columns and its range; where a hand trembles as much as it turns, rest it on something",
+                "the gyroscope reads no more than noise although gravity rotates in {} of them: check its power, its \
+                 columns and its range; if hand tremor is as large as the rotation, rest the unit on a support",
                 turns.len()
             )
         })
     }
 
-    /// The words for an accelerometer that reads the same at all rests while the gyroscope sees the unit turn against it.
+    /// Message about an accelerometer with constant readings at all rests although the gyroscope measures rotations
+    /// that change the direction of gravity; `None` if it responds.
     fn silent_accelerometer(&self, moves: &[Move], up: &[Vector3<f64>], gyroscope: &Triad<f64>) -> Option<String> {
         let alike = up.iter().all(|other| up[0].angle(other) < ALIKE_RAD);
-        let carried = |m: &&Move| {
+        let rotates = |m: &&Move| {
             let turn = integrate_rotation_linear(&self.recordings[m.recording], m.first, m.last, gyroscope);
             turn.tr_mul(&up[m.from]).angle(&up[m.to]) > TURNED_RAD
         };
-        let turns = if alike { moves.iter().filter(carried).count() } else { 0 };
+        let turns = if alike { moves.iter().filter(rotates).count() } else { 0 };
         (turns >= 3 && 2 * turns > moves.len()).then(|| {
             format!(
-                "the accelerometer reads the same at all of them while the gyroscope sees the unit turn over in {turns} \
-                 moves: check its power, its columns and its range"
+                "the accelerometer readings are the same at all of them although the gyroscope measures a change of \
+                 attitude in {turns} moves: check its power, its columns and its range"
             )
         })
     }
@@ -277,25 +293,29 @@ impl Scene {
         }
     }
 
-    fn missing_turns(&self, sees_gravity: bool, turns: impl FnOnce() -> String) -> String {
+    fn missing_turns(&self, measures_gravity: bool, turns: impl FnOnce() -> String) -> String {
         if let Some(words) = &self.silent_gyroscope {
             return words.clone();
         }
         if self.moves.len() < FEWEST_MOVES {
             return too_few_moves(self.moves.len(), &self.unusable);
         }
-        if !sees_gravity {
-            return "gravity, which they are seen by, is not measured".into();
+        if !measures_gravity {
+            return "gravity, from which they are determined, is not measured".into();
         }
         turns()
     }
 }
 
-/// Rows of the design: over errors of real units, for a hundredth of the size of each parameter.
+/// The design matrix. Its rows are in units of the model errors of real units, its columns in units of a hundredth of
+/// the size of each parameter.
 #[derive(Default)]
 struct Design {
+    /// Rows of the matrix, in the order of [`OBSERVED`].
     rows: Vec<[f64; 18]>,
+    /// Residuals in units of the model errors.
     residuals: Vec<f64>,
+    /// The linearised residuals.
     lines: Vec<Line>,
 }
 
@@ -303,7 +323,7 @@ impl Design {
     fn at(prepared: &Prepared<'_>, terms: &Terms<'_>, parameters: &[f64], sizes: &[f64]) -> Result<Self, Error> {
         let lines = prepared.linearise(terms, parameters)?.lines;
         let error = |line: &Line| if matches!(line.source, Source::Norm(_)) { REST_ERROR_MPS2 } else { MOVE_ERROR_RAD };
-        let row = |line: &Line| TOGETHER.map(|p| line.jacobian[p] * sizes[p] * LARGEST_SHIFT / error(line));
+        let row = |line: &Line| OBSERVED.map(|p| line.jacobian[p] * sizes[p] * LARGEST_SHIFT / error(line));
         Ok(Self {
             rows: lines.iter().map(row).collect(),
             residuals: lines.iter().map(|line| line.residual / error(line)).collect(),
@@ -311,18 +331,19 @@ impl Design {
         })
     }
 
-    /// Near the truth as far as it is determined: what is determined is solved for, what is not stays nominal. Sensors that are some
-    /// per cent off would turn the open directions by as much.
+    /// The design at the least-squares values of the determined parameters, with nominal values of the others. An error
+    /// of the sensors of some per cent would rotate the unobservable directions by as much.
     fn near(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model, sizes: &[f64]) -> Result<Self, Error> {
         let mut parameters = model.parameters();
         let mut design = Self::at(prepared, terms, &parameters, sizes)?;
         for _ in 0..STEPS {
             let step = design.step()?;
-            // A unit that far from nominal is wired wrongly or has faults: the nominal design then says more.
+            // A unit that deviates from nominal by so much has wrong axes or other faults. The nominal design is then
+            // more informative.
             if !step.iter().all(|change| (change * LARGEST_SHIFT).abs() < FAR_OFF) {
                 break;
             }
-            for (change, p) in step.iter().zip(TOGETHER) {
+            for (change, p) in step.iter().zip(OBSERVED) {
                 parameters[p] += change * LARGEST_SHIFT * sizes[p];
             }
             design = Self::at(prepared, terms, &parameters, sizes)?;
@@ -338,7 +359,7 @@ impl Design {
         Open::of(&self.matrix())
     }
 
-    /// Least squares in the directions that are determined, in hundredths.
+    /// The least-squares step in the observable directions, in hundredths of the size of each parameter.
     fn step(&self) -> Result<[f64; 18], Error> {
         let (values, vectors) = lsq::singular(&self.matrix())?;
         let mut step = [0.0; 18];
@@ -357,10 +378,11 @@ impl Design {
     }
 }
 
-/// The parameters that rests and moves determine together: all but the gyroscope's bias.
-const TOGETHER: [usize; 18] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20];
+/// Indices of the parameters that rests and moves determine: all but the gyroscope bias.
+const OBSERVED: [usize; 18] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 13, 14, 15, 16, 17, 18, 19, 20];
 
-/// Size of each parameter: for a sensitivity the mean scale, for a bias what gravity reads or a rate of 1 rad/s.
+/// Size of each parameter, raw units: for a sensitivity the mean scale, for a bias the reading of gravity or of a rate
+/// of 1 rad/s.
 fn sizes(model: &Model, gravity_mps2: f64) -> [f64; BASE] {
     let scale = |triad: &Triad<f64>| triad.sensitivity().norm() / 3f64.sqrt();
     let (accelerometer, gyroscope) = (scale(&model.accelerometer), scale(&model.gyroscope));

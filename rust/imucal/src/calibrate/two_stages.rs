@@ -1,4 +1,4 @@
-//! The fit in two stages: the accelerometer to the rests, then the gyroscope to the moves between them.
+//! The two-stage fit of a unit's recordings: the accelerometer from the rests, then the gyroscope from the moves.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -19,17 +19,23 @@ use crate::two_stage::ellipsoid::Start;
 use crate::two_stage::gyroscope::{Carrying, GyroscopeFit};
 use crate::two_stage::{accelerometer, gyroscope, uncertainty};
 
-/// The gyroscope's fit and what it was fitted to.
+/// The gyroscope fit and its input.
 #[derive(Clone)]
 pub(super) struct Gyroscope {
+    /// The moves between rests that the accelerometer fit uses.
     pub(super) moves: Vec<Move>,
+    /// The result of the fit.
     pub(super) fit: GyroscopeFit,
+    /// Directions of gravity at the ends of each move, and the standard deviation of its residual.
     pub(super) ends: Vec<Ends>,
+    /// For each move, the part of the standard deviation that does not come from the means of the rests, rad.
     pub(super) random_walk_rad: Vec<f64>,
+    /// Warnings about units and axes of the gyroscope.
     pub(super) findings: Vec<Finding>,
 }
 
 impl UnitData<'_> {
+    /// Fits the accelerometer to the rests without known faults.
     pub(super) fn fit_accelerometer(&self, options: &Options<'_>) -> Result<AccelerometerFit, Error> {
         let clean: Vec<usize> = (0..self.rests.len()).filter(|&k| self.excluded[k].is_none()).collect();
         let rests: Vec<&Rest> = clean.iter().map(|&k| &self.rests[k].rest).collect();
@@ -39,7 +45,7 @@ impl UnitData<'_> {
         let si = self.raw_is_si(|recording| recording.accel_unit);
         let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si)
             .map_err(|error| self.with_all_that_is_missing(error, options))?;
-        // From here on there is one entry per rest found, clean or not.
+        // From here on the entries are those of all rests found, including the excluded ones.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {
@@ -52,7 +58,8 @@ impl UnitData<'_> {
         Ok(fit)
     }
 
-    /// All that is missing, in place of what one stage has found to be missing.
+    /// Replaces a message about motion that is missing for one stage by one about the motion missing for the whole
+    /// calibration.
     fn with_all_that_is_missing(&self, error: Error, options: &Options<'_>) -> Error {
         let Error::NotEnoughMotion(_) = &error else { return error };
         match self.prospect_without_result(options) {
@@ -61,7 +68,10 @@ impl UnitData<'_> {
         }
     }
 
-    /// The moves between neighbouring rests, and those that cannot be used; too few are refused.
+    /// The moves between consecutive rests, and the intervals that cannot be used as moves.
+    ///
+    /// # Errors
+    /// [`Error::NotEnoughMotion`] if there are too few moves, or if the gyroscope does not respond to them.
     pub(super) fn moves(
         &self,
         accelerometer: &AccelerometerFit,
@@ -79,6 +89,8 @@ impl UnitData<'_> {
         Ok((moves, unusable))
     }
 
+    /// The directions of gravity and the standard deviation of each move, and the part of the latter that does not come
+    /// from the means of the rests, rad.
     pub(super) fn ends(
         &self,
         moves: &[Move],
@@ -88,6 +100,7 @@ impl UnitData<'_> {
         self.directions(&accelerometer.triad, gyroscope).ends_of(moves)
     }
 
+    /// Fits the gyroscope to the moves, from the start values of model.md (10).
     pub(super) fn fit_gyroscope(
         &self,
         moves: &[Move],
@@ -113,7 +126,8 @@ impl UnitData<'_> {
             );
             return Err(self.with_all_that_is_missing(Error::NotEnoughMotion(words), options));
         }
-        // The weights need the scale, the scale needs a fit: the second round starts at the first one's result.
+        // The weights require the scale of the gyroscope, so the fit is made twice: with the weights of the start
+        // value, then with those of the first result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
         let carrying = Carrying::new(self.recordings, moves, bias.bias);
         let first = carrying.first_estimate(&ends, &starts)?;
@@ -122,6 +136,7 @@ impl UnitData<'_> {
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
 
+    /// Covariance of the 21 parameters in the symmetric frame (model.md (9)).
     pub(super) fn covariance(&self, accelerometer: &AccelerometerFit, gyroscope: &Gyroscope) -> Mat<f64> {
         let rests: Vec<&Rest> = self.rests.iter().map(|rest| &rest.rest).collect();
         let Gyroscope { moves, fit, ends, random_walk_rad, .. } = gyroscope;
@@ -130,6 +145,7 @@ impl UnitData<'_> {
 }
 
 impl Gyroscope {
+    /// Reports of all moves, including those that are not used, in chronological order.
     pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
         let report = |k: usize| {
             let excluded = (!self.fit.used[k]).then_some(CONTRADICTS_MOVES);
@@ -141,7 +157,7 @@ impl Gyroscope {
         reports
     }
 
-    /// Residuals of the moves that the fit uses, in units of what noise explains.
+    /// Residuals of the moves that the fit uses, in standard deviations of their noise.
     pub(super) fn used_residuals(&self) -> Vec<f64> {
         let of = |k: usize| {
             let z = self.ends[k].residual(&self.fit.carried[k].rotation) / self.ends[k].sigma_rad;
@@ -151,7 +167,7 @@ impl Gyroscope {
     }
 }
 
-/// Whether a start value is far enough from singular to integrate with.
+/// Whether a start value is sufficiently far from singular to be inverted.
 fn well_conditioned(sensitivity: &Matrix3<f64>) -> bool {
     let size = sensitivity.norm() / 3f64.sqrt();
     size.is_finite() && sensitivity.determinant().abs() > 0.05 * size.powi(3)

@@ -1,4 +1,4 @@
-//! Checked recordings of one unit, the rests in them, and the two fits.
+//! The checked recordings of one unit with their rests, noise and tremor: the input of all fits.
 
 use std::ops::Range;
 
@@ -18,31 +18,42 @@ use crate::rests::tremor::{self, Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, rests_of};
 use crate::two_stage::gyroscope::{self, GyroscopeBias};
 
-/// Moves that the gyroscope's nine entries need at least, two numbers each.
+/// Minimum number of moves for the gyroscope. Each move has two residuals, and the sensitivity has nine entries.
 pub(super) const FEWEST_MOVES: usize = 5;
-/// Why a move takes no part that all others speak against.
+/// Reason code of an excluded move that contradicts all others.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
-/// Why a rest takes no part whose mean rate is far from that of all others.
+/// Reason code of an excluded rest whose mean rate is far from that of all others.
 pub(super) const NOT_STILL: &str = "rest_not_still";
 
-/// Checked recordings of one unit and the rests in them.
+/// The checked recordings of one unit and the quantities derived from them.
 #[derive(Clone)]
 pub(super) struct UnitData<'a> {
     pub(super) recordings: &'a [Recording<'a>],
+    /// Result of the rest detection for each recording.
     pub(super) segments: Vec<Segments>,
+    /// All rests of all recordings.
     pub(super) rests: Vec<UnitRest>,
-    /// Why a rest takes no part; `None` if it does.
+    /// Reason code of each excluded rest; `None` if it is not excluded.
     pub(super) excluded: Vec<Option<&'static str>>,
+    /// Gyroscope bias from the rests.
     pub(super) bias: GyroscopeBias,
-    /// White noise of each recording, raw units.
+    /// White-noise densities of each recording, raw units per sqrt(Hz).
     noise: Vec<NoiseDensity>,
-    /// The hand that holds the unit, if one does, for each recording.
+    /// Hand model of each recording; `None` if the unit is not hand-held.
     hands: Vec<Option<Hand>>,
+    /// Index ranges of saturated samples of each recording.
     pub(super) saturated: Vec<Vec<Range<usize>>>,
+    /// Warnings of the checks.
     pub(super) findings: Vec<Finding>,
 }
 
 impl<'a> UnitData<'a> {
+    /// Checks the recordings and detects their rests.
+    ///
+    /// # Errors
+    /// * [`Error::Input`] for invalid options.
+    /// * [`Error::Data`] for faults of the recordings.
+    /// * [`Error::NotEnoughMotion`] if there are no usable rests.
     pub(super) fn try_new(recordings: &'a [Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         check_options(recordings, options)?;
         let mut findings = Vec::new();
@@ -75,7 +86,7 @@ impl<'a> UnitData<'a> {
                 if rest.is_saturated(&saturated) {
                     Some("saturation")
                 } else if weight.min() == 0.0 {
-                    // Its mean rate is far from all others': a slow, even turn looks like a rest.
+                    // The mean rate is far from that of all others: a slow, uniform rotation appears to be a rest.
                     Some(NOT_STILL)
                 } else {
                     None
@@ -88,35 +99,37 @@ impl<'a> UnitData<'a> {
         Ok(Self { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings })
     }
 
-    /// The same of these recordings, which must have the same samples.
+    /// The same data with other `recordings`, which must contain the same samples.
     pub(super) fn of<'b>(self, recordings: &'b [Recording<'b>]) -> UnitData<'b> {
         let Self { segments, rests, excluded, bias, noise, hands, saturated, findings, .. } = self;
         UnitData { recordings, segments, rests, excluded, bias, noise, hands, saturated, findings }
     }
 
-    /// Frees rests and noise of the tremor of a hand, now that the sensors are known; `used` rests say how it holds the unit.
+    /// Estimates the tremor of a hand and removes it from rests and noise. This needs estimates of both sensors. Only
+    /// `used` rests contribute to the hand model.
     pub(super) fn free_of_tremor(&mut self, accelerometer: &Triad<f64>, gyroscope: &Triad<f64>, used: &[bool]) {
         let sensors = Sensors { accelerometer, gyroscope };
         self.hands = tremor::hands(self.recordings, &mut self.rests, used, &mut self.noise, sensors);
     }
 
-    /// Which rests are no faults of the data.
+    /// Whether each rest is without known faults.
     pub(super) fn sound(&self) -> Vec<bool> {
         self.excluded.iter().map(Option::is_none).collect()
     }
 
+    /// Whether the unit of the raw values that `unit` selects is SI.
     pub(super) fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
         self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
     }
 
-    /// Stretches that are a little too short to be rests are worth a word where rests are missing.
+    /// Hint about intervals at rest that are slightly too short, for messages about missing rests.
     pub(super) fn short_rests(&self, options: &Options<'_>) -> Option<String> {
         self.recordings.iter().zip(&self.segments).find_map(|(recording, segments)| {
             let range = segments.too_short.iter().max_by_key(|range| range.len())?;
             let (start_s, end_s) = (recording.time_s[range.start], recording.time_s[range.end - 1]);
             Some(format!(
-                "{} still stretches are too short to be rests, the longest ({start_s:.2} s to {end_s:.2} s) \
-                 has {} samples: hold each pose for {} s, or pass min_rest_s={:.2}",
+                "{} intervals at rest are too short, the longest ({start_s:.2} s to {end_s:.2} s) has {} samples: \
+                 hold each pose for {} s, or pass min_rest_s={:.2}",
                 segments.too_short.len(),
                 range.len(),
                 options.min_rest_s,
@@ -125,33 +138,36 @@ impl<'a> UnitData<'a> {
         })
     }
 
-    /// Tremor of the hand that holds the unit, if one does, for each recording, rad.
+    /// Standard deviation of the tremor in each recording, rad; `None` if the unit is not hand-held.
     pub(super) fn tremor_rad(&self) -> Vec<Option<f64>> {
         self.hands.iter().map(|hand| hand.as_ref().map(Hand::tremor_rad)).collect()
     }
 
-    /// Whether a hand holds the unit in some recording.
+    /// Whether the unit is hand-held in any recording.
     pub(super) fn is_held(&self) -> bool {
         self.hands.iter().any(Option::is_some)
     }
 
-    /// Refuses effects that the force inside the moves shows where a hand carried the unit along.
+    /// Returns an error if the unit is hand-held and an effect is requested that is observable only from the force
+    /// inside moves. A hand also accelerates the unit, and this acceleration is not known.
     pub(super) fn require_turns_in_place(&self, options: &Options<'_>) -> Result<(), Error> {
         let blind = options.effects.iter().find(|choice| is_blind_by_hand(choice.effect.name));
         match blind.filter(|_| self.is_held()) {
             None => Ok(()),
             Some(choice) => Err(Error::NotEnoughMotion(format!(
-                "a hand held the unit and carried it along inside the moves, where {} would show: turn it on a stand, or \
-                 leave the effect out",
+                "the unit is hand-held, so its acceleration inside moves is unknown and {} is not observable: use a \
+                 stand, or leave the effect out",
                 choice.effect.name
             ))),
         }
     }
 
+    /// White-noise densities of each recording, raw units per sqrt(Hz).
     pub(super) fn noise(&self) -> &[NoiseDensity] {
         &self.noise
     }
 
+    /// Data for the directions of gravity at the ends of moves, with these estimates of both sensors.
     pub(super) fn directions<'b>(&'b self, accelerometer: &'b Triad<f64>, gyroscope: &'b Triad<f64>) -> Directions<'b> {
         let Self { recordings, rests, noise, hands, .. } = self;
         Directions { recordings, rests, noise, hands, accelerometer, gyroscope }
@@ -159,7 +175,7 @@ impl<'a> UnitData<'a> {
 }
 
 impl UnitData<'_> {
-    /// `used` says which rests take part.
+    /// Reports of all rests; `used` states which of them the fit uses.
     pub(super) fn rest_reports(&self, accelerometer: &Triad<f64>, used: &[bool], gravity_mps2: f64) -> Vec<RestReport> {
         let report = |k: usize| {
             let contradicts = (!used[k]).then_some("contradicts_other_rests");
@@ -170,7 +186,7 @@ impl UnitData<'_> {
     }
 }
 
-/// What to do about too few moves, and why others cannot be used.
+/// Recommendation for recordings with too few usable moves; it counts the reasons why others are not usable.
 pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     let needed = format!("at least {FEWEST_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {
@@ -192,20 +208,20 @@ pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
     )
 }
 
-/// Nothing can be said of a unit without a rest that takes part.
+/// Returns an error if all rests are excluded.
 fn refuse_no_rest(excluded: &[Option<&'static str>]) -> Result<(), Error> {
     if excluded.iter().any(Option::is_none) {
         return Ok(());
     }
     let saturated = excluded.iter().filter(|reason| **reason == Some("saturation")).count();
     let moving = excluded.len() - saturated;
-    let left_out = [(saturated, "for saturated samples [saturation]"), (moving, "as slow turns [rest_not_still]")]
+    let left_out = [(saturated, "for saturated samples [saturation]"), (moving, "as slow rotations [rest_not_still]")]
         .into_iter()
         .filter(|(count, _)| *count > 0)
         .map(|(count, words)| format!("{count} {words}"))
         .collect::<Vec<_>>();
     let way_out = if saturated > 0 {
-        "a unit at rest is far from the ends of its range, so look at how the columns were read; else use a larger range"
+        "a unit at rest is far from the ends of its range: check how the columns were read, or use a larger range"
     } else {
         "hold the unit still in each pose for 2 s or longer"
     };
@@ -216,7 +232,7 @@ fn refuse_no_rest(excluded: &[Option<&'static str>]) -> Result<(), Error> {
     )))
 }
 
-/// The findings that refuse a calibration, as an error.
+/// Returns the findings of severity `Error`, if any, as an error.
 pub(super) fn refuse_errors(findings: &[Finding]) -> Result<(), Error> {
     let errors: Vec<Finding> = findings.iter().filter(|f| f.severity == Severity::Error).cloned().collect();
     if errors.is_empty() { Ok(()) } else { Err(Error::Data(errors)) }

@@ -74,7 +74,7 @@ fn undetermined(axes: &[Stuck]) -> String {
     let mut needed = WAY_OUT;
     if stuck(ACCEL) == [true; 3] {
         gyroscope = of_axes(true, [true; 3]);
-        needed = "gravity, which they are seen by, is not measured";
+        needed = "gravity, from which they are determined, is not measured";
     }
     if !gyroscope.is_empty() {
         parts.push(format!("the data do not determine the gyroscope's {}: {needed}", gyroscope.join(", ")));

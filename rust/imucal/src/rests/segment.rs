@@ -144,8 +144,8 @@ impl Threshold {
     /// Describes the threshold in one sentence for the user.
     pub fn explain(&self, rests: usize) -> String {
         format!(
-            "a {:.2} s window is still below {:.1} times the noise floor; every threshold from {:.1} to {:.1} finds the \
-             same {rests} rests, the widest range (weighed by the number of rests)",
+            "a {:.2} s window is at rest if its variance is below {:.1} times the noise floor; every threshold from {:.1} \
+             to {:.1} gives {rests} rests, the widest such range (weighted by the number of rests)",
             self.window_s, self.factor, self.stable_from, self.stable_to
         )
     }

@@ -65,7 +65,9 @@ pub(crate) fn fit(
         let problem = Norms::new(rests, &used, gravity_mps2, &parameters)?;
         let solution = lsq::minimize(&problem, &parameters, lsq::EXACT)?;
         if solution.termination == Termination::NotFinite {
-            return Err(Error::Fit("the accelerometer fit left the range of numbers: check units and gravity".into()));
+            return Err(Error::Fit(
+                "the accelerometer fit has residuals that are not finite: check units and gravity".into(),
+            ));
         }
         parameters = solution.parameters.clone();
         let scores = robust::leave_one_out(&solution.residuals, &solution.jacobian, 1);

@@ -183,7 +183,9 @@ pub(crate) fn no_start(rests: usize) -> String {
 
 /// Recommendation if the rests of an accelerometer in counts do not even determine its scale.
 pub(crate) fn too_few_poses() -> String {
-    "at least 9 different poses are needed; hold the unit still with each axis up and down, and in some poses in between".into()
+    "at least 9 different poses are needed; hold the unit still with each axis up and down, and in some poses in \
+     between"
+        .into()
 }
 
 /// Recommendation of poses to add, from the angle between each half axis and the vertical in the best pose.
@@ -198,7 +200,8 @@ pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
         let name = AXES[axis];
         if upwards > FACE_LIMIT_DEG && downwards > FACE_LIMIT_DEG {
             missing.push(format!(
-                "no rest with {name} within 40 deg of vertical (closest {:.0} deg): add rests with {name} up and with {name} down",
+                "no rest with {name} within 40 deg of vertical (closest {:.0} deg): add rests with {name} up and with \
+                 {name} down",
                 upwards.min(downwards)
             ));
         } else if upwards > FACE_LIMIT_DEG || downwards > FACE_LIMIT_DEG {
@@ -207,7 +210,9 @@ pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
         }
     }
     if missing.is_empty() {
-        return "every axis has been up and down, but poses in between are missing: add rests with edges and corners up".into();
+        return "every axis has been up and down, but poses in between are missing: add rests with edges and corners \
+                up"
+        .into();
     }
     missing.join("; ")
 }
@@ -218,11 +223,11 @@ const OTHER_AXES: &str = "add moves of 90 deg or more about different axes, each
 /// accelerometer is known. `turned_rad` is the total rotation about each axis, rad.
 pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String {
     if open.is_empty() {
-        return "the poses that the accelerometer needs determine these, too".into();
+        return "the poses that the accelerometer needs determine these parameters, too".into();
     }
     let largest = turned_rad.max();
     if largest < 0.3 {
-        return "the unit hardly turns: add moves of 90 deg or more about each axis".into();
+        return "the unit hardly rotates: add moves of 90 deg or more about each axis".into();
     }
     // Entry (i, j) responds to rotation about axis j. Without rotation about an axis its whole column is undetermined.
     let column_open = |j: usize| open.iter().filter(|&&p| p % 3 == j).count() >= 2;
@@ -232,7 +237,7 @@ pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String
         return OTHER_AXES.into();
     }
     let axes = idle.join(" and ");
-    format!("hardly any turn about body {axes}: add moves of 90 deg or more about {axes}")
+    format!("hardly any rotation about body {axes}: add moves of 90 deg or more about {axes}")
 }
 
 #[cfg(test)]
