@@ -27,6 +27,7 @@ mod predict;
 mod predicted_error;
 mod products;
 mod residual_channels;
+mod residual_kinds;
 mod residuals_by_place;
 mod revise;
 mod score;
@@ -41,10 +42,8 @@ pub use earth::is_earth_rate;
 pub use generic::{Block, Kernel};
 pub use path::{Visible, linearise, search, smallest_visible};
 pub use predicted_error::{BriefMeans, PredictedError, PredictedErrors, UserCorrection, predicted_errors};
-pub use residuals_by_place::{
-    ChannelResidual, CorrectedFit, Dependence, ItemResidual, Regressor, ResidualKind, ResidualsByPlace,
-    residuals_by_place,
-};
+pub use residual_kinds::{CorrectedFit, Regressor, ResidualKind};
+pub use residuals_by_place::{ChannelResidual, Dependence, ItemResidual, ResidualsByPlace, residuals_by_place};
 
 /// What a search has found.
 #[derive(Clone, Debug)]

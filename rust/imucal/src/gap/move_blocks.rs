@@ -8,7 +8,7 @@ use std::ops::Range;
 use imucal_core::integrate::Integrator;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::residual_channels::Regressor;
+use super::residual_kinds::Regressor;
 use crate::evaluate::MoveReport;
 use crate::recording::{Recording, Samples};
 

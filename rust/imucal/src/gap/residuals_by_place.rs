@@ -12,12 +12,10 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use super::residual_channels::{Channel, Item, Residuals};
-pub use super::residual_channels::{Regressor, ResidualKind};
-use crate::calibrate::Outcome;
+use super::residual_kinds::{CorrectedFit, Regressor, ResidualKind};
 use crate::correct::is_left_in_data;
 use crate::numerics::lsq::singular;
 use crate::numerics::stats::{p_value, rms};
-use crate::recording::Recording;
 
 /// Probability under the null hypothesis below which a channel, a rest, a move or a dependence is significant; divided
 /// by the number of channels, of rests or of moves that are tested.
@@ -31,17 +29,6 @@ const LEAST_SHARE: f64 = 0.1;
 const DEPENDENT_COLUMNS: f64 = 1e-6;
 /// Moves rotate about a common body axis if at least this share of the square of each rotation vector is along it.
 const ALONG_ONE_AXIS: f64 = 0.8;
-
-/// A calibration with the recordings that it was made from, corrected by it.
-#[derive(Clone, Copy)]
-pub struct CorrectedFit<'a> {
-    /// The calibration, in the symmetric frame.
-    pub outcome: &'a Outcome,
-    /// Its recordings after correction, SI units, body frame; in the order of the calibration.
-    pub corrected: &'a [Recording<'a>],
-    /// Local gravity of the calibration, m/s^2.
-    pub gravity_mps2: f64,
-}
 
 /// Residuals of a calibration on its own recordings, and what a second calibration leaves of them.
 #[derive(Clone, Debug)]
@@ -236,6 +223,7 @@ mod tests {
     use super::*;
     use crate::calibrate::{EffectChoice, Options, calibrate};
     use crate::correct::correct;
+    use crate::recording::Recording;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
     use imucal_core::effects::{Effect, EffectValues};
 
