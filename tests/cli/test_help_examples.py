@@ -68,7 +68,7 @@ def files(tmp_path_factory):
         rows = zip(run.time_s[:1000], columns[:1000], strict=True)
         text = "".join(f"{time_s} {x:.0f} {y:.0f} {z:.0f}\n" for time_s, (x, y, z) in rows)
         (folder / f"xsens_{name}.mat").write_text(text)
-    limits_from([imucal.Calibration.load(folder / f"good-{n}.json") for n in (1, 2)], 4.0).save(
+    limits_from([imucal.Calibration.load(folder / f"good-{n}.json") for n in (1, 2)], deviations=4.0).save(
         folder / "limits.json"
     )
     with Journal(folder / "broken-off.csv.journal", [name for name, _ in column_names(run)], {}) as journal:

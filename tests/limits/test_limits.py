@@ -491,4 +491,4 @@ def _symmetric(random, scale):
 )
 def test_units_that_give_no_limits(units, deviations, message):
     with pytest.raises(imucal.InputError, match=message):
-        limits_from(units, deviations)
+        limits_from(units, deviations=deviations)

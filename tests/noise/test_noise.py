@@ -253,7 +253,7 @@ def test_a_short_rest_is_refused_and_a_moving_record_remarked():
 
 
 def test_kalibr_reads_the_largest_axis(found):
-    text = kalibr_yaml(found, "/imu's")
+    text = kalibr_yaml(found, rostopic="/imu's")
     read = yaml.safe_load(text)
     assert read["rostopic"] == "/imu's"
     assert read["update_rate"] == pytest.approx(RATE_HZ, rel=1e-6)

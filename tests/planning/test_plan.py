@@ -219,7 +219,7 @@ def test_too_little_time_is_said():
 
 def test_limits_file_round_trip_and_schema(tmp_path):
     limits = limited(settle_s=0.3, minutes=5.0, forbidden_deg=((None, (10.0, 20.0), None),))
-    limits.write(tmp_path / "stand.json", "the small one")
+    limits.write(tmp_path / "stand.json", description="the small one")
     assert imucal.StandLimits.read(tmp_path / "stand.json") == limits
     schema = json.loads((SCHEMAS / "stand-limits-1.json").read_text())
     jsonschema.Draft202012Validator.check_schema(schema)

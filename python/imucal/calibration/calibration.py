@@ -133,7 +133,7 @@ class Calibration(SensorModel):
         missing column on which an effect depends, for a missing definition of a user-defined effect, and for
         a piece if the whole recording is needed.
         """
-        return correct_recording(self, recording, start_s)
+        return correct_recording(self, recording, start_s=start_s)
 
     def __repr__(self) -> str:
         """One line: the unit, its raw units, the number of effects, and its figures."""

@@ -49,7 +49,7 @@ def correct(
     return corrected
 
 
-def correct_recording(model: SensorModel, recording: Recording, start_s: float | None = None) -> Recording:
+def correct_recording(model: SensorModel, recording: Recording, *, start_s: float | None = None) -> Recording:
     """The corrected recording; see `Calibration.apply_recording`."""
     for effect in model.user_effects:
         effect.required_field()

@@ -117,7 +117,7 @@ def _function(
     real, name = ("float", f"{prefix}_correct_f32") if single else ("double", f"{prefix}_correct_f64")
 
     def literal(value: float) -> str:
-        return number(value, single) + ("f" if single else "")
+        return number(value, single=single) + ("f" if single else "")
 
     def row(values: Sequence[float]) -> str:
         return f"{{{', '.join(map(literal, values))}}}"

@@ -139,7 +139,7 @@ def in_json(lines: Sequence[str], body: str) -> str:
     return to_json({**json.loads(body), "imucal": list(lines)}) + "\n"
 
 
-def number(value: float, single: bool = False) -> str:
+def number(value: float, *, single: bool = False) -> str:
     """The shortest decimal that parses to the same float64, or with `single` to the same float32."""
     if not single:
         return repr(float(value))

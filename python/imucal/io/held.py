@@ -17,7 +17,9 @@ __all__ = ["LONGEST_HELD_S", "hold_temperature"]
 LONGEST_HELD_S: Final = 10.0
 
 
-def hold_temperature(pieces: Iterable[Recording], longest_s: float = LONGEST_HELD_S) -> Iterator[Recording]:
+def hold_temperature(
+    pieces: Iterable[Recording], *, longest_s: float = LONGEST_HELD_S
+) -> Iterator[Recording]:
     """The pieces of a recording, with missing temperatures (NaN) replaced by the last reading before them.
 
     longest_s  a reading is held for at most this time, s; later samples stay NaN. Samples before the first

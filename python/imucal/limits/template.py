@@ -28,7 +28,7 @@ DEVIATIONS: Final = 4.0
 STD_MARGIN: Final = 2.0
 
 
-def limits_from(calibrations: Sequence[Calibration], deviations: float = DEVIATIONS) -> Limits:
+def limits_from(calibrations: Sequence[Calibration], *, deviations: float = DEVIATIONS) -> Limits:
     """Limits for units of this kind.
 
     The limits of parameters and figures are the mean +- `deviations` standard deviations over the units. The

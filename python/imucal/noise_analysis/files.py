@@ -22,7 +22,7 @@ KALIBR: Final = {
 }
 
 
-def kalibr_yaml(noise: NoiseResult, rostopic: str = ROSTOPIC) -> str:
+def kalibr_yaml(noise: NoiseResult, *, rostopic: str = ROSTOPIC) -> str:
     """Kalibr's imu.yaml: continuous-time figures in SI units, the largest of the three axes.
 
     A random walk that is not detected is written as the upper end of its 95 % band, with a comment, because
@@ -47,7 +47,7 @@ def kalibr_yaml(noise: NoiseResult, rostopic: str = ROSTOPIC) -> str:
     return "\n".join([*lines, f"rostopic: '{quoted}'", f"update_rate: {rate}  # Hz", ""])
 
 
-def unit_of_noise(noise: NoiseResult, name: str = "measured") -> Unit:
+def unit_of_noise(noise: NoiseResult, *, name: str = "measured") -> Unit:
     """A unit for the simulation with this noise and no other error; processes not detected are zero.
 
     Noise density and bias instability are root mean squares over the axes. Raises InputError for raw counts.

@@ -96,7 +96,7 @@ class StandLimits:
         zones = node.get("forbidden_deg").items() if "forbidden_deg" in given else []
         return StandLimits((first, second, third), **numbers, forbidden_deg=tuple(map(_zone, zones)))
 
-    def write(self, path: str | os.PathLike[str], description: str = "") -> None:
+    def write(self, path: str | os.PathLike[str], *, description: str = "") -> None:
         """Write the file, atomically; InputError for a hand, which has no file."""
         if self.in_hand:
             raise InputError("limits of a hand have no file: pass the name, hand")

@@ -88,7 +88,7 @@ class Setup:
         )
 
     def for_core(
-        self, added_force: FloatArray | None = None, added_rate: FloatArray | None = None
+        self, *, added_force: FloatArray | None = None, added_rate: FloatArray | None = None
     ) -> CoreSetup:
         """The setup as the compiled library reads it."""
         return CoreSetup(

@@ -128,10 +128,12 @@ def repeat(
     """
     node = read_json(truth)
     node.require_schema("imucal.truth/1")
-    return run(setup_from(node.get("setup"), user_effects), auxiliary, node.get("has_temperature").flag())
+    keep_temperature = node.get("has_temperature").flag()
+    setup = setup_from(node.get("setup"), user_effects)
+    return run(setup, auxiliary, keep_temperature=keep_temperature)
 
 
-def run(setup: Setup, auxiliary: Auxiliary | None = None, keep_temperature: bool = False) -> Simulation:
+def run(setup: Setup, auxiliary: Auxiliary | None = None, *, keep_temperature: bool = False) -> Simulation:
     """Simulate a setup."""
     samples: dict[str, FloatArray] = {}
     sampled_s = np.zeros(0)

@@ -28,7 +28,7 @@ GROUPS: Final = {
 
 
 @contextmanager
-def live_view(name: str, prints_steps: bool = False) -> Iterator[Callable[[Moment], None] | None]:
+def live_view(name: str, *, prints_steps: bool = False) -> Iterator[Callable[[Moment], None] | None]:
     """A function that shows the state of a run; None without a terminal.
 
     prints_steps  without a terminal, print a line for each step, because a person needs the instructions

@@ -113,7 +113,7 @@ class Progress:
         (start_s, first), (end_s, last) = self._arrivals[0], self._arrivals[-1]
         return (last - first) / (end_s - start_s) if end_s > start_s else 0.0
 
-    def update(self, wait: bool = False) -> None:
+    def update(self, *, wait: bool = False) -> None:
         """Update `prospect` in the background; with `wait`, update it now and return when it is done."""
         if self._evaluating is not None and self._evaluating.is_alive():
             if not wait:

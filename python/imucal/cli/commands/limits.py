@@ -55,7 +55,7 @@ def template(
     from imucal.limits.template import limits_from
 
     require_apart(calibrations, {"--output": output, "--json": json})
-    limits = limits_from([imucal.Calibration.load(path) for path in calibrations], deviations)
+    limits = limits_from([imucal.Calibration.load(path) for path in calibrations], deviations=deviations)
     limits.save(output)
     out = Output(json)
     out.document(limits.to_dict())

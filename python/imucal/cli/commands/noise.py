@@ -63,8 +63,8 @@ def noise(
     with working("identifying the noise"):
         found = imucal.noise(loaded, min_rest_s=min_rest_s)
     # Before any file is written, because these conversions refuse raw counts.
-    yaml = None if kalibr is None else kalibr_yaml(found, rostopic)
-    profile = None if unit_profile is None else unit_of_noise(found, unit_profile.stem)
+    yaml = None if kalibr is None else kalibr_yaml(found, rostopic=rostopic)
+    profile = None if unit_profile is None else unit_of_noise(found, name=unit_profile.stem)
     if report is not None:
         from imucal.report import write_noise_page
 
