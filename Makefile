@@ -1,7 +1,7 @@
 # Needs Python 3.10 or newer, a Rust toolchain with rustfmt and clippy, and make. Everything else goes into .venv.
 #
 #   make test      lint, Rust tests, the source distribution in an empty environment, Python tests, the pages
-#   make test-fast formatting, clippy, ruff, mypy, Rust tests, and the Python tests that are not marked slow
+#   make test-fast formatting, clippy, ruff, mypy, Rust unit tests, and the Python tests that are not marked slow
 #   make lint      formatting, clippy, rustdoc, ruff, import-linter, mypy, stubtest
 #   make demo      simulate the stand, calibrate, judge, and write a page to demo/
 #   make bench     speed compared with SciPy, start time, growth and memory, simulation, and Allan deviations
@@ -121,13 +121,17 @@ format: rust-components $(VENV)/.tools
 
 # --- tests -------------------------------------------------------------------------------------------------------
 
-.PHONY: test test-fast test-rust test-sdist test-python test-python-fast
+.PHONY: test test-fast test-rust test-rust-fast test-sdist test-python test-python-fast
 test: lint test-rust test-sdist test-python docs
-test-fast: lint-fast test-rust test-python-fast
+test-fast: lint-fast test-rust-fast test-python-fast
 
 test-rust: rust-components
 	$(call say,Rust: tests and documentation tests)
 	$(CARGO_TEST)
+
+test-rust-fast: rust-components
+	$(call say,Rust: unit tests)
+	$(CARGO_TEST) --lib
 
 test-sdist: $(VENV)/.sdist
 
