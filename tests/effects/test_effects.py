@@ -467,7 +467,7 @@ def test_a_calibration_carries_no_more_effects_than_the_library():
     most = MAX_EFFECTS
     own = imucal.EffectValues("gyro_bias_supply", [0.01, -0.02, 0.03])
     calibration = unit(*many[:most], own, user_effects=(SUPPLY,))
-    message = f"a calibration carries at most {most} effects"
+    message = f"a calibration can have at most {most} effects"
     with pytest.raises(imucal.InputError, match=f"{message}, {most + 1} were given"):
         unit(*many[: most + 1])
     # The library takes as many, and refuses the next one.

@@ -65,7 +65,7 @@ class SensorModel:
         of_catalogue = len(self.effects) - len(used)
         if of_catalogue > MAX_EFFECTS:
             raise InputError(
-                f"a calibration carries at most {MAX_EFFECTS} effects, {of_catalogue} were given: leave "
+                f"a calibration can have at most {MAX_EFFECTS} effects, {of_catalogue} were given: leave "
                 "out those that matter least"
             )
         object.__setattr__(self, "user_effects", used)
