@@ -168,6 +168,7 @@ def calibrated(
     if judged is not None:
         calibration = made(judged.figures)
     reasons = [
+        *outcome.fit_reasons,
         *poor_figures("calibration set", figures),
         *_too_many_contradict("rests", rests),
         *_too_many_contradict("moves", moves),

@@ -178,6 +178,8 @@ impl From<imucal::FitReport> for FitReport {
             iterations: f.iterations,
             termination: match f.termination {
                 Termination::Converged => "converged",
+                Termination::Stalled => "stalled",
+                Termination::WeightsNotSettled => "weights_not_settled",
                 Termination::IterationLimit => "iteration_limit",
                 Termination::NotFinite => "not_finite",
             },

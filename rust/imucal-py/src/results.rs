@@ -64,6 +64,8 @@ pub(crate) struct Outcome {
     gyroscope_fit: Fields,
     joint_fit: Option<Fields>,
     joint_scales: Option<Fields>,
+    /// Why the fits have not converged; empty if they have.
+    fit_reasons: Vec<String>,
     misfit: Fields,
     bias_instability_radps: Option<[f64; 3]>,
     /// RMS tremor of each recording, rad; None for a unit that is not hand-held.
@@ -112,6 +114,7 @@ impl Outcome {
         let rests = o.rests.iter().map(|rest| with(fields(py, Rest::new(recordings, rest))?, rest.misfit));
         let moves = o.moves.iter().map(|m| with(fields(py, Move::new(recordings, m))?, m.misfit));
         let size = o.values.len();
+        let fit_reasons = o.fit_reasons();
         let covariance: Vec<f64> = o.covariance.concat();
         Ok(Self {
             accel_sensitivity: matrix(py, o.calibration.accelerometer.sensitivity())?,
@@ -128,6 +131,7 @@ impl Outcome {
             accelerometer_fit: fields(py, FitReport::from(o.accelerometer_fit))?,
             gyroscope_fit: fields(py, FitReport::from(o.gyroscope_fit))?,
             joint_fit: o.joint_fit.map(|fit| fields(py, FitReport::from(fit))).transpose()?,
+            fit_reasons,
             misfit: fields(py, Misfit::from(o.misfit))?,
             bias_instability_radps: o.bias_instability_radps,
             tremor_rad: o.tremor_rad,

@@ -71,7 +71,8 @@ use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
 use crate::error::Error;
-use crate::numerics::lsq::{self, Solution, Termination};
+use crate::numerics::fit_report::Termination;
+use crate::numerics::lsq::{self, Solution};
 use crate::rests::moves::Ends;
 use prior::Prior;
 use problem::report::moves_of;
@@ -128,7 +129,7 @@ pub(crate) fn fit(
                 found = minimize(&problem, &found.parameters, lsq::EXACT)?;
                 iterations += found.iterations;
             }
-            return JointFit::new(&problem, terms, found, iterations);
+            return JointFit::new(&problem, terms, found, (iterations, settled));
         }
         parameters.clone_from(&found.parameters);
         problem.weigh_by(&found)?;

@@ -53,4 +53,4 @@ pub mod rests;
 pub mod simulate;
 mod two_stage;
 
-pub use numerics::lsq::{FitReport, Termination};
+pub use numerics::fit_report::{FitReport, Termination};

@@ -15,7 +15,7 @@ use crate::evaluate::{Figures, MoveReport, RestReport, figures, move_report, unu
 use crate::finding::Finding;
 use crate::frame::{self, Frame, Sensitivities};
 use crate::joint::{JointFit, Misfit, Misfits, Model, ResidualScales, TermEstimate};
-use crate::numerics::lsq::FitReport;
+use crate::numerics::fit_report::FitReport;
 use crate::numerics::stats::median;
 use crate::parameters::{parameter_names, parameter_values};
 use crate::rests::moves::Unusable;
@@ -71,6 +71,17 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// Why the fits that make the estimate have not converged; empty if they have. Each reason makes the verdict poor.
+    pub fn fit_reasons(&self) -> Vec<String> {
+        match &self.joint_fit {
+            Some(joint) => joint.reason("the joint fit").into_iter().collect(),
+            None => [(&self.accelerometer_fit, "the accelerometer fit"), (&self.gyroscope_fit, "the gyroscope fit")]
+                .into_iter()
+                .filter_map(|(report, name)| report.reason(name))
+                .collect(),
+        }
+    }
+
     /// The result of the two-stage fit, in the requested body frame.
     pub(super) fn new(
         mut data: UnitData<'_>,

@@ -10,7 +10,7 @@
 
 use faer::Mat;
 
-use crate::numerics::lsq::by_chance;
+use crate::numerics::fit_report::by_chance;
 
 /// Residuals of one axis, seen along the directions in which noise and another covariance do not mix.
 pub(super) struct Scatter {

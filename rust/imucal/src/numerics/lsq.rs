@@ -9,6 +9,7 @@ use faer::Mat;
 use faer::prelude::SolveLstsq;
 
 use crate::error::Error;
+use crate::numerics::fit_report::Termination;
 
 /// Residuals and their Jacobian as functions of the parameters.
 pub(crate) trait Residuals {
@@ -16,32 +17,6 @@ pub(crate) trait Residuals {
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>);
     /// Number of residuals m.
     fn count(&self) -> usize;
-}
-
-/// Why a fit ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Termination {
-    /// No step changes the parameters by more than the tolerance, which is one of rounding at least.
-    Converged,
-    /// The iteration limit was reached first.
-    IterationLimit,
-    /// A residual was not finite.
-    NotFinite,
-}
-
-/// How a fit ended.
-#[derive(Clone, Copy, Debug)]
-pub struct FitReport {
-    /// Sum of the squared residuals in units of what noise explains.
-    pub chi2: f64,
-    /// Residuals less parameters.
-    pub degrees_of_freedom: usize,
-    /// By how much standard deviations were widened because the residuals exceed the noise by more than chance; else 1.
-    pub inflation: f64,
-    /// Iterations of the solver.
-    pub iterations: u64,
-    /// Why it ended.
-    pub termination: Termination,
 }
 
 /// Where a fit ended.
@@ -68,25 +43,6 @@ impl Solution {
             termination: Termination::IterationLimit,
         }
     }
-
-    /// What people are told about the fit.
-    pub(crate) fn report(&self) -> FitReport {
-        let degrees_of_freedom = self.residuals.nrows().saturating_sub(self.parameters.len());
-        // chi2 / dof scatters about one by sqrt(2 / dof); widening whatever exceeds one would make every sigma too large.
-        let reduced = self.chi2 / degrees_of_freedom.max(1) as f64;
-        FitReport {
-            chi2: self.chi2,
-            degrees_of_freedom,
-            inflation: if reduced > by_chance(degrees_of_freedom.max(1) as f64) { reduced.sqrt() } else { 1.0 },
-            iterations: self.iterations,
-            termination: self.termination,
-        }
-    }
-}
-
-/// The largest chi2 per degree of freedom that chance explains: three standard deviations.
-pub(crate) fn by_chance(degrees_of_freedom: f64) -> f64 {
-    1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 
 /// Tolerance of a result: a step shorter than this, relative to the parameters (both scaled by D), is the last one. With a
@@ -95,12 +51,24 @@ pub(crate) const EXACT: f64 = 1e-10;
 /// Tolerance of a start value.
 pub(crate) const ROUGH: f64 = 1e-3;
 const ITERATION_LIMIT: u64 = 200;
+/// Damping beyond which a step is lost in the rounding of the parameters.
+const MOST_DAMPED: f64 = 1e16;
 
 /// Minimises the sum of squares from `start`, to a relative step of `tolerance`.
 pub(crate) fn minimize<R: Residuals>(problem: &R, start: &[f64], tolerance: f64) -> Result<Solution, Error> {
+    minimize_within(problem, start, tolerance, ITERATION_LIMIT)
+}
+
+/// As [`minimize`], with at most `iterations` iterations.
+pub(crate) fn minimize_within<R: Residuals>(
+    problem: &R,
+    start: &[f64],
+    tolerance: f64,
+    iterations: u64,
+) -> Result<Solution, Error> {
     let solver = LevenbergMarquardt::new(problem.count(), start.len(), tolerance);
     let outcome = Executor::new(problem, solver)
-        .configure(|state| state.param(start.to_vec()).max_iters(ITERATION_LIMIT))
+        .configure(|state| state.param(start.to_vec()).max_iters(iterations))
         .timer(false)
         .run()
         .map_err(|error| Error::Fit(error.to_string()))?;
@@ -177,6 +145,23 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
         .map_err(|_| Error::Fit("the singular values of the design did not converge: check the data".into()))?;
     let values = (0..n).rev().map(|i| eigen.S()[i].max(0.0).sqrt()).collect();
     Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
+}
+
+/// Components of the residuals along the left singular vectors of the Jacobian with columns of unit length, and its singular
+/// values; `None` if they are not finite.
+pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
+    let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
+    let rows = jacobian.nrows();
+    let both = Mat::from_fn(rows.max(n + 1), n + 1, |i, j| match j {
+        _ if i >= rows => 0.0,
+        j if j < n => jacobian[(i, j)] / norms[j],
+        _ => residuals[(i, 0)],
+    });
+    let r = both.qr().thin_R().to_owned();
+    let svd = r.submatrix(0, 0, n, n).thin_svd().ok()?;
+    let projected = svd.U().transpose() * r.submatrix(0, n, n, 1);
+    let (projected, values): (Vec<f64>, Vec<f64>) = (0..n).map(|k| (projected[(k, 0)], svd.S()[k])).unzip();
+    projected.iter().chain(&values).all(|value| value.is_finite()).then_some((projected, values))
 }
 
 fn column_norms(matrix: &Mat<f64>) -> Vec<f64> {
@@ -310,8 +295,8 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
             self.lambda *= self.growth;
             self.growth *= 2.0;
         }
-        if !accepted && self.lambda > 1e16 {
-            self.termination = Some(Termination::Converged);
+        if !accepted && self.lambda > MOST_DAMPED {
+            self.termination = Some(Termination::Stalled);
         }
         let next = if accepted { trial } else { current };
         Ok((state.param(next).cost(self.chi2), None))

@@ -14,7 +14,7 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::numerics::lsq::by_chance;
+use crate::numerics::fit_report::by_chance;
 use crate::numerics::stats::{median, quantile, random_effects_mean, sample_interval_s};
 use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};

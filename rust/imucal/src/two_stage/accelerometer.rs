@@ -13,7 +13,8 @@ use nalgebra::{Matrix3, SVector, Vector3};
 
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
-use crate::numerics::lsq::{self, FitReport, Residuals, Solution, Termination};
+use crate::numerics::fit_report::{FitReport, Termination};
+use crate::numerics::lsq::{self, Residuals, Solution};
 use crate::numerics::{robust, stats};
 use crate::rests::rest::{Rest, sigma_norm};
 use crate::two_stage::ellipsoid::{self, Start};
@@ -109,7 +110,7 @@ fn finish(rests: &[&Rest], used: Vec<bool>, problem: &Norms, solution: &Solution
             gain[(i, k)] = row_gain[(i, row)] / problem.sigma[row];
         }
     }
-    Ok(AccelerometerFit { triad, used, gain, report: solution.report() })
+    Ok(AccelerometerFit { triad, used, gain, report: FitReport::of(solution) })
 }
 
 pub(crate) fn parameters_of(start: &Start) -> Vec<f64> {

@@ -19,7 +19,8 @@ use imucal_core::so3::{self, hat};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::error::Error;
-use crate::numerics::lsq::{self, FitReport, Residuals, Solution, Termination};
+use crate::numerics::fit_report::{FitReport, Termination};
+use crate::numerics::lsq::{self, Residuals, Solution};
 use crate::numerics::robust;
 use crate::numerics::stats::rms;
 use crate::numerics::workers::{in_order, threads_for};
@@ -210,7 +211,7 @@ impl Weighed<'_> {
             }
         }
         let carried = self.carrying.carried(&triad, self.ends).carried.clone();
-        GyroscopeFit { carried, triad, used, gain, report: solution.report() }
+        GyroscopeFit { carried, triad, used, gain, report: FitReport::of(&solution) }
     }
 
     /// Refuses moves that do not determine all nine entries.

@@ -14,7 +14,8 @@ use crate::joint::prior::Prior;
 use crate::joint::terms::Terms;
 use crate::joint::wander::UnitWander;
 use crate::joint::weights::Weights;
-use crate::numerics::lsq::{self, FitReport, Solution};
+use crate::numerics::fit_report::{FitReport, Termination};
+use crate::numerics::lsq::{self, Solution};
 use crate::parameters::BASE;
 use crate::rests::moves::Ends;
 
@@ -74,7 +75,7 @@ impl JointFit {
         problem: &Joint<'_>,
         terms: &Terms<'_>,
         solution: Solution,
-        iterations: u64,
+        (iterations, have_settled): (u64, bool),
     ) -> Result<Self, Error> {
         let linear = problem.linear(&solution.parameters)?;
         let model = &linear.model;
@@ -102,15 +103,11 @@ impl JointFit {
                 }
             })
             .collect();
-        let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
         let scales = &problem.weights.scales;
-        let report = FitReport {
-            chi2: solution.chi2,
-            degrees_of_freedom,
-            inflation: scales.largest(),
-            iterations,
-            termination: solution.termination,
-        };
+        let mut report = FitReport { inflation: scales.largest(), iterations, ..FitReport::of(&solution) };
+        if report.termination == Termination::Converged && !have_settled {
+            report.termination = Termination::WeightsNotSettled;
+        }
         let scales = ResidualScales {
             norms: scales.norms,
             moves: scales.moves,

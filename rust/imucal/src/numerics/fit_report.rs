@@ -1,0 +1,114 @@
+//! How a fit ended, and why its result is not an optimum if it is not.
+//!
+//! The gradient test uses the decrease of chi2 that the linear model at the result predicts for an undamped step,
+//!
+//! ```text
+//! |P r|^2,   P the projection on the columns of the Jacobian J of the whitened residuals r
+//! ```
+//!
+//! It does not depend on the units of the parameters. A parameter that is one standard deviation from its optimum contributes one.
+
+use faer::Mat;
+
+use crate::numerics::lsq::{Solution, singular_of_triangle};
+
+/// Largest predicted decrease of chi2 of a converged fit, in units of chi2 per degree of freedom where that exceeds one: every
+/// parameter is within a hundredth of its standard deviation of the optimum of the linear model.
+const LARGEST_DECREASE: f64 = 1e-4;
+
+/// Why a fit ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Termination {
+    /// The gradient test is passed.
+    Converged,
+    /// No step decreases chi2, or the steps have become negligible, and the gradient test is not passed.
+    Stalled,
+    /// The iteration limit was reached and the gradient test is not passed.
+    IterationLimit,
+    /// A residual is not finite.
+    NotFinite,
+    /// The weights of the residuals still changed in the last round of reweighting.
+    WeightsNotSettled,
+}
+
+/// How a fit ended.
+#[derive(Clone, Copy, Debug)]
+pub struct FitReport {
+    /// Sum of the squared residuals in units of their noise variance.
+    pub chi2: f64,
+    /// Residuals less parameters.
+    pub degrees_of_freedom: usize,
+    /// Factor by which standard deviations were widened because the residuals exceed the noise significantly; else 1.
+    pub inflation: f64,
+    /// Iterations of the solver.
+    pub iterations: u64,
+    /// Why it ended.
+    pub termination: Termination,
+    /// Decrease of chi2 that the linear model at the result still predicts.
+    pub predicted_decrease: f64,
+}
+
+impl FitReport {
+    /// The report of one minimisation.
+    pub(crate) fn of(solution: &Solution) -> Self {
+        let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
+        // chi2 / dof scatters about one by sqrt(2 / dof): widening all that exceed one would make every sigma too large.
+        let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
+        let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
+        let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);
+        Self {
+            chi2: solution.chi2,
+            degrees_of_freedom,
+            inflation: if reduced > by_chance(degrees_of_freedom.max(1) as f64) { reduced.sqrt() } else { 1.0 },
+            iterations: solution.iterations,
+            termination: match solution.termination {
+                Termination::NotFinite => Termination::NotFinite,
+                _ if passes => Termination::Converged,
+                // The steps became negligible by damping alone.
+                Termination::Converged => Termination::Stalled,
+                other => other,
+            },
+            predicted_decrease,
+        }
+    }
+
+    /// Why the result of the fit called `name` is not an optimum; `None` if it has converged.
+    pub fn reason(&self, name: &str) -> Option<String> {
+        let Self { iterations, predicted_decrease, .. } = self;
+        let why = match self.termination {
+            Termination::Converged => return None,
+            Termination::Stalled => format!(
+                "stalled after {iterations} iterations: no step decreases chi2, although its gradient predicts a decrease \
+                 by {predicted_decrease:.1e}"
+            ),
+            Termination::IterationLimit => format!(
+                "reached its limit of {iterations} iterations, and its gradient predicts a further decrease of chi2 by \
+                 {predicted_decrease:.1e}"
+            ),
+            Termination::NotFinite => format!("has residuals that are not finite after {iterations} iterations"),
+            Termination::WeightsNotSettled => {
+                format!("ended after {iterations} iterations with weights of its residuals that had not settled")
+            }
+        };
+        Some(format!("{name} {why}: the result is not its optimum; estimate fewer effects, or record more poses and moves"))
+    }
+}
+
+/// Largest chi2 per degree of freedom that is not significant: three standard deviations above one.
+pub(crate) fn by_chance(degrees_of_freedom: f64) -> f64 {
+    1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
+}
+
+/// `|P r|^2`: what chi2 decreases by if the linear model is exact.
+fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
+    /// Directions whose singular value is a smaller share of the largest one are not determined and have no gradient.
+    const DETERMINED: f64 = 1e-12;
+    let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
+        return f64::INFINITY;
+    };
+    let largest = values.iter().fold(0.0, |largest: f64, value| largest.max(*value));
+    projected.iter().zip(&values).filter(|(_, value)| **value > DETERMINED * largest).map(|(part, _)| part * part).sum()
+}
+
+#[cfg(test)]
+mod tests;
