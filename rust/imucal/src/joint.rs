@@ -44,7 +44,7 @@ use crate::parameters::BASE;
 pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
-pub(crate) use fields::{Field, ways};
+pub(crate) use fields::{Field, move_segments};
 pub(crate) use insides::Insides;
 pub(crate) use lanes::Lanes;
 pub(crate) use linear::{INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
@@ -53,7 +53,7 @@ pub(crate) use misfit::Misfits;
 pub(crate) use model::Model;
 pub(crate) use outliers::{Item, outliers};
 pub(crate) use pass::BLOCK_S;
-pub(crate) use pass::ways::Way;
+pub(crate) use pass::segments::MoveSegments;
 pub(crate) use prepared::Prepared;
 pub(crate) use problem::Joint;
 pub(crate) use problem::report::JointFit;
@@ -86,7 +86,7 @@ pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
 const WIDE: f64 = 100.0;
 /// Weights and result have settled when no parameter moves by more than this share of its standard deviation.
 const SETTLED: f64 = 1e-3;
-const MOST_ROUNDS: usize = 8;
+const MAX_ROUNDS: usize = 8;
 /// A start with residuals of so many times their noise misleads the weights of a fit, which are taken anew until none is off by `FAR`.
 const MISLEADING: f64 = 10.0;
 const FAR: f64 = 1.5;
@@ -96,12 +96,12 @@ const SEARCH: f64 = 1e-5;
 pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
 /// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
-const ADDS_UP: [&str; 1] = ["gyro_angular_acceleration"];
+const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
 /// Whether data by hand do not show an effect: it is seen in the force inside the moves, and a hand adds to that.
-pub(crate) fn is_blind_by_hand(name: &str) -> bool {
+pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     let effect = Effect::<f64>::find(name);
-    effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !ADDS_UP.contains(&name)
+    effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
 }
 
 /// Estimates all parameters, starting from what is near, or from two triads and no effects.
@@ -117,13 +117,13 @@ pub(crate) fn fit(
     let mut iterations = 0;
     begin(&mut problem, terms, &parameters, |term| term.partly.then_some(WIDE))?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
-    for round in 0..MOST_ROUNDS {
+    for round in 0..MAX_ROUNDS {
         // The weights of the first round are not the last ones.
         let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
         let mut found = minimize(&problem, &parameters, tolerance)?;
         iterations += found.iterations;
         let settled = !problem.widen(&found) && round > 0 && largest_move(&parameters, &found) < SETTLED;
-        if settled || round + 1 == MOST_ROUNDS {
+        if settled || round + 1 == MAX_ROUNDS {
             // What is said of the result is from the samples at its own place.
             if problem.refresh(&found.parameters)? {
                 found = minimize(&problem, &found.parameters, lsq::EXACT)?;
@@ -152,7 +152,7 @@ pub(crate) fn fit_for_search(
     // What the start does not explain, a stand that is not straight or a very large effect, is hardly listened to.
     let mut taken = problem.weights.times_noise(prepared);
     let is_misled = !terms.all.is_empty() && taken.iter().any(|times| *times > MISLEADING);
-    let rounds = if is_misled { MOST_ROUNDS } else { usize::from(terms.kinds.encoders) };
+    let rounds = if is_misled { MAX_ROUNDS } else { usize::from(terms.kinds.encoders) };
     for round in 0..rounds {
         problem.weigh_by(&found)?;
         let before = std::mem::replace(&mut taken, problem.weights.times_noise(prepared));

@@ -5,7 +5,7 @@ use std::sync::OnceLock;
 use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
-use super::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, NOT_STILL, UnitData};
+use super::unit_data::{CONTRADICTS_MOVES, MIN_MOVES, NOT_STILL, UnitData};
 use super::{CrossValidation, Options};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::error::Error;
@@ -19,7 +19,7 @@ use crate::two_stage::accelerometer::AccelerometerFit;
 /// A larger share of rests or moves that contradict the others is no accident.
 const OUTLIERS: f64 = 0.1;
 /// Fits in which rests and moves are left out or taken in again.
-const MOST_ROUNDS: usize = 4;
+const MAX_ROUNDS: usize = 4;
 
 /// The rests and moves that a fit is made of.
 #[derive(Clone)]
@@ -68,7 +68,7 @@ impl UnitData<'_> {
         let model = [&accelerometer.triad, &gyroscope.fit.triad];
         let all = self.everything();
         let mut selection = Selection::of_two_stages(accelerometer, gyroscope, unusable);
-        for _ in 1..MOST_ROUNDS {
+        for _ in 1..MAX_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options, near.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
             // What contradicts must not make itself likely.
@@ -78,7 +78,7 @@ impl UnitData<'_> {
             })?;
             let next = self.without(&all, &contradicts);
             let same = next.used == selection.used && next.moves == selection.moves;
-            if same || next.moves.len() < FEWEST_MOVES {
+            if same || next.moves.len() < MIN_MOVES {
                 return Ok((fit, selection));
             }
             selection = next;

@@ -10,7 +10,7 @@ use faer::Mat;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 
-use super::unit_data::{FEWEST_MOVES, UnitData, too_few_moves};
+use super::unit_data::{MIN_MOVES, UnitData, too_few_moves};
 use super::{Frame, Options};
 use crate::error::Error;
 use crate::joint::{BLOCK_S, Joint, Kinds, Line, Model, Prepared, Source, Terms, Wander};
@@ -297,7 +297,7 @@ impl Scene {
         if let Some(words) = &self.silent_gyroscope {
             return words.clone();
         }
-        if self.moves.len() < FEWEST_MOVES {
+        if self.moves.len() < MIN_MOVES {
             return too_few_moves(self.moves.len(), &self.unusable);
         }
         if !measures_gravity {

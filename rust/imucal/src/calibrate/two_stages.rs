@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use crate::calibrate::Options;
 use crate::calibrate::prospect::Prospect;
-use crate::calibrate::unit_data::{CONTRADICTS_MOVES, FEWEST_MOVES, UnitData, refuse_errors, too_few_moves};
+use crate::calibrate::unit_data::{CONTRADICTS_MOVES, MIN_MOVES, UnitData, refuse_errors, too_few_moves};
 use crate::check;
 use crate::error::Error;
 use crate::evaluate::{MoveReport, move_report, unusable_report};
@@ -16,7 +16,7 @@ use crate::rests::moves::{Ends, Move, Unusable, between};
 use crate::rests::rest::Rest;
 use crate::two_stage::accelerometer::AccelerometerFit;
 use crate::two_stage::ellipsoid::Start;
-use crate::two_stage::gyroscope::{Carrying, GyroscopeFit};
+use crate::two_stage::gyroscope::{GyroscopeFit, PreintegratedMoves};
 use crate::two_stage::{accelerometer, gyroscope, uncertainty};
 
 /// The gyroscope fit and its input.
@@ -78,7 +78,7 @@ impl UnitData<'_> {
         options: &Options<'_>,
     ) -> Result<(Vec<Move>, Vec<Unusable>), Error> {
         let (moves, unusable) = between(self.recordings, &self.rests, &accelerometer.used, &self.saturated);
-        if moves.len() < FEWEST_MOVES || self.has_silent_gyroscope(&moves, &accelerometer.triad) {
+        if moves.len() < MIN_MOVES || self.has_silent_gyroscope(&moves, &accelerometer.triad) {
             let words = format!(
                 "{} moves do not determine the gyroscope: {}",
                 moves.len(),
@@ -129,10 +129,10 @@ impl UnitData<'_> {
         // The weights require the scale of the gyroscope, so the fit is made twice: with the weights of the start
         // value, then with those of the first result.
         let (ends, _) = self.ends(moves, accelerometer, &gyroscope::triad_with(&starts[0], bias.bias)?);
-        let carrying = Carrying::new(self.recordings, moves, bias.bias);
-        let first = carrying.first_estimate(&ends, &starts)?;
+        let preintegrated = PreintegratedMoves::new(self.recordings, moves, bias.bias);
+        let first = preintegrated.first_estimate(&ends, &starts)?;
         let (ends, random_walk_rad) = self.ends(moves, accelerometer, &first);
-        let fit = carrying.fit(&ends, &first).map_err(|error| self.with_all_that_is_missing(error, options))?;
+        let fit = preintegrated.fit(&ends, &first).map_err(|error| self.with_all_that_is_missing(error, options))?;
         Ok(Gyroscope { moves: moves.to_vec(), fit, ends, random_walk_rad, findings })
     }
 
@@ -149,7 +149,7 @@ impl Gyroscope {
     pub(super) fn move_reports(&self, unusable: &[Unusable]) -> Vec<MoveReport> {
         let report = |k: usize| {
             let excluded = (!self.fit.used[k]).then_some(CONTRADICTS_MOVES);
-            move_report(&self.moves[k], &self.ends[k], &self.fit.carried[k].rotation, excluded)
+            move_report(&self.moves[k], &self.ends[k], &self.fit.preintegrated[k].rotation, excluded)
         };
         let spoilt = unusable.iter().map(|u| unusable_report(&u.span, u.reason));
         let mut reports: Vec<MoveReport> = (0..self.moves.len()).map(report).chain(spoilt).collect();
@@ -160,7 +160,7 @@ impl Gyroscope {
     /// Residuals of the moves that the fit uses, in standard deviations of their noise.
     pub(super) fn used_residuals(&self) -> Vec<f64> {
         let of = |k: usize| {
-            let z = self.ends[k].residual(&self.fit.carried[k].rotation) / self.ends[k].sigma_rad;
+            let z = self.ends[k].residual(&self.fit.preintegrated[k].rotation) / self.ends[k].sigma_rad;
             [z.x, z.y]
         };
         (0..self.moves.len()).filter(|&k| self.fit.used[k]).flat_map(of).collect()

@@ -9,7 +9,7 @@ use crate::check;
 use crate::error::Error;
 use crate::evaluate::{RestReport, rest_report};
 use crate::finding::{Finding, Severity};
-use crate::joint::is_blind_by_hand;
+use crate::joint::is_unobservable_hand_held;
 use crate::recording::{RawUnit, Recording};
 use crate::rests::moves::{Directions, Unusable, saturated_stretches};
 use crate::rests::noise_density::NoiseDensity;
@@ -19,7 +19,7 @@ use crate::rests::unit_rest::{UnitRest, rests_of};
 use crate::two_stage::gyroscope::{self, GyroscopeBias};
 
 /// Minimum number of moves for the gyroscope. Each move has two residuals, and the sensitivity has nine entries.
-pub(super) const FEWEST_MOVES: usize = 5;
+pub(super) const MIN_MOVES: usize = 5;
 /// Reason code of an excluded move that contradicts all others.
 pub(super) const CONTRADICTS_MOVES: &str = "contradicts_other_moves";
 /// Reason code of an excluded rest whose mean rate is far from that of all others.
@@ -151,7 +151,7 @@ impl<'a> UnitData<'a> {
     /// Returns an error if the unit is hand-held and an effect is requested that is observable only from the force
     /// inside moves. A hand also accelerates the unit, and this acceleration is not known.
     pub(super) fn require_turns_in_place(&self, options: &Options<'_>) -> Result<(), Error> {
-        let blind = options.effects.iter().find(|choice| is_blind_by_hand(choice.effect.name));
+        let blind = options.effects.iter().find(|choice| is_unobservable_hand_held(choice.effect.name));
         match blind.filter(|_| self.is_held()) {
             None => Ok(()),
             Some(choice) => Err(Error::NotEnoughMotion(format!(
@@ -188,7 +188,7 @@ impl UnitData<'_> {
 
 /// Recommendation for recordings with too few usable moves; it counts the reasons why others are not usable.
 pub(super) fn too_few_moves(usable: usize, unusable: &[Unusable]) -> String {
-    let needed = format!("at least {FEWEST_MOVES} between different poses are needed, better 12");
+    let needed = format!("at least {MIN_MOVES} between different poses are needed, better 12");
     let Some(first) = unusable.first() else {
         return format!("{needed}; move the unit about all three axes, resting in between");
     };

@@ -6,21 +6,21 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::{Column, Gram};
 use super::weighing::{Aside, Columns, Swept, Weighing};
-use crate::numerics::symmetric::Upper;
+use crate::numerics::symmetric::SymmetricMatrix;
 
 /// A model and many columns beside it, of which each is weighed with a few others: their products with the model, and no others.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
     /// The first rows of their sums.
-    parts: Vec<Upper>,
+    parts: Vec<SymmetricMatrix>,
 }
 
 /// A model that is swept at some scales, and what all columns beside it have in common with it.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
     /// The sums at these scales, and what the sweep makes of them.
-    whole: Upper,
-    sums: Upper,
+    whole: SymmetricMatrix,
+    sums: SymmetricMatrix,
     volume: f64,
 }
 
@@ -28,7 +28,7 @@ impl<'a> Common<'a> {
     pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let columns = Columns::new(gram, model, beside);
         let rows = 0..model.len();
-        let mut parts = vec![Upper::first_rows(rows.len(), columns.count() + 1); gram.sums.len()];
+        let mut parts = vec![SymmetricMatrix::first_rows(rows.len(), columns.count() + 1); gram.sums.len()];
         columns.fill(&mut parts, &rows);
         Self { columns, parts }
     }
@@ -48,7 +48,7 @@ impl<'a> Common<'a> {
             beside: beside[own].to_vec(),
             unit: runs.iter().flat_map(|run| &unit[run.clone()]).copied().collect(),
         };
-        let mut parts: Vec<Upper> = self.parts.iter().map(|part| part.part(&runs)).collect();
+        let mut parts: Vec<SymmetricMatrix> = self.parts.iter().map(|part| part.part(&runs)).collect();
         columns.fill(&mut parts, &(model.len()..columns.count() + 1));
         Weighing { columns, parts }
     }
@@ -77,7 +77,7 @@ impl WithSimd for SweepCommon<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Self::Output {
         let Self(Common { columns, parts }, scales) = self;
         let n = columns.model.len();
-        let mut whole = Upper::first_rows(n, columns.count() + 1);
+        let mut whole = SymmetricMatrix::first_rows(n, columns.count() + 1);
         columns.add_up(simd, parts, scales, 0, &mut whole);
         let mut sums = whole.clone();
         let volume = sums.sweep(simd, 0..n)?;
@@ -89,7 +89,7 @@ struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
     /// Of what is swept of all, the part of the weighing.
-    known: Upper,
+    known: SymmetricMatrix,
     /// Which of all columns stand beside the model in the weighing.
     columns: Vec<usize>,
 }

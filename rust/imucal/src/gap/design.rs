@@ -68,12 +68,12 @@ impl Made {
         let Self { head, inside, order } = self;
         let columns = &order[..order.len() - 1];
         let mut all = Mat::zeros(rows, columns.len());
-        head.put_columns(columns.iter().copied(), &mut all, 0);
+        head.copy_columns(columns.iter().copied(), &mut all, 0);
         let Some(insides) = inside else { return all };
         let (mut lanes, mut first) = (insides.no_rows().clone(), head.rows());
         for k in 0..insides.moves() {
             insides.look(k, &mut lanes);
-            lanes.put_columns(columns.iter().copied(), &mut all, first);
+            lanes.copy_columns(columns.iter().copied(), &mut all, first);
             first += lanes.rows();
         }
         all

@@ -10,7 +10,7 @@ use super::design::axes_of;
 use super::generic::{Block, Hypothesis, hypotheses};
 use super::shares::{Moment, Moments, Place};
 use crate::error::Error;
-use crate::joint::{Field, Joint, Linear, Model, Prepared, Terms, Way, ways};
+use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, move_segments};
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
@@ -22,7 +22,7 @@ pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
     problem: Joint<'a>,
     linear: Arc<Linear>,
-    ways: Vec<Way>,
+    segments: Vec<MoveSegments>,
     moments: Moments,
 }
 
@@ -32,9 +32,9 @@ impl<'a> Setting<'a> {
         let plain = Model { values: Vec::new(), stand: Vec::new(), ..model.clone() };
         let linear = Arc::new(prepared.linearise(none, &plain.parameters())?);
         let problem = Joint::of_noise(prepared, none, Arc::clone(&linear))?;
-        let ways = ways(prepared, &linear, if linear.sees_inside() { 1 } else { EVERY });
-        let moments = moments(prepared, &linear, &ways);
-        Ok(Self { prepared, problem, linear, ways, moments })
+        let segments = move_segments(prepared, &linear, if linear.sees_inside() { 1 } else { EVERY });
+        let moments = moments(prepared, &linear, &segments);
+        Ok(Self { prepared, problem, linear, segments, moments })
     }
 
     /// Hypotheses about the blocks that are asked about.
@@ -58,8 +58,8 @@ impl<'a> Setting<'a> {
         // From rest to rest the force inside the moves is not looked at.
         let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
         let of_move = |k| if on_the_way { hypothesis.columns(&self.moments, Place::Move(k)) } else { Vec::new() };
-        let field = Field { sensor, width, rests, moves: (0..self.ways.len()).map(of_move).collect() };
-        self.problem.by_field(&self.linear, &self.ways, &field)
+        let field = Field { sensor, width, rests, moves: (0..self.segments.len()).map(of_move).collect() };
+        self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
     /// Each rest, or the rest before each move, and what is wrong there on each axis with these weights of a hypothesis' columns.
@@ -84,21 +84,21 @@ impl<'a> Setting<'a> {
 }
 
 /// What the kernels need to know of the rests that take part and of the moves between them.
-fn moments(prepared: &Prepared<'_>, linear: &Linear, ways: &[Way]) -> Moments {
+fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];
-    let mut moves = Vec::with_capacity(ways.len());
-    for ((m, at_move), way) in prepared.moves.iter().zip(linear.moves.iter()).zip(ways) {
+    let mut moves = Vec::with_capacity(segments.len());
+    for ((m, at_move), segment) in prepared.moves.iter().zip(linear.moves.iter()).zip(segments) {
         let quaternion = |m: &_| UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*m));
         let whole = quaternion(&at_move.pass.rotation);
         let (start, turn) = (arrived[m.from].map_or(attitude, |(attitude, _)| attitude), whole.scaled_axis());
         let recording = &prepared.recordings[m.recording];
-        let rate_and_time = |k: usize| (way.stretches[k].rate, way.stretches[k].time_s);
+        let rate_and_time = |k: usize| (segment.stretches[k].rate, segment.stretches[k].time_s);
         let moment = |k: usize| {
-            let stretch = &way.stretches[k];
+            let stretch = &segment.stretches[k];
             let here = quaternion(&stretch.attitude);
             let ((w0, t0), (w1, t1)) =
-                (rate_and_time(k.saturating_sub(1)), rate_and_time((k + 1).min(way.stretches.len() - 1)));
+                (rate_and_time(k.saturating_sub(1)), rate_and_time((k + 1).min(segment.stretches.len() - 1)));
             Moment {
                 recording: m.recording,
                 time_s: stretch.time_s,
@@ -110,7 +110,7 @@ fn moments(prepared: &Prepared<'_>, linear: &Linear, ways: &[Way]) -> Moments {
                 acceleration: if t1 > t0 { (w1 - w0) / (t1 - t0) } else { Vector3::zeros() },
             }
         };
-        moves.push((0..way.stretches.len()).map(moment).collect());
+        moves.push((0..segment.stretches.len()).map(moment).collect());
         attitude = start * whole;
         arrived[m.to] = Some((attitude, turn));
     }

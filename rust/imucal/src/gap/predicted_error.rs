@@ -57,7 +57,7 @@ pub struct PredictedError {
     pub factor: f64,
     /// Lower end of the 95 % interval of the factor on these recordings.
     pub factor_low: f64,
-    /// Upper end.
+    /// SymmetricMatrix end.
     pub factor_high: f64,
 }
 

@@ -11,7 +11,7 @@ use super::path::Hunt;
 use super::stage::{Beside, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;
-use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_blind_by_hand};
+use crate::joint::{BLOCK_S, Kinds, Prepared, Terms, is_unobservable_hand_held};
 
 /// A hand takes longer than this to push and to stop, s: the force inside the moves is asked for in means over as long.
 const STRETCH_S: f64 = 4.0 * BLOCK_S;
@@ -32,7 +32,7 @@ impl Hunt<'_> {
             self.is_carried = true;
             self.kinds.in_motion = false;
             open.retain(|choice| {
-                let blind = is_blind_by_hand(choice.effect.name);
+                let blind = is_unobservable_hand_held(choice.effect.name);
                 if blind {
                     self.left_out.push((
                         choice.effect.name.to_owned(),
@@ -95,7 +95,7 @@ impl Hunt<'_> {
                 let asked = seen.candidates.iter().filter(|c| is_asked(&c.name));
                 seen.model.iter().copied().chain(asked.flat_map(|c| c.columns(10.0))).collect()
             };
-            let (all_columns, of_turning) = (with(&|_| true), with(&is_blind_by_hand));
+            let (all_columns, of_turning) = (with(&|_| true), with(&is_unobservable_hand_held));
             let (gram, _) = seen.insides_apart(prepared);
             let mut is_carried = false;
             for (group, plain) in &loud {

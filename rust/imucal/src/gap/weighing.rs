@@ -16,7 +16,7 @@ use std::ops::Range;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::{Column, Evidence, Gram, RIDGE};
-use crate::numerics::symmetric::Upper;
+use crate::numerics::symmetric::SymmetricMatrix;
 pub(crate) use left::Left;
 
 /// Scales and parameters depend on each other; the last round is taken as it is.
@@ -41,14 +41,14 @@ pub(super) struct Columns<'a> {
 pub(crate) struct Weighing<'a> {
     pub(super) columns: Columns<'a>,
     /// Their sums, group by group.
-    pub(super) parts: Vec<Upper>,
+    pub(super) parts: Vec<SymmetricMatrix>,
 }
 
 /// The sums of a weighing at some scales, out of which the model is swept.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
-    pub(super) sums: Upper,
+    pub(super) sums: SymmetricMatrix,
     /// What each column beside the model is without it.
     whole: Vec<f64>,
     /// Logarithm of the determinant of what the model has.
@@ -76,7 +76,7 @@ impl<'a> Columns<'a> {
     }
 
     /// Fills some rows of their sums.
-    pub(super) fn fill(&self, sums: &mut [Upper], rows: &Range<usize>) {
+    pub(super) fn fill(&self, sums: &mut [SymmetricMatrix], rows: &Range<usize>) {
         let (place, unit) = (self.places(), &self.unit);
         for (part, sum) in sums.iter_mut().zip(&self.gram.sums) {
             for i in rows.clone() {
@@ -89,7 +89,14 @@ impl<'a> Columns<'a> {
 
     /// Adds these sums over their scales from a row on, and what is known of the model.
     #[inline(always)] // With the widest registers.
-    pub(super) fn add_up<S: Simd>(&self, simd: S, parts: &[Upper], scales: &[f64], from: usize, to: &mut Upper) {
+    pub(super) fn add_up<S: Simd>(
+        &self,
+        simd: S,
+        parts: &[SymmetricMatrix],
+        scales: &[f64],
+        from: usize,
+        to: &mut SymmetricMatrix,
+    ) {
         let last = self.count();
         to.set_sum(simd, parts.iter().zip(scales).map(|(part, scale)| (1.0 / scale, part)), from);
         for (i, column) in self.model.iter().enumerate().skip(from) {
@@ -104,7 +111,7 @@ impl<'a> Weighing<'a> {
     pub(crate) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let columns = Columns::new(gram, model, beside);
         let rows = 0..columns.count() + 1;
-        let mut parts = vec![Upper::zeros(rows.len()); gram.sums.len()];
+        let mut parts = vec![SymmetricMatrix::zeros(rows.len()); gram.sums.len()];
         columns.fill(&mut parts, &rows);
         Self { columns, parts }
     }
@@ -120,7 +127,7 @@ impl<'a> Weighing<'a> {
         let (n, k) = (model.len(), beside.len());
         let sizes: Vec<f64> =
             beside.iter().zip(&unit[n..]).map(|((_, typical), unit)| typical / unit).chain([1.0]).collect();
-        let mut sums = Upper::zeros(k + 1);
+        let mut sums = SymmetricMatrix::zeros(k + 1);
         for a in 0..=k {
             let to = sums.row_mut(a).iter_mut().zip(swept.sums.row(n + a)).zip(&sizes[a..]);
             to.for_each(|((to, from), size)| *to = from * size * sizes[a]);
@@ -139,7 +146,7 @@ impl<'a> Weighing<'a> {
     #[inline(always)] // With the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
-        let mut sums = Upper::zeros(all + 1);
+        let mut sums = SymmetricMatrix::zeros(all + 1);
         self.columns.add_up(simd, &self.parts, scales, from, &mut sums);
         let whole = (n..all).map(|i| *sums.at(i, i)).collect();
         Swept { scales: scales.to_vec(), sums, whole, volume: 0.0 }

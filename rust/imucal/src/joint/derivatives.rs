@@ -56,7 +56,7 @@ fn derivatives_in_a_hand_meet_central_differences() {
     let kinds = Kinds { in_motion: false, encoders: false };
     let terms = Terms::try_new(&[], &[], &[recording.len()], kinds).unwrap();
     prepare(&[recording], kinds, |prepared, accelerometer, gyroscope| {
-        assert!(prepared.rests.iter().all(|rest| rest.carried.is_some()));
+        assert!(prepared.rests.iter().all(|rest| rest.propagated.is_some()));
         let values = super::start::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand: Vec::new() };
         let problem = Joint::new(prepared, &terms, &model.parameters()).unwrap();

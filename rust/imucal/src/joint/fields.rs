@@ -16,7 +16,7 @@ use super::at_move::AtMove;
 use super::inside::{Edges, Inside, Rows};
 use super::linear::{Linear, Source};
 use super::pass::planes::Planes;
-use super::pass::ways::{Stretch, Way};
+use super::pass::segments::{MoveSegments, Stretch};
 use super::prepared::Prepared;
 use super::problem::Joint;
 use crate::rests::moves::{Move, rows_across};
@@ -65,17 +65,17 @@ impl Field {
 }
 
 /// The way of each move at a linearisation without effects, of whose stretches one in `every` is taken.
-pub(crate) fn ways(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<Way> {
+pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);
-        route.way(&linear.model, &at_move.pass, every)
+        route.segments(&linear.model, &at_move.pass, every)
     };
     linear.moves.iter().enumerate().map(way).collect()
 }
 
 impl Field {
     /// What it has turned at each stretch of a move, and at the end: it goes straight from one stretch to the next.
-    fn turns(&self, k: usize, way: &Way) -> Planes {
+    fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
         let (mut sums, mut before) = (turns.zero(), Matrix3::zeros());
@@ -94,7 +94,7 @@ impl Field {
 
 impl Joint<'_> {
     /// Whitened derivatives of all residuals but those against the stand by the columns of a field.
-    pub(crate) fn by_field(&self, linear: &Linear, ways: &[Way], field: &Field) -> Mat<f64> {
+    pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);
         if field.sensor == Sensor::Gyroscope {
@@ -109,7 +109,7 @@ impl Joint<'_> {
     }
 
     /// By an error of the rate: lines that are still to be whitened, and what comes behind them.
-    fn by_rate(&self, linear: &Linear, ways: &[Way], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
+    fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();
         for (rest, _) in &linear.rates {
@@ -131,7 +131,7 @@ impl Joint<'_> {
                 let carried = pass.rotation * after.up * gravity_mps2;
                 let by_end = [1, 2].map(|c| carried.cross(&inside.directions[c]));
                 let edges = |c: usize| Edges { start: [0.0; 3], end: by_end.map(|by_end| by_end.dot(&end[c])) };
-                rows.put(&inside, &turns, |block, d| pass.blocks[block].force.cross(d), edges);
+                rows.write_block(&inside, &turns, |block, d| pass.blocks[block].force.cross(d), edges);
                 rows.leave(&inside);
             }
             turned.push(end);
@@ -147,7 +147,14 @@ impl Joint<'_> {
     }
 
     /// By an error of the force.
-    fn by_force(&self, linear: &Linear, ways: &[Way], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
+    fn by_force(
+        &self,
+        linear: &Linear,
+        ways: &[MoveSegments],
+        field: &Field,
+        lines: &mut Mat<f64>,
+        all: &mut Mat<f64>,
+    ) {
         for (row, line) in linear.lines.iter().enumerate() {
             for (rest, by) in &line.by_means {
                 let by_axis = linear.model.accelerometer.sensitivity().tr_mul(by);
@@ -177,7 +184,7 @@ impl Joint<'_> {
             for (stretch, Stretch { attitude, .. }) in way.stretches.iter().enumerate() {
                 field.add(attitude, field.in_move(k, stretch), added.next());
             }
-            rows.put(&inside, &added, |_, d| -d, edges);
+            rows.write_block(&inside, &added, |_, d| -d, edges);
             rows.leave(&inside);
         }
     }

@@ -8,9 +8,9 @@
 //! error of the gyroscope's white noise walks; its innovations, as of a scalar Kalman filter, are white. The last
 //! residual of a move is the rest after it.
 
+mod blocks;
+pub(super) mod filter;
 mod gains;
-mod put;
-pub(super) mod walk;
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -19,9 +19,9 @@ use pulp::Arch;
 use super::at_move::AtMove;
 use super::lanes::Lanes;
 use super::pass::planes::Planes;
+use blocks::{IntoColumns, IntoLanes, Seen};
 pub(super) use gains::Inside;
 pub(crate) use gains::{InsideNoise, count};
-use put::{IntoColumns, IntoLanes, Seen};
 
 /// What a parameter changes of the residuals of a move along the three directions: of all by what it changes at the start, and of the
 /// last ones, across gravity, by the rest after the move.
@@ -57,7 +57,7 @@ impl<'a> Rows<'a> {
 
     /// Writes what some parameters change of the white residuals of a move. A state of the planes is a block, of which the part along a
     /// direction d is seen along `toward(block, d)`.
-    pub(super) fn put(
+    pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,
         planes: &Planes,
@@ -93,7 +93,7 @@ impl<'a> Rows<'a> {
     }
 
     /// Writes all that is seen inside a move, its derivatives by the parameters and the residuals, which come last.
-    pub(super) fn put_move(&mut self, at_move: &AtMove, noise: &InsideNoise, gravity_mps2: f64) {
+    pub(super) fn write_move(&mut self, at_move: &AtMove, noise: &InsideNoise, gravity_mps2: f64) {
         let AtMove { pass, before, after } = at_move;
         let inside = Inside::new(pass, &before.up, noise, gravity_mps2);
         let carried = pass.rotation * after.up;
@@ -103,13 +103,13 @@ impl<'a> Rows<'a> {
             start: at_start.map(|d| -d.dot(&before.jacobian[p])),
             end: [1, 2].map(|c| pass.turn[p].dot(&by_turn[c]) + after.jacobian[p].dot(&by_end[c])),
         };
-        self.put(&inside, &pass.changes.turn, |k, d| d.cross(&pass.blocks[k].force), edges);
-        self.put(&inside, &pass.changes.force, |_, d| -d, edges);
+        self.write_block(&inside, &pass.changes.turn, |k, d| d.cross(&pass.blocks[k].force), edges);
+        self.write_block(&inside, &pass.changes.force, |_, d| -d, edges);
         let mut residual = Planes::new(vec![pass.turn.len()], pass.blocks.len());
         pass.blocks.iter().for_each(|block| residual.push_one(&block.force));
         let edges =
             |_| Edges { start: at_start.map(|d| -d.dot(&before.up)), end: [1, 2].map(|c| carried.dot(&at_start[c])) };
-        self.put(&inside, &residual, |_, d| *d, edges);
+        self.write_block(&inside, &residual, |_, d| *d, edges);
         self.leave(&inside);
     }
 }

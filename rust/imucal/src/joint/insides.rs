@@ -40,7 +40,7 @@ impl Insides {
     pub(crate) fn look(&self, k: usize, lanes: &mut Lanes) {
         let at_move = &self.linear.moves[k];
         lanes.resize(count(&at_move.pass, false));
-        Rows::side_by_side(lanes).put_move(at_move, &self.noise[k], self.gravity_mps2);
+        Rows::side_by_side(lanes).write_move(at_move, &self.noise[k], self.gravity_mps2);
         if self.linear.change.iter().any(|change| *change != 0.0) {
             lanes.change(&self.linear.change);
         }

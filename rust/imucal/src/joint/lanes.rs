@@ -100,7 +100,7 @@ impl Lanes {
     }
 
     /// Puts some of the columns, in this order, into a matrix from a row on.
-    pub(crate) fn put_columns(&self, order: impl Iterator<Item = usize>, to: &mut Mat<f64>, first: usize) {
+    pub(crate) fn copy_columns(&self, order: impl Iterator<Item = usize>, to: &mut Mat<f64>, first: usize) {
         for (j, column) in order.enumerate() {
             to.col_as_slice_mut(j)[first..].iter_mut().zip(self.column(column)).for_each(|(to, value)| *to = value);
         }

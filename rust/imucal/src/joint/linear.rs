@@ -11,7 +11,7 @@ use super::attitude;
 use super::encoders::moves;
 use super::inside;
 use super::model::Model;
-use super::pass::{Asked, Route};
+use super::pass::{EvaluatedTerms, Route};
 use super::prepared::Prepared;
 use super::rests::{Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
@@ -19,7 +19,7 @@ use crate::error::Error;
 use crate::numerics::workers::{in_order, threads_for};
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::rests::moves::{End, rows_across};
-use crate::rests::unit_rest::{Carried, UnitRest};
+use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
 /// A residual, its derivatives by the parameters and by the means of the rests.
 #[derive(Clone)]
@@ -148,17 +148,17 @@ impl Prepared<'_> {
         let model = Model::of(parameters, terms)?;
         let rests = Rests::new(self, &model, terms);
         let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
-        let (has_blocks, asked) = (terms.kinds.look_inside(), Asked::new(&model, terms));
-        let at_move = |index: usize, attitude, carried| {
+        let (has_blocks, asked) = (terms.kinds.look_inside(), EvaluatedTerms::new(&model, terms));
+        let at_move = |index: usize, attitude, preintegrated| {
             let [before, after] = ends[index].clone();
-            let route = Route { carried, ..self.route(index, attitude, &before, has_blocks) };
+            let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &asked), before, after }
         };
         // Where nothing adds to the rate the kernel is fast enough to go ahead.
         let goes_ahead = asked.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
-        let mut carried = vec![None; self.moves.len()];
+        let mut preintegrated = vec![None; self.moves.len()];
         let mut next_move = 0;
         for k in (0..self.rests.len()).filter(|&k| self.used[k] && terms.needs(Need::Attitude)) {
             let start = *attitudes[k].get_or_insert_with(|| attitude::first(&rests.forces[k].direction.up));
@@ -170,7 +170,7 @@ impl Prepared<'_> {
                     if has_blocks {
                         route.rotation(&model.gyroscope)
                     } else {
-                        carried[next_move].insert(route.carry(&model.gyroscope)).0
+                        preintegrated[next_move].insert(route.preintegrated_base(&model.gyroscope)).0
                     }
                 } else {
                     moves.push(at_move(next_move, Some(start), None));
@@ -183,7 +183,7 @@ impl Prepared<'_> {
         if moves.is_empty() {
             let samples: usize = self.moves.iter().map(|m| m.last - m.first).sum();
             let cost = if terms.count > 0 || terms.kinds.look_inside() { COST } else { 1 };
-            let at_move = |index: usize| at_move(index, attitudes[self.moves[index].from], carried[index]);
+            let at_move = |index: usize| at_move(index, attitudes[self.moves[index].from], preintegrated[index]);
             moves = in_order(threads_for(cost * samples), self.moves.len(), at_move);
         }
         Ok(self.lines(&model, terms, &rests, &attitudes, moves))
@@ -223,7 +223,7 @@ impl Prepared<'_> {
         Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds }
     }
 
-    /// Components of the carried minus the measured direction, across the latter.
+    /// Components of the preintegrated minus the measured direction, across the latter.
     fn move_lines(&self, index: usize, at_move: &AtMove, forces: &[Force], by_mean: &Matrix3<f64>) -> [Line; 2] {
         let m = &self.moves[index];
         let AtMove { pass, after, .. } = at_move;
@@ -247,10 +247,10 @@ impl Prepared<'_> {
 
     fn rate_lines(&self, k: usize, up: &Vector3<f64>, rate: &Rate, model: &Model, terms: &Terms<'_>) -> [Line; 3] {
         let sensitivity = model.gyroscope.sensitivity();
-        let UnitRest { rest, carried, .. } = &self.rests[k];
+        let UnitRest { rest, propagated, .. } = &self.rests[k];
         let mut residual = rest.angular_rate.mean - model.gyroscope.measure(rate.added);
         let mut by_bias = -Matrix3::identity();
-        if let Some(Carried { mean_s, bias }) = carried {
+        if let Some(PropagatedMean { mean_s, bias }) = propagated {
             // What the directions at both ends leave of the turn between them.
             let across = Matrix3::identity() - up * up.transpose();
             let turned =

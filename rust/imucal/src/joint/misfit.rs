@@ -10,7 +10,7 @@
 use std::sync::Arc;
 
 use super::linear::{Linear, Source};
-use super::outliers::Without;
+use super::outliers::LeaveOut;
 use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::Terms;
@@ -47,7 +47,7 @@ impl Misfits {
     /// `linear` is what the fit has ended at.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Arc<Linear>) -> Result<Self, Error> {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
-        let without = Without::new(&problem, linear);
+        let without = LeaveOut::new(&problem, linear);
         let (mut of_rests, mut of_moves) =
             (vec![Vec::new(); prepared.rests.len()], vec![Vec::new(); linear.moves.len()]);
         for (row, line) in linear.lines.iter().enumerate() {

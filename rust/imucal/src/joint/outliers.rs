@@ -35,7 +35,7 @@ const LEAST_FREEDOM: f64 = 0.05;
 const SAME_DIRECTION: f64 = 1e-9;
 /// So many have to stay.
 const FEWEST_RESTS: usize = 12;
-const FEWEST_MOVES: usize = 9;
+const MIN_REMAINING_MOVES: usize = 9;
 
 /// A rest or a move of the fit, by its index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -79,7 +79,7 @@ pub(crate) fn outliers(
         known.map_or_else(|| prepared.linearise(&terms, &parameters).map(Arc::new), |known| Ok(Arc::clone(known)))?;
     let problem = Joint::of_noise(prepared, &terms, Arc::clone(&linear))?;
     let groups = groups(&linear);
-    let mut without = Without::new(&problem, &linear);
+    let mut without = LeaveOut::new(&problem, &linear);
     let (mut rests, mut moves) = (prepared.used.to_vec(), vec![true; linear.moves.len()]);
     let mut found = Vec::new();
     loop {
@@ -107,7 +107,7 @@ pub(crate) fn outliers(
         let item = worst.0.item;
         let (used, fewest) = match item {
             Item::Rest(_) => (&mut rests, FEWEST_RESTS),
-            Item::Move(_) => (&mut moves, FEWEST_MOVES),
+            Item::Move(_) => (&mut moves, MIN_REMAINING_MOVES),
         };
         if chance(worst) > CHANCE.ln() || !may_exclude(used, fewest) {
             return Ok(found);
@@ -186,7 +186,7 @@ fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
 }
 
 /// The fit without some of the columns: each that is left out is a parameter of its own.
-pub(super) struct Without {
+pub(super) struct LeaveOut {
     /// `L^-1 A`: the first row of each column that is not zero, and the values from there.
     columns: Vec<(usize, Vec<f64>)>,
     /// Orthonormal basis of the whitened Jacobian, column by column.
@@ -197,7 +197,7 @@ pub(super) struct Without {
     residuals: Vec<f64>,
 }
 
-impl Without {
+impl LeaveOut {
     pub(super) fn new(problem: &Joint<'_>, linear: &Linear) -> Self {
         let (residuals, jacobian) = problem.whiten(linear);
         let mut columns = problem.whitened_units(linear);

@@ -23,11 +23,11 @@ mod changes;
 mod corrected;
 mod groups;
 pub(super) mod planes;
+pub(super) mod segments;
 mod stretches;
 mod to_end;
 mod turned;
 mod turns;
-pub(super) mod ways;
 
 use std::ops::Range;
 
@@ -65,7 +65,7 @@ pub(crate) struct Pass {
 }
 
 /// The terms of a model, as the passes through all its moves ask for them.
-pub(crate) struct Asked<'a> {
+pub(crate) struct EvaluatedTerms<'a> {
     terms: &'a Terms<'a>,
     /// Those that add anything.
     active: Terms<'a>,
@@ -73,7 +73,7 @@ pub(crate) struct Asked<'a> {
     on_force: SideBySide<'a>,
 }
 
-impl<'a> Asked<'a> {
+impl<'a> EvaluatedTerms<'a> {
     pub(crate) fn new(model: &Model, terms: &'a Terms<'a>) -> Self {
         let [on_rate, on_force] =
             [Sensor::Gyroscope, Sensor::Accelerometer].map(|sensor| terms.side_by_side(sensor, &model.values));
@@ -112,15 +112,15 @@ pub(crate) struct Route<'a> {
     /// Whether blocks are wanted, or only the end of the move.
     pub(crate) has_blocks: bool,
     /// Rotation and sums without effects, where they are known already; what has blocks does not ask for them.
-    pub(crate) carried: Option<(Matrix3<f64>, Sums)>,
+    pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 
 impl Route<'_> {
-    pub(crate) fn pass(&self, model: &Model, asked: &Asked<'_>) -> Pass {
+    pub(crate) fn pass(&self, model: &Model, asked: &EvaluatedTerms<'_>) -> Pass {
         if !self.has_blocks {
             return self.to_end(model, asked);
         }
-        let Asked { terms, active, .. } = asked;
+        let EvaluatedTerms { terms, active, .. } = asked;
         let Move { first, last, .. } = *self.span;
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
@@ -192,7 +192,7 @@ impl Route<'_> {
     }
 
     /// The same and the sums, as the kernel takes them.
-    pub(super) fn carry(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
+    pub(super) fn preintegrated_base(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
         preintegrate(time_s, angular_rate, self.span.first, self.span.last, gyroscope)
     }

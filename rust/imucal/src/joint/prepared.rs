@@ -74,7 +74,7 @@ impl Prepared<'_> {
             width: &self.widths[index],
             block_s: self.block_s,
             has_blocks,
-            carried: None,
+            preintegrated: None,
         }
     }
 }

@@ -257,13 +257,13 @@ impl<'a> Joint<'a> {
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));
-        rows.put_columns(0..=n, &mut all, 0);
+        rows.copy_columns(0..=n, &mut all, 0);
         let mut row = rows.rows();
         if self.terms.kinds.in_motion && !self.terms.kinds.encoders {
             let first = row;
             let mut rows = Rows::new(&mut all, first);
             for (at_move, noise) in linear.moves.iter().zip(&self.weights.inside) {
-                rows.put_move(at_move, noise, self.prepared.gravity_mps2);
+                rows.write_move(at_move, noise, self.prepared.gravity_mps2);
             }
             row = rows.next();
             for (p, change) in linear.change.iter().enumerate().filter(|(_, change)| **change != 0.0) {

@@ -16,7 +16,7 @@ use super::terms::{Term, Terms};
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 use crate::recording::Recording;
 use crate::rests::moves::{End, Move};
-use crate::rests::unit_rest::{Carried, UnitRest};
+use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
 /// The force at a rest.
 pub(super) struct Force {
@@ -99,7 +99,7 @@ impl<'a> Rests<'a> {
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);
-        if let Some(Carried { mean_s, bias }) = &self.prepared.rests[rest].carried {
+        if let Some(PropagatedMean { mean_s, bias }) = &self.prepared.rests[rest].propagated {
             let EndDirection { up, jacobian } = Arc::make_mut(&mut direction);
             let inverse = self.model.gyroscope.inverse() * if at_end { *mean_s } else { -mean_s };
             *up += (inverse * (self.model.gyroscope.bias() - bias)).cross(up);

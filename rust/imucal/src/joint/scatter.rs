@@ -10,7 +10,7 @@
 
 use faer::Mat;
 
-use crate::numerics::fit_report::by_chance;
+use crate::numerics::fit_report::significance_limit;
 
 /// Residuals of one axis, seen along the directions in which noise and another covariance do not mix.
 pub(super) struct Scatter {
@@ -65,8 +65,8 @@ impl Scatter {
     }
 
     /// Whether residuals with this many degrees of freedom scatter by more than noise and chance explain.
-    pub(super) fn is_beyond_chance(&self, free: f64) -> bool {
-        free > 0.0 && self.chi2(0.0) > free * by_chance(free)
+    pub(super) fn is_significant(&self, free: f64) -> bool {
+        free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }
 
     /// `None` if noise explains the scatter, or this covariance none of it.
@@ -100,9 +100,7 @@ mod tests {
     #[test]
     fn chance_is_no_excess() {
         let scatter = Scatter::from_rest_to_rest(&RESIDUALS, &[6.0; 6]);
-        assert!(
-            !scatter.is_beyond_chance(5.0) && Scatter::from_rest_to_rest(&RESIDUALS, &[0.1; 6]).is_beyond_chance(5.0)
-        );
+        assert!(!scatter.is_significant(5.0) && Scatter::from_rest_to_rest(&RESIDUALS, &[0.1; 6]).is_significant(5.0));
         assert!(scatter.excess(60.0).is_none());
     }
 

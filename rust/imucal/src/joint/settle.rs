@@ -8,7 +8,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::terms::{Kind, Sample, Term, Terms, UserField};
 
 /// Passes of the fixed point; one shrinks the error by the slope of the effects, a per cent or less.
-const MOST_PASSES: usize = 24;
+const MAX_ITERATIONS: usize = 24;
 /// By which one pass may shrink it less than the one before.
 const SLACK: f64 = 10.0;
 
@@ -39,7 +39,7 @@ impl<'a> Settling<'a> {
         let Self { terms, values, reads_rate, reads_force, columns } = self;
         let mut state = State { angular_rate: seen_rate, specific_force: seen_force, surroundings: *surroundings };
         let mut last_change = None;
-        for _ in 0..MOST_PASSES {
+        for _ in 0..MAX_ITERATIONS {
             terms.columns_at(values, &state, sample, columns);
             let (on_rate, on_force) = terms.sums(values, columns);
             let (rate, force) = (seen_rate - on_rate, seen_force - on_force);
@@ -77,7 +77,7 @@ impl Terms<'_> {
         columns: &mut [Vector3<f64>],
     ) -> Vector3<f64> {
         let mut force = seen;
-        for _ in 0..MOST_PASSES {
+        for _ in 0..MAX_ITERATIONS {
             self.mean_columns(values, (&force, None), still, |term| term.reads(Sensor::Accelerometer), columns);
             let before = force;
             force = seen - self.sum_of(Sensor::Accelerometer, values, columns);

@@ -18,7 +18,7 @@ use super::prepared::Prepared;
 use super::scatter::{Excess, Modes, Scatter};
 use super::terms::Terms;
 use super::wander::Wander;
-use crate::numerics::fit_report::by_chance;
+use crate::numerics::fit_report::significance_limit;
 use crate::numerics::lsq::{self, Solution};
 use crate::numerics::stats::median;
 use crate::rests::moves::FINEST_RAD;
@@ -183,7 +183,7 @@ fn rate_whitenings(
     let axes = [0, 1, 2].map(of_axis);
     let one_by_one = [0, 1, 2].map(|axis| {
         let scatter = Scatter::from_rest_to_rest(&axes[axis].0, &axes[axis].1);
-        scatter.is_beyond_chance(free[axis]).then(|| scatter.excess(free[axis])).flatten()
+        scatter.is_significant(free[axis]).then(|| scatter.excess(free[axis])).flatten()
     });
     let (mut between, mut bias_instability) = (one_by_one.map(|e| e.map_or(0.0, |e| e.variance)), [0.0; 3]);
     if prepared.wander == Wander::Seen
@@ -284,5 +284,5 @@ fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(u
         return scale;
     }
     let reduced = scale * scale * rows.iter().map(|&row| residuals[(row, 0)].powi(2)).sum::<f64>() / free;
-    if reduced > by_chance(free) { reduced.sqrt() } else { 1.0 }
+    if reduced > significance_limit(free) { reduced.sqrt() } else { 1.0 }
 }

@@ -59,7 +59,11 @@ impl FitReport {
         Self {
             chi2: solution.chi2,
             degrees_of_freedom,
-            inflation: if reduced > by_chance(degrees_of_freedom.max(1) as f64) { reduced.sqrt() } else { 1.0 },
+            inflation: if reduced > significance_limit(degrees_of_freedom.max(1) as f64) {
+                reduced.sqrt()
+            } else {
+                1.0
+            },
             iterations: solution.iterations,
             termination: match solution.termination {
                 Termination::NotFinite => Termination::NotFinite,
@@ -90,12 +94,14 @@ impl FitReport {
                 format!("ended after {iterations} iterations with weights of its residuals that had not settled")
             }
         };
-        Some(format!("{name} {why}: the result is not its optimum; estimate fewer effects, or record more poses and moves"))
+        Some(format!(
+            "{name} {why}: the result is not its optimum; estimate fewer effects, or record more poses and moves"
+        ))
     }
 }
 
 /// Largest chi2 per degree of freedom that is not significant: three standard deviations above one.
-pub(crate) fn by_chance(degrees_of_freedom: f64) -> f64 {
+pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
     1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 

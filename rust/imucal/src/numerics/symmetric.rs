@@ -9,14 +9,14 @@ use crate::numerics::aligned::WIDEST;
 /// The upper half of a symmetric matrix, or the first rows of it, each filled up to whole registers: what is left of the diagonal means
 /// nothing.
 #[derive(Clone)]
-pub(crate) struct Upper {
+pub(crate) struct SymmetricMatrix {
     size: usize,
     /// Length of a row.
     width: usize,
     numbers: Vec<f64>,
 }
 
-impl Upper {
+impl SymmetricMatrix {
     pub(crate) fn zeros(size: usize) -> Self {
         Self::first_rows(size, size)
     }
@@ -216,8 +216,8 @@ impl Volume {
 mod tests {
     use super::*;
 
-    fn upper(size: usize, value: impl Fn(usize, usize) -> f64) -> Upper {
-        let mut all = Upper::zeros(size);
+    fn upper(size: usize, value: impl Fn(usize, usize) -> f64) -> SymmetricMatrix {
+        let mut all = SymmetricMatrix::zeros(size);
         (0..size).for_each(|i| all.row_mut(i).iter_mut().enumerate().for_each(|(k, to)| *to = value(i, i + k)));
         all
     }
@@ -256,7 +256,7 @@ mod tests {
     fn what_is_swept_of_all_columns_is_swept_of_some() {
         let (n, size, own) = (5, 12, [0..5, 7..9, 11..12]);
         let a = |i: usize, j: usize| 1.0 / (1 + i + j) as f64 + if i == j { 1.0 } else { 0.0 };
-        let mut first = Upper::first_rows(n, size);
+        let mut first = SymmetricMatrix::first_rows(n, size);
         (0..n).for_each(|i| first.row_mut(i).iter_mut().enumerate().for_each(|(k, to)| *to = a(i, i + k)));
         let whole = first.clone();
         let volume = first.sweep(pulp::Scalar, 0..n).unwrap();

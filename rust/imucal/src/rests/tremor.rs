@@ -14,13 +14,13 @@ use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::numerics::fit_report::by_chance;
+use crate::numerics::fit_report::significance_limit;
 use crate::numerics::stats::{median, quantile, random_effects_mean, sample_interval_s};
 use crate::numerics::workers::{in_order, threads_for};
 use crate::recording::{Recording, Samples};
 use crate::rests::noise_density::{NoiseDensity, variance_per_axis};
 use crate::rests::rest::Rest;
-use crate::rests::unit_rest::{Carried, UnitRest};
+use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
 /// Coefficients of the fourth difference and their sum of squares.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
@@ -213,7 +213,7 @@ pub(crate) fn hands(
         });
         let bias = biases_of_poses(&mut own);
         own.iter_mut().for_each(|own| {
-            own.rest.carried = Some(Carried { mean_s: hand.averaging_s(&own.rest.rest), bias });
+            own.rest.propagated = Some(PropagatedMean { mean_s: hand.averaging_s(&own.rest.rest), bias });
             hand.steady(recording, own.rest, sensors);
         });
         Some(hand)
@@ -238,7 +238,7 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> Vector3<f64> {
         let all = random_effects_mean(&values, &variances);
         let spread = values.iter().zip(&variances).map(|(value, variance)| (value - all.mean).powi(2) / variance);
         let free = values.len() as f64 - 1.0;
-        let between = if spread.sum::<f64>() > free * by_chance(free) { all.between } else { 0.0 };
+        let between = if spread.sum::<f64>() > free * significance_limit(free) { all.between } else { 0.0 };
         for own in rests.iter_mut() {
             let (value, variance) = reading(own);
             own.rest.bias[axis] = all.mean + (value - all.mean) * between / (between + variance);

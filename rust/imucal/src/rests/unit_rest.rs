@@ -17,12 +17,12 @@ pub(crate) struct UnitRest {
     /// What the gyroscope reads there without turning, as far as is known, raw units.
     pub(crate) bias: Vector3<f64>,
     /// Where a hand trembles.
-    pub(crate) carried: Option<Carried>,
+    pub(crate) propagated: Option<PropagatedMean>,
 }
 
 /// How the samples of a rest were carried along the gyroscope to its ends.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Carried {
+pub(crate) struct PropagatedMean {
     /// The mean time, s.
     pub(crate) mean_s: f64,
     /// The bias that all rests have in common, raw units.
@@ -37,7 +37,7 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
             rest: *rest,
             rate_covariance: Matrix3::from_diagonal(&rest.angular_rate.variance_of_mean),
             bias: rest.angular_rate.mean,
-            carried: None,
+            propagated: None,
         };
         segments.rests.iter().map(unit_rest).collect::<Vec<_>>()
     };

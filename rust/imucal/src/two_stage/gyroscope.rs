@@ -1,4 +1,4 @@
-//! The gyroscope: bias from the rests, sensitivity by carrying gravity from rest to rest (model.md (7), (8)).
+//! The gyroscope: bias from the rests, sensitivity from the moves between them (model.md (7), (8)).
 //!
 //! ```text
 //! r_k = E_k (R_k^T u_k - u_(k+1)) / sigma_k
@@ -38,14 +38,14 @@ pub(crate) struct GyroscopeFit {
     /// Which of the moves the fit uses.
     pub(crate) used: Vec<bool>,
     /// Rotation and sums of every move at the solution.
-    pub(crate) carried: Vec<Preintegrated>,
+    pub(crate) preintegrated: Vec<Preintegrated>,
     /// Entries per error of each used residual in rad, 9 x 2 moves; zero columns for unused moves.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
 
 /// The moves that the gyroscope is fitted to, and the last pass over their samples.
-pub(crate) struct Carrying<'a> {
+pub(crate) struct PreintegratedMoves<'a> {
     paths: Vec<RateSegment<'a>>,
     bias: Vector3<f64>,
     last: RefCell<Option<Rc<Linearised>>>,
@@ -54,7 +54,7 @@ pub(crate) struct Carrying<'a> {
 /// The moves as one gyroscope carries them.
 struct Linearised {
     triad: Triad<f64>,
-    carried: Vec<Preintegrated>,
+    preintegrated: Vec<Preintegrated>,
 }
 
 /// A fit that leaves less than this (rms) has found the right valley.
@@ -63,7 +63,7 @@ const CLOSE_RAD: f64 = 0.05;
 /// deviation than this.
 const LEFT_OUT: f64 = 1e-9;
 
-impl<'a> Carrying<'a> {
+impl<'a> PreintegratedMoves<'a> {
     pub(crate) fn new(recordings: &[Recording<'a>], moves: &[Move], bias: Vector3<f64>) -> Self {
         let paths = moves.iter().map(|m| RateSegment::of(&recordings[m.recording], m.first, m.last)).collect();
         Self { paths, bias, last: RefCell::new(None) }
@@ -119,19 +119,19 @@ impl<'a> Carrying<'a> {
     }
 
     fn weighed<'b>(&'b self, ends: &'b [Ends]) -> Weighed<'b> {
-        Weighed { carrying: self, ends, rows: (0..self.paths.len()).collect() }
+        Weighed { moves: self, ends, rows: (0..self.paths.len()).collect() }
     }
 
     /// All moves with this gyroscope: from the last pass if it was near enough, else from a new one.
-    fn carried(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
+    fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {
             return moved;
         }
         let paths = &self.paths;
         let threads = threads_for(paths.iter().map(RateSegment::samples).sum());
-        let carried = in_order(threads, paths.len(), |k| paths[k].preintegrate(triad));
-        let new = Rc::new(Linearised { triad: *triad, carried });
+        let preintegrated = in_order(threads, paths.len(), |k| paths[k].preintegrate(triad));
+        let new = Rc::new(Linearised { triad: *triad, preintegrated });
         *self.last.borrow_mut() = Some(Rc::clone(&new));
         new
     }
@@ -145,15 +145,15 @@ impl Linearised {
         }
         // The rate changes by this matrix times itself; the bias is the same.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
-        let mut carried = self.carried.clone();
-        for (carried, ends) in carried.iter_mut().zip(ends) {
-            let turn: Vector3<f64> = (0..3).map(|j| carried.sensitivity_sums[j] * change.column(j)).sum();
+        let mut preintegrated = self.preintegrated.clone();
+        for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {
+            let turn: Vector3<f64> = (0..3).map(|j| preintegrated.sensitivity_sums[j] * change.column(j)).sum();
             if turn.norm_squared() > LEFT_OUT * ends.sigma_rad {
                 return None;
             }
-            carried.rotation = so3::exp(&turn).to_rotation_matrix().matrix() * carried.rotation;
+            preintegrated.rotation = so3::exp(&turn).to_rotation_matrix().matrix() * preintegrated.rotation;
         }
-        Some(Rc::new(Self { triad: *triad, carried }))
+        Some(Rc::new(Self { triad: *triad, preintegrated }))
     }
 }
 
@@ -166,19 +166,19 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
 }
 
 /// Derivative of a move's residual in rad with respect to the nine entries and the three biases, 2 x 12.
-pub(crate) fn residual_gradient(ends: &Ends, carried: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
-    let carried_up = carried.rotation.tr_mul(&ends.before);
-    // A turn delta of the end attitude moves the carried direction by [R^T u]x delta.
-    let by_turn = -(ends.across() * hat(&carried_up) * carried.rotation.transpose());
+pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
+    let carried_up = preintegrated.rotation.tr_mul(&ends.before);
+    // A turn delta of the end attitude moves the preintegrated direction by [R^T u]x delta.
+    let by_turn = -(ends.across() * hat(&carried_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
-        0..9 => by_turn * (carried.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),
-        _ => by_turn * (carried.bias_sum * triad.inverse().column(p - 9)),
+        0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),
+        _ => by_turn * (preintegrated.bias_sum * triad.inverse().column(p - 9)),
     })
 }
 
 /// The problem for the solver.
 struct Weighed<'a> {
-    carrying: &'a Carrying<'a>,
+    moves: &'a PreintegratedMoves<'a>,
     ends: &'a [Ends],
     /// The moves that take part.
     rows: Vec<usize>,
@@ -187,11 +187,11 @@ struct Weighed<'a> {
 impl Weighed<'_> {
     /// Rms of the residuals in rad.
     fn direction_rms_rad(&self, parameters: &[f64]) -> f64 {
-        let Ok(triad) = triad_of(parameters, self.carrying.bias) else {
+        let Ok(triad) = triad_of(parameters, self.moves.bias) else {
             return f64::INFINITY;
         };
-        let at = self.carrying.carried(&triad, self.ends);
-        rms(self.rows.iter().map(|&k| self.ends[k].residual(&at.carried[k].rotation).norm()))
+        let at = self.moves.preintegrated(&triad, self.ends);
+        rms(self.rows.iter().map(|&k| self.ends[k].residual(&at.preintegrated[k].rotation).norm()))
     }
 
     /// The same of residuals that are known.
@@ -210,8 +210,8 @@ impl Weighed<'_> {
                 }
             }
         }
-        let carried = self.carrying.carried(&triad, self.ends).carried.clone();
-        GyroscopeFit { carried, triad, used, gain, report: FitReport::of(&solution) }
+        let preintegrated = self.moves.preintegrated(&triad, self.ends).preintegrated.clone();
+        GyroscopeFit { preintegrated, triad, used, gain, report: FitReport::of(&solution) }
     }
 
     /// Refuses moves that do not determine all nine entries.
@@ -229,15 +229,15 @@ impl Weighed<'_> {
 
 impl Residuals for Weighed<'_> {
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
-        let Ok(triad) = triad_of(parameters, self.carrying.bias) else {
+        let Ok(triad) = triad_of(parameters, self.moves.bias) else {
             residuals.fill(f64::NAN); // the solver takes a shorter step
             return;
         };
-        let at = self.carrying.carried(&triad, self.ends);
+        let at = self.moves.preintegrated(&triad, self.ends);
         for (row, &k) in self.rows.iter().enumerate() {
-            let (ends, carried) = (&self.ends[k], &at.carried[k]);
-            let residual = ends.residual(&carried.rotation) / ends.sigma_rad;
-            let gradient = residual_gradient(ends, carried, &triad);
+            let (ends, preintegrated) = (&self.ends[k], &at.preintegrated[k]);
+            let residual = ends.residual(&preintegrated.rotation) / ends.sigma_rad;
+            let gradient = residual_gradient(ends, preintegrated, &triad);
             for c in 0..2 {
                 residuals[(2 * row + c, 0)] = residual[c];
                 for j in 0..9 {

@@ -84,11 +84,11 @@ fn gyroscope_rows(
     let directions: Vec<_> = rests.iter().map(|rest| direction_gradients(rest, accelerometer)).collect();
     let mut by_parameters = SMatrix::<f64, 9, 9>::zeros();
     let mut by_bias = SMatrix::<f64, 9, 3>::zeros();
-    for (index, ((m, end), carried)) in moves.iter().zip(ends).zip(&gyroscope.carried).enumerate() {
+    for (index, ((m, end), preintegrated)) in moves.iter().zip(ends).zip(&gyroscope.preintegrated).enumerate() {
         let gain = SMatrix::<f64, 9, 2>::from_fn(|i, c| gyroscope.gain[(i, 2 * index + c)]);
-        let gradient = residual_gradient(end, carried, &gyroscope.triad);
+        let gradient = residual_gradient(end, preintegrated, &gyroscope.triad);
         by_bias += gain * Matrix2x3::from_columns(&gradient[9..]);
-        let before = gain * end.across() * carried.rotation.transpose();
+        let before = gain * end.across() * preintegrated.rotation.transpose();
         let after = gain * -end.across();
         for (rest, by_direction) in [(m.from, before), (m.to, after)] {
             let (by_mean, direction_by_parameters) = &directions[rest];

@@ -3,14 +3,14 @@
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 
-use crate::numerics::symmetric::Upper;
+use crate::numerics::symmetric::SymmetricMatrix;
 
 /// Of what was there before a model was subtracted.
 const ROUNDING: f64 = 1e-9;
 
 /// What a model leaves of columns beside it, in typical sizes, and of the residuals, which come last.
 pub(crate) struct Left {
-    pub(super) sums: Upper,
+    pub(super) sums: SymmetricMatrix,
     /// What each column is without the model.
     pub(super) whole: Vec<f64>,
 }
@@ -28,7 +28,7 @@ impl Left {
 
     /// What a width gains; `sums` are overwritten.
     #[inline(always)]
-    fn gain<S: Simd>(&self, simd: S, width: f64, sums: &mut Upper) -> Option<f64> {
+    fn gain<S: Simd>(&self, simd: S, width: f64, sums: &mut SymmetricMatrix) -> Option<f64> {
         let k = self.columns();
         sums.copy_from(&self.sums);
         let residual = *sums.at(k, k);
@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn directions_are_counted_by_their_eigenvalues() {
         // Two columns with eigenvalues 1 and 3, and the residual.
-        let mut sums = Upper::zeros(3);
+        let mut sums = SymmetricMatrix::zeros(3);
         sums.row_mut(0).copy_from_slice(&[2.0, 1.0, 0.3]);
         sums.row_mut(1).copy_from_slice(&[2.0, -0.2]);
         let of = |whole: f64| Left { sums: sums.clone(), whole: vec![whole; 2] };

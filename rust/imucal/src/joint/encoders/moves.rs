@@ -15,7 +15,7 @@ use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 use super::{Angles, StandModel};
 use crate::joint::at_move::AtMove;
 use crate::joint::inside::InsideNoise;
-use crate::joint::inside::walk::{Filter, Walk};
+use crate::joint::inside::filter::{Filter, WalkFilter};
 use crate::joint::pass::Pass;
 use crate::joint::terms::Terms;
 use crate::rests::moves::across;
@@ -82,13 +82,13 @@ impl EncoderMove<'_> {
         let mut by_lane = vec![0.0; pass.changes.lanes()];
         for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
             // The second state is the error of the direction at the start, of which the stand knows nothing.
-            let mut filter = Filter::new(n + 1, Walk::new([0.0, noise.start]));
+            let mut filter = Filter::new(n + 1, WalkFilter::new([0.0, noise.start]));
             let mut last_s = 0.0;
             let at_start: Vec<f64> =
                 start.jacobian.iter().chain([&start.up]).map(|column| -along.dot(column)).collect();
             let along = along / gravity_mps2;
             for (k, (block, (mean, jacobian))) in pass.blocks.iter().zip(&turns).enumerate() {
-                filter.walk.go_on(noise.walk * (block.time_s - last_s));
+                filter.walk.predict(noise.walk * (block.time_s - last_s));
                 last_s = block.time_s;
                 for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
                     *value = d.dot(column);

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::walk::{Gain, Walk};
+use super::filter::{Gain, WalkFilter};
 use crate::joint::pass::Pass;
 use crate::rests::moves::across;
 
@@ -39,17 +39,17 @@ impl<'a> Inside<'a> {
     /// Of a move with gravity along `up` at its start.
     pub(in crate::joint) fn new(pass: &'a Pass, up: &Vector3<f64>, noise: &InsideNoise, gravity_mps2: f64) -> Self {
         let g2 = gravity_mps2 * gravity_mps2;
-        let mut walk = Walk::new([g2 * noise.start]);
+        let mut walk = WalkFilter::new([g2 * noise.start]);
         let mut last_s = 0.0;
         let (mut along, mut across_it) = (Vec::new(), Vec::new());
         for block in &pass.blocks {
             let white = noise.force / block.duration_s;
-            along.push(Walk::new([0.0]).look([1.0], white));
-            walk.go_on(g2 * noise.walk * (block.time_s - last_s));
+            along.push(WalkFilter::new([0.0]).update([1.0], white));
+            walk.predict(g2 * noise.walk * (block.time_s - last_s));
             last_s = block.time_s;
-            across_it.push(walk.look([1.0], white));
+            across_it.push(walk.update([1.0], white));
         }
-        let end = walk.look([1.0], g2 * noise.end);
+        let end = walk.update([1.0], g2 * noise.end);
         let [first, second] = across(up);
         Self { pass, directions: [*up, first, second], along, across: across_it, end }
     }

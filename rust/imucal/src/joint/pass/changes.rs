@@ -42,7 +42,7 @@ impl Changes {
     /// d_turn_d_p in a block for each of `total` parameters.
     pub(crate) fn turns(&self, block: usize, total: usize) -> Vec<Vector3<f64>> {
         let mut turns = vec![Vector3::zeros(); total];
-        self.turn.put_negative(self.turn.of(block), &mut turns);
+        self.turn.write_negative(self.turn.of(block), &mut turns);
         turns
     }
 

@@ -69,7 +69,7 @@ impl Planes {
     }
 
     /// Puts columns in planes as these are, with the other sign, where their parameters have their places.
-    pub(crate) fn put_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
+    pub(crate) fn write_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
 

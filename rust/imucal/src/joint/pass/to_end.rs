@@ -11,7 +11,7 @@ use super::changes::Changes;
 use super::corrected::Corrected;
 use super::stretches::Stretches;
 use super::turned::Turned;
-use super::{Asked, Pass, Route};
+use super::{EvaluatedTerms, Pass, Route};
 use crate::joint::model::Model;
 use crate::joint::terms::SideBySide;
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
@@ -39,9 +39,9 @@ fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
 
 impl Route<'_> {
     /// Rotation and turns at the end.
-    pub(super) fn to_end(&self, model: &Model, asked: &Asked<'_>) -> Pass {
+    pub(super) fn to_end(&self, model: &Model, asked: &EvaluatedTerms<'_>) -> Pass {
         // What effects do to the force turns nothing.
-        let Asked { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = asked;
+        let EvaluatedTerms { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = asked;
         let total = terms.total();
         let pass = |rotation, turn| Pass {
             rotation,
@@ -51,7 +51,7 @@ impl Route<'_> {
             attitudes: Vec::new(),
         };
         if own.all.is_empty() {
-            let (rotation, base) = self.carried.unwrap_or_else(|| self.carry(&model.gyroscope));
+            let (rotation, base) = self.preintegrated.unwrap_or_else(|| self.preintegrated_base(&model.gyroscope));
             return pass(rotation, turn(&base, model, total));
         }
         let freed = (!active.all.is_empty()).then(|| self.freed(model, active, false));
@@ -59,7 +59,7 @@ impl Route<'_> {
         let stretches = self.stretches(model, freed.as_ref(), size, own.needs(Need::AngularAcceleration));
         let weights = stretches.weights();
         let (rotation, base) = match &freed {
-            None => self.carried.unwrap_or_else(|| self.carry(&model.gyroscope)),
+            None => self.preintegrated.unwrap_or_else(|| self.preintegrated_base(&model.gyroscope)),
             Some(all) => self.carried_freed(model, all, &stretches, &weights),
         };
         let mut on_rate = Turned::new(places.clone());
@@ -69,7 +69,7 @@ impl Route<'_> {
             on_rate.add(&columns, weight);
         }
         let mut turn = turn(&base, model, total);
-        on_rate.put_negative_sum(&mut turn[BASE..]);
+        on_rate.write_negative_sum(&mut turn[BASE..]);
         pass(rotation, turn)
     }
 

@@ -55,8 +55,8 @@ impl Turned {
     }
 
     /// Puts the sum, with the other sign, where the parameters have their places.
-    pub(super) fn put_negative_sum(&self, to: &mut [Vector3<f64>]) {
-        self.last.put_negative(&self.sum, to);
+    pub(super) fn write_negative_sum(&self, to: &mut [Vector3<f64>]) {
+        self.last.write_negative(&self.sum, to);
     }
 
     /// Room for so many states of the same parameters.
@@ -128,7 +128,7 @@ mod tests {
         assert_eq!(turned.count(), 7);
         assert_eq!(turned.sum(), added.sum());
         let mut sums = vec![Vector3::zeros(); 21];
-        turned.put_negative_sum(&mut sums);
+        turned.write_negative_sum(&mut sums);
         for (k, &p) in parameters.iter().enumerate() {
             let expected: Vec<Vector3<f64>> = (0..7).map(|state| matrix(state) * column(state, p)).collect();
             let sum: Vector3<f64> = expected.iter().sum();

@@ -19,7 +19,7 @@ use super::changes::Changes;
 use super::corrected::Corrected;
 use super::stretches::Stretches;
 use super::turned::Turned;
-use super::{Asked, Route};
+use super::{EvaluatedTerms, Route};
 use crate::joint::model::{Model, force_by_parameters};
 use crate::joint::terms::SideBySide;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
@@ -74,11 +74,11 @@ impl<'a> Turns<'a> {
     pub(super) fn new(
         route: &'a Route<'a>,
         model: &'a Model,
-        asked: &'a Asked<'a>,
+        asked: &'a EvaluatedTerms<'a>,
         freed: &'a Corrected,
         [size, of_block]: [usize; 2],
     ) -> Self {
-        let Asked { terms, on_rate, on_force, .. } = asked;
+        let EvaluatedTerms { terms, on_rate, on_force, .. } = asked;
         let stretches = route.stretches(model, Some(freed), size, terms.needs(Need::AngularAcceleration));
         let of_rate = GYRO_BIAS.start..BASE;
         let (rates, forces) = (Columns::new(of_rate.len(), on_rate), Columns::new(ACCEL.len(), on_force));
@@ -108,7 +108,7 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Asks for the columns of all stretches before one, as far as they are not there yet. The force of the base is what gravity, carried
+    /// Asks for the columns of all stretches before one, as far as they are not there yet. The force of the base is what gravity, preintegrated
     /// along, lets expect.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
@@ -165,7 +165,7 @@ impl<'a> Turns<'a> {
     pub(super) fn at_end(mut self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
         self.look_to(self.stretches.count());
         let mut turn = vec![Vector3::zeros(); total];
-        self.on_rate.put_negative_sum(&mut turn);
+        self.on_rate.write_negative_sum(&mut turn);
         (turn, self.changes)
     }
 }

@@ -20,14 +20,14 @@ pub(crate) struct Stretch {
 }
 
 /// The stretches of a move, and what a constant error has turned at its end.
-pub(crate) struct Way {
+pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,
 }
 
 impl Route<'_> {
     /// Where no effect acts, with one stretch in `every`; `pass` is that of the move.
-    pub(crate) fn way(&self, model: &Model, pass: &Pass, every: usize) -> Way {
+    pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
         let all = self.stretches(model, None, size, false);
@@ -50,6 +50,6 @@ impl Route<'_> {
             }
         }
         let end = Matrix3::from_columns(&[0, 1, 2].map(|axis| pass.turn[GYRO_BIAS.start + axis]));
-        Way { stretches, end: end * model.gyroscope.sensitivity() }
+        MoveSegments { stretches, end: end * model.gyroscope.sensitivity() }
     }
 }

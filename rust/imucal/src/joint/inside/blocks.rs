@@ -4,8 +4,8 @@ use faer::Mat;
 use nalgebra::Vector3;
 use pulp::{Simd, WithSimd};
 
+use super::filter::Gain;
 use super::gains::{Inside, count};
-use super::walk::Gain;
 use crate::joint::lanes::Lanes;
 use crate::joint::pass::planes::Planes;
 

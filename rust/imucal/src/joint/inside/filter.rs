@@ -3,7 +3,7 @@
 use pulp::{Arch, Simd, WithSimd};
 
 /// How well the states are known; the first one walks.
-pub(crate) struct Walk<const N: usize> {
+pub(crate) struct WalkFilter<const N: usize> {
     covariance: [[f64; N]; N],
 }
 
@@ -15,7 +15,7 @@ pub(crate) struct Gain<const N: usize> {
     pub(crate) per_sigma: f64,
 }
 
-impl<const N: usize> Walk<N> {
+impl<const N: usize> WalkFilter<N> {
     /// With these variances of the states at the start.
     pub(crate) fn new(variances: [f64; N]) -> Self {
         let mut covariance = [[0.0; N]; N];
@@ -24,12 +24,12 @@ impl<const N: usize> Walk<N> {
     }
 
     /// The walk goes on by this variance.
-    pub(crate) fn go_on(&mut self, variance: f64) {
+    pub(crate) fn predict(&mut self, variance: f64) {
         self.covariance[0][0] += variance;
     }
 
     /// What is seen is `look` times the states and white noise.
-    pub(crate) fn look(&mut self, look: [f64; N], white_variance: f64) -> Gain<N> {
+    pub(crate) fn update(&mut self, look: [f64; N], white_variance: f64) -> Gain<N> {
         let shared: [f64; N] =
             std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
         let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
@@ -46,18 +46,18 @@ impl<const N: usize> Walk<N> {
 /// The states of a walk, for a residual and all its derivatives at once.
 pub(crate) struct Filter<const N: usize> {
     states: Vec<[f64; N]>,
-    pub(crate) walk: Walk<N>,
+    pub(crate) walk: WalkFilter<N>,
 }
 
 impl<const N: usize> Filter<N> {
     /// For so many numbers, a residual and derivatives.
-    pub(crate) fn new(width: usize, walk: Walk<N>) -> Self {
+    pub(crate) fn new(width: usize, walk: WalkFilter<N>) -> Self {
         Self { states: vec![[0.0; N]; width], walk }
     }
 
     /// Replaces what is seen, `look` times the states and white noise, by its innovation over its standard deviation.
     pub(crate) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
-        let gain = self.walk.look(look, white_variance);
+        let gain = self.walk.update(look, white_variance);
         Arch::new().dispatch(Innovate { states: &mut self.states, seen, look, gain });
     }
 }
@@ -96,11 +96,11 @@ mod tests {
         let covariance = |i: usize, j: usize| start + walk * i.min(j) as f64 + if i == j { white } else { 0.0 };
         let seen: Vec<f64> = (0..n).map(|i| ((i * i) as f64).sin()).collect();
         let factor = Mat::from_fn(n, n, covariance).llt(faer::Side::Lower).unwrap().L().to_owned();
-        let mut filter = Filter::new(1, Walk::new([start]));
+        let mut filter = Filter::new(1, WalkFilter::new([start]));
         let mut whitened: Vec<f64> = Vec::new();
         for (i, value) in seen.iter().enumerate() {
             if i > 0 {
-                filter.walk.go_on(walk);
+                filter.walk.predict(walk);
             }
             let mut z = [*value];
             filter.innovate(&mut z, [1.0], white);
