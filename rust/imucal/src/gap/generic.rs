@@ -9,7 +9,8 @@ use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
 use super::shares::{Moment, Moments, Place, Shares};
-use super::smooth::{Smooth, bells};
+use super::smooth::Smooth;
+use crate::numerics::gaussian::gaussian_kernels;
 use crate::numerics::workers::{in_order, processors};
 
 /// What varies.
@@ -189,7 +190,7 @@ fn curve(kernel: Kernel, moments: &Moments, gravity_mps2: f64) -> Option<Shape> 
 
 fn near_on_curve(a: &f64, others: &[f64], to: &mut [f64]) {
     to.iter_mut().zip(others).for_each(|(to, b)| *to = ((a - b) / CURVE_LENGTH).powi(2));
-    bells(to);
+    gaussian_kernels(to);
 }
 
 impl Hypothesis {

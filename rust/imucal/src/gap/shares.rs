@@ -4,7 +4,8 @@ use faer::Mat;
 use nalgebra::Vector3;
 
 use super::Kernel;
-use super::smooth::{Smooth, bells};
+use super::smooth::Smooth;
+use crate::numerics::gaussian::gaussian_kernels;
 
 /// What the kernels know of a moment.
 #[derive(Clone, Copy, Debug)]
@@ -138,7 +139,7 @@ fn each(to: &mut [f64], others: &[Moment], of: impl Fn(&Moment) -> f64) {
 /// Of squared distances.
 fn near(to: &mut [f64], others: &[Moment], length: f64, square: impl Fn(&Moment) -> f64) {
     each(to, others, |other| square(other) / (length * length));
-    bells(to);
+    gaussian_kernels(to);
 }
 
 /// The sign of a turn, rad; none for what is no turn.

@@ -1,7 +1,6 @@
 //! Functions that are as smooth as a kernel says, through its eigenvectors at given points.
 
 use faer::Mat;
-use wide::f64x4;
 
 /// Eigenvalues below this share of the largest one are left out.
 const SMALLEST: f64 = 1e-3;
@@ -55,15 +54,6 @@ impl<T> Smooth<T> {
         }
         self.weights.transpose() * near
     }
-}
-
-/// `exp(-x^2 / 2)`, given the squares.
-pub(super) fn bells(squares: &mut [f64]) {
-    let (fours, rest) = squares.as_chunks_mut();
-    for four in fours {
-        *four = (f64x4::from(*four) * -0.5).exp().to_array();
-    }
-    rest.iter_mut().for_each(|one| *one = (-0.5 * *one).exp());
 }
 
 #[cfg(test)]

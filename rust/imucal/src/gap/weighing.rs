@@ -17,6 +17,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::evidence::{Column, Evidence, Gram, RIDGE};
 use crate::numerics::symmetric::SymmetricMatrix;
+
 pub(crate) use left::Left;
 
 /// Scales and parameters depend on each other; the last round is taken as it is.

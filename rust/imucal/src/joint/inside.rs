@@ -20,6 +20,7 @@ use super::at_move::AtMove;
 use super::lanes::Lanes;
 use super::pass::planes::Planes;
 use blocks::{IntoColumns, IntoLanes, Seen};
+
 pub(super) use gains::Inside;
 pub(crate) use gains::{InsideNoise, count};
 

@@ -7,14 +7,13 @@ use imucal_core::effects::{Need, Sensor};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::at_move::{AtMove, EndDirection, move_direction};
-use super::attitude;
 use super::encoders::moves;
-use super::inside;
 use super::model::Model;
 use super::pass::{EvaluatedTerms, Route};
 use super::prepared::Prepared;
 use super::rests::{Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
+use super::{attitude, inside};
 use crate::error::Error;
 use crate::numerics::workers::{in_order, threads_for};
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};

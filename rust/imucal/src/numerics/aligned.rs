@@ -1,32 +1,57 @@
-//! Numbers in memory that begin where a cache line does, so that no register of them lies across two.
+//! Numbers in memory that begin at a cache line, so that no register of them lies across two.
 
 use std::ops::{Deref, DerefMut};
 
-use pulp::bytemuck::{cast_slice, cast_slice_mut};
-use wide::f64x8;
-
-/// As many numbers as the widest register has, and a cache line.
+/// Numbers in the widest register, and in a cache line.
 pub(crate) const WIDEST: usize = 8;
+const CACHE_LINE_BYTES: usize = 64;
 
-/// A list of numbers, so many times [`WIDEST`].
-#[derive(Clone, Default)]
-pub(crate) struct Aligned(Vec<f64x8>);
+/// A list of numbers; its length is a multiple of [`WIDEST`].
+#[derive(Default)]
+pub(crate) struct Aligned {
+    /// With up to [`WIDEST`] - 1 numbers before the first cache line.
+    buffer: Vec<f64>,
+    start: usize,
+    len: usize,
+}
 
 impl Aligned {
     /// None, with room for so many.
     pub(crate) fn with_capacity(numbers: usize) -> Self {
-        Self(Vec::with_capacity(numbers.div_ceil(WIDEST)))
+        Self { len: 0, ..Self::zeros(numbers) }
     }
 
     /// So many zeros.
     pub(crate) fn zeros(numbers: usize) -> Self {
-        Self(vec![f64x8::ZERO; numbers.div_ceil(WIDEST)])
+        let len = numbers.next_multiple_of(WIDEST);
+        let buffer = vec![0.0; if len == 0 { 0 } else { len + WIDEST - 1 }];
+        let start = buffer.as_ptr().align_offset(CACHE_LINE_BYTES).min(buffer.len() - len);
+        Self { buffer, start, len }
     }
 
     /// Makes them so many; new ones are zero.
     #[inline(always)]
     pub(crate) fn resize(&mut self, numbers: usize) {
-        self.0.resize(numbers.div_ceil(WIDEST), f64x8::ZERO);
+        let len = numbers.next_multiple_of(WIDEST);
+        if self.start + len > self.buffer.len() {
+            let mut larger = Self::zeros(len.max(2 * self.len));
+            larger.buffer[larger.start..][..self.len].copy_from_slice(self);
+            larger.len = len;
+            *self = larger;
+        } else {
+            let (new, start) = (len.max(self.len), self.start);
+            self.buffer[start + self.len..start + new].fill(0.0);
+            self.len = len;
+        }
+    }
+}
+
+impl Clone for Aligned {
+    /// Anew: a copy of the buffer may begin elsewhere in a cache line.
+    fn clone(&self) -> Self {
+        let mut copy = Self::zeros(self.len);
+        copy.copy_from_slice(self);
+        copy
     }
 }
 
@@ -35,14 +60,14 @@ impl Deref for Aligned {
 
     #[inline(always)]
     fn deref(&self) -> &[f64] {
-        cast_slice(&self.0)
+        &self.buffer[self.start..self.start + self.len]
     }
 }
 
 impl DerefMut for Aligned {
     #[inline(always)]
     fn deref_mut(&mut self) -> &mut [f64] {
-        cast_slice_mut(&mut self.0)
+        &mut self.buffer[self.start..self.start + self.len]
     }
 }
 
@@ -54,9 +79,14 @@ mod tests {
     fn numbers_begin_at_a_cache_line_and_new_ones_are_zero() {
         let mut numbers = Aligned::zeros(3 * WIDEST);
         numbers.iter_mut().for_each(|number| *number = 1.0);
-        numbers.resize(500 * WIDEST);
-        assert_eq!((numbers.as_ptr() as usize) % 64, 0);
-        assert_eq!((numbers.len(), numbers.iter().sum::<f64>()), (500 * WIDEST, 24.0));
-        assert!(Aligned::with_capacity(5).is_empty());
+        for len in [500, 2, 4] {
+            numbers.resize(len * WIDEST);
+            let ones = len.min(3).min(numbers.iter().filter(|number| **number == 1.0).count() / WIDEST);
+            assert_eq!((numbers.as_ptr() as usize) % CACHE_LINE_BYTES, 0);
+            assert_eq!((numbers.len(), numbers.iter().sum::<f64>()), (len * WIDEST, (ones * WIDEST) as f64));
+        }
+        assert_eq!(numbers.iter().sum::<f64>(), (2 * WIDEST) as f64);
+        assert_eq!((numbers.clone().as_ptr() as usize) % CACHE_LINE_BYTES, 0);
+        assert!(Aligned::with_capacity(5).is_empty() && Aligned::default().is_empty());
     }
 }
