@@ -25,7 +25,7 @@ class Ended:
 
 @pytest.fixture(scope="module")
 def run():
-    return imucal.simulate("random", seed=3, rate_hz=100)
+    return imucal.simulate("random", seed=3, rate_hz=100).recording
 
 
 def test_a_converged_fit_gives_no_reason(run):

@@ -11,21 +11,17 @@
 //! (`whiten`); a random walk inside a move is whitened by its innovations (`inside`). Weights follow from the result and
 //! the result from the weights, so both are repeated until neither changes.
 
-mod at_move;
-mod attitude;
 mod encoders;
 mod fields;
-mod held_out;
 mod inside;
-mod insides;
 mod lanes;
 mod linear;
 mod misfit;
 mod model;
+mod move_ends;
 mod outliers;
 mod pass;
 mod prepared;
-mod prior;
 mod problem;
 mod rests;
 mod scatter;
@@ -45,9 +41,8 @@ pub use terms::{EffectChoice, UserField};
 
 pub(crate) use encoders::Encoders;
 pub(crate) use fields::{Field, move_segments};
-pub(crate) use insides::Insides;
 pub(crate) use lanes::Lanes;
-pub(crate) use linear::{INSIDE, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
+pub(crate) use linear::{INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
 pub use misfit::Misfit;
 pub(crate) use misfit::Misfits;
 pub(crate) use model::Model;
@@ -71,11 +66,11 @@ use imucal_core::sensor::Triad;
 use nalgebra::Matrix3;
 
 use crate::error::Error;
-use crate::numerics::fit_report::Termination;
+use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Solution};
 use crate::rests::moves::Ends;
-use prior::Prior;
 use problem::report::moves_of;
+use start::Prior;
 use weights::Weights;
 
 /// Ten typical effects must move chi2 by one, in every direction of an effect's parameters.

@@ -53,4 +53,5 @@ pub mod rests;
 pub mod simulate;
 mod two_stage;
 
-pub use numerics::fit_report::{FitReport, Termination};
+pub use numerics::fit_report::FitReport;
+pub use numerics::lsq::Termination;

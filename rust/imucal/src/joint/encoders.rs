@@ -18,7 +18,7 @@ use imucal_core::effects::{Sensor, StandState, State, Surroundings};
 use imucal_core::so3;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 
-use super::at_move::EndDirection;
+use super::move_ends::EndDirection;
 use super::terms::{Sample, Terms};
 use crate::error::Error;
 use crate::numerics::derivative::Derivative;

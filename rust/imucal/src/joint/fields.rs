@@ -12,9 +12,9 @@ use faer::Mat;
 use imucal_core::effects::Sensor;
 use nalgebra::{Matrix2x3, Matrix3, Vector3};
 
-use super::at_move::AtMove;
 use super::inside::{Edges, Inside, Rows};
 use super::linear::{Linear, Source};
+use super::move_ends::AtMove;
 use super::pass::planes::Planes;
 use super::pass::segments::{MoveSegments, Stretch};
 use super::prepared::Prepared;

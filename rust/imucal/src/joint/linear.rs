@@ -6,15 +6,18 @@ use std::sync::Arc;
 use imucal_core::effects::{Need, Sensor};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::at_move::{AtMove, EndDirection, move_direction};
 use super::encoders::moves;
+use super::inside;
 use super::model::Model;
+use super::move_ends::{AtMove, EndDirection, move_direction};
 use super::pass::{EvaluatedTerms, Route};
 use super::prepared::Prepared;
 use super::rests::{Force, Rate, Rests};
 use super::terms::{Kinds, Terms};
-use super::{attitude, inside};
 use crate::error::Error;
+use crate::joint::inside::{InsideNoise, Rows, count};
+use crate::joint::lanes::Lanes;
+use crate::joint::move_ends::{attitude_after, first_attitude};
 use crate::numerics::workers::{in_order, threads_for};
 use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::rests::moves::{End, rows_across};
@@ -160,7 +163,7 @@ impl Prepared<'_> {
         let mut preintegrated = vec![None; self.moves.len()];
         let mut next_move = 0;
         for k in (0..self.rests.len()).filter(|&k| self.used[k] && terms.needs(Need::Attitude)) {
-            let start = *attitudes[k].get_or_insert_with(|| attitude::first(&rests.forces[k].direction.up));
+            let start = *attitudes[k].get_or_insert_with(|| first_attitude(&rests.forces[k].direction.up));
             // Each move leads to the attitude at the next rest.
             while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
                 let [before, after] = &ends[next_move];
@@ -175,7 +178,7 @@ impl Prepared<'_> {
                     moves.push(at_move(next_move, Some(start), None));
                     moves[next_move].pass.rotation
                 };
-                attitudes[m.to] = Some(attitude::after(&start, &rotation, &after.up));
+                attitudes[m.to] = Some(attitude_after(&start, &rotation, &after.up));
                 next_move += 1;
             }
         }
@@ -276,5 +279,46 @@ impl Prepared<'_> {
             by_means: Vec::new(),
             source: Source::Norm(k),
         })
+    }
+}
+
+/// What is seen inside the moves of a linearisation, to be whitened when it is asked for.
+pub(crate) struct Insides {
+    linear: Arc<Linear>,
+    noise: Vec<InsideNoise>,
+    gravity_mps2: f64,
+    no_rows: Lanes,
+}
+
+impl Insides {
+    /// `None` if there is no move.
+    pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Option<Self> {
+        let no_rows = Lanes::inside(&linear.moves.first()?.pass);
+        Some(Self { linear, noise, gravity_mps2, no_rows })
+    }
+
+    /// How many moves there are.
+    pub(crate) fn moves(&self) -> usize {
+        self.linear.moves.len()
+    }
+
+    /// How many rows they have together.
+    pub(crate) fn rows(&self) -> usize {
+        self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
+    }
+
+    /// Where the columns stand in each row, and the residual.
+    pub(crate) fn no_rows(&self) -> &Lanes {
+        &self.no_rows
+    }
+
+    /// Puts the rows of a move in the place of those of another one.
+    pub(crate) fn look(&self, k: usize, lanes: &mut Lanes) {
+        let at_move = &self.linear.moves[k];
+        lanes.resize(count(&at_move.pass, false));
+        Rows::side_by_side(lanes).write_move(at_move, &self.noise[k], self.gravity_mps2);
+        if self.linear.change.iter().any(|change| *change != 0.0) {
+            lanes.change(&self.linear.change);
+        }
     }
 }

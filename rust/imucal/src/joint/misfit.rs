@@ -7,6 +7,9 @@
 //! with P of (25) for all N residuals. The share of a rest (its norm and its mean rates) or of a move is d of (25): the misfit as
 //! a fit without it would see it, so that it follows chi2 whatever its leverage. Nothing is widened here.
 
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+use std::ops::Range;
 use std::sync::Arc;
 
 use super::linear::{Linear, Source};
@@ -15,7 +18,9 @@ use super::prepared::Prepared;
 use super::problem::Joint;
 use super::terms::Terms;
 use crate::error::Error;
-use crate::numerics::stats::p_value;
+use crate::joint::move_ends::move_direction;
+use crate::joint::outliers::by_means;
+use crate::numerics::stats::{dot, p_value};
 
 /// A misfit in units of what noise explains.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -70,4 +75,174 @@ impl Misfits {
         let (chi2, degrees_of_freedom) = without.whole();
         Ok(Self { all: Misfit::new(chi2, degrees_of_freedom), rests: judged(of_rests), moves: judged(of_moves) })
     }
+}
+
+/// A column that the others leave less of than this share of its length is a sum of them.
+const LEAST: f64 = 1e-6;
+
+/// Errors of rests and moves, each by a fit without it; `None` where that does not determine all parameters.
+pub(crate) struct HeldOut {
+    /// Angle between carried and measured gravity of each move, rad.
+    pub(crate) direction_rad: Vec<Option<f64>>,
+    /// Error of |f| at the rests that take part, m/s^2.
+    pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
+}
+
+impl Joint<'_> {
+    /// Every `folds`-th move is left out together, and every `folds`-th rest.
+    pub(crate) fn held_out(&self, linear: &Linear, folds: usize) -> HeldOut {
+        let parts = Parts::new(self, linear);
+        let mut direction_rad = vec![None; linear.moves.len()];
+        let norms: Vec<(usize, usize)> = (linear.lines.iter().enumerate())
+            .filter_map(|(row, line)| if let Source::Norm(k) = line.source { Some((k, row)) } else { None })
+            .collect();
+        let mut norm_mps2: Vec<(usize, Option<f64>)> = norms.iter().map(|(k, _)| (*k, None)).collect();
+        for fold in 0..folds {
+            let is_out = |k: usize| k % folds == fold;
+            let of_fold = |line: usize| matches!(linear.lines[line].source, Source::Move(k) if is_out(k));
+            let columns = (0..linear.lines.len()).filter(|&row| of_fold(row)).collect::<Vec<_>>();
+            if let Some(change) = parts.without(&columns, |item| matches!(item, Source::Move(k) if is_out(k))) {
+                for k in (fold..linear.moves.len()).step_by(folds) {
+                    let (residual, jacobian) = move_direction(&linear.moves[k]);
+                    let moved =
+                        |c: usize| residual[c] + jacobian.iter().zip(&change).map(|(j, d)| j[c] * d).sum::<f64>();
+                    direction_rad[k] = Some(moved(0).hypot(moved(1)).min(1.0).asin());
+                }
+            }
+            let rests: Vec<usize> = norms.iter().skip(fold).step_by(folds).map(|(k, _)| *k).collect();
+            let columns = parts.columns_of(linear, &rests);
+            if let Some(change) = parts.without(&columns, |item| matches!(item, Source::Norm(k) if rests.contains(&k)))
+            {
+                for place in (fold..norms.len()).step_by(folds) {
+                    let line = &linear.lines[norms[place].1];
+                    norm_mps2[place].1 = Some(line.residual + line.change(&change));
+                }
+            }
+        }
+        HeldOut { direction_rad, norm_mps2 }
+    }
+}
+
+/// Whitened residuals in parts that are left out or not.
+struct Parts {
+    /// Lengths of the columns of the Jacobian; columns of none are not there.
+    size: Vec<f64>,
+    kept: Vec<usize>,
+    /// Lines and rates, which share errors: columns of length one and the residual.
+    shared: Mat<f64>,
+    /// `[J r]^T [J r]` of all other residuals of a rest or a move.
+    others: Vec<(Source, Mat<f64>)>,
+    /// The same of priors.
+    given: Mat<f64>,
+    /// What whitening makes of an error of each line and rate and of the mean of each rest: the first row, and the values from there.
+    units: Vec<(usize, Vec<f64>)>,
+}
+
+impl Parts {
+    fn new(problem: &Joint<'_>, linear: &Linear) -> Self {
+        let (residuals, jacobian) = problem.whiten(linear);
+        let size: Vec<f64> = (0..jacobian.ncols()).map(|p| jacobian.col(p).norm_l2()).collect();
+        let kept: Vec<usize> = (0..size.len()).filter(|&p| size[p] > 0.0).collect();
+        let n = kept.len();
+        let part = |rows: std::ops::Range<usize>| {
+            Mat::from_fn(rows.len(), n + 1, |i, p| {
+                let row = rows.start + i;
+                if p < n { jacobian[(row, kept[p])] / size[kept[p]] } else { residuals[(row, 0)] }
+            })
+        };
+        let head = linear.lines.len() + 3 * linear.rates.len();
+        let of_rows = |(source, rows): (Source, std::ops::Range<usize>)| {
+            let own = part(rows);
+            (source, own.transpose() * &own)
+        };
+        let last = linear.groups().stand_moves.end..residuals.nrows();
+        let given = part(last.clone()).transpose() * &part(last);
+        let others = linear.rows_beyond_rates().into_iter().map(of_rows).collect();
+        let mut units = problem.whitened_units(linear);
+        units.extend(by_means(linear, &units));
+        let shared = part(0..head);
+        Self { size, kept, shared, others, given, units }
+    }
+
+    /// What is free where rests are left out: their mean rates and forces.
+    fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
+        let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
+        let rates = linear.lines.len();
+        let means = rates + 3 * linear.rates.len();
+        places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
+    }
+
+    /// The change of the parameters where these columns are free and others of `others` are left out.
+    fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
+        let (rows, n) = (self.shared.nrows(), self.kept.len());
+        let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());
+        for &column in columns {
+            let (first, values) = &self.units[column];
+            let mut direction = Stretch { first: *first, values: values.clone() };
+            let length = norm(&direction.values);
+            // Twice is enough.
+            for _ in 0..2 {
+                basis.iter().for_each(|known| direction.leave_out(known));
+            }
+            let left = norm(&direction.values);
+            if left > LEAST * length {
+                direction.values.iter_mut().for_each(|d| *d /= left);
+                basis.push(direction);
+            }
+        }
+        let basis = Mat::from_fn(rows, basis.len(), |row, c| basis[c].at(row));
+        let seen = &self.shared - &basis * (basis.transpose() * &self.shared);
+        let mut normal = seen.transpose() * &seen + &self.given;
+        for (_, own) in self.others.iter().filter(|(source, _)| !is_out(*source)) {
+            normal += own;
+        }
+        let factor = normal.submatrix(0, 0, n, n).to_owned().llt(faer::Side::Lower).ok()?;
+        if (0..n).any(|p| factor.L()[(p, p)] < LEAST) {
+            return None;
+        }
+        let right = Mat::from_fn(n, 1, |p, _| -normal[(p, n)]);
+        let solved = factor.solve(&right);
+        let mut change = vec![0.0; self.size.len()];
+        for (place, &p) in self.kept.iter().enumerate() {
+            change[p] = solved[(place, 0)] / self.size[p];
+        }
+        Some(change)
+    }
+}
+
+/// A column that is nothing but for some rows in a row: errors are shared by neighbours, so few of these meet.
+struct Stretch {
+    first: usize,
+    values: Vec<f64>,
+}
+
+impl Stretch {
+    fn rows(&self) -> Range<usize> {
+        self.first..self.first + self.values.len()
+    }
+
+    fn at(&self, row: usize) -> f64 {
+        row.checked_sub(self.first).and_then(|k| self.values.get(k)).copied().unwrap_or(0.0)
+    }
+
+    /// Takes away what is along a direction of length one.
+    fn leave_out(&mut self, known: &Self) {
+        let (own, other) = (self.rows(), known.rows());
+        let both = own.start.max(other.start)..own.end.min(other.end);
+        if both.is_empty() {
+            return;
+        }
+        let all = own.start.min(other.start)..own.end.max(other.end);
+        let part = |of: &Self| both.start - of.first..both.end - of.first;
+        let along = dot(&self.values[part(self)], &known.values[part(known)]);
+        self.values.splice(0..0, std::iter::repeat_n(0.0, own.start - all.start));
+        self.values.resize(all.len(), 0.0);
+        self.first = all.start;
+        let to = &mut self.values[other.start - all.start..];
+        to.iter_mut().zip(&known.values).for_each(|(d, k)| *d -= along * k);
+    }
+}
+
+fn norm(values: &[f64]) -> f64 {
+    dot(values, values).sqrt()
 }

@@ -19,15 +19,11 @@
 //! depends on the accelerometer's parameters as gravity, carried along, lets expect: at the sample itself the derivative would
 //! hold the same noise as the residual, and beside a field that holds none it would explain that noise.
 
-mod changes;
+mod attitude_jacobian;
 mod corrected;
-mod groups;
 pub(super) mod planes;
 pub(super) mod segments;
 mod stretches;
-mod to_end;
-mod turned;
-mod turns;
 
 use std::ops::Range;
 
@@ -43,9 +39,9 @@ use crate::preintegration::STEPS_TAKEN;
 use crate::preintegration::{Sums, attitudes, integrate_rotation, preintegrate};
 use crate::recording::Recording;
 use crate::rests::moves::Move;
-use changes::Changes;
+use attitude_jacobian::Turns;
 use corrected::Corrected;
-use turns::Turns;
+use planes::Changes;
 
 /// Length of a block inside a move, s.
 pub(crate) const BLOCK_S: f64 = 0.04;

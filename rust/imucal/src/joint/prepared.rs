@@ -4,8 +4,8 @@ use std::sync::OnceLock;
 
 use nalgebra::UnitQuaternion;
 
-use super::at_move::EndDirection;
 use super::encoders::Encoders;
+use super::move_ends::EndDirection;
 use super::pass::Route;
 use super::scatter::Modes;
 use super::wander::Wander;

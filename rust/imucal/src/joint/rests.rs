@@ -8,11 +8,11 @@ use std::sync::Arc;
 use imucal_core::effects::{Sensor, Surroundings};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
-use super::at_move::EndDirection;
 use super::model::{Model, force_by_parameters, moments};
 use super::prepared::Prepared;
 use super::settle::Still;
 use super::terms::{Term, Terms};
+use crate::joint::move_ends::EndDirection;
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 use crate::recording::Recording;
 use crate::rests::moves::{End, Move};

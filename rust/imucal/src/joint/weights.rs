@@ -4,7 +4,6 @@
 //! the excess is estimated from them: a variance from rest to rest for the rates, a factor for norms, moves and what is
 //! inside the moves.
 
-mod flicker;
 mod whiten;
 
 use faer::Mat;
@@ -18,13 +17,14 @@ use super::prepared::Prepared;
 use super::scatter::{Excess, Modes, Scatter};
 use super::terms::Terms;
 use super::wander::Wander;
+use crate::joint::BiasWander;
+use crate::joint::wander::MOST_ROWS;
 use crate::numerics::fit_report::significance_limit;
 use crate::numerics::lsq::{self, Solution};
 use crate::numerics::stats::median;
 use crate::rests::moves::FINEST_RAD;
 use crate::rests::noise_density::{random_walk_rad, variance_per_axis};
 use crate::rests::rest::FINEST_MPS2;
-use flicker::flicker_of_rests;
 use whiten::{Shares, Whitening};
 
 /// No standard deviation is finer: a noise-free simulation has no scatter at all. Scales widen these, too: where a model does
@@ -285,4 +285,29 @@ fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(u
     }
     let reduced = scale * scale * rows.iter().map(|&row| residuals[(row, 0)].powi(2)).sum::<f64>() / free;
     if reduced > significance_limit(free) { reduced.sqrt() } else { 1.0 }
+}
+
+/// Covariance of the mean biases at the rests that take part, in their order, for a bias instability of one; `None` where there
+/// are too many.
+pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
+    let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
+    if rows(places.len(), prepared.moves.len()) > MOST_ROWS {
+        return None;
+    }
+    let unit = BiasWander { bias_instability: [1.0; 3], random_walk: [0.0; 3] };
+    let mut covariance = Mat::zeros(places.len(), places.len());
+    for (index, recording) in prepared.recordings.iter().enumerate() {
+        let (rests, spans) = prepared.rests_of(index);
+        let at: Vec<usize> = rests.iter().map(|k| places.partition_point(|place| place < k)).collect();
+        let own = unit.of_rests(0, &spans, recording.span_s());
+        for (i, j) in (0..at.len()).flat_map(|i| (0..at.len()).map(move |j| (i, j))) {
+            covariance[(at[i], at[j])] = own[(i, j)];
+        }
+    }
+    Some(covariance)
+}
+
+/// A norm and three rates for each rest, and two lines for each move.
+fn rows(rests: usize, moves: usize) -> usize {
+    4 * rests + 2 * moves
 }

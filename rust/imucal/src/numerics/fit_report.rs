@@ -10,26 +10,11 @@
 
 use faer::Mat;
 
-use crate::numerics::lsq::{Solution, singular_of_triangle};
+use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 
 /// Largest predicted decrease of chi2 of a converged fit, in units of chi2 per degree of freedom where that exceeds one: every
 /// parameter is within a hundredth of its standard deviation of the optimum of the linear model.
 const LARGEST_DECREASE: f64 = 1e-4;
-
-/// Why a fit ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Termination {
-    /// The gradient test is passed.
-    Converged,
-    /// No step decreases chi2, or the steps have become negligible, and the gradient test is not passed.
-    Stalled,
-    /// The iteration limit was reached and the gradient test is not passed.
-    IterationLimit,
-    /// A residual is not finite.
-    NotFinite,
-    /// The weights of the residuals still changed in the last round of reweighting.
-    WeightsNotSettled,
-}
 
 /// How a fit ended.
 #[derive(Clone, Copy, Debug)]

@@ -9,7 +9,6 @@ use faer::Mat;
 use faer::prelude::SolveLstsq;
 
 use crate::error::Error;
-use crate::numerics::fit_report::Termination;
 
 /// Residuals and their Jacobian as functions of the parameters.
 pub(crate) trait Residuals {
@@ -17,6 +16,21 @@ pub(crate) trait Residuals {
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>);
     /// Number of residuals m.
     fn count(&self) -> usize;
+}
+
+/// Why a fit ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Termination {
+    /// The gradient test is passed.
+    Converged,
+    /// No step decreases chi2, or the steps have become negligible, and the gradient test is not passed.
+    Stalled,
+    /// The iteration limit was reached and the gradient test is not passed.
+    IterationLimit,
+    /// A residual is not finite.
+    NotFinite,
+    /// The weights of the residuals still changed in the last round of reweighting.
+    WeightsNotSettled,
 }
 
 /// Where a fit ended.

@@ -13,7 +13,8 @@ use nalgebra::{Matrix3, SVector, Vector3};
 
 use crate::error::Error;
 use crate::frame::SYMMETRIC;
-use crate::numerics::fit_report::{FitReport, Termination};
+use crate::numerics::fit_report::FitReport;
+use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Residuals, Solution};
 use crate::numerics::{robust, stats};
 use crate::rests::rest::{Rest, sigma_norm};

@@ -19,7 +19,8 @@ use imucal_core::so3::{self, hat};
 use nalgebra::{Matrix3, Vector2, Vector3};
 
 use crate::error::Error;
-use crate::numerics::fit_report::{FitReport, Termination};
+use crate::numerics::fit_report::FitReport;
+use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Residuals, Solution};
 use crate::numerics::robust;
 use crate::numerics::stats::rms;

@@ -13,9 +13,9 @@ use imucal_core::so3;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
 
 use super::{Angles, StandModel};
-use crate::joint::at_move::AtMove;
 use crate::joint::inside::InsideNoise;
 use crate::joint::inside::filter::{Filter, WalkFilter};
+use crate::joint::move_ends::AtMove;
 use crate::joint::pass::Pass;
 use crate::joint::terms::Terms;
 use crate::rests::moves::across;

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use pulp::{Simd, WithSimd};
 
 use super::filter::Gain;
-use super::gains::{Inside, count};
+use super::{Inside, count};
 use crate::joint::lanes::Lanes;
 use crate::joint::pass::planes::Planes;
 

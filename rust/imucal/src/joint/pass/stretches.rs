@@ -14,7 +14,7 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use super::Route;
 use super::corrected::{Corrected, Step};
-use super::groups::Groups;
+use super::planes::Groups;
 use crate::joint::model::{Model, mean_surroundings};
 use crate::joint::terms::{Sample, Terms};
 use crate::preintegration::{are_equal_steps, attitudes};

@@ -7,14 +7,15 @@ use nalgebra::Matrix3;
 
 use super::Joint;
 use crate::error::Error;
-use crate::joint::at_move::AtMove;
 use crate::joint::linear::{Linear, Source};
 use crate::joint::model::Model;
-use crate::joint::prior::Prior;
+use crate::joint::move_ends::AtMove;
+use crate::joint::start::Prior;
 use crate::joint::terms::Terms;
 use crate::joint::wander::UnitWander;
 use crate::joint::weights::Weights;
-use crate::numerics::fit_report::{FitReport, Termination};
+use crate::numerics::fit_report::FitReport;
+use crate::numerics::lsq::Termination;
 use crate::numerics::lsq::{self, Solution};
 use crate::parameters::BASE;
 use crate::rests::moves::Ends;

@@ -1,0 +1,57 @@
+//! A move at given parameters: its preintegrated pass, the directions of gravity at its ends, and the attitude after it.
+//!
+//! Gravity gives the tilt at every rest, the gyroscope the change of heading from one rest to the next. The heading of the first
+//! rest is unknown; it is set by the smallest rotation that makes its gravity direction vertical.
+
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
+
+use super::pass::Pass;
+use crate::rests::moves::rows_across;
+
+/// Direction of gravity at one end of a move and its derivative by every parameter.
+#[derive(Clone)]
+pub(crate) struct EndDirection {
+    pub(crate) up: Vector3<f64>,
+    pub(crate) jacobian: Vec<Vector3<f64>>,
+}
+
+/// One move at given parameters.
+pub(crate) struct AtMove {
+    pub(crate) pass: Pass,
+    pub(crate) before: Arc<EndDirection>,
+    pub(crate) after: Arc<EndDirection>,
+}
+
+/// Two components of the carried minus the measured direction, and their derivatives by every parameter.
+pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
+    let AtMove { pass, before, after } = at_move;
+    let across = rows_across(&after.up);
+    let to_end = across * pass.rotation.transpose();
+    let by_turn = to_end * before.up.cross_matrix();
+    let columns = pass.turn.iter().zip(&before.jacobian).zip(&after.jacobian);
+    let columns = columns.map(|((turn, before), after)| by_turn * turn + to_end * before - across * after);
+    (to_end * before.up - across * after.up, columns.collect())
+}
+
+/// The attitude of the first rest, from the direction of gravity there.
+pub(crate) fn first_attitude(up: &Vector3<f64>) -> UnitQuaternion<f64> {
+    upright(up)
+}
+
+/// The attitude after a move, put upright by the gravity measured there.
+pub(crate) fn attitude_after(
+    start: &UnitQuaternion<f64>,
+    rotation: &Matrix3<f64>,
+    up: &Vector3<f64>,
+) -> UnitQuaternion<f64> {
+    let carried = start * UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation));
+    upright(&(carried * up)) * carried
+}
+
+/// The smallest turn that takes `up` to the z axis.
+fn upright(up: &Vector3<f64>) -> UnitQuaternion<f64> {
+    UnitQuaternion::rotation_between(up, &Vector3::z())
+        .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))
+}
