@@ -30,7 +30,7 @@ def run():
 
 def test_a_converged_fit_gives_no_reason(run):
     result = imucal.calibrate(run)
-    assert result.fit["joint"]["termination"] == "converged"
+    assert result.fit.joint.termination == "converged"
     assert (result.verdict, result.reasons) == ("good", ())
 
 

@@ -36,7 +36,9 @@ class FitReport:
     inflation                  factor by which the standard deviations are widened; 1 if noise explains the
                                residuals
     iterations                 number of iterations
-    termination                why it stopped
+    termination                why it stopped: "converged"; "stalled" if no step decreases chi2 although the
+                               gradient is not zero, "iteration_limit", "not_finite", or "weights_not_settled",
+                               each of which makes the verdict poor
     """
 
     chi2: float | None
