@@ -1,27 +1,30 @@
-//! Numbers in memory that begin at a cache line, so that no register of them lies across two.
+//! Memory aligned to cache lines, so that no SIMD register is loaded from two cache lines.
 
 use std::ops::{Deref, DerefMut};
 
-/// Numbers in the widest register, and in a cache line.
+/// Number of values in the widest SIMD register and in a cache line.
 pub(crate) const WIDEST: usize = 8;
+/// Size of a cache line of current processors, bytes.
 const CACHE_LINE_BYTES: usize = 64;
 
-/// A list of numbers; its length is a multiple of [`WIDEST`].
+/// A list of numbers that starts at a cache line and whose length is a multiple of [`WIDEST`].
 #[derive(Default)]
 pub(crate) struct Aligned {
-    /// With up to [`WIDEST`] - 1 numbers before the first cache line.
+    /// Storage, with up to [`WIDEST`] - 1 unused values before the first cache line.
     buffer: Vec<f64>,
+    /// Index of the first value in `buffer`.
     start: usize,
+    /// Number of values.
     len: usize,
 }
 
 impl Aligned {
-    /// None, with room for so many.
+    /// An empty list with capacity for `numbers` values.
     pub(crate) fn with_capacity(numbers: usize) -> Self {
         Self { len: 0, ..Self::zeros(numbers) }
     }
 
-    /// So many zeros.
+    /// A list of zeros; its length is `numbers` rounded up to a multiple of [`WIDEST`].
     pub(crate) fn zeros(numbers: usize) -> Self {
         let len = numbers.next_multiple_of(WIDEST);
         let buffer = vec![0.0; if len == 0 { 0 } else { len + WIDEST - 1 }];
@@ -29,7 +32,7 @@ impl Aligned {
         Self { buffer, start, len }
     }
 
-    /// Makes them so many; new ones are zero.
+    /// Changes the length to `numbers`, rounded up to a multiple of [`WIDEST`]. New values are zero.
     #[inline(always)]
     pub(crate) fn resize(&mut self, numbers: usize) {
         let len = numbers.next_multiple_of(WIDEST);
@@ -47,7 +50,7 @@ impl Aligned {
 }
 
 impl Clone for Aligned {
-    /// Anew: a copy of the buffer may begin elsewhere in a cache line.
+    /// Aligns the copy anew, because a copy of the buffer may start elsewhere in a cache line.
     fn clone(&self) -> Self {
         let mut copy = Self::zeros(self.len);
         copy.copy_from_slice(self);

@@ -1,35 +1,37 @@
-//! How a fit ended, and why its result is not an optimum if it is not.
+//! Report of a fit: how it ended, and whether its result is an optimum.
 //!
 //! The gradient test uses the decrease of chi2 that the linear model at the result predicts for an undamped step,
 //!
 //! ```text
-//! |P r|^2,   P the projection on the columns of the Jacobian J of the whitened residuals r
+//! |P r|^2,   P the projection onto the columns of the Jacobian J of the whitened residuals r
 //! ```
 //!
-//! It does not depend on the units of the parameters. A parameter that is one standard deviation from its optimum contributes one.
+//! This decrease does not depend on the units of the parameters. A parameter that is one standard deviation from its
+//! optimum contributes one.
 
 use faer::Mat;
 
 use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 
-/// Largest predicted decrease of chi2 of a converged fit, in units of chi2 per degree of freedom where that exceeds one: every
-/// parameter is within a hundredth of its standard deviation of the optimum of the linear model.
+/// Maximum predicted decrease of chi2 of a converged fit, relative to chi2 per degree of freedom if that exceeds one.
+/// With this value every parameter is within a hundredth of its standard deviation of the optimum of the linear model.
 const LARGEST_DECREASE: f64 = 1e-4;
 
-/// How a fit ended.
+/// Quality of a fit, and the reason for its end.
 #[derive(Clone, Copy, Debug)]
 pub struct FitReport {
-    /// Sum of the squared residuals in units of their noise variance.
+    /// Sum of the squared residuals, each divided by the standard deviation of its noise.
     pub chi2: f64,
-    /// Residuals less parameters.
+    /// Number of residuals minus number of parameters.
     pub degrees_of_freedom: usize,
-    /// Factor by which standard deviations were widened because the residuals exceed the noise significantly; else 1.
+    /// Factor by which the standard deviations are increased, because the residuals are significantly larger than their
+    /// noise (three standard deviations of chi2); 1 otherwise.
     pub inflation: f64,
-    /// Iterations of the solver.
+    /// Number of iterations of the solver.
     pub iterations: u64,
-    /// Why it ended.
+    /// Reason for the end of the fit.
     pub termination: Termination,
-    /// Decrease of chi2 that the linear model at the result still predicts.
+    /// Decrease of chi2 that the linear model at the result predicts for an undamped step.
     pub predicted_decrease: f64,
 }
 
@@ -37,7 +39,8 @@ impl FitReport {
     /// The report of one minimisation.
     pub(crate) fn of(solution: &Solution) -> Self {
         let degrees_of_freedom = solution.residuals.nrows().saturating_sub(solution.parameters.len());
-        // chi2 / dof scatters about one by sqrt(2 / dof): widening all that exceed one would make every sigma too large.
+        // chi2 / dof has a standard deviation of sqrt(2 / dof). If every value above one increased the standard
+        // deviations, they would be too large on average.
         let reduced = solution.chi2 / degrees_of_freedom.max(1) as f64;
         let predicted_decrease = predicted_decrease(&solution.residuals, &solution.jacobian);
         let passes = predicted_decrease <= LARGEST_DECREASE * reduced.max(1.0);
@@ -53,7 +56,7 @@ impl FitReport {
             termination: match solution.termination {
                 Termination::NotFinite => Termination::NotFinite,
                 _ if passes => Termination::Converged,
-                // The steps became negligible by damping alone.
+                // The steps became negligible only because of the damping.
                 Termination::Converged => Termination::Stalled,
                 other => other,
             },
@@ -61,7 +64,7 @@ impl FitReport {
         }
     }
 
-    /// Why the result of the fit called `name` is not an optimum; `None` if it has converged.
+    /// Explains why the result of the fit `name` is not an optimum; `None` if the fit has converged.
     pub fn reason(&self, name: &str) -> Option<String> {
         let Self { iterations, predicted_decrease, .. } = self;
         let why = match self.termination {
@@ -85,14 +88,15 @@ impl FitReport {
     }
 }
 
-/// Largest chi2 per degree of freedom that is not significant: three standard deviations above one.
+/// Largest chi2 per degree of freedom that counts as consistent with noise: three standard deviations above one.
 pub(crate) fn significance_limit(degrees_of_freedom: f64) -> f64 {
     1.0 + 3.0 * (2.0 / degrees_of_freedom).sqrt()
 }
 
-/// `|P r|^2`: what chi2 decreases by if the linear model is exact.
+/// Decrease of chi2, `|P r|^2`, if the linear model is exact.
 fn predicted_decrease(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> f64 {
-    /// Directions whose singular value is a smaller share of the largest one are not determined and have no gradient.
+    /// Minimum ratio of a singular value to the largest one. Directions below it are not determined and have no
+    /// gradient.
     const DETERMINED: f64 = 1e-12;
     let Some((projected, values)) = singular_of_triangle(residuals, jacobian) else {
         return f64::INFINITY;

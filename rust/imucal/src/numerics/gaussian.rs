@@ -1,34 +1,36 @@
-//! Gaussian kernels of many points at once.
+//! Vectorised evaluation of Gaussian kernels.
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Replaces squares `x^2` by `exp(-x^2 / 2)`, to 4e-16 of it; 1e-300 and below become a number as small.
+/// Replaces each square `x^2` by `exp(-x^2 / 2)` with a relative error of at most 4e-16. Results below 1e-300 are not
+/// accurate, but remain below 1e-300.
 pub(crate) fn gaussian_kernels(squares: &mut [f64]) {
     Arch::new().dispatch(Kernels(squares));
 }
 
+/// The squares to replace, processed with the widest vector instructions of the processor.
 struct Kernels<'a>(&'a mut [f64]);
 
 impl WithSimd for Kernels<'_> {
     type Output = ();
 
-    /// A plain loop without branches, which the compiler turns into the widest registers.
+    /// A loop without branches, which the compiler vectorises with the widest registers.
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         self.0.iter_mut().for_each(|square| *square = exp(-0.5 * *square));
     }
 }
 
-/// `exp(x)` for `x <= 0` by `exp(n ln 2) exp(r)`, with r at most half of ln 2 from zero.
+/// `exp(x)` for `x <= 0`, computed as `exp(n ln 2) exp(r)` with |r| at most half of ln 2.
 #[inline(always)]
 fn exp(x: f64) -> f64 {
-    /// Below this the exponent has no room for 2^n.
+    /// Lower limit of x. Below it the exponent of a double cannot represent 2^n.
     const LEAST: f64 = -700.0;
-    /// Added to a number it leaves the nearest whole number in the lowest bits: 1.5 * 2^52.
+    /// 1.5 * 2^52. Adding it to a number rounds the number to the nearest integer, in the lowest bits of the sum.
     const ROUNDS: f64 = 6_755_399_441_055_744.0;
-    /// ln 2 in two parts, the first of which has room for products with n.
+    /// ln 2 as the sum of two numbers. The first has so few digits that its product with n is exact.
     const LN_2: [f64; 2] = [6.931_471_803_691_238e-1, 1.908_214_929_270_587_7e-10];
-    /// Taylor's coefficients from 1 / 13! down to 1 / 2!.
+    /// Coefficients of the Taylor series, from 1 / 13! to 1 / 2!.
     const TAYLOR: [f64; 12] = [
         1.0 / 6_227_020_800.0,
         1.0 / 479_001_600.0,
@@ -49,7 +51,7 @@ fn exp(x: f64) -> f64 {
     let r = (x - n * LN_2[0]) - n * LN_2[1];
     let sum = TAYLOR.iter().fold(0.0, |sum, coefficient| sum * r + coefficient);
     let exp_r = 1.0 + (r + r * r * sum);
-    // The lowest bits of `rounded` are n; as an exponent they multiply by 2^n.
+    // The lowest bits of `rounded` are n. Added to the exponent bits they multiply by 2^n.
     f64::from_bits(exp_r.to_bits().wrapping_add(rounded.to_bits() << 52))
 }
 

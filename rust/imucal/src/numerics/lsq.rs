@@ -1,8 +1,9 @@
-//! Nonlinear least squares: Levenberg-Marquardt, min |r(p)|^2 with an analytic Jacobian.
+//! Nonlinear least squares: minimum of |r(p)|^2 by the Levenberg-Marquardt method with an analytic Jacobian.
 //!
-//! The solver is written for argmin's `Solver` trait over faer matrices; argmin's `Executor` drives it (limits, counts).
-//! The step solves `min |J h + r|^2 + lambda |D h|^2` by QR of `[R; sqrt(lambda) D]`, R from the QR of J, with D the
-//! largest column norms of J so far: the result does not depend on the units of the parameters.
+//! The solver implements the `Solver` trait of argmin with faer matrices. The `Executor` of argmin runs it, limits and
+//! counts the iterations. A step h minimises `|J h + r|^2 + lambda |D h|^2`, by QR of `[R; sqrt(lambda) D]`, where R
+//! comes from the QR of J. D contains the largest column norms of J so far, so the result does not depend on the units
+//! of the parameters.
 
 use argmin::core::{Executor, IterState, KV, Problem, Solver, State, TerminationReason, TerminationStatus};
 use faer::Mat;
@@ -12,41 +13,46 @@ use crate::error::Error;
 
 /// Residuals and their Jacobian as functions of the parameters.
 pub(crate) trait Residuals {
-    /// Fills the residuals (m x 1) and their Jacobian (m x n) at `parameters`.
+    /// Writes the residuals (m x 1) and their Jacobian (m x n) at `parameters`.
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>);
-    /// Number of residuals m.
+    /// Number m of residuals.
     fn count(&self) -> usize;
 }
 
 /// Why a fit ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Termination {
-    /// The gradient test is passed.
+    /// The gradient test is passed ([`FitReport`](crate::numerics::fit_report::FitReport)).
     Converged,
-    /// No step decreases chi2, or the steps have become negligible, and the gradient test is not passed.
+    /// No step decreases chi2, or the steps have become negligible, but the gradient test is not passed.
     Stalled,
-    /// The iteration limit was reached and the gradient test is not passed.
+    /// The iteration limit was reached, and the gradient test is not passed.
     IterationLimit,
     /// A residual is not finite.
     NotFinite,
-    /// The weights of the residuals still changed in the last round of reweighting.
+    /// The weights of the residuals had not settled in the last repetition of the fit.
     WeightsNotSettled,
 }
 
-/// Where a fit ended.
+/// The end point of a fit, with its residuals and Jacobian.
 #[derive(Clone, Debug)]
 pub(crate) struct Solution {
+    /// Final parameters.
     pub(crate) parameters: Vec<f64>,
+    /// Residuals at these parameters, m x 1.
     pub(crate) residuals: Mat<f64>,
+    /// Jacobian of the residuals, m x n.
     pub(crate) jacobian: Mat<f64>,
     /// Sum of the squared residuals.
     pub(crate) chi2: f64,
+    /// Number of iterations.
     pub(crate) iterations: u64,
+    /// Reason for the end, before the gradient test.
     pub(crate) termination: Termination,
 }
 
 impl Solution {
-    /// Where a fit begins.
+    /// The start of a fit: parameters with their residuals and Jacobian, before the first iteration.
     pub(crate) fn at(parameters: &[f64], residuals: Mat<f64>, jacobian: Mat<f64>) -> Self {
         Self {
             parameters: parameters.to_vec(),
@@ -59,16 +65,17 @@ impl Solution {
     }
 }
 
-/// Tolerance of a result: a step shorter than this, relative to the parameters (both scaled by D), is the last one. With a
-/// good model the error that it leaves is smaller by orders of magnitude.
+/// Convergence tolerance of a final result: relative length of a step, with step and parameters scaled by D. The
+/// remaining error is orders of magnitude smaller if the model is adequate.
 pub(crate) const EXACT: f64 = 1e-10;
-/// Tolerance of a start value.
+/// Convergence tolerance of a start value: relative length of a step.
 pub(crate) const ROUGH: f64 = 1e-3;
+/// Maximum number of iterations of a fit, chosen far above the number that a convergent fit needs.
 const ITERATION_LIMIT: u64 = 200;
-/// Damping beyond which a step is lost in the rounding of the parameters.
-const MOST_DAMPED: f64 = 1e16;
+/// Maximum damping lambda. With larger values a step is smaller than the rounding errors of the parameters.
+const MAX_DAMPING: f64 = 1e16;
 
-/// Minimises the sum of squares from `start`, to a relative step of `tolerance`.
+/// Minimises the sum of squared residuals from `start` until the relative length of a step is below `tolerance`.
 pub(crate) fn minimize<R: Residuals>(problem: &R, start: &[f64], tolerance: f64) -> Result<Solution, Error> {
     minimize_within(problem, start, tolerance, ITERATION_LIMIT)
 }
@@ -98,13 +105,13 @@ pub(crate) fn minimize_within<R: Residuals>(
     })
 }
 
-/// Covariance `(J^T J)^-1` of whitened residuals, by QR of the column-scaled Jacobian.
+/// Covariance `(J^T J)^-1` of the parameters for whitened residuals, by QR of the column-scaled Jacobian.
 ///
-/// Callers have made sure beforehand that J has full rank; without it nothing in the result is finite.
+/// The Jacobian must have full rank, which callers check. Otherwise the entries of the result are not finite.
 pub(crate) fn covariance(jacobian: &Mat<f64>) -> Mat<f64> {
     let n = jacobian.ncols();
     let scale = column_norms(jacobian);
-    // Fewer rows than columns have no square R: rows of zeros give it one.
+    // If J has fewer rows than columns, rows of zeros make R square.
     let rows = jacobian.nrows();
     let scaled = Mat::from_fn(rows.max(n), n, |i, j| if i < rows { jacobian[(i, j)] / scale[j] } else { 0.0 });
     let qr = scaled.qr();
@@ -122,7 +129,7 @@ pub(crate) fn gain(jacobian: &Mat<f64>) -> Mat<f64> {
     covariance(jacobian) * jacobian.transpose()
 }
 
-/// Diagonal of the projection `J (J^T J)^-1 J^T`: how far each residual determines its own fit. Columns of zeros take no part.
+/// Leverages of the residuals: the diagonal of the projection `J (J^T J)^-1 J^T`. Columns of zeros are ignored.
 pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
     let (rows, norms) = (jacobian.nrows(), column_norms(jacobian));
     let own: Vec<usize> =
@@ -131,19 +138,19 @@ pub(crate) fn leverages(jacobian: &Mat<f64>) -> Vec<f64> {
         return vec![1.0; rows];
     }
     let mut q = Mat::from_fn(rows, own.len(), |i, j| jacobian[(i, own[j])] / norms[own[j]]);
-    // J R^-1 takes a fraction of what Q itself does.
+    // Q is computed as J R^-1, which is several times faster than forming it from the reflectors.
     q.qr().thin_R().transpose().solve_lower_triangular_in_place(q.transpose_mut());
     let mut leverages = vec![0.0; rows];
     for j in 0..own.len() {
         leverages.iter_mut().zip(q.col_as_slice(j)).for_each(|(sum, value)| *sum += value * value);
     }
-    // No more than one, whatever rounding makes of columns that are nearly alike.
+    // Rounding with nearly dependent columns could give values above one.
     leverages.iter().map(|leverage| leverage.min(1.0)).collect()
 }
 
-/// Singular values (descending) and right singular vectors (columns) of `matrix`, more rows than columns or not.
+/// Singular values (descending) and right singular vectors (columns) of `matrix`, which may have any shape.
 ///
-/// QR first, then the SVD of R; the self-adjoint eigenproblem of R^T R where that SVD does not converge.
+/// QR first, then the SVD of R. If the SVD does not converge, the eigenvectors of R^T R are used.
 pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error> {
     let n = matrix.ncols();
     let r = Mat::from_fn(n.max(matrix.nrows()), n, |i, j| if i < matrix.nrows() { matrix[(i, j)] } else { 0.0 })
@@ -161,8 +168,8 @@ pub(crate) fn singular(matrix: &Mat<f64>) -> Result<(Vec<f64>, Mat<f64>), Error>
     Ok((values, Mat::from_fn(n, n, |i, j| eigen.U()[(i, n - 1 - j)])))
 }
 
-/// Components of the residuals along the left singular vectors of the Jacobian with columns of unit length, and its singular
-/// values; `None` if they are not finite.
+/// Components of the residuals along the left singular vectors of the Jacobian (scaled to columns of unit length), and
+/// the singular values; `None` if they are not finite.
 pub(crate) fn singular_of_triangle(residuals: &Mat<f64>, jacobian: &Mat<f64>) -> Option<(Vec<f64>, Vec<f64>)> {
     let (n, norms) = (jacobian.ncols(), column_norms(jacobian));
     let rows = jacobian.nrows();
@@ -217,10 +224,10 @@ impl LevenbergMarquardt {
         }
     }
 
-    /// The damped step and the decrease of chi2 that the linear model promises for it.
+    /// The damped step, and the decrease of chi2 that the linear model predicts for it.
     fn step(&self) -> (Vec<f64>, f64) {
         let n = self.scale.len();
-        // With the residuals as one more column R holds Q^T r, and Q is never made.
+        // With the residuals as an additional column, R contains Q^T r, and Q is not needed.
         let both = faer::concat![[self.jacobian, self.residuals]];
         let qr = both.qr();
         let r = qr.thin_R();
@@ -284,7 +291,7 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         let negligible = self.length(&step) <= self.tolerance * self.length(&current);
         let trial: Vec<f64> = current.iter().zip(&step).map(|(p, h)| p + h).collect();
         if negligible {
-            // To evaluate it would cost as much as any other step and change residuals by rounding.
+            // The residuals are not evaluated again: they would change by rounding errors only.
             self.termination = Some(Termination::Converged);
             return Ok((state.param(trial).cost(self.chi2), None));
         }
@@ -295,9 +302,9 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
         })?;
         let chi2 = sum_of_squares(&self.trial_residuals);
         let ratio = (self.chi2 - chi2) / predicted;
-        // NaN compares false: a trial that is not finite is refused like one that is worse.
+        // Comparisons with NaN are false, so a step with residuals that are not finite is rejected.
         let accepted = chi2 < self.chi2;
-        // Nielsen's update: smooth in the gain ratio, no threshold to tune.
+        // Nielsen's update of lambda (IMM-REP-1999-05): a smooth function of the gain ratio without tuning thresholds.
         if accepted {
             std::mem::swap(&mut self.residuals, &mut self.trial_residuals);
             std::mem::swap(&mut self.jacobian, &mut self.trial_jacobian);
@@ -309,7 +316,7 @@ impl<R: Residuals> Solver<&R, FitState> for LevenbergMarquardt {
             self.lambda *= self.growth;
             self.growth *= 2.0;
         }
-        if !accepted && self.lambda > MOST_DAMPED {
+        if !accepted && self.lambda > MAX_DAMPING {
             self.termination = Some(Termination::Stalled);
         }
         let next = if accepted { trial } else { current };

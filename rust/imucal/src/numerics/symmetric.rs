@@ -1,4 +1,4 @@
-//! Small symmetric matrices, of which the upper half is kept.
+//! Small symmetric matrices with storage of the upper triangle.
 
 use std::ops::Range;
 
@@ -6,13 +6,15 @@ use pulp::Simd;
 
 use crate::numerics::aligned::WIDEST;
 
-/// The upper half of a symmetric matrix, or the first rows of it, each filled up to whole registers: what is left of the diagonal means
-/// nothing.
+/// The upper triangle of a symmetric matrix, or its first rows. Each row is padded to whole SIMD registers; the values
+/// left of the diagonal are unused.
 #[derive(Clone)]
 pub(crate) struct SymmetricMatrix {
+    /// Number of columns.
     size: usize,
-    /// Length of a row.
+    /// Length of a row in storage.
     width: usize,
+    /// The stored values, row by row.
     numbers: Vec<f64>,
 }
 
@@ -21,13 +23,13 @@ impl SymmetricMatrix {
         Self::first_rows(size, size)
     }
 
-    /// Only so many rows of zeros.
+    /// The first `rows` rows of a matrix of zeros with `size` columns.
     pub(crate) fn first_rows(rows: usize, size: usize) -> Self {
         let width = size.next_multiple_of(WIDEST);
         Self { size, width, numbers: vec![0.0; rows * width] }
     }
 
-    /// Makes it another one of its size.
+    /// Copies the values of another matrix of the same size.
     pub(crate) fn copy_from(&mut self, other: &Self) {
         self.numbers.copy_from_slice(&other.numbers);
     }
@@ -37,25 +39,25 @@ impl SymmetricMatrix {
         self.size
     }
 
-    /// Row `i` from the diagonal on.
+    /// Row `i`, from the diagonal to the last column.
     #[inline(always)]
     pub(crate) fn row(&self, i: usize) -> &[f64] {
         &self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
     }
 
-    /// The same, to be changed.
+    /// Row `i`, from the diagonal to the last column, as a mutable slice.
     #[inline(always)]
     pub(crate) fn row_mut(&mut self, i: usize) -> &mut [f64] {
         &mut self.numbers[i * self.width..(i + 1) * self.width][i..self.size]
     }
 
-    /// The number in row `i` and column `j`, which is not left of the diagonal.
+    /// The value in row `i` and column `j`, with `j >= i`.
     #[inline(always)]
     pub(crate) fn at(&mut self, i: usize, j: usize) -> &mut f64 {
         &mut self.numbers[i * self.width + j]
     }
 
-    /// Of some of its rows and columns, in their order; rows that it does not have are zero.
+    /// The submatrix of the rows and columns `own`, in their order. Rows that are not stored are zero.
     pub(crate) fn part(&self, own: &[Range<usize>]) -> Self {
         let size = own.iter().map(Range::len).sum::<usize>();
         let width = size.next_multiple_of(WIDEST);
@@ -70,7 +72,7 @@ impl SymmetricMatrix {
         Self { size, width, numbers }
     }
 
-    /// Makes it the sum of others from a row on, each so many times.
+    /// Sets the rows from `row` on to a weighted sum of other matrices, given as pairs of weight and matrix.
     #[inline(always)]
     pub(crate) fn set_sum<'a, S: Simd>(&mut self, simd: S, others: impl Iterator<Item = (f64, &'a Self)>, row: usize) {
         let own = row * self.width..;
@@ -84,26 +86,27 @@ impl SymmetricMatrix {
         }
     }
 
-    /// Inverts some rows and columns, which are positive definite, and solves for the others:
+    /// Sweep operator: inverts the block A of the rows and columns `places` and solves for all other columns (Beaton,
+    /// The use of special matrix operators in statistical calculus, 1964):
     ///
     /// ```text
     /// A  B      -A^-1    A^-1 B
-    ///    C  ->           C - B^T A^-1 B    (Beaton, The use of special matrix operators in statistical calculus, 1964)
+    ///    C  ->           C - B^T A^-1 B
     /// ```
     ///
-    /// Some may be swept first and others later. The logarithm of the determinant of A, or of what the former have left of it; `None`
-    /// where it is not positive definite.
+    /// Blocks may be swept one after the other. Returns the logarithm of the determinant of A, after earlier sweeps
+    /// that of its Schur complement. Returns `None` if the block is not positive definite.
     #[inline(always)]
     pub(crate) fn sweep<S: Simd>(&mut self, simd: S, places: Range<usize>) -> Option<f64> {
         let width = self.width;
-        let mut volume = Volume::new();
+        let mut log_determinant = LogDeterminant::new();
         let mut pivots = vec![0.0; width];
         for k in places {
             for (pivot, row) in pivots[..k].iter_mut().zip(self.numbers.chunks_exact(width)) {
                 *pivot = row[k];
             }
             pivots[k..].copy_from_slice(&self.numbers[k * width..(k + 1) * width][k..]);
-            let share = volume.times(pivots[k])?;
+            let share = log_determinant.times(pivots[k])?;
             for (i, row) in self.numbers.chunks_exact_mut(width).enumerate() {
                 let by = pivots[i] * share;
                 let (first, by_all) = (i / S::F64_LANES * S::F64_LANES, simd.splat_f64s(by));
@@ -117,11 +120,12 @@ impl SymmetricMatrix {
             own.iter_mut().zip(&pivots).for_each(|(to, from)| *to = from * share);
             own[k] = -share;
         }
-        Some(volume.logarithm())
+        Some(log_determinant.logarithm())
     }
 
-    /// The same as [`sweep`](Self::sweep) of the first rows, so many, where it is known what that makes of them. What they are stands in
-    /// `whole`, there at these places for the columns behind them.
+    /// [`sweep`](Self::sweep) of the first `known` rows, if the result `swept` for these rows is known. `whole`
+    /// contains the rows before the sweep. `places` are the columns of `whole` that correspond to the columns of this
+    /// matrix after the first `known`.
     #[inline(always)]
     pub(crate) fn sweep_as<S: Simd>(
         &mut self,
@@ -146,7 +150,7 @@ impl SymmetricMatrix {
         top.copy_from_slice(&swept.numbers[..known * width]);
     }
 
-    /// `v^T A v` and the trace of `A B`, A being this one.
+    /// `v^T A v` and the trace of `A B`, where A is this matrix, v is `vector` and B is `other`.
     #[inline(always)]
     pub(crate) fn between<S: Simd>(&self, simd: S, vector: &[f64], other: &Self) -> [f64; 2] {
         let zero = simd.splat_f64s(0.0);
@@ -156,7 +160,7 @@ impl SymmetricMatrix {
             let first = i / S::F64_LANES * S::F64_LANES;
             let row = |of: &Self| i * of.width + first..(i + 1) * of.width;
             let (own, other) = (&self.numbers[row(self)], &other.numbers[row(other)]);
-            // Off the diagonal each stands for two.
+            // Each off-diagonal value counts twice.
             on_diagonal[0] += own[i - first] * vector[i] * vector[i];
             on_diagonal[1] += own[i - first] * other[i - first];
             let (own, other) = (S::as_simd_f64s(own).0, S::as_simd_f64s(other).0);
@@ -171,7 +175,7 @@ impl SymmetricMatrix {
         [twice(squares, on_diagonal[0]), twice(products, on_diagonal[1])]
     }
 
-    /// A vector as long as its rows.
+    /// A vector of the values `numbers`, padded with zeros to the length of a row in storage.
     pub(crate) fn vector(&self, numbers: impl Iterator<Item = f64>) -> Vec<f64> {
         let mut all = vec![0.0; self.width];
         all.iter_mut().zip(numbers).for_each(|(to, number)| *to = number);
@@ -179,21 +183,24 @@ impl SymmetricMatrix {
     }
 }
 
-/// The logarithm of a product of pivots, of which many are taken together: a logarithm costs as much as a row.
-struct Volume {
+/// Logarithm of a product of pivots. Several pivots are multiplied before a logarithm is taken, because a logarithm
+/// costs as much as the update of a row.
+struct LogDeterminant {
+    /// Product of the pivots since the last logarithm.
     product: f64,
+    /// Logarithm of the product of all earlier pivots.
     logarithm: f64,
 }
 
-impl Volume {
-    /// So far a product stays away from the largest and the smallest numbers.
+impl LogDeterminant {
+    /// Limit of the product (and of its reciprocal) at which a logarithm is taken, far from overflow and underflow.
     const LARGE: f64 = 1e100;
 
     fn new() -> Self {
         Self { product: 1.0, logarithm: 0.0 }
     }
 
-    /// Takes a pivot; one over it, or `None` if it is not positive.
+    /// Multiplies by a pivot and returns its reciprocal, or `None` if it is not positive.
     #[inline(always)]
     fn times(&mut self, pivot: f64) -> Option<f64> {
         if pivot.is_nan() || pivot <= 0.0 {
@@ -259,9 +266,9 @@ mod tests {
         let mut first = SymmetricMatrix::first_rows(n, size);
         (0..n).for_each(|i| first.row_mut(i).iter_mut().enumerate().for_each(|(k, to)| *to = a(i, i + k)));
         let whole = first.clone();
-        let volume = first.sweep(pulp::Scalar, 0..n).unwrap();
+        let log_determinant = first.sweep(pulp::Scalar, 0..n).unwrap();
         let (mut one_by_one, mut at_once) = (upper(size, a).part(&own), upper(size, a).part(&own));
-        assert!((one_by_one.sweep(pulp::Scalar, 0..n).unwrap() - volume).abs() < 1e-14);
+        assert!((one_by_one.sweep(pulp::Scalar, 0..n).unwrap() - log_determinant).abs() < 1e-14);
         at_once.sweep_as(pulp::Scalar, n, (&whole, &[7, 8, 11]), &first.part(&own));
         for i in 0..at_once.size() {
             for (known, own) in at_once.row(i).iter().zip(one_by_one.row(i)) {

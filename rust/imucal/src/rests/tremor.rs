@@ -1,14 +1,15 @@
-//! A unit that a hand holds: what trembles is the unit, not its sensors (model.md (27)).
+//! Hand-held units: detection of tremor, and its separation from sensor noise (model.md (27)).
 //!
 //! ```text
-//! tremor^2 = 1/2 mean (f_i - f)^T (u x (phi_i - phi)) / |f|      phi_i turn of the gyroscope up to sample i
+//! tremor^2 = 1/2 mean (f_i - f)^T (u x (phi_i - phi)) / |f|      phi_i: rotation integrated up to sample i
 //! density^2 = dt / 70 mean (4th difference)^2
 //! ```
 //!
-//! Accelerometer and gyroscope see the same tremor and have noise of their own, so what their wandering has in common is the
-//! tremor's variance. Where it is more than a direction costs that is averaged along the gyroscope, no mean over a rest says
-//! where a move begins, and the scatter within a rest is not the sensors' noise: that is left in differences of neighbouring
-//! samples, which no hand can follow.
+//! Both sensors observe the same tremor, and their noise is independent. The mean product of their fluctuations is
+//! therefore the variance of the tremor. The unit is hand-held if this variance exceeds the variance of a gravity
+//! direction that is averaged along the gyroscope attitude. The mean over a rest is then not the direction at which a
+//! move begins, and the scatter within a rest is not sensor noise. Sensor noise is estimated from fourth differences of
+//! neighbouring samples, because tremor is too slow to affect them.
 
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -22,30 +23,33 @@ use crate::rests::noise_density::{NoiseDensity, variance_per_axis};
 use crate::rests::rest::Rest;
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
-/// Coefficients of the fourth difference and their sum of squares.
+/// Coefficients of the fourth difference.
 const DIFFERENCE: [f64; 5] = [1.0, -4.0, 6.0, -4.0, 1.0];
+/// Sum of the squares of these coefficients.
 const SQUARES: f64 = 70.0;
-/// Samples further from the end of a rest than this many averaging times have no weight.
+/// Number of averaging time constants after which the exponential weights are truncated. The omitted weights are below
+/// 1 % of the sum.
 const REACH: f64 = 5.0;
-/// Share of the rests that a hand may hold without tremor.
+/// Maximum share of rests without measurable tremor in a hand-held recording (model.md (27)).
 const FEW: f64 = 0.1;
-/// Averaging times that a rest has room for at least.
+/// Minimum ratio of the duration of a rest to the averaging time constant. It limits the time constant at short rests
+/// (model.md (27)).
 const ROOM: f64 = 6.0;
 
-/// How a hand holds the unit in a recording.
+/// Model of the tremor in a hand-held recording.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hand {
-    /// White noise of the sensors, raw units.
+    /// White-noise densities of the sensors without tremor, raw units per sqrt(Hz).
     pub(crate) noise: NoiseDensity,
-    /// Variance of the turn about each axis from the first to the last sample of a rest, rad^2.
+    /// Variance of the rotation about each axis from the first to the last sample of a rest, rad^2.
     turn_rad2: f64,
-    /// Spectral density of the tilt that the accelerometer's noise makes, rad^2 s.
+    /// Spectral density of the tilt error from accelerometer noise, rad^2 s; r in model.md (27).
     tilt_rad2_s: f64,
-    /// Of the rate that the gyroscope's noise makes, rad^2 / s.
+    /// Spectral density of the rate error from gyroscope noise, rad^2/s; q in model.md (27).
     walk_rad2_per_s: f64,
 }
 
-/// Both sensors, as far as they are known.
+/// Current estimates of both triads.
 #[derive(Clone, Copy)]
 pub(crate) struct Sensors<'a> {
     pub(crate) accelerometer: &'a Triad<f64>,
@@ -53,8 +57,9 @@ pub(crate) struct Sensors<'a> {
 }
 
 impl<'a> Sensors<'a> {
-    /// The force at each sample of a rest, SI units, turned along the gyroscope to the first or last one, outwards from there.
-    /// `bias` is that of the gyroscope.
+    /// The specific force of each sample of a rest, m/s^2, rotated by the integrated gyroscope to the attitude at the
+    /// first or last sample (`at_end`). The iteration starts at that end. `bias` is the bias of the gyroscope, raw
+    /// units.
     pub(crate) fn along_gyroscope(
         self,
         recording: &'a Recording<'a>,
@@ -77,7 +82,7 @@ impl<'a> Sensors<'a> {
 }
 
 impl Hand {
-    /// The hand that holds the unit in nearly all rests of a recording, if there is one.
+    /// Detects whether the unit is hand-held in nearly all rests of a recording. Returns `None` if it is not.
     pub(crate) fn of(recording: &Recording<'_>, rests: &[&Rest], sensors: Sensors<'_>) -> Option<Self> {
         let dt_s = sample_interval_s(recording.time_s);
         let noise = NoiseDensity {
@@ -85,15 +90,16 @@ impl Hand {
             angular_rate: white_noise(recording.angular_rate, rests) * dt_s.sqrt(),
         };
         let threads = threads_for(recording.len());
-        let wandering = |k: usize| common_wandering(recording, rests[k], sensors, dt_s);
-        let mut tremors = in_order(threads, rests.len(), wandering);
+        let variance = |k: usize| tremor_variance_rad2(recording, rests[k], sensors, dt_s);
+        let mut tremors = in_order(threads, rests.len(), variance);
         let force = rests.iter().map(|r| sensors.accelerometer.correct(r.specific_force.mean).norm()).sum::<f64>()
             / rests.len() as f64;
         let tilt = variance_per_axis(sensors.accelerometer.inverse(), &noise.specific_force) / (force * force);
         let walk = variance_per_axis(sensors.gyroscope.inverse(), &noise.angular_rate);
         let tremor_rad2 = median(&mut tremors);
-        // Noise that a filter has coloured has hardly any fourth differences, and what force and turn have in common by chance is
-        // more than it seems to cost; but by chance it is as often negative.
+        // Noise coloured by a filter has small fourth differences, so its density and the threshold are underestimated.
+        // The random correlation of force and rotation may then exceed the threshold. It is negative as often as
+        // positive, so the variance must also be positive in nearly all rests.
         let everywhere = quantile(&mut tremors, FEW) > 0.0;
         let trembles = tilt * walk > 0.0 && tremor_rad2 > (tilt * walk).sqrt() && everywhere;
         trembles.then_some(Self { noise, turn_rad2: 2.0 * tremor_rad2, tilt_rad2_s: tilt, walk_rad2_per_s: walk })
@@ -104,28 +110,31 @@ impl Hand {
         (self.turn_rad2 / 2.0).sqrt()
     }
 
-    /// Time constant of the weights with which the direction at the end of a rest is averaged along the gyroscope, s: that of
-    /// the filter that weighs the one noise against the other, or what a short rest has room for.
+    /// Time constant of the exponential weights, s, with which the direction at the end of a rest is averaged along the
+    /// gyroscope attitude. It is the steady-state time constant of a Kalman filter for both noises, `sqrt(r / q)`,
+    /// limited at short rests.
     fn averaging_s(&self, rest: &Rest) -> f64 {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
-    /// Variance of each component of such a direction, rad^2: `r / (2 a) + q a / 2`.
+    /// Variance of each component of a direction averaged in this way, rad^2: `r / (2 a) + q a / 2`.
     pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
     }
 
-    /// Variance of the turn across gravity that the gyroscope makes of its noise within a rest, less what the directions at its
-    /// ends say of it, rad^2. The errors of these two directions are in it no longer: `q (T - 3 a) + r / a`.
+    /// Variance of the integrated gyroscope noise perpendicular to gravity over a rest, after the rotation between the
+    /// two directions at its ends has been subtracted, rad^2: `q (T - 3 a) + r / a`. It includes the errors of both
+    /// directions.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;
         self.walk_rad2_per_s * between_s + self.tilt_rad2_s / averaging_s
     }
 
-    /// The force at the first or last sample of a rest, SI units: samples turned there along the gyroscope, whose bias is
-    /// `bias`, the less weight the further they are.
+    /// The specific force at the first or last sample of a rest, m/s^2: the mean of the samples rotated to this end by
+    /// the gyroscope, with weights that decrease exponentially with the distance. `bias` is the bias of the gyroscope,
+    /// raw units.
     pub(crate) fn force_at(
         &self,
         recording: &Recording<'_>,
@@ -148,17 +157,17 @@ impl Hand {
         sum / weights
     }
 
-    /// Frees the means of a rest of the tremor: its noise is that of the sensors, and the mean rate has no longer in it what
-    /// the unit turned from the first to the last sample. The turn about gravity is not known.
-    /// What it turned across gravity is the result, rad.
-    fn steady(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
+    /// Removes the tremor from the means of a rest. The variance of the mean force becomes that of the sensor noise.
+    /// The rotation from the first to the last sample is subtracted from the mean rate, except about gravity, where it
+    /// is unknown. Returns the subtracted rotation, rad.
+    fn remove_tremor(&self, recording: &Recording<'_>, rest: &mut UnitRest, sensors: Sensors<'_>) -> Vector3<f64> {
         let UnitRest { rest: Rest { first, end, start_s, end_s, .. }, bias, .. } = *rest;
         let duration_s = end_s - start_s;
         let at = |at_end| self.force_at(recording, &rest.rest, sensors, bias, at_end).normalize();
         let (before, after) = (at(false), at(true));
         let up = (before + after).normalize();
         let rate = |sample: usize| Vector3::from(recording.angular_rate.at(sample));
-        // By trapezoids, as the turn is that from the first to the last sample.
+        // Trapezoidal rule, because the rotation is that from the first to the last sample.
         let seen = (first..end).map(rate).sum::<Vector3<f64>>() - (rate(first) + rate(end - 1)) / 2.0;
         let turn = (after - before).cross(&up);
         let along = up * up.transpose();
@@ -175,8 +184,8 @@ impl Hand {
     }
 }
 
-/// The hands that hold the unit, one entry for each recording; rests and noise are freed of what they do. Only rests that are
-/// `used` say what: a slow turn is no tremor, and what reads like a bias there is none.
+/// The hand model of each recording; also corrects rests and noise densities for the tremor. Only rests in `used`
+/// contribute to the model, because a slow rotation is not tremor and its mean rate is not a bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],
@@ -189,52 +198,56 @@ pub(crate) fn hands(
             .iter_mut()
             .zip(used)
             .filter(|(rest, _)| rest.recording == index)
-            .map(|(rest, &says)| OwnRest { rest, says })
+            .map(|(rest, &contributes)| OwnRest { rest, contributes })
             .collect();
-        // Where most rests take no part it is no few slow turns: the bias is another in this recording.
-        if 2 * own.iter().filter(|own| own.says).count() < own.len() {
-            own.iter_mut().for_each(|own| own.says = true);
+        // If most rests are excluded, they are not isolated slow rotations: the bias of this recording differs from the
+        // others.
+        if 2 * own.iter().filter(|own| own.contributes).count() < own.len() {
+            own.iter_mut().for_each(|own| own.contributes = true);
         }
-        let saying: Vec<&Rest> = own.iter().filter(|own| own.says).map(|own| &own.rest.rest).collect();
-        let mut hand = Hand::of(recording, &saying, sensors)?;
+        let contributing: Vec<&Rest> = own.iter().filter(|own| own.contributes).map(|own| &own.rest.rest).collect();
+        let mut hand = Hand::of(recording, &contributing, sensors)?;
         noise[index] = hand.noise;
         own.iter_mut().for_each(|own| own.rest.bias = *sensors.gyroscope.bias());
-        // About gravity it turns as far as about the two axes across, of which the errors of the directions are taken off.
+        // The rotation about gravity is assumed to be as large as the rotations about the two perpendicular axes. The
+        // variance of the direction errors is subtracted from the latter.
         let turned = |own: &mut OwnRest<'_>| {
             let errors = 2.0 * hand.variance_rad2(&own.rest.rest);
-            let turn = hand.steady(recording, own.rest, sensors);
-            own.says.then_some(turn.norm_squared() / 2.0 - errors)
+            let turn = hand.remove_tremor(recording, own.rest, sensors);
+            own.contributes.then_some(turn.norm_squared() / 2.0 - errors)
         };
         let turns: Vec<f64> = own.iter_mut().filter_map(turned).collect();
         hand.turn_rad2 = (turns.iter().sum::<f64>() / turns.len() as f64).max(0.0);
-        // The covariances of the rates have that in them.
+        // Second pass, because the covariances of the mean rates depend on the rotation variance `turn_rad2`.
         own.iter_mut().for_each(|own| {
-            hand.steady(recording, own.rest, sensors);
+            hand.remove_tremor(recording, own.rest, sensors);
         });
         let bias = biases_of_poses(&mut own);
         own.iter_mut().for_each(|own| {
             own.rest.propagated = Some(PropagatedMean { mean_s: hand.averaging_s(&own.rest.rest), bias });
-            hand.steady(recording, own.rest, sensors);
+            hand.remove_tremor(recording, own.rest, sensors);
         });
         Some(hand)
     };
     recordings.iter().enumerate().map(of_recording).collect()
 }
 
-/// A rest of the recording in question, and whether it says anything about the hand.
+/// A rest of the current recording.
 struct OwnRest<'a> {
+    /// The rest, which is corrected in place.
     rest: &'a mut UnitRest,
-    says: bool,
+    /// Whether the rest contributes to the hand model.
+    contributes: bool,
 }
 
-/// The bias at each rest: the mean of all, and as much of its own as the rests differ beyond noise and chance. A pose may have
-/// a bias of its own, but a mean rate that is taken for it takes a part of the turn, too.
-/// The mean is the result.
+/// Estimates the gyroscope bias at each rest and returns the mean bias of all rests, raw units. The estimate shrinks
+/// the mean rate of the rest towards the mean of all rests, according to the scatter between rests that exceeds noise.
+/// A bias may depend on the pose, but the mean rate of a rest also contains rotation of the hand.
 fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> Vector3<f64> {
     Vector3::from_fn(|axis, _| {
         let reading =
             |own: &OwnRest<'_>| (own.rest.rest.angular_rate.mean[axis], own.rest.rate_covariance[(axis, axis)]);
-        let (values, variances): (Vec<f64>, Vec<f64>) = rests.iter().filter(|own| own.says).map(reading).unzip();
+        let (values, variances): (Vec<f64>, Vec<f64>) = rests.iter().filter(|own| own.contributes).map(reading).unzip();
         let all = random_effects_mean(&values, &variances);
         let spread = values.iter().zip(&variances).map(|(value, variance)| (value - all.mean).powi(2) / variance);
         let free = values.len() as f64 - 1.0;
@@ -247,15 +260,16 @@ fn biases_of_poses(rests: &mut [OwnRest<'_>]) -> Vector3<f64> {
     })
 }
 
-/// What force and turn have in common within a rest, rad^2 about each axis: a turn of the body moves gravity in it.
-fn common_wandering(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
+/// Covariance of tilt (from the force) and integrated rotation within a rest, rad^2 per axis. A rotation of the body
+/// changes the direction of gravity in the body frame, so both contain the tremor.
+fn tremor_variance_rad2(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>, dt_s: f64) -> f64 {
     let samples = (rest.end - rest.first) as f64;
     let (mut turn, mut products) = (Vector3::zeros(), Matrix3::zeros());
     for i in rest.first..rest.end {
         turn += (Vector3::from(recording.angular_rate.at(i)) - rest.angular_rate.mean) * dt_s;
         products += (Vector3::from(recording.specific_force.at(i)) - rest.specific_force.mean) * turn.transpose();
     }
-    // Raw covariance of force and turn; the mean of the force is that of the rest already.
+    // Covariance of force and rotation. The mean force of the rest has already been subtracted.
     let both = sensors.accelerometer.inverse() * (products / samples) * sensors.gyroscope.inverse().transpose();
     let force = sensors.accelerometer.correct(rest.specific_force.mean);
     // f^T (u x phi) = u^T (phi x f)
@@ -263,7 +277,7 @@ fn common_wandering(recording: &Recording<'_>, rest: &Rest, sensors: Sensors<'_>
     cross.dot(&force) / (2.0 * force.norm_squared())
 }
 
-/// Standard deviation of the white noise of one sample, from fourth differences within the rests.
+/// Standard deviation of the white noise of one sample, raw units, from fourth differences within the rests.
 fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     let squares = |k: usize| {
         let rows = rows.part(rests[k].first..rests[k].end);
@@ -276,7 +290,7 @@ fn white_noise(rows: Samples<'_>, rests: &[&Rest]) -> Vector3<f64> {
     (sum / (SQUARES * f64::max(count, 1.0))).map(f64::sqrt)
 }
 
-/// Sum of the squared fourth differences of some rows, taken with the widest vectors that the processor has.
+/// Sum of the squared fourth differences of consecutive rows, with the widest vector instructions of the processor.
 struct SquaredDifferences<'a>(&'a [[f64; 3]]);
 
 impl WithSimd for SquaredDifferences<'_> {
@@ -284,7 +298,7 @@ impl WithSimd for SquaredDifferences<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> Vector3<f64> {
-        // Numbers of eight rows side by side.
+        // Eight rows of three values are processed together.
         const LANES: usize = 24;
         let count = 3 * (self.0.len() + 1).saturating_sub(DIFFERENCE.len());
         let numbers = self.0.as_flattened();
@@ -345,7 +359,7 @@ mod tests {
         let tremor_rad = 0.05_f64.to_radians();
         let moves = HandMoves { poses: 15, tremor_rad, ..HandMoves::default() };
         let hand = found(&Motion::Tumble(Tumble::random(&moves, 2).unwrap())).unwrap();
-        // From the variance of 15 rests about two axes each.
+        // Tolerance: the estimate has the relative error of a variance of 15 rests and two axes.
         assert!((hand.tremor_rad() / tremor_rad - 1.0).abs() < 0.2, "{:e}", hand.tremor_rad());
         let unit = Unit::paper();
         for axis in 0..3 {

@@ -7,29 +7,31 @@ use nalgebra::{Matrix3, Vector3};
 use crate::rests::rest::Rest;
 use crate::rests::segment::Segments;
 
-/// One rest of one of the recordings.
+/// A rest and the recording that contains it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct UnitRest {
+    /// Index of the recording.
     pub(crate) recording: usize,
     pub(crate) rest: Rest,
     /// Covariance of the mean rate, raw units squared.
     pub(crate) rate_covariance: Matrix3<f64>,
-    /// What the gyroscope reads there without turning, as far as is known, raw units.
+    /// Best estimate of the gyroscope bias at this rest, raw units.
     pub(crate) bias: Vector3<f64>,
-    /// Where a hand trembles.
+    /// How the means of a hand-held rest were computed; `None` for a rest without tremor.
     pub(crate) propagated: Option<PropagatedMean>,
 }
 
-/// How the samples of a rest were carried along the gyroscope to its ends.
+/// Parameters of the mean of a hand-held rest: its samples are rotated by the gyroscope to the ends of the rest
+/// (model.md (27)).
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PropagatedMean {
-    /// The mean time, s.
+    /// Time constant of the exponential weights, s.
     pub(crate) mean_s: f64,
-    /// The bias that all rests have in common, raw units.
+    /// Mean gyroscope bias over all rests, raw units.
     pub(crate) bias: Vector3<f64>,
 }
 
-/// All rests of all recordings, in order.
+/// All rests of all recordings, in order of recording and time.
 pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
     let of = |(recording, segments): (usize, &Segments)| {
         let unit_rest = move |rest: &Rest| UnitRest {
@@ -45,13 +47,13 @@ pub(crate) fn rests_of(segments: &[Segments]) -> Vec<UnitRest> {
 }
 
 impl UnitRest {
-    /// Whether any sample of the rest is saturated, given the stretches of each recording.
+    /// Whether any sample of the rest is saturated. `saturated` contains the saturated index ranges of each recording.
     pub(crate) fn is_saturated(&self, saturated: &[Vec<Range<usize>>]) -> bool {
         touches(&saturated[self.recording], &(self.rest.first..self.rest.end))
     }
 }
 
-/// Whether any of the samples `range` of a recording is saturated.
+/// Whether any sample of `range` lies in one of the index ranges `saturated`.
 pub(super) fn touches(saturated: &[Range<usize>], range: &Range<usize>) -> bool {
     saturated.iter().any(|s| s.start < range.end && s.end > range.start)
 }

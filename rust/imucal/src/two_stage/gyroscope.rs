@@ -1,12 +1,13 @@
-//! The gyroscope: bias from the rests, sensitivity from the moves between them (model.md (7), (8)).
+//! The gyroscope in the two-stage fit: bias from the rests, sensitivity from the moves between them (model.md (7),
+//! (8)).
 //!
 //! ```text
 //! r_k = E_k (R_k^T u_k - u_(k+1)) / sigma_k
 //! ```
 //!
-//! u are the directions of gravity at the two rests of a move, R_k the rotation between them from the integrated gyroscope, and
-//! the two rows of E_k span the plane across u_(k+1): a rotation about gravity is invisible. The nine entries are
-//! ordered row by row, `T_xx, T_xy, ... T_zz`.
+//! u_k and u_(k+1) are the directions of gravity at the two rests of a move, and R_k is the rotation between them from
+//! the integrated gyroscope. The two rows of E_k span the plane perpendicular to u_(k+1), because a rotation about
+//! gravity is not observable. The nine entries of T are ordered by rows, `T_xx, T_xy, ... T_zz`.
 
 mod bias;
 
@@ -32,45 +33,53 @@ use crate::two_stage::observability;
 
 pub(crate) use bias::{GyroscopeBias, bias_from_rests};
 
-/// The fitted gyroscope.
+/// Result of the gyroscope fit.
 #[derive(Clone, Debug)]
 pub(crate) struct GyroscopeFit {
+    /// The fitted gyroscope.
     pub(crate) triad: Triad<f64>,
-    /// Which of the moves the fit uses.
+    /// Whether the fit uses each move. The others are outliers.
     pub(crate) used: Vec<bool>,
-    /// Rotation and sums of every move at the solution.
+    /// Preintegrated rotation and Jacobian integrals of each move at the solution.
     pub(crate) preintegrated: Vec<Preintegrated>,
-    /// Entries per error of each used residual in rad, 9 x 2 moves; zero columns for unused moves.
+    /// Derivative of the entries of T with respect to the error of each residual in rad, 9 x 2 moves. The columns of
+    /// unused moves are zero.
     pub(crate) gain: Mat<f64>,
     pub(crate) report: FitReport,
 }
 
-/// The moves that the gyroscope is fitted to, and the last pass over their samples.
+/// The moves to which the gyroscope is fitted, with their most recent preintegration.
 pub(crate) struct PreintegratedMoves<'a> {
-    paths: Vec<RateSegment<'a>>,
+    /// Rates of each move.
+    segments: Vec<RateSegment<'a>>,
     bias: Vector3<f64>,
+    /// Most recent preintegration.
     last: RefCell<Option<Rc<Linearised>>>,
 }
 
-/// The moves as one gyroscope carries them.
+/// All moves preintegrated with one gyroscope.
 struct Linearised {
     triad: Triad<f64>,
     preintegrated: Vec<Preintegrated>,
 }
 
-/// A fit that leaves less than this (rms) has found the right valley.
+/// Rms direction error below which a fit is close to the global minimum, rad.
 const CLOSE_RAD: f64 = 0.05;
-/// The sums of a pass serve for gyroscopes so near that what is left out, of second order, is a smaller share of a standard
-/// deviation than this.
-const LEFT_OUT: f64 = 1e-9;
+/// Maximum second-order error when a preintegration is reused for a slightly different gyroscope, as a fraction of the
+/// standard deviation of a move. Otherwise the samples are integrated again.
+const MAX_SECOND_ORDER: f64 = 1e-9;
 
 impl<'a> PreintegratedMoves<'a> {
     pub(crate) fn new(recordings: &[Recording<'a>], moves: &[Move], bias: Vector3<f64>) -> Self {
-        let paths = moves.iter().map(|m| RateSegment::of(&recordings[m.recording], m.first, m.last)).collect();
-        Self { paths, bias, last: RefCell::new(None) }
+        let segments = moves.iter().map(|m| RateSegment::of(&recordings[m.recording], m.first, m.last)).collect();
+        Self { segments, bias, last: RefCell::new(None) }
     }
 
-    /// A first estimate from the start value with the smallest misfit; from the others too if that ends far from the data.
+    /// A first estimate from the start value with the smallest misfit. If this fit ends far from the data, the other
+    /// start values are tried, too.
+    ///
+    /// # Errors
+    /// [`Error::Fit`] if no start value leads to a finite result.
     pub(crate) fn first_estimate(&self, ends: &[Ends], starts: &[Matrix3<f64>]) -> Result<Triad<f64>, Error> {
         let problem = self.weighed(ends);
         let mut candidates: Vec<(f64, Vec<f64>)> = Vec::new();
@@ -94,13 +103,19 @@ impl<'a> PreintegratedMoves<'a> {
             }
         }
         let best = best.ok_or_else(|| Error::Fit("no start value for the gyroscope".into()))?;
-        // Whether the moves determine all entries is for the fit to judge: here the scale may still be far off.
+        // The final fit checks whether the moves determine all entries. Here the scale may still be wrong by a large
+        // factor.
         triad_of(&best.parameters, self.bias)
     }
 
-    /// Fits the nine entries from a first estimate; moves that contradict all others are left out.
+    /// Fits the nine entries from a first estimate. Moves that contradict all others are excluded one by one (model.md
+    /// (14)).
+    ///
+    /// # Errors
+    /// * [`Error::NotEnoughMotion`] if the moves do not determine all entries.
+    /// * [`Error::Fit`] if the result is not finite.
     pub(crate) fn fit(&self, ends: &[Ends], first: &Triad<f64>) -> Result<GyroscopeFit, Error> {
-        let mut used = vec![true; self.paths.len()];
+        let mut used = vec![true; self.segments.len()];
         let mut problem = self.weighed(ends);
         let mut parameters = first.sensitivity().transpose().as_slice().to_vec();
         loop {
@@ -120,18 +135,19 @@ impl<'a> PreintegratedMoves<'a> {
     }
 
     fn weighed<'b>(&'b self, ends: &'b [Ends]) -> Weighed<'b> {
-        Weighed { moves: self, ends, rows: (0..self.paths.len()).collect() }
+        Weighed { moves: self, ends, rows: (0..self.segments.len()).collect() }
     }
 
-    /// All moves with this gyroscope: from the last pass if it was near enough, else from a new one.
+    /// All moves preintegrated with this gyroscope. The most recent preintegration is corrected to first order if it is
+    /// close enough, otherwise the samples are integrated again.
     fn preintegrated(&self, triad: &Triad<f64>, ends: &[Ends]) -> Rc<Linearised> {
         let known = self.last.borrow().clone();
         if let Some(moved) = known.and_then(|last| last.moved(triad, ends)) {
             return moved;
         }
-        let paths = &self.paths;
-        let threads = threads_for(paths.iter().map(RateSegment::samples).sum());
-        let preintegrated = in_order(threads, paths.len(), |k| paths[k].preintegrate(triad));
+        let segments = &self.segments;
+        let threads = threads_for(segments.iter().map(RateSegment::samples).sum());
+        let preintegrated = in_order(threads, segments.len(), |k| segments[k].preintegrate(triad));
         let new = Rc::new(Linearised { triad: *triad, preintegrated });
         *self.last.borrow_mut() = Some(Rc::clone(&new));
         new
@@ -139,17 +155,17 @@ impl<'a> PreintegratedMoves<'a> {
 }
 
 impl Linearised {
-    /// What the sums make of a gyroscope nearby; `None` if it is not near.
+    /// The first-order correction for a slightly different gyroscope; `None` if the second-order error is too large.
     fn moved(self: Rc<Self>, triad: &Triad<f64>, ends: &[Ends]) -> Option<Rc<Self>> {
         if self.triad == *triad {
             return Some(self);
         }
-        // The rate changes by this matrix times itself; the bias is the same.
+        // The rate changes by this matrix times the rate. The bias is unchanged.
         let change = triad.inverse() * self.triad.sensitivity() - Matrix3::identity();
         let mut preintegrated = self.preintegrated.clone();
         for (preintegrated, ends) in preintegrated.iter_mut().zip(ends) {
             let turn: Vector3<f64> = (0..3).map(|j| preintegrated.sensitivity_sums[j] * change.column(j)).sum();
-            if turn.norm_squared() > LEFT_OUT * ends.sigma_rad {
+            if turn.norm_squared() > MAX_SECOND_ORDER * ends.sigma_rad {
                 return None;
             }
             preintegrated.rotation = so3::exp(&turn).to_rotation_matrix().matrix() * preintegrated.rotation;
@@ -166,27 +182,27 @@ pub(crate) fn triad_with(sensitivity: &Matrix3<f64>, bias: Vector3<f64>) -> Resu
     Triad::try_new(*sensitivity, bias).map_err(|error| Error::Fit(format!("gyroscope: {error}")))
 }
 
-/// Derivative of a move's residual in rad with respect to the nine entries and the three biases, 2 x 12.
+/// Derivative of the residual of a move in rad with respect to the nine entries of T and the three biases, 2 x 12.
 pub(crate) fn residual_gradient(ends: &Ends, preintegrated: &Preintegrated, triad: &Triad<f64>) -> [Vector2<f64>; 12] {
-    let carried_up = preintegrated.rotation.tr_mul(&ends.before);
-    // A turn delta of the end attitude moves the preintegrated direction by [R^T u]x delta.
-    let by_turn = -(ends.across() * hat(&carried_up) * preintegrated.rotation.transpose());
+    let propagated_up = preintegrated.rotation.tr_mul(&ends.before);
+    // A rotation delta of the end attitude changes the propagated direction by [R^T u]x delta.
+    let by_turn = -(ends.across() * hat(&propagated_up) * preintegrated.rotation.transpose());
     std::array::from_fn(|p| match p {
         0..9 => by_turn * (preintegrated.sensitivity_sums[p % 3] * triad.inverse().column(p / 3)),
         _ => by_turn * (preintegrated.bias_sum * triad.inverse().column(p - 9)),
     })
 }
 
-/// The problem for the solver.
+/// The weighted least-squares problem for the solver.
 struct Weighed<'a> {
     moves: &'a PreintegratedMoves<'a>,
     ends: &'a [Ends],
-    /// The moves that take part.
+    /// Indices of the moves that the fit uses.
     rows: Vec<usize>,
 }
 
 impl Weighed<'_> {
-    /// Rms of the residuals in rad.
+    /// Rms of the direction errors for these parameters, rad.
     fn direction_rms_rad(&self, parameters: &[f64]) -> f64 {
         let Ok(triad) = triad_of(parameters, self.moves.bias) else {
             return f64::INFINITY;
@@ -195,7 +211,7 @@ impl Weighed<'_> {
         rms(self.rows.iter().map(|&k| self.ends[k].residual(&at.preintegrated[k].rotation).norm()))
     }
 
-    /// The same of residuals that are known.
+    /// Rms of the direction errors for known weighted residuals, rad.
     fn misfit_rad(&self, residuals: &Mat<f64>) -> f64 {
         let norm = |row: usize| residuals[(2 * row, 0)].hypot(residuals[(2 * row + 1, 0)]);
         rms(self.rows.iter().enumerate().map(|(row, &k)| norm(row) * self.ends[k].sigma_rad))
@@ -215,10 +231,12 @@ impl Weighed<'_> {
         GyroscopeFit { preintegrated, triad, used, gain, report: FitReport::of(&solution) }
     }
 
-    /// Refuses moves that do not determine all nine entries.
+    /// Returns an error if the moves do not determine all nine entries.
     fn check(&self, triad: &Triad<f64>, solution: &Solution) -> Result<(), Error> {
         if solution.termination == Termination::NotFinite {
-            return Err(Error::Fit("the gyroscope fit left the range of numbers: check the units of the rates".into()));
+            return Err(Error::Fit(
+                "the gyroscope fit has residuals that are not finite: check the units of the rates".into(),
+            ));
         }
         let scale = triad.sensitivity().norm() / 3f64.sqrt();
         let design = Mat::from_fn(solution.jacobian.nrows(), 9, |row, j| {
@@ -231,7 +249,7 @@ impl Weighed<'_> {
 impl Residuals for Weighed<'_> {
     fn evaluate(&self, parameters: &[f64], residuals: &mut Mat<f64>, jacobian: &mut Mat<f64>) {
         let Ok(triad) = triad_of(parameters, self.moves.bias) else {
-            residuals.fill(f64::NAN); // the solver takes a shorter step
+            residuals.fill(f64::NAN); // the solver then takes a shorter step
             return;
         };
         let at = self.moves.preintegrated(&triad, self.ends);

@@ -1,7 +1,8 @@
 use super::*;
 use crate::numerics::lsq::{EXACT, Residuals, minimize, minimize_within};
 
-/// Rosenbrock's valley with walls `steep` times its floor, and a kink: `(1 - x, steep (y - x^2), 3 + kink |x - 1/2|)`.
+/// Rosenbrock's valley with walls `steep` times as steep as its floor, and a residual with a kink: `(1 - x, steep (y -
+/// x^2), 3 + kink |x - 1/2|)`.
 struct Valley {
     steep: f64,
     kink: f64,
@@ -51,7 +52,8 @@ fn a_fit_with_a_bound_of_five_iterations_has_not_converged() {
     assert!(reason.starts_with("the fit reached its limit of 5 iterations"), "{reason}");
 }
 
-/// The walls are a million times as steep as the floor: steps along the curved floor are tiny, and none of them is the last.
+/// The walls are a million times as steep as the floor. Steps along the curved floor are therefore tiny, and the fit
+/// does not reach its optimum within the iteration limit.
 #[test]
 fn a_fit_in_a_flat_valley_has_not_converged() {
     let report = fitted(&Valley { steep: 1e6, kink: 0.0 }, None);
@@ -60,7 +62,7 @@ fn a_fit_in_a_flat_valley_has_not_converged() {
     assert!(report.reason("the fit").unwrap().contains("further decrease of chi2 by"));
 }
 
-/// At the kink no step decreases chi2, and its gradient is not zero on either side.
+/// At the kink no step decreases chi2, although the gradient is not zero on either side.
 #[test]
 fn a_fit_at_a_kink_stalls() {
     let report = fitted(&Valley { steep: 10.0, kink: 20.0 }, None);

@@ -1,6 +1,6 @@
 use super::*;
 
-/// Rosenbrock's valley as residuals, (1 - x, 10 (y - x^2)), in badly scaled units.
+/// Rosenbrock's function as residuals, (1 - x, 10 (y - x^2)), with x in a badly scaled unit.
 struct Rosenbrock(f64);
 
 impl Residuals for Rosenbrock {
@@ -50,7 +50,7 @@ fn covariance_is_the_inverse_of_the_normal_matrix() {
 
 #[test]
 fn leverages_are_the_diagonal_of_the_projection() {
-    // The third column is one that stays where it is.
+    // The third column is zero: a parameter without effect on the residuals.
     let j =
         Mat::from_fn(
             9,
