@@ -117,15 +117,15 @@ impl Hand {
         (self.tilt_rad2_s / self.walk_rad2_per_s).sqrt().min((rest.end_s - rest.start_s) / ROOM)
     }
 
-    /// Variance of each component of a direction averaged in this way, rad^2: `r / (2 a) + q a / 2`.
+    /// Variance of each component of a direction averaged in this way, rad^2: `r / (2 a) + q a / 2`, model.md (27).
     pub(crate) fn variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         (self.tilt_rad2_s / averaging_s + self.walk_rad2_per_s * averaging_s) / 2.0
     }
 
-    /// Variance of the integrated gyroscope noise perpendicular to gravity over a rest, after the rotation between the
-    /// two directions at its ends has been subtracted, rad^2: `q (T - 3 a) + r / a`. It includes the errors of both
-    /// directions.
+    /// Variance of the rotation error perpendicular to gravity over a rest, rad^2, after the rotation between the
+    /// directions at both ends has been subtracted: `q (T - 3 a) + r / a`, with the symbols of model.md (27) and the
+    /// duration T of the rest. It includes the errors of both directions.
     fn turn_variance_rad2(&self, rest: &Rest) -> f64 {
         let averaging_s = self.averaging_s(rest);
         let between_s = rest.end_s - rest.start_s - 3.0 * averaging_s;

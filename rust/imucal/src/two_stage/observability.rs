@@ -44,8 +44,8 @@ pub(crate) struct Open {
 }
 
 impl Open {
-    /// The undetermined parameters of `design`. Its rows are in units of the model errors of real units, its columns in
-    /// units of a hundredth of the size of each parameter.
+    /// The undetermined parameters of `design`. Its rows are divided by the model errors of a real unit, and its
+    /// columns are multiplied by a hundredth of the size of each parameter.
     pub(crate) fn of(design: &Mat<f64>) -> Result<Self, Error> {
         let (values, vectors) = lsq::singular(design)?;
         let loosest = LARGEST_SHIFT / FARTHEST;
@@ -188,7 +188,8 @@ pub(crate) fn too_few_poses() -> String {
         .into()
 }
 
-/// Recommendation of poses to add, from the angle between each half axis and the vertical in the best pose.
+/// Recommends poses to add. Each of the six directions of the body axes must be close to the vertical at some rest.
+/// `up` contains the directions of gravity at the rests.
 pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
     let closest = |axis: usize, sign: f64| {
         let cosine = up.iter().map(|u| sign * u[axis]).fold(-1.0, f64::max);
@@ -219,7 +220,7 @@ pub(crate) fn missing_poses(up: &[Vector3<f64>]) -> String {
 
 const OTHER_AXES: &str = "add moves of 90 deg or more about different axes, each between two rests in different poses";
 
-/// Recommendation of rotations to add. `open` contains the entries of the gyroscope that remain undetermined if the
+/// Recommends rotations to add. `open` contains the entries of the gyroscope that are undetermined even if the
 /// accelerometer is known. `turned_rad` is the total rotation about each axis, rad.
 pub(crate) fn missing_turns(open: &[usize], turned_rad: &Vector3<f64>) -> String {
     if open.is_empty() {

@@ -155,7 +155,7 @@ impl Stencil {
         }
         let mut slopes = Vec::with_capacity(n);
         slopes.extend(one_by_one(0..inside.start));
-        // Here the stencil is the same for each sample.
+        // In the inner range the same centred stencil applies to all samples.
         let boxes = self.at(time_s, inside.start);
         Arch::new().dispatch(Slopes { sums, boxes, places: inside.len(), slopes: &mut slopes });
         slopes.extend(one_by_one(inside.end..n));

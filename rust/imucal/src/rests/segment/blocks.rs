@@ -14,7 +14,7 @@ pub(super) type Block = BlockSums<f64>;
 /// Minimum number of means per block to which samples are averaged at high rates (about 5 ms each).
 const MEANS: usize = 10;
 
-/// Number of samples processed together, so that they stay in the cache.
+/// Number of samples that are processed together, so that they stay in the processor's cache. Chosen by measurement.
 const PART: usize = 256;
 /// Number of samples per job of a thread.
 const JOB: usize = 1 << 16;
@@ -78,7 +78,7 @@ struct Summing<'a> {
     samples: &'a mut [Block],
     /// Output: variances of the windows that begin in these blocks. Not written if no samples are averaged.
     variances: [&'a mut [f64]; 6],
-    /// Output: smallest steps of the rates, then of the forces, for rows processed side by side.
+    /// Output: smallest steps of the rates and of the forces, one value for each SIMD lane.
     steps: &'a mut [[f64; SIDE_BY_SIDE]; 2],
 }
 
@@ -121,8 +121,9 @@ impl WithSimd for Summing<'_> {
 
 /// Variance of each channel in each window, with the widest vector instructions of the processor.
 ///
-/// A window is merged from the last blocks of one group of ten and the first blocks of the next group. The sums of all
-/// last blocks and of all first blocks are accumulated once, so a window needs three merges instead of ten.
+/// A window of ten blocks consists of the last k blocks of one group of ten and the first 10 - k blocks of the next
+/// group. The sums over the last k blocks and over the first 10 - k blocks are accumulated once for all k, so a window
+/// needs three merges instead of ten.
 struct Windows<'a> {
     blocks: &'a [Block],
     /// Output: variances of each channel, one per window.

@@ -20,7 +20,7 @@ pub(super) struct Stretch {
     thirds: Option<[Block; 2]>,
     /// Median of the statistic over its windows.
     scatter: f64,
-    /// Data for the factor of coloured noise (model.md (10)).
+    /// Data from which the factor c of coloured noise (model.md (10)) is computed.
     colour: Colour,
 }
 
@@ -54,11 +54,11 @@ impl Stretch {
     }
 }
 
-/// Factors of coloured noise for the rests of a recording. Steady and hand-held rests have different spectra.
+/// The factors c of coloured noise (model.md (10)) in a recording. Steady and hand-held rests have different spectra.
 pub(super) struct Steadiness {
-    /// Factor of each channel for rests without tremor.
+    /// Factor c of each channel, for rests without tremor.
     pub(super) steady_colour: Vector6<f64>,
-    /// Factor of each channel for hand-held rests.
+    /// Factor c of each channel, for hand-held rests.
     held_colour: Vector6<f64>,
 }
 
@@ -71,7 +71,7 @@ impl Steadiness {
         Self { steady_colour: steady.factor(), held_colour: held.factor() }
     }
 
-    /// Factors of coloured noise that apply to a rest.
+    /// Factors c of the six channels that apply to a rest.
     pub(super) fn colour(&self, rest: &Stretch) -> &Vector6<f64> {
         if rest.is_steady() { &self.steady_colour } else { &self.held_colour }
     }
