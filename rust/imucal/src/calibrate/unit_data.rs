@@ -117,7 +117,7 @@ impl<'a> UnitData<'a> {
         self.excluded.iter().map(Option::is_none).collect()
     }
 
-    /// Whether the unit of the raw values that `unit` selects is SI.
+    /// Whether the raw values of the sensor that `unit` selects are in SI units.
     pub(super) fn raw_is_si(&self, unit: impl Fn(&Recording<'_>) -> RawUnit) -> bool {
         self.recordings.first().is_some_and(|recording| unit(recording) == RawUnit::Si)
     }

@@ -61,8 +61,8 @@ pub(crate) fn quantile_of(count: usize, write: impl Fn(usize, &mut [f64]), q: f6
         return of_all();
     }
     // Distance of the limits from the sample quantile, in standard deviations of its rank. With 2.5 about one quantile
-    // in a hundred is outside the limits, which is faster on average than storing more values. For long records all
-    // values must not be stored, so the limits are wider.
+    // in a hundred is outside the limits, which is faster on average than storing more values. For long records storing
+    // all values must be avoided, so the limits are wider.
     let off = if count < MANY { 2.5 } else { 4.0 };
     let last = (sample.len() - 1) as f64;
     let margin = off * (q * (1.0 - q) / sample.len() as f64).sqrt();

@@ -14,8 +14,8 @@ use crate::rests::noise_density::{NoiseDensity, random_walk_rad, variance_per_ax
 use crate::rests::tremor::{Hand, Sensors};
 use crate::rests::unit_rest::{UnitRest, touches};
 
-/// Maximum ratio of a time step to the median sampling interval inside a move. After a longer gap the rotation cannot
-/// be integrated accurately, and the move is not used. Chosen by experience; model.md (7) states it.
+/// Maximum ratio of a time step to the median sampling interval inside a move (model.md (7)). After a longer gap the
+/// rotation cannot be integrated accurately, and the move is not used.
 const LONGEST_STEP: f64 = 2.5;
 
 /// Duration of the part of an unsteady rest, next to the move, from which the direction of gravity is computed, s
@@ -23,8 +23,8 @@ const LONGEST_STEP: f64 = 2.5;
 const SPAN_S: f64 = 1.0;
 /// Number of sub-means of this part; their scatter gives the variance of the direction (model.md (13)).
 const TENTHS: usize = 10;
-/// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope for a rest to be hand-held.
-/// Chosen well above the fluctuations of an estimated noise level.
+/// Minimum ratio of the scatter of the rates within 0.1 s to the noise of the gyroscope for a rest to be hand-held. The
+/// margin allows for the uncertainty of the estimated noise.
 const TREMBLING: f64 = 1.5;
 /// Minimum scatter of the rates within 0.1 s for a rest to be hand-held, rad/s. It prevents the detection of a hand in
 /// recordings without noise. A hand causes larger rates.
@@ -171,8 +171,8 @@ pub(crate) struct End {
 }
 
 impl Directions<'_> {
-    /// The directions of gravity and the standard deviation of each move, and its part that does not come from the
-    /// means of the rests (rad), which is independent between moves.
+    /// Returns the directions of gravity and the standard deviation of each move. The second result is the part of each
+    /// standard deviation that does not come from the means of the rests, rad. This part is independent between moves.
     pub(crate) fn ends_of(&self, moves: &[Move]) -> (Vec<Ends>, Vec<f64>) {
         moves
             .iter()

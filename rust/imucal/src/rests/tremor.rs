@@ -167,7 +167,7 @@ impl Hand {
         let (before, after) = (at(false), at(true));
         let up = (before + after).normalize();
         let rate = |sample: usize| Vector3::from(recording.angular_rate.at(sample));
-        // Trapezoidal rule, because the rotation is that from the first to the last sample.
+        // The sum uses the trapezoidal rule, because the rotation is that from the first to the last sample.
         let seen = (first..end).map(rate).sum::<Vector3<f64>>() - (rate(first) + rate(end - 1)) / 2.0;
         let turn = (after - before).cross(&up);
         let along = up * up.transpose();
@@ -184,8 +184,8 @@ impl Hand {
     }
 }
 
-/// The hand model of each recording; also corrects rests and noise densities for the tremor. Only rests in `used`
-/// contribute to the model, because a slow rotation is not tremor and its mean rate is not a bias.
+/// Estimates the hand model of each recording, and corrects its rests and noise densities for the tremor. Only rests in
+/// `used` contribute to the model, because a slow rotation is not tremor and its mean rate is not a bias.
 pub(crate) fn hands(
     recordings: &[Recording<'_>],
     rests: &mut [UnitRest],

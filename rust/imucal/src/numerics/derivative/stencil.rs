@@ -89,7 +89,7 @@ type Polynomial = SMatrix<f64, BOXES, BOXES>;
 /// Weights of the cumulative sums at the edges of consecutive boxes in a slope.
 type Edges = [f64; BOXES + 1];
 
-/// Weights of the edges, from the weights of the boxes and the number of samples in a box.
+/// Converts weights of the means over the boxes to weights of the cumulative sums at the edges of the boxes.
 fn edges(weights: &[f64; BOXES], stride: usize) -> Edges {
     std::array::from_fn(|edge| {
         let before = edge.checked_sub(1).map_or(0.0, |j| weights[j]);

@@ -14,7 +14,7 @@ pub(super) type Block = BlockSums<f64>;
 /// Minimum number of means per block to which samples are averaged at high rates (about 5 ms each).
 const MEANS: usize = 10;
 
-/// Number of samples that are processed together, so that they stay in the processor's cache. Chosen by measurement.
+/// Number of samples that are processed together, few enough to stay in the processor's cache.
 const PART: usize = 256;
 /// Number of samples per job of a thread.
 const JOB: usize = 1 << 16;
@@ -108,7 +108,8 @@ impl WithSimd for Summing<'_> {
             }
         }
         if averaged > 1 && !variances[0].is_empty() {
-            // The last windows contain blocks of the next job.
+            // The last windows extend into the blocks of the next job, so the means of these blocks are computed here,
+            // too.
             for block in means.len()..variances[0].len() + WINDOW_BLOCKS - 1 {
                 let own = (first + block) * block_samples..(first + block + 1) * block_samples;
                 let (rates, forces) = (recording.angular_rate.part(own.clone()), recording.specific_force.part(own));

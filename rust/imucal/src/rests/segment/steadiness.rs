@@ -44,8 +44,8 @@ impl Stretch {
         self.scatter < UNSTEADY
     }
 
-    /// Squared change of the mean force from the first to the last third divided by its noise, as chi2 / 15. With this
-    /// divisor noise alone exceeds 2 with a probability of 1e-6 per rest.
+    /// Squared change of the mean force from the first to the last third, divided by its variance from noise, as chi2 /
+    /// 15. With this divisor, noise alone gives a value above 2 with a probability of 1e-6 per rest.
     fn drift(&self, colour: &Vector6<f64>) -> f64 {
         let Some([first, last]) = &self.thirds else { return 0.0 };
         let change = last.mean() - first.mean();
