@@ -68,9 +68,8 @@ fn times_ms(motion: &Motion) -> Result<[f64; 2], Error> {
     let options = Options::default();
     let all: Vec<EffectChoice> = Effect::catalogue().map(|effect| EffectChoice { effect, full: false }).collect();
     let checked = Checked::try_new(&recordings, &options)?;
-    checked.calibrate(&recordings, &options)?;
-    // A search determines whether the unit is hand-held; later calls reuse this.
-    search(&checked, &recordings, &options, &all, &[])?;
+    checked.calibrate(&options.model(), None)?;
+    let is_hand_moved = search(&checked, &all, &[], false)?.is_hand_moved;
     let mut rounds: Vec<[f64; 3]> = Vec::new();
     for _ in 0..ROUNDS {
         let timed = |work: &dyn Fn() -> Result<(), Error>| {
@@ -78,7 +77,7 @@ fn times_ms(motion: &Motion) -> Result<[f64; 2], Error> {
             work().map(|()| start.elapsed().as_secs_f64() * 1e3)
         };
         let scored = |candidates: &[EffectChoice]| {
-            smallest_visible(&checked, &recordings, &options, candidates).map(|visible| drop(black_box(visible)))
+            smallest_visible(&checked, candidates, is_hand_moved).map(|visible| drop(black_box(visible)))
         };
         let passed = || {
             black_box(pass(&recordings[0], &Triad::identity()));

@@ -1,6 +1,6 @@
 """Types of the compiled library. Public functions and classes of `imucal` wrap these."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, final
 
 import numpy as np
@@ -9,17 +9,21 @@ from numpy.typing import NDArray
 from imucal.finding import Finding
 
 __all__ = [
+    "GAP_FOLDS",
     "MAX_EFFECTS",
     "MAX_PASSES",
     "MIN_REST_S",
     "REFERENCE_TEMPERATURE_DEGC",
     "AxisNoise",
     "Carried",
-    "Checked",
     "Effect",
     "EffectEstimate",
     "EffectScore",
+    "Estimate",
     "Evaluation",
+    "GapAnalysis",
+    "GapFit",
+    "GapResult",
     "GenericFinding",
     "HeldOut",
     "Inspection",
@@ -33,7 +37,6 @@ __all__ = [
     "allan_deviations",
     "allan_factors",
     "angular_acceleration",
-    "attitudes",
     "calibrate",
     "chi2_p_value",
     "convert_frame",
@@ -43,21 +46,22 @@ __all__ = [
     "effect_field",
     "effects",
     "evaluate",
+    "find_gap",
     "gap_design",
     "gravity_mps2",
     "grid_program",
     "identify_noise",
     "inspect",
     "integrate",
-    "is_earth_rate",
+    "mount_faults",
     "optimal_program",
     "plan_effect_parameters",
     "predict_sigma",
     "prospect",
     "random_program",
-    "search_gap",
     "simulate",
     "smallest_visible",
+    "stand_mismatch_deg",
 ]
 
 __version__: str
@@ -65,6 +69,7 @@ MAX_EFFECTS: int
 MAX_PASSES: int
 MIN_REST_S: float
 REFERENCE_TEMPERATURE_DEGC: float
+GAP_FOLDS: int
 
 _Array = NDArray[np.float64]
 _Samples = NDArray[np.float64] | NDArray[np.float32] | NDArray[np.int16]
@@ -205,8 +210,26 @@ class EffectEstimate:
     def statistic(self) -> float: ...
 
 @final
-class Checked:
-    def __new__(cls, recordings: Sequence[_Recording], options: _Options) -> Checked: ...
+class Estimate:
+    @property
+    def accel_sensitivity(self) -> _Array: ...
+    @property
+    def accel_bias(self) -> _Array: ...
+    @property
+    def gyro_sensitivity(self) -> _Array: ...
+    @property
+    def gyro_bias(self) -> _Array: ...
+    @property
+    def effects(self) -> list[EffectEstimate]: ...
+
+class _UserEffects(Protocol):
+    @property
+    def names(self) -> Sequence[str]: ...
+    def fields(self, names: Sequence[str], estimate: Estimate) -> Sequence[_UserField]: ...
+    def corrected(self, estimate: Estimate, of_control: bool) -> Sequence[tuple[_Array, _Array]]: ...
+    def brief_means(
+        self, before: Estimate, after: Estimate, of_control: bool
+    ) -> tuple[Sequence[tuple[_Array, _Array]], Sequence[tuple[_Array, _Array]], Sequence[_UserField]]: ...
 
 @final
 class HeldOut:
@@ -283,6 +306,10 @@ class Carried:
 class Evaluation:
     @property
     def figures(self) -> _Fields: ...
+    @property
+    def before(self) -> _Fields: ...
+    @property
+    def reasons(self) -> list[str]: ...
     @property
     def rests(self) -> list[_Fields]: ...
     @property
@@ -486,8 +513,6 @@ class Search:
     @property
     def not_predictive(self) -> list[tuple[str, float, float, float]]: ...
     @property
-    def not_the_earth(self) -> tuple[float, float] | None: ...
-    @property
     def not_observable(self) -> list[tuple[str, str]]: ...
     @property
     def smallest_visible(self) -> list[tuple[str, float, str]]: ...
@@ -496,25 +521,79 @@ class Search:
     @property
     def scattering_rests(self) -> tuple[str, float, float] | None: ...
     @property
-    def in_motion_left_out(self) -> str | None: ...
+    def is_hand_moved(self) -> bool: ...
 
-def attitudes(time_s: _Array, angular_rate: _Array, at: Sequence[int]) -> _Array: ...
-def is_earth_rate(size_radps: float, sigma_radps: float) -> bool: ...
+@final
+class GapFit:
+    @property
+    def effects(self) -> list[str]: ...
+    @property
+    def outcome(self) -> Outcome: ...
+    @property
+    def control(self) -> Evaluation | None: ...
+
+@final
+class GapAnalysis:
+    @property
+    def before(self) -> GapFit: ...
+    @property
+    def after(self) -> GapFit | None: ...
+    @property
+    def effects(self) -> list[EffectScore]: ...
+    @property
+    def rivals(self) -> list[tuple[str, str, EffectEstimate | None]]: ...
+    @property
+    def refused(self) -> list[tuple[str, str | None, list[float] | None]]: ...
+    @property
+    def not_the_earth(self) -> tuple[float, float] | None: ...
+    @property
+    def not_confirmed(self) -> list[EffectScore]: ...
+    @property
+    def contradiction(self) -> tuple[list[str], float, float] | None: ...
+    @property
+    def unseen(self) -> tuple[str, float, float, float]: ...
+    @property
+    def chi2_of_given(self) -> list[float] | None: ...
+    @property
+    def residuals(self) -> _Fields: ...
+    @property
+    def corrected_errors(self) -> _Fields | None: ...
+    @property
+    def search(self) -> Search: ...
+
+@final
+class GapResult:
+    @property
+    def verdict(self) -> str: ...
+    @property
+    def faults(self) -> list[Finding]: ...
+    @property
+    def analysis(self) -> GapAnalysis | None: ...
+
 def gap_design(
     recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
 ) -> tuple[_Array, _Array, list[tuple[str, _Array]]]: ...
-def search_gap(
-    checked: Checked,
+def find_gap(
     recordings: Sequence[_Recording],
+    control: Sequence[_Recording],
     options: _Options,
-    candidates: Sequence[tuple[str, bool]],
-    user_fields: Sequence[_UserField],
-) -> Search: ...
-def calibrate(checked: Checked, recordings: Sequence[_Recording], options: _Options) -> Outcome: ...
+    candidates: Sequence[str] | None,
+    user_effects: _UserEffects | None,
+    given: tuple[_Calibration, float, Sequence[_Recording] | None] | None,
+    stage: Callable[[Sequence[str] | None, int | None], None],
+) -> GapResult: ...
+def mount_faults(
+    accelerometer: _Triad,
+    rests: Sequence[tuple[int, int, float, Sequence[float | None], bool]],
+    recording: _Recording,
+) -> list[Finding]: ...
+def stand_mismatch_deg(recording: _Recording) -> float | None: ...
+def calibrate(
+    recordings: Sequence[_Recording], options: _Options, user_effects: _UserEffects | None = None
+) -> Outcome: ...
 def prospect(recordings: Sequence[_Recording], options: _Options) -> Prospect: ...
 def evaluate(
     calibration: _Calibration,
-    uncalibrated: _Triad,
     recordings: Sequence[_Recording],
     corrected: Sequence[_Recording] | None,
     gravity_mps2: float,

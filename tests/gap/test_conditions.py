@@ -27,7 +27,7 @@ def on_a_stand(seed, **arguments):
 def test_a_hand_that_carries_the_unit_a_little_is_no_effect(unit, translation_mm):
     gap = find_gap(by_hand(1, translation_mm, unit), control=by_hand(2, translation_mm, unit))
     assert gap.verdict == "nothing_missing", gap.summary()
-    assert "carried along" in gap.summary()
+    assert "translated during the moves" in gap.summary()
 
 
 def test_a_stand_that_shakes_is_no_hand():

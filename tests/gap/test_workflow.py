@@ -240,7 +240,7 @@ def test_a_run_by_hand_beside_one_on_a_stand_is_told_from_it():
     ]
     gap = imucal.find_gap(runs, control=simulated(NEXT_SEED, effects=drift).recording)
     assert (gap.verdict, [effect["name"] for effect in gap.effects]) == ("named", ["accel_bias_drift"])
-    assert any("carried along inside the moves" in note for note in gap.notes)
+    assert any("the unit was translated during the moves" in note for note in gap.notes)
 
 
 def test_a_short_run_with_a_plain_effect_is_not_called_complete():
@@ -466,7 +466,7 @@ def test_what_was_asked_for_and_cannot_be_seen_is_said():
     shown = gap.summary()
     assert "none of the tested effects is observable in these recordings" in shown
     assert (
-        "gyro_bias_temperature was asked for and these recordings cannot show it: it needs a temp_" in shown
+        "gyro_bias_temperature was requested and these recordings cannot show it: it needs a temp_" in shown
     )
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,20 +19,20 @@ from imucal.document.source import Source
 from imucal.document.whole import is_whole
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import EffectValues
-from imucal.effects.state import State
-from imucal.errors import FitError, InputError
-from imucal.estimation.evaluate import evaluate
+from imucal.errors import InputError
+from imucal.estimation.evaluate import evaluated, evaluation_of
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
-from imucal.estimation.options import Options, UserField, asked_for, wander_of
+from imucal.estimation.options import Options, asked_for, wander_of
 from imucal.estimation.rests import FittedMove, FittedRest, Move, Rest, of_library
 from imucal.estimation.result import CalibrationResult
+from imucal.estimation.user_effects import UserEffectSource
 from imucal.finding import Finding
 from imucal.recording.one_unit import of_one_unit, require_other_data
 from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
 from imucal.rig.unit import Unit
 from imucal.units import STANDARD_GRAVITY_MPS2
 
-__all__ = ["calibrate", "calibrated", "fields_for_library"]
+__all__ = ["calibrate", "result_of"]
 
 MOST_FOLDS = 1000
 # Share of the rests or of the moves that may contradict the others in a good calibration.
@@ -42,10 +41,6 @@ MOST_CONTRADICTING = 0.1
 MOST_NOT_STILL = 0.2
 # Chance makes residuals that much smaller than noise does less often than once in a million.
 TOO_SURE = 1 - 1e-6
-# A field that depends on the corrected state changes by less each time, by the size of the effects or so.
-MOST_FIELD_ROUNDS = 20
-# A change of a field by this share changes its parameters by as much.
-SETTLED_FIELD = 1e-7
 
 
 def calibrate(
@@ -115,58 +110,57 @@ def calibrate(
     )
     judges = as_recordings(control)
     require_other_data(unit_data, judges)
-    return calibrated(_core.Checked(unit_data, options), unit_data, options, own, judges, serial_number)
+    source = UserEffectSource(own, unit_data, judges) if own else None
+    outcome = _core.calibrate(unit_data, options, source)
+    result = result_of(outcome, unit_data, options, own, judges, serial_number=serial_number)
+    if not judges:
+        return result
+    found = evaluated(result.calibration, judges, options.min_rest_s)
+    return result_of(outcome, unit_data, options, own, judges, found, serial_number)
 
 
-def calibrated(
-    checked: _core.Checked,
+def result_of(
+    outcome: _core.Outcome,
     unit_data: Sequence[Recording],
     options: Options,
     own: tuple[UserEffect, ...] = (),
     judges: Sequence[Recording] = (),
+    found: _core.Evaluation | None = None,
     serial_number: str | None = None,
 ) -> CalibrationResult:
-    """As `calibrate`, of recordings that are checked with the same options but for effects and folds."""
-    raw_units = (unit_data[0].accel_unit, unit_data[0].gyro_unit)
-    outcome = _core.calibrate(checked, unit_data, options)
-    if own:
-        options, outcome = _with_user_effects(checked, unit_data, options, own, outcome)
-    carried = tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects)
+    """The result of a calibration by the compiled library.
 
+    own    the user's effects that were estimated
+    found  the evaluation on `judges`, if there is one
+    """
     fit, figures = Fit.of_outcome(outcome), Figures(**outcome.figures)
     rests = tuple(of_library(FittedRest, fields) for fields in outcome.rests)
     moves = tuple(of_library(FittedMove, fields) for fields in outcome.moves)
-
-    def made(control_set: Figures | None) -> Calibration:
-        return Calibration(
-            accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
-            gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
-            frame=options.frame,
-            accel_unit=raw_units[0],
-            gyro_unit=raw_units[1],
-            gravity_mps2=options.gravity_mps2,
-            effects=carried,
-            user_effects=own,
-            covariance=outcome.covariance,
-            covariance_names=_names(outcome, own),
-            noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
-            temperature_range_degc=_temperature_range(unit_data),
-            fit=fit.to_dict(),
-            calibration_set=plain(figures),
-            control_set=None if control_set is None else plain(control_set),
-            provenance=Provenance(
-                _sources(unit_data),
-                _sources(judges),
-                str(_core.__version__),
-                now(),
-            ),
-            serial_number=serial_number,
-        )
-
-    calibration = made(None)
-    judged = evaluate(calibration, judges, min_rest_s=options.min_rest_s) if judges else None
-    if judged is not None:
-        calibration = made(judged.figures)
+    calibration = Calibration(
+        accelerometer=Triad(outcome.accel_sensitivity, outcome.accel_bias),
+        gyroscope=Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
+        frame=options.frame,
+        accel_unit=unit_data[0].accel_unit,
+        gyro_unit=unit_data[0].gyro_unit,
+        gravity_mps2=options.gravity_mps2,
+        effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
+        user_effects=own,
+        covariance=outcome.covariance,
+        covariance_names=_names(outcome, own),
+        noise=_noise(outcome.accel_noise_density, outcome.gyro_noise_density),
+        temperature_range_degc=_temperature_range(unit_data),
+        fit=fit.to_dict(),
+        calibration_set=plain(figures),
+        control_set=None if found is None else plain(Figures(**found.figures)),
+        provenance=Provenance(
+            _sources(unit_data),
+            _sources(judges),
+            str(_core.__version__),
+            now(),
+        ),
+        serial_number=serial_number,
+    )
+    judged = None if found is None else evaluation_of(calibration, judges, found)
     reasons = [
         *outcome.fit_reasons,
         *poor_figures("calibration set", figures),
@@ -190,61 +184,6 @@ def calibrated(
         control=judged,
         reasons=tuple(reasons),
         diagnosis=tuple(map(Diagnosis.of_library, outcome.diagnosis)),
-    )
-
-
-def _with_user_effects(
-    checked: _core.Checked,
-    unit_data: Sequence[Recording],
-    options: Options,
-    own: tuple[UserEffect, ...],
-    outcome: _core.Outcome,
-) -> tuple[Options, _core.Outcome]:
-    """Estimate with the fields of `own`, again until they settle: they may depend on the corrected state."""
-    fields: tuple[UserField, ...] = ()
-    for _ in range(MOST_FIELD_ROUNDS):
-        current = Calibration(
-            Triad(outcome.accel_sensitivity, outcome.accel_bias),
-            Triad(outcome.gyro_sensitivity, outcome.gyro_bias),
-            accel_unit=unit_data[0].accel_unit,
-            gyro_unit=unit_data[0].gyro_unit,
-            effects=tuple(EffectValues(e.name, e.values, e.shape) for e in outcome.effects),
-            user_effects=own,
-        )
-        before, fields = fields, fields_for_library(current, unit_data, own)
-        if before and all(
-            np.abs(new - old).max(initial=0.0) <= SETTLED_FIELD * np.abs(new).max(initial=0.0)
-            for olds, news in zip(before, fields, strict=True)
-            for old, new in zip(olds.columns, news.columns, strict=True)
-        ):
-            break
-        options = replace(options, user_fields=fields)
-        outcome = _core.calibrate(checked, unit_data, options)
-    else:
-        names = " and ".join(effect.name for effect in own)
-        raise FitError(
-            f"the field of {names} still changes after {MOST_FIELD_ROUNDS} fits: it depends too much on what "
-            "it corrects; make it depend less on rate and force"
-        )
-    return options, outcome
-
-
-def fields_for_library(
-    calibration: Calibration, recordings: Sequence[Recording], own: tuple[UserEffect, ...]
-) -> tuple[UserField, ...]:
-    """The fields of a user's effects at the state that `calibration` makes of the recordings."""
-    if not own:
-        return ()
-    corrected = [calibration.apply_recording(recording) for recording in recordings]
-    states = [State.of(c, c.angular_rate, c.specific_force) for c in corrected]
-    return tuple(
-        UserField(
-            effect.name,
-            effect.sensor,
-            tuple(parameter.typical for parameter in effect.parameters),
-            tuple(np.ascontiguousarray(effect.columns(state)) for state in states),
-        )
-        for effect in own
     )
 
 

@@ -6,15 +6,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
-import numpy as np
-
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration, require_calibration
-from imucal.calibration.correction import empty_samples
-from imucal.calibration.figures import Figures, figures_text, poor_figures
+from imucal.calibration.figures import Figures, figures_text
+from imucal.calibration.model import SensorModel
 from imucal.calibration.provenance import Provenance
-from imucal.calibration.triad import Triad
 from imucal.document.json_document import now
 from imucal.document.plain import plain, without_nan
 from imucal.document.source import Source
@@ -29,7 +26,7 @@ from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
 
-__all__ = ["Evaluation", "evaluate"]
+__all__ = ["Evaluation", "evaluate", "evaluated", "evaluation_of", "require_judges"]
 
 SCHEMA: Final = "imucal.evaluation/1"
 
@@ -141,33 +138,45 @@ def evaluate(
     """
     require_calibration(calibration)
     judges = as_recordings(recordings)
+    return evaluation_of(calibration, judges, evaluated(calibration, judges, min_rest_s))
+
+
+def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s: float) -> _core.Evaluation:
+    """What the compiled library finds; raises as `evaluate`."""
+    require_judges(calibration, judges)
+    corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
+    return _core.evaluate(
+        calibration.without_user_effects(), judges, corrected, calibration.gravity_mps2, min_rest_s
+    )
+
+
+def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
+    """Raise InputError for recordings that cannot judge a calibration."""
     if not judges:
         raise InputError("there is no recording to judge on: give at least one")
     require_different(judges)
     for recording in judges:
-        calibration.require_raw_units(recording)
-    uncalibrated = as_it_comes(calibration)
-    gravity = calibration.gravity_mps2
-    corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
-    before = _core.evaluate(uncalibrated, uncalibrated.gyroscope, judges, None, gravity, min_rest_s)
-    outcome = _core.evaluate(
-        calibration.without_user_effects(), uncalibrated.gyroscope, judges, corrected, gravity, min_rest_s
-    )
-    figures = Figures(**outcome.figures)
+        model.require_raw_units(recording)
+
+
+def evaluation_of(
+    calibration: Calibration, judges: Sequence[Recording], found: _core.Evaluation
+) -> Evaluation:
+    """The evaluation of a calibration from what the compiled library has found."""
     return Evaluation(
-        figures=figures,
-        before=Figures(**before.figures),
-        rests=tuple(of_library(Rest, fields) for fields in outcome.rests),
-        moves=tuple(of_library(Move, fields) for fields in outcome.moves),
+        figures=Figures(**found.figures),
+        before=Figures(**found.before),
+        rests=tuple(of_library(Rest, fields) for fields in found.rests),
+        moves=tuple(of_library(Move, fields) for fields in found.moves),
         carried=tuple(
-            PropagatedGravity(c.time_s, c.measured, c.uncalibrated, c.calibrated) for c in outcome.carried
+            PropagatedGravity(c.time_s, c.measured, c.uncalibrated, c.calibrated) for c in found.carried
         ),
         findings=(
             *(f for r in judges for f in r.findings),
-            *outcome.findings,
+            *found.findings,
             *_seen_by_the_fit(calibration, judges),
         ),
-        reasons=tuple(poor_figures("control set", figures, _not_corrected(calibration, judges, corrected))),
+        reasons=tuple(found.reasons),
         serial_number=calibration.serial_number,
         provenance=calibration.provenance,
         recordings=tuple(JudgedRecording(judge.name, judge.sources) for judge in judges),
@@ -194,45 +203,3 @@ def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) 
                 "about new data",
                 "judge on another recording of the unit",
             )
-
-
-def _not_corrected(
-    calibration: Calibration, recordings: Sequence[Recording], corrected: Sequence[Recording] | None
-) -> str:
-    """Which samples have no correction, and why; empty if all that were measured have one."""
-    said = []
-    for recording, result in zip(recordings, corrected or (), strict=False):
-        lost = np.flatnonzero(empty_samples(recording, result)[1])
-        if not len(lost):
-            continue
-        first, temperature = lost[0], recording.temperature_degc
-        why = "the effects are too large there to be undone: estimate them again, or leave them out"
-        if temperature is not None and not np.isfinite(temperature[first]):
-            why = "temp_degc is not a number there: repair it, or leave the effects of temperature out"
-        said.append(
-            f"no correction for {len(lost)} of {len(recording)} samples of {recording.name}, the first one "
-            f"{first} at {recording.time_s[first]:.2f} s: {why}"
-        )
-    return "; ".join(said)
-
-
-def as_it_comes(calibration: Calibration) -> Calibration:
-    """The unit without a calibration, for comparison.
-
-    In SI units its numbers are taken as they are. Counts need one sensitivity and one zero point at
-    least: the mean ones of the three axes.
-    """
-
-    def nominal(triad: Triad, counts: bool) -> Triad:
-        if not counts:
-            return Triad(np.eye(3), np.zeros(3))
-        scale = np.cbrt(np.abs(np.linalg.det(triad.sensitivity)))
-        return Triad(scale * np.eye(3), np.full(3, triad.bias.mean()))
-
-    return replace(
-        calibration,
-        accelerometer=nominal(calibration.accelerometer, calibration.accel_unit == "lsb"),
-        gyroscope=nominal(calibration.gyroscope, calibration.gyro_unit == "lsb"),
-        effects=(),
-        user_effects=(),
-    )

@@ -1,12 +1,11 @@
 """Where recordings and model disagree, which effect is missing, what it is worth, and what would decide.
 
-find             the search from end to end
-trial            the recordings of a search; models of them, fitted and judged on what no fit has seen
-rules            faults of the data, which come before any effect
-verdict          what is said of what was found; `outcome` puts all figures beside it
-residuals, paths, where, predicted_error, uncertainty     the disagreement, before and after
-motion_library, next_motion     the motion that would decide what is open
-result, text     the result, and its sentences
+find             options, and the question that the compiled library answers
+question         the recordings, the options, and the call
+translation      from what the library finds to the result
+result           the result
+notes, text      sentences on it
+motion_library, next_motion     the motion that would decide between rivals
 """
 
 from imucal.gap.find import find_gap

@@ -11,18 +11,21 @@ nothing is left. Recordings that no fit has seen decide whether an effect may st
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
-import imucal._core as _core
 from imucal.calibration.calibration import Calibration, require_calibration
+from imucal.calibration.model import SensorModel
+from imucal.calibration.triad import Triad
 from imucal.effects.definition import UserEffect, by_name
-from imucal.effects.table import catalogue, find
-from imucal.errors import FitError, InputError, NotEnoughMotionError
-from imucal.gap.outcome import data_fault, outcome
+from imucal.effects.table import find
+from imucal.errors import InputError
+from imucal.estimation.evaluate import require_judges
+from imucal.estimation.options import Options
+from imucal.gap.question import Question
 from imucal.gap.result import Gap
-from imucal.gap.trial import Trial
+from imucal.gap.translation import gap_of
+from imucal.recording.one_unit import of_one_unit, require_other_data, with_own_names
 from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
 from imucal.units import STANDARD_GRAVITY_MPS2
 
@@ -65,37 +68,26 @@ def find_gap(
         else (STANDARD_GRAVITY_MPS2 if calibration is None else calibration.gravity_mps2)
     )
     unit_data = as_recordings(recordings)
-    judges = None if control is None else as_recordings(control)
+    judges = as_recordings(control) or None
     if calibration is not None:
         for recording in (*unit_data, *(judges or ())):
             calibration.require_raw_units(recording)
     named = by_name(user_effects)
     wanted = _wanted(candidates, named)
-    trial = Trial(unit_data, judges, gravity, min_rest_s, exclude_saturated, named, stage)
-    try:
-        before = trial.fit(())
-    except InputError as error:
-        if not error.findings:
-            raise
-        return replace(data_fault(error.findings), user_effects=tuple(named.values()))
-    found = trial.search(before, wanted)
-    refused = _not_the_earth(trial, found)
-    if refused is not None and "earth_rate" in [score.name for score in found.path]:
-        others = wanted if wanted is not None else [effect.name for effect in catalogue()]
-        found = trial.search(before, [name for name in others if name != "earth_rate"])
-    path, after, notes = trial.accepted(before, [score.name for score in found.path])
-    notes += [] if refused is None else [refused]
-    notes += [
-        f"{name} fits these recordings (log Bayes factor {evidence:.1f}) and does not predict rests and "
-        f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
-        for name, evidence, gain, std in found.not_predictive
-    ]
-    notes += [
-        f"{name} was asked for and these recordings cannot show it: it needs {needs}"
-        for name, needs in found.not_observable
-        if wanted is not None or name in named
-    ]
-    return outcome(trial, found, path, before, after, calibration, notes)
+    unit_data = of_one_unit(unit_data)
+    if judges is not None:
+        judges = with_own_names(judges)
+        require_other_data(unit_data, judges)
+        require_judges(_nominal(unit_data[0]), judges)
+    options = Options(gravity_mps2=gravity, min_rest_s=min_rest_s, exclude_saturated=exclude_saturated)
+    question = Question(unit_data, judges, options, wanted, named, calibration, stage)
+    return gap_of(question, question.answer())
+
+
+def _nominal(recording: Recording) -> SensorModel:
+    """Sensors without errors in the raw units of a recording."""
+    triad = Triad(np.eye(3), np.zeros(3))
+    return SensorModel(triad, triad, accel_unit=recording.accel_unit, gyro_unit=recording.gyro_unit)
 
 
 def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> list[str] | None:
@@ -107,34 +99,3 @@ def _wanted(candidates: Sequence[str] | None, own: Mapping[str, UserEffect]) -> 
     if not candidates:
         raise InputError("candidates is empty, so there is nothing to look for: give names, or leave it out")
     return [find(name).name for name in candidates if name not in own]
-
-
-def _not_the_earth(trial: Trial, found: _core.Search) -> str | None:
-    """Why what was named earth_rate is not it: the rate of the Earth is known; None if it may be.
-
-    Its direction is free, for the heading is not known and every latitude is possible. Where that is clear
-    the search has looked for something else already.
-    """
-    if found.not_the_earth is not None:
-        return _not_as_fast(*found.not_the_earth)
-    path = [score.name for score in found.path]
-    if "earth_rate" not in path:
-        return None
-    try:
-        calibration = trial.fit(path).calibration
-    except (FitError, NotEnoughMotionError) as error:
-        return f"earth_rate was found and cannot be fitted: {error}"
-    own = [k for k, name in enumerate(calibration.covariance_names) if name.startswith("earth_rate_")]
-    values = next(values for values in calibration.effects if values.name == "earth_rate").values
-    size = float(np.linalg.norm(values))
-    direction = np.asarray(values) / size
-    sigma = float(np.sqrt(direction @ np.asarray(calibration.covariance)[np.ix_(own, own)] @ direction))
-    return None if _core.is_earth_rate(size, sigma) else _not_as_fast(size, sigma)
-
-
-def _not_as_fast(size_radps: float, sigma_radps: float) -> str:
-    known = find("earth_rate").parameters[0].typical
-    return (
-        f"earth_rate fits these recordings with {size_radps:.3g} +- {sigma_radps:.1g} rad/s, and the Earth "
-        f"turns with {known:.4g}: something else is there, or they do not determine it"
-    )

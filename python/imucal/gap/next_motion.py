@@ -11,7 +11,7 @@ of the search, evaluated on simulated runs.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -23,7 +23,6 @@ from imucal.effects.effect import Effect
 from imucal.effects.table import catalogue
 from imucal.errors import ImucalError
 from imucal.gap.motion_library import Suggestion, suggestions
-from imucal.gap.residuals import noise_densities
 from imucal.recording.recording import Recording
 from imucal.rig.temperature import Temperature
 from imucal.rig.unit import Sensor, Unit
@@ -31,7 +30,7 @@ from imucal.rig.unit import Sensor, Unit
 if TYPE_CHECKING:
     from imucal.arrays import FloatArray
     from imucal.estimation.result import CalibrationResult
-    from imucal.gap.trial import Trial
+    from imucal.gap.question import Question
 
 __all__ = ["next_motion"]
 
@@ -40,6 +39,9 @@ __all__ = ["next_motion"]
 SEPARATES: Final = 30.0
 # Seed of the noise of simulated runs.
 SEED: Final = 3
+# Smallest noise densities of the simulated unit, m/s^2/sqrt(Hz) and rad/s/sqrt(Hz): the estimates of a
+# recording that was simulated without noise are zero.
+LEAST_DENSITY: Final = (1e-5, 1e-6)
 # Trial time constants of the search, as shares of the longest recording.
 SHAPE_SHARES: Final = (0.03, 0.1, 0.3, 1.0)
 
@@ -62,31 +64,29 @@ class _Pair:
     beside: tuple[str, ...]
 
 
-def next_motion(
-    trial: Trial, rivals: Mapping[str, Sequence[str]], after: CalibrationResult
-) -> dict[str, Any]:
+def next_motion(question: Question, analysis: _core.GapAnalysis, after: CalibrationResult) -> dict[str, Any]:
     """The next motion: a description, a program for the stand, and the chi2 between rivals now and then.
 
-    rivals  rivals of each effect that was added to the model
-    after   calibration with these effects
+    after   calibration with the effects that were added to the model
     """
     from imucal.rig.motion import SCHEMA
 
     known = {effect.name: effect for effect in catalogue()}
-    path = tuple(rivals)
+    path = tuple(score.name for score in analysis.effects)
+    rivals = {name: [rival for of, rival, _ in analysis.rivals if of == name] for name in path}
     names = {*path, *(rival for of in rivals.values() for rival in of)}
     needs = frozenset(need for name in names & set(known) for need in known[name].needs)
-    pairs = list(_pairs(trial, rivals, after)) if names <= set(known) else []
+    pairs = list(_pairs(analysis, path, after)) if names <= set(known) else []
     hints = _distinctions(known, rivals)
-    now = _separation(trial, None, pairs, after)
+    now = _separation(question, None, pairs, after)
     best: tuple[float, Suggestion] | None = None
     # Motions that the catalogue recommends for these pairs come first.
     library = sorted(
-        suggestions(trial.unit_data, needs), key=lambda s: not any(s.answers in words for words in hints)
+        suggestions(question.recordings, needs), key=lambda s: not any(s.answers in words for words in hints)
     )
     for suggestion in library:
-        trial.stage(f"trying the next motion: {suggestion.words}")
-        chi2 = _separation(trial, suggestion, pairs, after)
+        question.stage(f"trying the next motion: {suggestion.words}")
+        chi2 = _separation(question, suggestion, pairs, after)
         if best is None or chi2 > best[0]:
             best = (chi2, suggestion)
         if chi2 > SEPARATES:
@@ -124,49 +124,38 @@ def _distinctions(known: Mapping[str, Effect], rivals: Mapping[str, Sequence[str
     return words
 
 
-def _pairs(trial: Trial, rivals: Mapping[str, Sequence[str]], after: CalibrationResult) -> list[_Pair]:
-    """Each added effect with each of its rivals, and vice versa, with parameters estimated from the data."""
-    path = tuple(rivals)
-    pairs = []
-    for name, of in rivals.items():
+def _pairs(analysis: _core.GapAnalysis, path: tuple[str, ...], after: CalibrationResult) -> Iterator[_Pair]:
+    """Each added effect with each of its rivals, and vice versa, with estimated parameters."""
+    for name, rival, estimate in analysis.rivals:
         beside = tuple(other for other in path if other != name)
-        for rival in of:
-            pairs.append(_pair(after, name, rival, beside))
-            try:
-                instead = trial.fit([rival if other == name else other for other in path])
-            except ImucalError:
-                # A rival that cannot be fitted has no estimate; the pair in the other order is sufficient.
-                continue
-            pairs.append(_pair(instead, rival, name, beside))
-    return pairs
-
-
-def _pair(result: CalibrationResult, name: str, rival: str, beside: tuple[str, ...]) -> _Pair:
-    own = next(values for values in result.calibration.effects if values.name == name)
-    return _Pair(name, rival, own.values, own.shape, beside)
+        own = next(values for values in after.calibration.effects if values.name == name)
+        yield _Pair(name, rival, own.values, own.shape, beside)
+        # A rival that cannot be fitted has no estimate; the pair in the other order is sufficient.
+        if estimate is not None:
+            yield _Pair(rival, name, estimate.values, estimate.shape, beside)
 
 
 def _separation(
-    trial: Trial, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
+    question: Question, suggestion: Suggestion | None, pairs: Sequence[_Pair], after: CalibrationResult
 ) -> float:
     """The smallest chi2 of all pairs with this motion; zero if the parameters are not determined."""
     if not pairs:
         return 0.0
-    recordings = list(trial.unit_data)
+    recordings = list(question.recordings)
     if suggestion is not None:
-        further = _simulated(trial, suggestion, after)
+        further = _simulated(question, suggestion, after)
         recordings = [further] if suggestion.on_its_own else [*recordings, further]
     names = sorted({name for pair in pairs for name in (pair.name, pair.rival, *pair.beside)})
     try:
-        design = _design(trial, recordings, names)
+        design = _design(question, recordings, names)
     except ImucalError:
         return 0.0
     longest_s = max(float(np.ptp(recording.time_s)) for recording in recordings)
     return min(_chi2(design, pair, longest_s) for pair in pairs)
 
 
-def _design(trial: Trial, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
-    _, base, candidates = _core.gap_design(recordings, trial.options, [(name, False) for name in names])
+def _design(question: Question, recordings: Sequence[Recording], names: Sequence[str]) -> Design:
+    _, base, candidates = _core.gap_design(recordings, question.options, [(name, False) for name in names])
     # Only inner products of columns are needed, so the small factor R of a QR decomposition replaces them.
     whole: FloatArray = np.asarray(np.linalg.qr(np.hstack([base, *(of for _, of in candidates)]), mode="r"))
     columns: dict[str, list[FloatArray]] = {}
@@ -205,12 +194,16 @@ def _residual_norm2(trace: FloatArray, columns: FloatArray) -> float:
     return float(np.sum((trace - basis @ (basis.T @ trace)) ** 2))
 
 
-def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -> Recording:
+def _simulated(question: Question, suggestion: Suggestion, after: CalibrationResult) -> Recording:
     """Simulate the motion with a unit that has the calibration's triads and noise, but no effects."""
     from imucal.simulation.simulate import simulate
 
     calibration = after.calibration
-    accel, gyro = noise_densities(calibration)
+    densities = [
+        [calibration.noise[f"{sensor}_noise_density_{axis}_{unit}_per_sqrt_hz"] for axis in "xyz"]
+        for sensor, unit in (("accel", "mps2"), ("gyro", "radps"))
+    ]
+    accel, gyro = (np.maximum(of, least) for of, least in zip(densities, LEAST_DENSITY, strict=True))
     accelerometer, gyroscope = (
         Sensor(
             triad.sensitivity,
@@ -220,7 +213,7 @@ def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -
         )
         for triad, density in ((calibration.accelerometer, accel), (calibration.gyroscope, gyro))
     )
-    first = trial.unit_data[0]
+    first = question.recordings[0]
     temperature: Any = suggestion.temperature
     if temperature is None and first.temperature_degc is not None:
         # A temperature profile needs finite values at increasing times.
@@ -234,10 +227,10 @@ def _simulated(trial: Trial, suggestion: Suggestion, after: CalibrationResult) -
         seed=SEED,
         unit=Unit(accelerometer, gyroscope),
         rate_hz=rate_hz,
-        gravity_mps2=trial.gravity_mps2,
+        gravity_mps2=question.options.gravity_mps2,
         temperature=temperature,
     ).recording
-    keeps_angles = suggestion.encoders or all(r.stand_rad is not None for r in trial.unit_data)
+    keeps_angles = suggestion.encoders or all(r.stand_rad is not None for r in question.recordings)
     return replace(
         made,
         accel_unit=first.accel_unit,

@@ -23,12 +23,12 @@ from typing import Final
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.errors import FitError, InputError, NotEnoughMotionError
 from imucal.estimation.calibrate import calibrate
 from imucal.estimation.rests import FittedRest
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
-from imucal.gap.rules import best_mount, loose_mounts, mount_slips, vertical
 from imucal.limits.limits import Limits
 from imucal.recording.recording import Recording
 from imucal.rig.motion import Program
@@ -166,7 +166,7 @@ def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
             "samples, and record again",
         )
     # Gyroscope axes do not move if a motor is stuck. The accelerometer shows that, unless it is dead itself.
-    mismatch_deg = None if min(dead) < 3 else _mismatch_deg(recording)
+    mismatch_deg = None if min(dead) < 3 else _core.stand_mismatch_deg(recording)
     if mismatch_deg is not None and mismatch_deg > GROSS_RAW_DEG:
         axes = " and ".join(AXES[axis] for axis in dead)
         return Reason(
@@ -177,21 +177,6 @@ def _not_moved(recording: Recording, dead: Sequence[int]) -> Reason | None:
     return None
 
 
-def _mismatch_deg(recording: Recording) -> float | None:
-    """Median angle between gravity in raw samples and by the stand's angles, deg; None without them."""
-    if recording.stand_rad is None:
-        return None
-    known = np.isfinite(recording.stand_rad).all(axis=1)
-    if not known.any():
-        return None
-    commanded = vertical(np.zeros(7), recording.stand_rad[known])
-    force = recording.specific_force[known]
-    up = force / np.maximum(np.linalg.norm(force, axis=1, keepdims=True), 1e-30)
-    cosine = np.clip(np.sum(up * (commanded @ best_mount(commanded, up)), axis=1), -1.0, 1.0)
-    # The median suppresses samples in moves, whose specific force is not only gravity.
-    return float(np.degrees(np.median(np.arccos(cosine))))
-
-
 def _excites(program: Program) -> list[bool]:
     """Whether a program excites all axes of the accelerometer and of the gyroscope, for any mounting."""
     ideal = simulate(program, unit="ideal", seed=0, rate_hz=IDEAL_HZ).recording
@@ -200,8 +185,13 @@ def _excites(program: Program) -> list[bool]:
 
 
 def _mount(result: CalibrationResult, recording: Recording) -> list[Finding]:
-    """Findings of a slip, otherwise of play: a slip would also appear as play."""
-    return [*mount_slips(result, [recording])] or [*loose_mounts(result, [recording])]
+    """A slip of the unit on its mount, or play; a slip alone would count as play, too."""
+    rests = [
+        (rest.first, rest.end, rest.start_s, rest.mean_specific_force, rest.excluded is None)
+        for rest in result.rests
+        if rest.recording == recording.name
+    ]
+    return _core.mount_faults(result.calibration.accelerometer, rests, recording)
 
 
 def _refused(error: InputError) -> Assessment:

@@ -2,6 +2,7 @@
 
 use imucal::error::Error;
 use imucal::finding::{Finding, Severity};
+use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
@@ -18,6 +19,13 @@ impl<T> ToPython<T> for Result<T, Error> {
 
 fn python_error(py: Python<'_>, error: &Error) -> PyResult<PyErr> {
     let class = match error {
+        // An exception of a Python function that the library has called.
+        Error::Caller(cause) => {
+            return Ok(match cause.downcast_ref::<PyErr>() {
+                Some(exception) => exception.clone_ref(py),
+                None => PyRuntimeError::new_err(cause.to_string()),
+            });
+        }
         Error::Input(_) | Error::Data(_) => "InputError",
         Error::NotEnoughMotion(_) => "NotEnoughMotionError",
         Error::Fit(_) => "FitError",

@@ -1,17 +1,24 @@
 //! The search for the missing effect for Python.
 
-use imucal::calibrate::{EffectChoice, UserField};
+mod residuals;
+
+use std::sync::Arc;
+
+use imucal::calibrate::{EffectChoice, UserEffects, diagnosis};
 use imucal::error::Error;
 use imucal::gap as library;
-use imucal_core::so3;
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use imucal::recording::Recording;
+use numpy::{PyArray1, PyArray2};
 use pyo3::prelude::*;
 
-use crate::_core::Checked;
-use crate::arrays::{RecordingColumns, UserFieldArrays, column, rows};
+use crate::arrays::RecordingColumns;
+use crate::calibration::{CalibrationArrays, TriadArrays};
 use crate::effects::find;
-use crate::error::ToPython;
+use crate::error::{ToPython, finding};
+use crate::mappings::Fields;
 use crate::options::CalibrateOptions;
+use crate::results::{EffectEstimate, Evaluation, Outcome};
+use crate::user_effects::PythonEffects;
 
 /// How an effect scores.
 #[pyclass(frozen, get_all, module = "imucal._core")]
@@ -24,7 +31,7 @@ pub(crate) struct EffectScore {
     rivals: Vec<String>,
 }
 
-/// A bias that varies in a pattern that no named effect explains.
+/// A bias or a scale that varies in a pattern that no named effect explains.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct GenericFinding {
     block: &'static str,
@@ -36,25 +43,73 @@ pub(crate) struct GenericFinding {
     rms: f64,
 }
 
-/// An effect, what it leaves in each kind of residual, and the share that is taken up.
+/// Name of an effect, by kind of residual how many times the noise it leaves there, and the share that the parameters
+/// which are always there explain.
 type Trace = (String, Vec<(&'static str, f64)>, f64);
 
-/// What a search has found.
+/// Scores, generic hypotheses, and what the recordings could show.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Search {
     path: Vec<Py<EffectScore>>,
     ranking: Vec<Py<EffectScore>>,
     generic: Option<Py<GenericFinding>>,
-    /// Name, log Bayes factor, gain on what is held out and its standard deviation.
+    /// Name, log Bayes factor, gain on what is held out and its standard deviation, nats.
     not_predictive: Vec<(String, f64, f64, f64)>,
-    /// Size and standard deviation, rad/s.
-    not_the_earth: Option<(f64, f64)>,
+    /// Name, and what would show the effect.
     not_observable: Vec<(String, String)>,
+    /// Name, smallest size that would have been seen, and its unit.
     smallest_visible: Vec<(String, f64, String)>,
-    /// Name, kind of residual with how many times the noise it leaves there, and the share that the base takes up.
     traces: Vec<Trace>,
+    /// Kind of residual, factor over noise, and the probability of it under the null hypothesis.
     scattering_rests: Option<(&'static str, f64, f64)>,
-    in_motion_left_out: Option<String>,
+    is_hand_moved: bool,
+}
+
+/// Name of an effect that did not join, why it cannot be fitted, or else chi2 per degree of freedom of unseen data
+/// without and with it.
+type RefusalTuple = (String, Option<String>, Option<[f64; 2]>);
+
+/// A model fitted to the recordings of a unit, and judged on the control recordings if there are any.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct GapFit {
+    effects: Vec<String>,
+    outcome: Py<Outcome>,
+    control: Option<Py<Evaluation>>,
+}
+
+/// Fits and evidence of a search.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct GapAnalysis {
+    before: Py<GapFit>,
+    /// None if no effect joined.
+    after: Option<Py<GapFit>>,
+    effects: Vec<Py<EffectScore>>,
+    /// An effect that joined, a rival, and the estimate of the rival in its place, None if that cannot be fitted.
+    rivals: Vec<(String, String, Option<Py<EffectEstimate>>)>,
+    refused: Vec<RefusalTuple>,
+    /// Size and standard deviation, rad/s, of a rate with the pattern of the Earth's.
+    not_the_earth: Option<(f64, f64)>,
+    not_confirmed: Vec<Py<EffectScore>>,
+    /// Names, and chi2 per degree of freedom of the control recordings without and with these effects.
+    contradiction: Option<(Vec<String>, f64, f64)>,
+    /// Name of the figure on unseen data, before, after, and what noise leaves of it.
+    unseen: (&'static str, f64, f64, f64),
+    /// chi2 per degree of freedom of the given calibration, of the fit without effects, and of that with what joined.
+    chi2_of_given: Option<[f64; 3]>,
+    /// Residuals of the fit without effects by kind and place.
+    residuals: Fields,
+    /// Predicted errors of corrected signals, None if no effect joined.
+    corrected_errors: Option<Fields>,
+    search: Py<Search>,
+}
+
+/// What a search has found.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct GapResult {
+    verdict: &'static str,
+    faults: Vec<Py<PyAny>>,
+    /// None if faults of the data prevented any fit.
+    analysis: Option<Py<GapAnalysis>>,
 }
 
 impl EffectScore {
@@ -62,6 +117,174 @@ impl EffectScore {
         let library::Score { name, log_bayes_factor, statistic, dof, p_value, rivals } = s;
         Py::new(py, Self { name, log_bayes_factor, statistic, dof, p_value, rivals })
     }
+
+    fn all(py: Python<'_>, scores: Vec<library::Score>) -> PyResult<Vec<Py<Self>>> {
+        scores.into_iter().map(|score| Self::new(py, score)).collect()
+    }
+}
+
+impl Search {
+    fn new(py: Python<'_>, found: library::Search) -> PyResult<Py<Self>> {
+        let generic = found.generic.map(|g| {
+            let (block, kernel) = (g.block.name(), g.kernel.name());
+            let library::GenericFinding { log_bayes_factor, axis, rests, rms, .. } = g;
+            Py::new(py, GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms })
+        });
+        let not_predictive = found.not_predictive.into_iter();
+        let search = Self {
+            path: EffectScore::all(py, found.path)?,
+            ranking: EffectScore::all(py, found.ranking)?,
+            generic: generic.transpose()?,
+            not_predictive: not_predictive.map(|n| (n.name, n.log_bayes_factor, n.gain, n.gain_std)).collect(),
+            not_observable: found.not_observable,
+            smallest_visible: found.smallest_visible,
+            traces: found.traces.into_iter().map(|t| (t.name, t.times_noise, t.taken_up)).collect(),
+            scattering_rests: found.scattering_rests,
+            is_hand_moved: found.is_hand_moved,
+        };
+        Py::new(py, search)
+    }
+}
+
+/// The recordings of a unit and those that judge.
+struct Sets<'a> {
+    recordings: &'a [Recording<'a>],
+    control: &'a [Recording<'a>],
+}
+
+impl Sets<'_> {
+    fn fit(&self, py: Python<'_>, fit: library::Fit) -> PyResult<Py<GapFit>> {
+        let diagnosis = diagnosis::diagnose(&fit.outcome, self.recordings);
+        let control = fit.control.map(|control| Py::new(py, Evaluation::new(py, control.evaluation, self.control)?));
+        let outcome = Py::new(py, Outcome::new(py, fit.outcome, diagnosis, self.recordings)?)?;
+        Py::new(py, GapFit { effects: fit.effects, outcome, control: control.transpose()? })
+    }
+
+    fn analysis(&self, py: Python<'_>, found: library::Analysis) -> PyResult<Py<GapAnalysis>> {
+        let rival = |fit: library::RivalFit| {
+            let estimate = fit.estimate.map(|estimate| EffectEstimate::new(py, &estimate)).transpose()?;
+            Ok((fit.name, fit.rival, estimate))
+        };
+        let refused = found.refused.into_iter().map(|refusal| match refusal {
+            library::Refusal::NotFitted { name, error } => (name, Some(error), None),
+            library::Refusal::PredictsWorse { name, before, after } => (name, None, Some([before, after])),
+        });
+        let unseen = found.unseen;
+        let analysis = GapAnalysis {
+            before: self.fit(py, found.before)?,
+            after: found.after.map(|fit| self.fit(py, fit)).transpose()?,
+            effects: EffectScore::all(py, found.effects)?,
+            rivals: found.rivals.into_iter().map(rival).collect::<PyResult<_>>()?,
+            refused: refused.collect(),
+            not_the_earth: found.not_the_earth.map(|rate| (rate.size_radps, rate.sigma_radps)),
+            not_confirmed: EffectScore::all(py, found.not_confirmed)?,
+            contradiction: found.contradiction.map(|c| (c.effects, c.before, c.after)),
+            unseen: (unseen.metric.name(), unseen.before, unseen.after, unseen.floor),
+            chi2_of_given: found.chi2_of_given,
+            residuals: residuals::residuals(py, &found.residuals, self.recordings)?,
+            corrected_errors: found.corrected_errors.map(|e| residuals::predicted_errors(py, &e)).transpose()?,
+            search: Search::new(py, found.search)?,
+        };
+        Py::new(py, analysis)
+    }
+}
+
+/// A calibration to compare with, the gravity that it was made with, and the recordings that judge it as it corrects
+/// them if the library cannot.
+type Given<'py> = (CalibrationArrays<'py>, f64, Option<Vec<RecordingColumns<'py>>>);
+
+/// Finds the missing effect. `candidates` are names of the catalogue, all of it if None; `stage` is called with the
+/// names of the effects before each fit, with the number of candidates before a search, and without either before
+/// errors are predicted.
+#[pyfunction]
+pub(crate) fn find_gap(
+    py: Python<'_>,
+    recordings: Vec<RecordingColumns<'_>>,
+    control: Vec<RecordingColumns<'_>>,
+    options: CalibrateOptions<'_>,
+    candidates: Option<Vec<String>>,
+    user_effects: Option<PythonEffects>,
+    given: Option<Given<'_>>,
+    stage: Py<PyAny>,
+) -> PyResult<GapResult> {
+    let options = options.options(py)?;
+    let recordings = RecordingColumns::views(py, &recordings)?;
+    let control = RecordingColumns::views(py, &control)?;
+    let choice = |name: &String| Ok(EffectChoice { effect: find(name)?, full: false });
+    let choices = |names: &Vec<String>| names.iter().map(choice).collect::<Result<Vec<_>, Error>>();
+    let candidates = candidates.as_ref().map(choices).transpose().to_python(py)?;
+    let given = given.as_ref().map(|(calibration, gravity_mps2, corrected)| {
+        let corrected = corrected.as_ref().map(|columns| RecordingColumns::views(py, columns)).transpose()?;
+        Ok::<_, PyErr>((calibration.calibration(py)?, *gravity_mps2, corrected))
+    });
+    let given = given.transpose()?;
+    let found = py.detach(|| {
+        let progress = |progress: library::Progress<'_>| {
+            Python::attach(|py| match progress {
+                library::Progress::Fit { effects } => stage.call1(py, (effects, None::<usize>)),
+                library::Progress::Score { candidates } => stage.call1(py, (None::<Vec<String>>, candidates)),
+                library::Progress::PredictErrors => stage.call1(py, (None::<Vec<String>>, None::<usize>)),
+            })
+            .map_err(|error| Error::Caller(Arc::new(error)))
+            .map(drop)
+        };
+        let given = given.as_ref().map(|(calibration, gravity_mps2, corrected)| library::GivenCalibration {
+            calibration,
+            gravity_mps2: *gravity_mps2,
+            corrected: corrected.as_deref(),
+        });
+        let gap_options = library::GapOptions {
+            candidates,
+            user_effects: user_effects.as_ref().map(|source| source as &dyn UserEffects),
+            calibration: given,
+            progress: Some(&progress),
+        };
+        library::find_gap(&recordings, &control, &options, &gap_options)
+    });
+    let library::Gap { verdict, faults, analysis } = found.to_python(py)?;
+    let sets = Sets { recordings: &recordings, control: &control };
+    Ok(GapResult {
+        verdict: verdict.name(),
+        faults: faults.iter().map(|fault| finding(py, fault)).collect::<PyResult<_>>()?,
+        analysis: analysis.map(|analysis| sets.analysis(py, analysis)).transpose()?,
+    })
+}
+
+/// First sample, index after the last one, start in s, mean of the accelerometer in raw units, and whether the fit used
+/// the rest.
+type RestTuple = (usize, usize, f64, [Option<f64>; 3], bool);
+
+/// Slips of the unit on its mount and, where there are none, play of the mount, from the rests of one recording.
+#[pyfunction]
+pub(crate) fn mount_faults(
+    py: Python<'_>,
+    accelerometer: TriadArrays<'_>,
+    rests: Vec<RestTuple>,
+    recording: RecordingColumns<'_>,
+) -> PyResult<Vec<Py<PyAny>>> {
+    let accelerometer = accelerometer.triad(py, "accelerometer")?;
+    let recordings = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+    let rest = |(first, end, start_s, mean, is_used): RestTuple| library::StandRest {
+        recording: 0,
+        first,
+        end,
+        start_s,
+        mean_specific_force: mean.map(|value| value.unwrap_or(f64::NAN)).into(),
+        is_used,
+    };
+    let rests: Vec<library::StandRest> = rests.into_iter().map(rest).collect();
+    let found = py.detach(|| {
+        let slips = library::mount_slips(&accelerometer, &rests, &recordings);
+        if slips.is_empty() { library::loose_mounts(&accelerometer, &rests, &recordings) } else { slips }
+    });
+    found.iter().map(|fault| finding(py, fault)).collect()
+}
+
+/// Median angle between gravity in raw samples and gravity by the angles of the stand, deg; None without angles.
+#[pyfunction]
+pub(crate) fn stand_mismatch_deg(py: Python<'_>, recording: RecordingColumns<'_>) -> PyResult<Option<f64>> {
+    let recordings = RecordingColumns::views(py, std::slice::from_ref(&recording))?;
+    Ok(py.detach(|| library::stand_mismatch_deg(&recordings[0])))
 }
 
 /// Residuals (m,), base columns (m, n) and those of each effect, (name, (m, p)).
@@ -87,64 +310,4 @@ pub(crate) fn gap_design<'py>(
 
 pub(crate) fn choices(candidates: &[(String, bool)]) -> Result<Vec<EffectChoice>, Error> {
     candidates.iter().map(|(name, full)| Ok(EffectChoice { effect: find(name)?, full: *full })).collect()
-}
-
-/// Looks for effects among `candidates`, names with whether the full form is meant, and `user_fields`.
-#[pyfunction]
-pub(crate) fn search_gap(
-    py: Python<'_>,
-    checked: &Checked,
-    recordings: Vec<RecordingColumns<'_>>,
-    options: CalibrateOptions<'_>,
-    candidates: Vec<(String, bool)>,
-    user_fields: Vec<UserFieldArrays<'_>>,
-) -> PyResult<Search> {
-    let options = options.options(py)?;
-    let recordings = RecordingColumns::views(py, &recordings)?;
-    let candidates = choices(&candidates).to_python(py)?;
-    let fields: Vec<UserField<'_>> = user_fields.iter().map(|field| field.view(py)).collect::<PyResult<_>>()?;
-    let found = py.detach(|| library::search(&checked.0, &recordings, &options, &candidates, &fields)).to_python(py)?;
-    let scores = |all: Vec<library::Score>| all.into_iter().map(|s| EffectScore::new(py, s)).collect::<PyResult<_>>();
-    let generic = found.generic.map(|g| {
-        let (block, kernel) = (g.block.name(), g.kernel.name());
-        let library::GenericFinding { log_bayes_factor, axis, rests, rms, .. } = g;
-        Py::new(py, GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms })
-    });
-    Ok(Search {
-        path: scores(found.path)?,
-        ranking: scores(found.ranking)?,
-        generic: generic.transpose()?,
-        not_predictive: found
-            .not_predictive
-            .into_iter()
-            .map(|n| (n.name, n.log_bayes_factor, n.gain, n.gain_std))
-            .collect(),
-        not_the_earth: found.not_the_earth,
-        not_observable: found.not_observable,
-        smallest_visible: found.smallest_visible,
-        traces: found.traces.into_iter().map(|t| (t.name, t.times_noise, t.taken_up)).collect(),
-        scattering_rests: found.scattering_rests,
-        in_motion_left_out: found.in_motion_left_out,
-    })
-}
-
-/// Whether a rate is that of the Earth, and is determined.
-#[pyfunction]
-pub(crate) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
-    library::is_earth_rate(size_radps, sigma_radps)
-}
-
-/// Rotations `[w, x, y, z]` from the body at the samples `at` of a stretch, and half-way between each two, to the body at the
-/// first sample, (2 n - 1, 4).
-#[pyfunction]
-pub(crate) fn attitudes<'py>(
-    py: Python<'py>,
-    time_s: PyReadonlyArray1<'py, f64>,
-    angular_rate: PyReadonlyArray2<'py, f64>,
-    at: Vec<usize>,
-) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let (time, rate) = (column(py, &time_s, "time_s")?, rows(py, &angular_rate, "angular_rate")?);
-    let rotations = py.detach(|| library::attitudes(time, rate, &at)).to_python(py)?;
-    let wxyz: Vec<Vec<f64>> = rotations.iter().map(|rotation| so3::to_wxyz(rotation).to_vec()).collect();
-    Ok(PyArray2::from_vec2(py, &wxyz)?)
 }

@@ -14,11 +14,13 @@ mod options;
 mod plan;
 mod results;
 mod simulation;
+mod user_effects;
 
 /// The extension module `imucal._core`.
 #[pyo3::pymodule]
 mod _core {
     use imucal as library;
+    use imucal::calibrate::UserEffects;
     use imucal::check;
     use imucal::error::Error;
     use imucal::frame::{self, Sensitivities};
@@ -30,21 +32,25 @@ mod _core {
     use pyo3::prelude::*;
 
     use super::arrays::{RecordingColumns, column, matrix, rows, to_rows};
-    use super::calibration::{CalibrationArrays, TriadArrays};
+    use super::calibration::CalibrationArrays;
     #[pymodule_export]
     use super::effects::{Effect, effect_field, effects};
     use super::error::{ToPython, finding};
     #[pymodule_export]
-    use super::gap::{EffectScore, GenericFinding, Search, attitudes, gap_design, is_earth_rate, search_gap};
+    use super::gap::{
+        EffectScore, GapAnalysis, GapFit, GapResult, GenericFinding, Search, find_gap, gap_design, mount_faults,
+        stand_mismatch_deg,
+    };
     #[pymodule_export]
     use super::noise::{AxisNoise, Noise, NoiseEstimate, allan_deviations, allan_factors, identify_noise};
     use super::options::{CalibrateOptions, frame_named};
     #[pymodule_export]
     use super::plan::{optimal_program, plan_effect_parameters, predict_sigma, smallest_visible};
     #[pymodule_export]
-    use super::results::{Carried, EffectEstimate, Evaluation, HeldOut, Inspection, Outcome, Prospect};
+    use super::results::{Carried, EffectEstimate, Estimate, Evaluation, HeldOut, Inspection, Outcome, Prospect};
     #[pymodule_export]
     use super::simulation::{Simulation, earth_rate_radps, gravity_mps2, grid_program, random_program, simulate};
+    use super::user_effects::PythonEffects;
 
     #[pymodule_export]
     #[allow(non_upper_case_globals)]
@@ -65,6 +71,9 @@ mod _core {
     /// Default of the shortest duration of a rest, s.
     #[pymodule_export]
     const MIN_REST_S: f64 = library::rests::MIN_REST_S;
+    /// Folds of rests and moves by which a search without control recordings is judged.
+    #[pymodule_export]
+    const GAP_FOLDS: usize = library::gap::FOLDS;
 
     type Rows<'py> = Bound<'py, PyArray2<f64>>;
 
@@ -75,33 +84,23 @@ mod _core {
         Err(Error::Input(format!("time_s has {time} rows, angular_rate {rate}")))
     }
 
-    /// Recordings that have passed the checks, with their rests and moves and the start values of all fits. It is valid
-    /// only for these recordings and these options; `effects` and `folds` may differ.
-    #[pyclass(frozen, module = "imucal._core")]
-    pub(crate) struct Checked(pub(crate) library::calibrate::Checked);
-
-    #[pymethods]
-    impl Checked {
-        #[new]
-        fn new(py: Python<'_>, recordings: Vec<RecordingColumns<'_>>, options: CalibrateOptions<'_>) -> PyResult<Self> {
-            let options = options.options(py)?;
-            let recordings = RecordingColumns::views(py, &recordings)?;
-            py.detach(|| library::calibrate::Checked::try_new(&recordings, &options)).to_python(py).map(Self)
-        }
-    }
-
-    /// Calibrates one unit from its recordings.
+    /// Calibrates one unit from its recordings, with effects of the caller's own if there are any.
     #[pyfunction]
+    #[pyo3(signature = (recordings, options, user_effects = None))]
     fn calibrate(
         py: Python<'_>,
-        checked: &Checked,
         recordings: Vec<RecordingColumns<'_>>,
         options: CalibrateOptions<'_>,
+        user_effects: Option<PythonEffects>,
     ) -> PyResult<Outcome> {
         let options = options.options(py)?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let work = || {
-            let outcome = checked.0.calibrate(&recordings, &options)?;
+            let checked = library::calibrate::Checked::try_new(&recordings, &options)?;
+            let outcome = match &user_effects {
+                Some(source) => checked.calibrate_with(&options.model(), source, source.names(), None)?,
+                None => checked.calibrate(&options.model(), None)?,
+            };
             let diagnosis = library::calibrate::diagnosis::diagnose(&outcome, &recordings);
             Ok((outcome, diagnosis))
         };
@@ -122,32 +121,25 @@ mod _core {
         Ok(py.detach(|| library::calibrate::prospect(&recordings, &options)).to_python(py)?.into())
     }
 
-    /// Evaluates a calibration on recordings. `uncalibrated` is the gyroscope model for comparison in the propagated
-    /// gravity.
+    /// Evaluates a calibration on recordings; `corrected` are the recordings after a correction that the library cannot
+    /// make, of effects of the caller's own.
     #[pyfunction]
     fn evaluate(
         py: Python<'_>,
         calibration: CalibrationArrays<'_>,
-        uncalibrated: TriadArrays<'_>,
         recordings: Vec<RecordingColumns<'_>>,
         corrected: Option<Vec<RecordingColumns<'_>>>,
         gravity_mps2: f64,
         min_rest_s: f64,
     ) -> PyResult<Evaluation> {
         let calibration = calibration.calibration(py)?;
-        let uncalibrated = uncalibrated.triad(py, "uncalibrated gyroscope")?;
         let recordings = RecordingColumns::views(py, &recordings)?;
         let corrected = corrected.as_ref().map(|columns| RecordingColumns::views(py, columns)).transpose()?;
         let work = || match &corrected {
-            None => library::evaluate::evaluate(&calibration, &uncalibrated, &recordings, gravity_mps2, min_rest_s),
-            Some(corrected) => library::evaluate::evaluate_corrected(
-                &calibration,
-                &uncalibrated,
-                &recordings,
-                corrected,
-                gravity_mps2,
-                min_rest_s,
-            ),
+            None => library::evaluate::evaluate(&calibration, &recordings, gravity_mps2, min_rest_s),
+            Some(corrected) => {
+                library::evaluate::evaluate_corrected(&calibration, &recordings, corrected, gravity_mps2, min_rest_s)
+            }
         };
         let evaluation = py.detach(work).to_python(py)?;
         Evaluation::new(py, evaluation, &recordings)

@@ -20,7 +20,7 @@ pub(crate) fn fields<'py>(
     Ok(of.into_pyobject(py)?.unbind())
 }
 
-fn known(value: f64) -> Option<f64> {
+pub(crate) fn known(value: f64) -> Option<f64> {
     value.is_finite().then_some(value)
 }
 

@@ -128,7 +128,7 @@ pub(crate) fn smallest_visible(
     let candidates = choices(&candidates).to_python(py)?;
     let visible = || {
         let checked = Checked::try_new(&recordings, &options)?;
-        gap::smallest_visible(&checked, &recordings, &options, &candidates)
+        gap::smallest_visible(&checked, &candidates, false)
     };
     py.detach(visible).to_python(py)
 }

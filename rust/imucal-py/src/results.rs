@@ -39,9 +39,31 @@ pub(crate) struct EffectEstimate {
 }
 
 impl EffectEstimate {
-    fn new(py: Python<'_>, e: &calibrate::TermEstimate) -> PyResult<Py<Self>> {
+    pub(crate) fn new(py: Python<'_>, e: &calibrate::TermEstimate) -> PyResult<Py<Self>> {
         let values = PyArray1::from_slice(py, &e.values).unbind();
         Py::new(py, Self { name: e.name.clone(), values, shape: e.shape, statistic: e.statistic })
+    }
+}
+
+/// Triads and effects of a calibration, for functions that correct recordings with it.
+#[pyclass(frozen, get_all, module = "imucal._core")]
+pub(crate) struct Estimate {
+    accel_sensitivity: Rows,
+    accel_bias: Vector,
+    gyro_sensitivity: Rows,
+    gyro_bias: Vector,
+    effects: Vec<Py<EffectEstimate>>,
+}
+
+impl Estimate {
+    pub(crate) fn new(py: Python<'_>, o: &calibrate::Outcome) -> PyResult<Self> {
+        Ok(Self {
+            accel_sensitivity: matrix(py, o.calibration.accelerometer.sensitivity())?,
+            accel_bias: vector(py, o.calibration.accelerometer.bias()),
+            gyro_sensitivity: matrix(py, o.calibration.gyroscope.sensitivity())?,
+            gyro_bias: vector(py, o.calibration.gyroscope.bias()),
+            effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
+        })
     }
 }
 
@@ -170,6 +192,10 @@ impl Carried {
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct Evaluation {
     figures: Fields,
+    /// Of the sensors with their nominal sensitivity.
+    before: Fields,
+    /// Reasons for a poor verdict; empty for a good one.
+    reasons: Vec<String>,
     rests: Vec<Fields>,
     moves: Vec<Fields>,
     carried: Vec<Py<Carried>>,
@@ -181,6 +207,8 @@ impl Evaluation {
     pub(crate) fn new(py: Python<'_>, e: evaluate::Evaluation, recordings: &[Recording<'_>]) -> PyResult<Self> {
         Ok(Self {
             figures: fields(py, Figures::from(e.figures))?,
+            before: fields(py, Figures::from(e.before))?,
+            reasons: e.reasons,
             rests: e.rests.iter().map(|rest| fields(py, Rest::new(recordings, rest))).collect::<PyResult<_>>()?,
             moves: e.moves.iter().map(|m| fields(py, Move::new(recordings, m))).collect::<PyResult<_>>()?,
             carried: e.carried.into_iter().map(|c| Carried::new(py, c)).collect::<PyResult<_>>()?,

@@ -9,6 +9,7 @@ mod outcome;
 mod prospect;
 mod two_stages;
 mod unit_data;
+mod user_effects;
 
 #[cfg(test)]
 mod passes;
@@ -20,6 +21,7 @@ use imucal_core::sensor::Triad;
 
 use crate::error::Error;
 use crate::frame::Frame;
+pub use crate::joint::WarmStart;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
 use crate::joint::{Kinds, Prepared};
 pub use crate::parameters::{parameter_names, parameter_values};
@@ -28,6 +30,8 @@ pub use checked::Checked;
 pub use cross_validation::CrossValidation;
 pub use outcome::Outcome;
 pub use prospect::{Prospect, prospect};
+pub(crate) use user_effects::views;
+pub use user_effects::{BriefCorrection, CorrectedSamples, RecordingSet, SampledField, UserEffects};
 
 /// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
 const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
@@ -62,7 +66,68 @@ pub struct Options<'a> {
     pub folds: Option<usize>,
 }
 
+/// The model that is fitted to checked recordings.
+#[derive(Clone, Debug, Default)]
+pub struct ModelOptions<'a> {
+    /// Effects of the catalogue to estimate together with the base parameters.
+    pub effects: Vec<EffectChoice>,
+    /// Names of those that may be estimated along the directions that the recordings show; the others have a prior.
+    pub partly: Vec<String>,
+    /// A user's own effects, as columns.
+    pub user_fields: Vec<UserField<'a>>,
+    /// Also predict every so many-th move by the others, and every so many-th rest.
+    pub folds: Option<usize>,
+}
+
+impl<'a> Options<'a> {
+    /// All but the model. Effects need the joint fit.
+    fn without_model(&self) -> Options<'static> {
+        let &Self { gravity_mps2, frame, min_rest_s, exclude_saturated, accel_nominal, gyro_nominal, wander, .. } =
+            self;
+        Options {
+            gravity_mps2,
+            frame,
+            min_rest_s,
+            exclude_saturated,
+            accel_nominal,
+            gyro_nominal,
+            joint: self.is_joint(),
+            wander,
+            ..Options::default()
+        }
+    }
+
+    /// The model alone.
+    pub fn model(&self) -> ModelOptions<'a> {
+        let Self { effects, partly, user_fields, folds, .. } = self.clone();
+        ModelOptions { effects, partly, user_fields, folds }
+    }
+
+    /// The same options for another model.
+    fn with_model<'b>(&self, model: &ModelOptions<'b>) -> Options<'b>
+    where
+        'a: 'b,
+    {
+        let ModelOptions { effects, partly, user_fields, folds } = model.clone();
+        Options { effects, partly, user_fields, folds, ..self.clone() }
+    }
+}
+
 impl Options<'_> {
+    /// Refuses a model that cannot be meant.
+    fn check_model(&self) -> Result<(), Error> {
+        if let Some(folds) = self.folds.filter(|folds| *folds < 2) {
+            return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
+        }
+        if self.frame != Frame::Symmetric && self.has_effects() {
+            return Err(Error::Input(
+                "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out"
+                    .into(),
+            ));
+        }
+        Ok(())
+    }
+
     /// Whether the joint fit makes the estimate, which effects need.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects()
@@ -106,7 +171,7 @@ impl Default for Options<'_> {
 /// [`Error::Data`] lists faults that would make the result wrong, [`Error::NotEnoughMotion`] names what is missing,
 /// [`Error::Fit`] says why a fit has no acceptable end.
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
-    Checked::try_new(recordings, options)?.calibrate(recordings, options)
+    Checked::try_new(recordings, options)?.calibrate(&options.model(), None)
 }
 
 /// As [`Checked::prepare`], of recordings that are used once.
@@ -116,8 +181,8 @@ pub(crate) fn prepare<T>(
     kinds: Kinds,
     work: impl FnOnce(&Prepared<'_>, &Triad<f64>, &Triad<f64>) -> Result<T, Error>,
 ) -> Result<T, Error> {
-    let options = Options::default();
-    Checked::try_new(recordings, &options)?.prepare(recordings, &options, kinds, work)
+    let degc: Vec<_> = recordings.iter().map(|recording| recording.temperature_degc.map(<[f64]>::to_vec)).collect();
+    Checked::try_new(recordings, &Options::default())?.prepare(&degc, kinds, work)
 }
 
 /// Refuses what cannot be meant.
@@ -132,10 +197,8 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
             first.name, other.name
         )));
     }
+    options.check_model()?;
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
-    if let Some(folds) = options.folds.filter(|folds| *folds < 2) {
-        return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));
-    }
     // No data can tell a wrong gravity from a wrong scale, so a value that no place has is refused.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;
     if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {
@@ -144,12 +207,6 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
              {STANDARD_GRAVITY_MPS2}",
             options.gravity_mps2
         )));
-    }
-    if options.frame != Frame::Symmetric && options.has_effects() {
-        return Err(Error::Input(
-            "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out"
-                .into(),
-        ));
     }
     for (name, nominal) in [("accel_nominal", options.accel_nominal), ("gyro_nominal", options.gyro_nominal)] {
         if let Some(value) = nominal

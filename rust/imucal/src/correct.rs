@@ -10,6 +10,7 @@
 //! derivative of the rate ([`angular_acceleration`]). It provides neither the attitude nor the angles of a stand. The
 //! rate of the Earth, which a gyroscope measures correctly, is therefore not removed.
 
+use crate::error::Error;
 use crate::numerics::derivative::Derivative;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use imucal_core::calibration::Calibration;
@@ -36,6 +37,44 @@ pub fn is_left_in_data(effect: &Effect<f64>) -> bool {
 /// single sample.
 pub fn correct(recording: &Recording<'_>, calibration: &Calibration<f64>) -> (Vec<[f64; 3]>, Vec<[f64; 3]>) {
     correct_from(None, recording, calibration)
+}
+
+/// Refuses a recording that lacks what an effect of the calibration depends on.
+///
+/// # Errors
+/// [`Error::Input`] without a temperature column that an effect depends on, and for a single sample or times that go
+/// back where an effect depends on the angular acceleration.
+pub fn require_surroundings(recording: &Recording<'_>, calibration: &Calibration<f64>) -> Result<(), Error> {
+    let name = recording.name;
+    for effect in calibration.effects.iter().map(|values| values.effect()) {
+        let refused = |words: String| Err(Error::Input(words));
+        if effect.needs.contains(&Need::Temperature) && recording.temperature_degc.is_none() {
+            return refused(format!(
+                "{name} has no temperature_degc (temp_degc in a file) and {} depends on it: record the temperature, or leave \
+                 the effect out of the calibration",
+                effect.name
+            ));
+        }
+        if !effect.needs.contains(&Need::AngularAcceleration) {
+            continue;
+        }
+        if recording.len() == 1 {
+            return refused(format!(
+                "{name} has one sample and {} depends on angular acceleration: give two",
+                effect.name
+            ));
+        }
+        let is_forward = |pair: &[f64]| pair[1] - pair[0] >= 0.0;
+        if let Some(k) = recording.time_s.windows(2).position(|pair| !is_forward(pair)) {
+            return refused(format!(
+                "{name}: time_s goes back from sample {k} to {} and {} depends on angular acceleration: give times in their \
+                 order",
+                k + 1,
+                effect.name
+            ));
+        }
+    }
+    Ok(())
 }
 
 /// As [`correct`], for a part of a recording that started at `start_s`. `None` stands for the first sample of the part.

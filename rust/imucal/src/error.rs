@@ -1,5 +1,7 @@
 //! Errors of this crate. Every message states the fault, its location, the deciding value and the recommended action.
 
+use std::sync::Arc;
+
 use crate::finding::Finding;
 
 /// Reason why there is no result.
@@ -17,6 +19,9 @@ pub enum Error {
     /// The estimation failed to converge or gave an unusable result.
     #[error("{0}")]
     Fit(String),
+    /// A function that the caller gave has failed.
+    #[error("{0}")]
+    Caller(Arc<dyn std::error::Error + Send + Sync>),
 }
 
 fn list(findings: &[Finding]) -> String {

@@ -1,5 +1,7 @@
 //! Evaluation of a calibration on control recordings.
 
+mod reasons;
+
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
 use nalgebra::{Matrix3, Vector3};
@@ -11,13 +13,14 @@ use crate::finding::{Finding, Severity};
 use crate::joint::Misfit;
 use crate::numerics::stats::rms;
 use crate::preintegration::integrate_rotation;
-use crate::recording::Recording;
+use crate::recording::{RawUnit, Recording};
 use crate::rests::moves::{Directions, Ends, Move, between, direction_error_rad, saturated_stretches};
 use crate::rests::noise_density::NoiseDensity;
 use crate::rests::rest::norm_error_mps2;
 use crate::rests::segment::Segments;
 use crate::rests::tremor::{self, Sensors};
 use crate::rests::unit_rest::{UnitRest, rests_of};
+use reasons::{CONTROL_SET, not_corrected};
 
 /// Figures of merit: the agreement of recordings with a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -111,6 +114,8 @@ pub struct CarriedGravity {
 pub struct Evaluation {
     /// The figures of merit.
     pub figures: Figures,
+    /// The same figures without a calibration: of the sensors with their nominal sensitivity ([`as_it_comes`]).
+    pub before: Figures,
     /// All rests.
     pub rests: Vec<RestReport>,
     /// All moves: the intervals between consecutive rests.
@@ -119,25 +124,39 @@ pub struct Evaluation {
     pub carried: Vec<CarriedGravity>,
     /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
+    /// Why the verdict is poor; empty for a good one.
+    pub reasons: Vec<String>,
+}
+
+/// The unit without a calibration, for comparison. In SI units its numbers are taken as they are. Counts need a
+/// sensitivity and a zero point at least: the mean ones of the three axes of `calibration`.
+pub fn as_it_comes(calibration: &Calibration<f64>, recordings: &[Recording<'_>]) -> Calibration<f64> {
+    let nominal = |triad: &Triad<f64>, unit: fn(&Recording<'_>) -> RawUnit| {
+        let is_si = recordings.first().is_none_or(|recording| unit(recording) == RawUnit::Si);
+        let scale = triad.sensitivity().determinant().abs().cbrt();
+        let nominal = Triad::try_new(Matrix3::from_diagonal_element(scale), Vector3::repeat(triad.bias().mean()));
+        if is_si { Triad::identity() } else { nominal.unwrap_or_else(|_| Triad::identity()) }
+    };
+    Calibration::new(
+        nominal(&calibration.accelerometer, |recording| recording.accel_unit),
+        nominal(&calibration.gyroscope, |recording| recording.gyro_unit),
+    )
 }
 
 /// Evaluates `calibration` on recordings that were not used to estimate it.
 ///
-/// `uncalibrated` is the gyroscope model used without a calibration (the identity for SI units). It is only used for
-/// the comparison in `carried`. `gravity_mps2` is the local gravity, m/s^2, and `min_rest_s` the minimum duration of a
-/// rest, s.
+/// `gravity_mps2` is the local gravity, m/s^2, and `min_rest_s` the minimum duration of a rest, s.
 ///
 /// # Errors
 /// [`Error::Data`] for recordings with faults; [`Error::NotEnoughMotion`] if there is no rest.
 pub fn evaluate(
     calibration: &Calibration<f64>,
-    uncalibrated: &Triad<f64>,
     recordings: &[Recording<'_>],
     gravity_mps2: f64,
     min_rest_s: f64,
 ) -> Result<Evaluation, Error> {
     if calibration.effects.is_empty() {
-        return judge(calibration, uncalibrated, recordings, None, gravity_mps2, min_rest_s);
+        return with_nominal(calibration, recordings, None, gravity_mps2, min_rest_s);
     }
     let columns: Vec<_> = recordings.iter().map(|recording| correct(recording, calibration)).collect();
     let corrected: Vec<Recording<'_>> = recordings
@@ -149,7 +168,7 @@ pub fn evaluate(
             ..*recording
         })
         .collect();
-    judge(calibration, uncalibrated, recordings, Some(&corrected), gravity_mps2, min_rest_s)
+    with_nominal(calibration, recordings, Some(&corrected), gravity_mps2, min_rest_s)
 }
 
 /// As [`evaluate`], with recordings that the caller has already corrected, in SI units: for effects outside the
@@ -159,7 +178,6 @@ pub fn evaluate(
 /// As [`evaluate`]; [`Error::Input`] if `corrected` does not contain a recording of the same length for each recording.
 pub fn evaluate_corrected(
     calibration: &Calibration<f64>,
-    uncalibrated: &Triad<f64>,
     recordings: &[Recording<'_>],
     corrected: &[Recording<'_>],
     gravity_mps2: f64,
@@ -169,7 +187,21 @@ pub fn evaluate_corrected(
     if lengths(recordings) != lengths(corrected) {
         return Err(Error::Input("each recording needs a corrected recording with the same number of samples".into()));
     }
-    judge(calibration, uncalibrated, recordings, Some(corrected), gravity_mps2, min_rest_s)
+    with_nominal(calibration, recordings, Some(corrected), gravity_mps2, min_rest_s)
+}
+
+/// Evaluates the nominal sensors and the calibration.
+fn with_nominal(
+    calibration: &Calibration<f64>,
+    recordings: &[Recording<'_>],
+    corrected: Option<&[Recording<'_>]>,
+    gravity_mps2: f64,
+    min_rest_s: f64,
+) -> Result<Evaluation, Error> {
+    let nominal = as_it_comes(calibration, recordings);
+    let before = judge(&nominal, &nominal.gyroscope, recordings, None, gravity_mps2, min_rest_s)?.figures;
+    let evaluation = judge(calibration, &nominal.gyroscope, recordings, corrected, gravity_mps2, min_rest_s)?;
+    Ok(Evaluation { before, ..evaluation })
 }
 
 /// Checks and rest detection use the recordings as measured. The figures use the corrected samples, if given.
@@ -228,8 +260,12 @@ fn judge(
             [z.x, z.y]
         })
         .collect();
+    let figures = figures(&rest_reports, &move_reports, &residuals, 0);
+    let not_corrected = corrected.map_or_else(String::new, |corrected| not_corrected(recordings, corrected));
     Ok(Evaluation {
-        figures: figures(&rest_reports, &move_reports, &residuals, 0),
+        reasons: figures.poor_reason(CONTROL_SET, &not_corrected).into_iter().collect(),
+        figures,
+        before: figures,
         carried: (0..recordings.len())
             .map(|index| carried_gravity(index, [&recordings[index], &judged[index]], &rests, &triads, uncalibrated))
             .collect(),

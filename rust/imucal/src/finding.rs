@@ -65,6 +65,27 @@ impl fmt::Display for Place {
     }
 }
 
+/// A number with so many significant digits, as `%g` of C writes it: without trailing zeros, with an exponent where it
+/// is large or small.
+pub(crate) fn general(value: f64, digits: usize) -> String {
+    if value == 0.0 || !value.is_finite() {
+        return format!("{value}");
+    }
+    let scientific = format!("{value:.*e}", digits - 1);
+    let Some((mantissa, exponent)) = scientific.split_once('e') else { return scientific };
+    let trimmed = |number: &str| match number.contains('.') {
+        true => number.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => number.to_owned(),
+    };
+    match exponent.parse::<i32>() {
+        Ok(power) if power >= -4 && power < digits as i32 => {
+            trimmed(&format!("{value:.*}", (digits as i32 - 1 - power).max(0) as usize))
+        }
+        Ok(power) => format!("{}e{}{:02}", trimmed(mantissa), if power < 0 { '-' } else { '+' }, power.abs()),
+        Err(_) => scientific,
+    }
+}
+
 impl Finding {
     /// Whether the finding reports saturation, that is, samples at the end of the converter's range.
     pub fn is_saturation(&self) -> bool {
@@ -91,5 +112,26 @@ impl Finding {
     /// A finding that does not refuse the calibration. The caller sets the other fields as for [`Finding::error`].
     pub(crate) fn warning(code: &'static str, recording: &str) -> Self {
         Self { severity: Severity::Warning, ..Self::error(code, recording) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::general;
+
+    #[test]
+    fn numbers_are_written_as_c_writes_them() {
+        let cases = [
+            (0.000_123_4, 2, "0.00012"),
+            (0.000_012_34, 2, "1.2e-05"),
+            (99.96, 3, "100"),
+            (1234.5, 2, "1.2e+03"),
+            (-2.5, 3, "-2.5"),
+            (0.0, 3, "0"),
+            (1e100, 3, "1e+100"),
+        ];
+        for (value, digits, text) in cases {
+            assert_eq!(general(value, digits), text);
+        }
     }
 }

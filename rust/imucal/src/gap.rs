@@ -1,24 +1,34 @@
-//! Finding the missing effect: score every effect, add the one that explains most, until nothing is left (model.md (23), (24)).
+//! Finding the missing effect: score every effect, add the one that explains most, until nothing is left (model.md
+//! (23), (24)).
 //!
-//! * `evidence`: what a model explains, with units (priors at typical sizes), with its number of parameters and with the scatter
-//!   of each kind of residual taken into account.
+//! * `evidence`: what a model explains, with units (priors at typical sizes), with its number of parameters and with
+//!   the scatter of each kind of residual taken into account.
 //! * `generic`: what is not in the catalogue competes with whole paths of named effects.
 //! * `predict`: an effect has to predict what it was not fitted to.
 //! * `earth`: an effect whose size is known has to have it.
 //! * `detect`: how small an effect would have been seen.
 //!
-//! [`search()`] looks at one or more recordings of a unit. Judging what it found on a control recording, and refusing what makes
-//! that worse, is for its caller.
+//! * `fits`, `acceptance`: an effect joins if control recordings, or rests and moves held out, are predicted no worse
+//!   with it.
+//! * `mount`, `clock`: faults of the data, which come before any effect.
+//! * `verdict`: what a search concludes.
+//!
+//! [`find_gap()`] does all of this; [`search()`] scores and adds effects without judging them on unseen data.
 
+mod acceptance;
 mod attitudes;
+mod clock;
 mod common;
 mod design;
 mod detect;
 mod earth;
 mod evidence;
+mod find;
+mod fits;
 mod generic;
 mod known;
 mod moments;
+mod mount;
 mod move_blocks;
 mod parameter_uncertainty;
 mod path;
@@ -35,15 +45,23 @@ mod shares;
 mod smooth;
 mod stage;
 mod start;
+mod verdict;
 mod weighing;
 
+pub use acceptance::{Metric, Refusal, UnseenFigure};
 pub use attitudes::attitudes;
 pub use earth::is_earth_rate;
+pub use find::{Analysis, Gap, GapOptions, GivenCalibration, NotTheEarth, Progress, RivalFit, find_gap};
+pub use fits::{Control, FOLDS, Fit};
 pub use generic::{Block, Kernel};
+pub use mount::{StandRest, loose_mounts, mount_slips, stand_mismatch_deg};
 pub use path::{Visible, linearise, search, smallest_visible};
 pub use predicted_error::{BriefMeans, PredictedError, PredictedErrors, UserCorrection, predicted_errors};
 pub use residual_kinds::{CorrectedFit, Regressor, ResidualKind};
 pub use residuals_by_place::{ChannelResidual, Dependence, ItemResidual, ResidualsByPlace, residuals_by_place};
+pub use verdict::{Contradiction, Rivals, Verdict};
+
+use crate::calibrate::WarmStart;
 
 /// What a search has found.
 #[derive(Clone, Debug)]
@@ -56,21 +74,24 @@ pub struct Search {
     pub generic: Option<GenericFinding>,
     /// Effects that fit these recordings and do not predict rests and moves that they were not fitted to.
     pub not_predictive: Vec<NotPredictive>,
-    /// Size of what has the pattern of the Earth's rate and is clearly not it, and its standard deviation, rad/s: `earth_rate` was not
-    /// looked for then.
+    /// Size of what has the pattern of the Earth's rate and is clearly not it, and its standard deviation, rad/s:
+    /// `earth_rate` was not looked for then.
     pub not_the_earth: Option<(f64, f64)>,
     /// Effects that these recordings cannot show, and what would.
     pub not_observable: Vec<(String, String)>,
-    /// Smallest rms size of a parameter that is seen with 90 % probability beside the final model, by effect, and its unit; of a
-    /// member of the path beside the model without effects.
+    /// Smallest rms size of a parameter that is seen with 90 % probability beside the final model, by effect, and its
+    /// unit; of a member of the path beside the model without effects.
     pub smallest_visible: Vec<(String, f64, String)>,
     /// What each effect leaves in the residuals at its typical size.
     pub traces: Vec<Trace>,
-    /// Rests that scatter by more than noise and chance under the final model, about what its effects are about if it has any: the
-    /// name of the residual, the factor, and the probability of it.
+    /// Rests that scatter by more than noise and chance under the final model, about what its effects are about if it
+    /// has any: the name of the residual, the factor, and the probability of it.
     pub scattering_rests: Option<Scattering>,
-    /// Why the accelerometer inside the moves took no part; `None` if it did.
-    pub in_motion_left_out: Option<String>,
+    /// Whether a hand moved the unit, so that the specific force inside moves is not that of gravity alone and takes no
+    /// part.
+    pub is_hand_moved: bool,
+    /// Where the search ended, as the start of fits with the effects of its path.
+    pub warm_start: WarmStart,
 }
 
 /// Name of a kind of residual, the factor by which it scatters more than noise, and the probability of that.
@@ -93,7 +114,8 @@ pub struct Score {
     pub rivals: Vec<String>,
 }
 
-/// What an effect of typical size leaves in the residuals when the parameters that are always there have taken up what they can.
+/// What an effect of typical size leaves in the residuals when the parameters that are always there have taken up what
+/// they can.
 #[derive(Clone, Debug)]
 pub struct Trace {
     /// Its name.

@@ -39,7 +39,7 @@ mod tests;
 use crate::parameters::BASE;
 pub use terms::{EffectChoice, UserField};
 
-pub(crate) use encoders::Encoders;
+pub(crate) use encoders::{Encoders, StandModel, mount_rotation};
 pub(crate) use fields::{Field, move_segments};
 pub(crate) use lanes::Lanes;
 pub(crate) use linear::{INSIDE, Insides, Line, Linear, STAND_MOVES, STAND_RESTS, Source};
@@ -53,7 +53,8 @@ pub(crate) use prepared::Prepared;
 pub(crate) use problem::Joint;
 pub(crate) use problem::report::JointFit;
 pub use problem::report::{ResidualScales, TermEstimate};
-pub(crate) use start::{Near, start_model};
+pub use start::WarmStart;
+pub(crate) use start::start_model;
 pub(crate) use terms::{Kinds, Term, Terms};
 pub(crate) use wander::Wander;
 pub use wander::{BiasWander, UnitWander};
@@ -99,15 +100,15 @@ pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
 }
 
-/// Estimates all parameters, starting from what is near, or from two triads and no effects.
+/// Estimates all parameters, from a warm start with the same effects, or from two triads and no effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
     triads: [&Triad<f64>; 2],
-    near: Option<&Near>,
+    warm_start: Option<&WarmStart>,
 ) -> Result<JointFit, Error> {
     check_columns(prepared, terms)?;
-    let mut parameters = start::start(prepared, terms, triads, near).parameters();
+    let mut parameters = start::start(prepared, terms, triads, warm_start).parameters();
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     let mut iterations = 0;
     begin(&mut problem, terms, &parameters, |term| term.partly.then_some(WIDE))?;

@@ -1,6 +1,6 @@
-//! What several calibrations of the same recordings share.
+//! Recordings that have passed the checks, for several calibrations of them.
 
-use std::sync::{Mutex, OnceLock};
+use std::sync::OnceLock;
 
 use imucal_core::sensor::Triad;
 
@@ -8,36 +8,40 @@ use super::cross_validation::cross_validate;
 use super::jointly::Selection;
 use super::outcome::Outcome;
 use super::unit_data::{UnitData, refuse_errors};
-use super::{Kinds, Options, Prepared};
+use super::{Kinds, ModelOptions, Options, Prepared};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::check::check_gains;
 use crate::error::Error;
-use crate::joint::{Near, Wander};
+use crate::joint::{Wander, WarmStart};
 use crate::recording::Recording;
 use crate::rests::moves::{Move, Unusable};
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// Recordings of one unit that have passed the checks, the rests and moves in them, and the fits that all others start from.
+/// Recordings of one unit that have passed the checks, the rests and moves in them, and the fits that all others start
+/// from.
 ///
-/// Each use takes the same recordings once more, and the same options but for effects and folds.
-pub struct Checked {
+/// A result depends on the recordings, the options and the arguments of the call alone, not on earlier calls.
+pub struct Checked<'a> {
+    recordings: Vec<Recording<'a>>,
+    /// All options but those of the model.
+    options: Options<'static>,
+    /// Without the recordings.
     data: UnitData<'static>,
     accelerometer: AccelerometerFit,
     moves: Vec<Move>,
     unusable: Vec<Unusable>,
     gyroscope: Gyroscope,
-    /// Where the joint fit without effects has ended, and what it is made of.
-    plain: OnceLock<([Triad<f64>; 2], Selection)>,
-    /// Set once a search finds that a hand carried the unit, whatever effects may explain; fewer effects explain no more.
-    pub(crate) carried: OnceLock<()>,
-    /// Where the last search ended: a calibration with the effects that it found ends near to that.
-    near: Mutex<Option<Near>>,
+    /// The joint fit without effects and what it is made of, computed when it is first needed.
+    plain: OnceLock<Plain>,
 }
 
-impl Checked {
+/// Where the joint fit without effects and without a warm start has ended, and what it is made of.
+type Plain = ([Triad<f64>; 2], Selection);
+
+impl<'a> Checked<'a> {
     /// # Errors
     /// As [`calibrate`](super::calibrate()).
-    pub fn try_new(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Self, Error> {
+    pub fn try_new(recordings: &[Recording<'a>], options: &Options<'_>) -> Result<Self, Error> {
         let mut data = UnitData::try_new(recordings, options)?;
         let accelerometer = data.fit_accelerometer(options)?;
         let (moves, unusable) = data.moves(&accelerometer, options)?;
@@ -45,7 +49,7 @@ impl Checked {
         if options.is_joint() {
             let (seen, sound, triads) = (data.clone(), data.sound(), [&accelerometer.triad, &gyroscope.fit.triad]);
             data.free_of_tremor(triads[0], triads[1], &sound);
-            // What the fit leaves out was taken for how the hand holds the unit: once more without it.
+            // Tremor is estimated from the rests in use: once more without those that the fit leaves out.
             if data.is_held() {
                 let (_, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options, None)?;
                 if selection.used != sound {
@@ -55,33 +59,45 @@ impl Checked {
             }
         }
         Ok(Self {
+            recordings: recordings.to_vec(),
+            options: options.without_model(),
             data: data.of(&[]),
             accelerometer,
             moves,
             unusable,
             gyroscope,
             plain: OnceLock::new(),
-            carried: OnceLock::new(),
-            near: Mutex::new(None),
         })
     }
 
-    /// As [`calibrate`](super::calibrate()).
+    /// The recordings.
+    pub fn recordings(&self) -> &[Recording<'a>] {
+        &self.recordings
+    }
+
+    /// All options but those of the model.
+    pub fn options(&self) -> &Options<'static> {
+        &self.options
+    }
+
+    /// As [`calibrate`](super::calibrate()). From a warm start the fit ends where it would without it, and sooner.
     ///
     /// # Errors
     /// As [`calibrate`](super::calibrate()).
-    pub fn calibrate(&self, recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
-        let data = self.data(recordings);
+    pub fn calibrate(&self, model: &ModelOptions<'_>, warm_start: Option<&WarmStart>) -> Result<Outcome, Error> {
+        let options = &self.options.with_model(model);
+        options.check_model()?;
+        let data = self.data();
         data.require_turns_in_place(options)?;
         let Self { accelerometer, gyroscope, unusable, .. } = self;
         let mut outcome = if options.is_joint() {
             let (joint, selection) =
-                data.fit_without_outliers(accelerometer, gyroscope, unusable, options, self.near())?;
+                data.fit_without_outliers(accelerometer, gyroscope, unusable, options, warm_start.cloned())?;
             let triads = self.triads();
             let misfits = data.misfits(&joint, &selection, triads, options)?;
             let unseen = |folds| data.held_out(&joint, &selection, (&self.moves, triads), options, folds);
             let held_out = options.folds.map(unseen).transpose()?;
-            if !options.has_effects() {
+            if !options.has_effects() && warm_start.is_none() {
                 let triads = [joint.model.accelerometer, joint.model.gyroscope];
                 self.plain.get_or_init(|| (triads, selection.clone()));
             }
@@ -94,61 +110,62 @@ impl Checked {
             let held_out = options.folds.map(unseen).transpose()?;
             Outcome { held_out, ..Outcome::new(data, accelerometer, gyroscope, unusable, options)? }
         };
-        let gains = check_gains(&recordings[0], &outcome.calibration);
+        let gains = check_gains(&self.recordings[0], &outcome.calibration);
         refuse_errors(&gains)?;
         outcome.findings.extend(gains);
         Ok(outcome)
     }
 
     /// The joint fit without effects and what it is made of, for a search that may let any sensor drift.
+    /// `temperatures_degc` take the place of those of the recordings.
     pub(crate) fn prepare<T>(
         &self,
-        recordings: &[Recording<'_>],
-        options: &Options<'_>,
+        temperatures_degc: &[Option<Vec<f64>>],
         kinds: Kinds,
         work: impl FnOnce(&Prepared<'_>, &Triad<f64>, &Triad<f64>) -> Result<T, Error>,
     ) -> Result<T, Error> {
-        let data = self.data(recordings);
+        let with = |(recording, column): (&Recording<'a>, _)| with_temperature(recording, column);
+        let recordings: Vec<Recording<'_>> = self.recordings.iter().zip(temperatures_degc).map(with).collect();
+        let data = self.data.clone().of(&recordings);
         let ([accelerometer, gyroscope], selection) = match self.plain.get() {
             Some(plain) => plain.clone(),
             None => {
-                let Self { accelerometer, gyroscope, unusable, .. } = self;
-                let (joint, selection) =
-                    data.fit_without_outliers(accelerometer, gyroscope, unusable, options, None)?;
-                ([joint.model.accelerometer, joint.model.gyroscope], selection)
+                let plain = self.plain(&data)?;
+                self.plain.get_or_init(|| plain).clone()
             }
         };
         let triads = [&accelerometer, &gyroscope];
         let selection = data.for_search(selection);
+        let options = &self.options;
         data.prepared_for(&selection, triads, options, (kinds, true, Wander::of(options.wander)), |prepared| {
             work(prepared, triads[0], triads[1])
         })
     }
 
-    /// Whether a hand carried the unit through the moves of some recording, as far as is known. One that holds it at rest did.
-    pub(crate) fn is_carried(&self) -> bool {
-        self.carried.get().is_some() || self.data.is_held()
+    fn plain(&self, data: &UnitData<'_>) -> Result<Plain, Error> {
+        let Self { accelerometer, gyroscope, unusable, options, .. } = self;
+        let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options, None)?;
+        Ok(([joint.model.accelerometer, joint.model.gyroscope], selection))
     }
 
-    /// Takes where a search has ended.
-    pub(crate) fn ends_near(&self, near: Near) {
-        if let Ok(mut own) = self.near.lock() {
-            *own = Some(near);
-        }
+    /// Whether a hand held the unit at the rests of some recording, and so moved it.
+    pub(crate) fn is_held(&self) -> bool {
+        self.data.is_held()
     }
 
-    fn near(&self) -> Option<Near> {
-        self.near.lock().ok().and_then(|near| near.clone())
-    }
-
-    fn data<'a>(&self, recordings: &'a [Recording<'a>]) -> UnitData<'a> {
-        self.data.clone().of(recordings)
+    fn data(&self) -> UnitData<'_> {
+        self.data.clone().of(&self.recordings)
     }
 
     /// Those of the two-stage fit.
     fn triads(&self) -> [&Triad<f64>; 2] {
         [&self.accelerometer.triad, &self.gyroscope.fit.triad]
     }
+}
+
+/// A recording with another temperature column.
+fn with_temperature<'b>(recording: &Recording<'b>, column: &'b Option<Vec<f64>>) -> Recording<'b> {
+    Recording { temperature_degc: column.as_deref(), ..*recording }
 }
 
 #[cfg(test)]
@@ -165,8 +182,8 @@ mod tests {
         let recordings = [run.recording("run")];
         let options = Options { folds: Some(3), ..Options::default() };
         let checked = Checked::try_new(&recordings, &options).unwrap();
-        let found = checked.calibrate(&recordings, &options).unwrap().held_out.unwrap();
-        let data = checked.data(&recordings);
+        let found = checked.calibrate(&options.model(), None).unwrap().held_out.unwrap();
+        let data = checked.data();
         let Checked { accelerometer, gyroscope, unusable, moves, .. } = &checked;
         let (_, all) = data.fit_without_outliers(accelerometer, gyroscope, unusable, &options, None).unwrap();
         assert_eq!((all.moves.len(), found.direction_error_deg.len()), (moves.len(), moves.len()));

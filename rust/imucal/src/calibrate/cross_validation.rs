@@ -21,6 +21,14 @@ pub struct CrossValidation {
     pub norm_error_mps2: Vec<f64>,
 }
 
+impl CrossValidation {
+    /// Root mean square of the errors of |f| that are known, m/s^2; `None` if there are none.
+    pub fn gravity_norm_rms_mps2(&self) -> Option<f64> {
+        let known = || self.norm_error_mps2.iter().copied().filter(|error| error.is_finite());
+        known().next().map(|_| rms(known()))
+    }
+}
+
 /// Cross-validation of the two-stage fit: the gyroscope is fitted `folds` times without every `folds`-th move, and
 /// evaluated on the moves left out.
 pub(super) fn cross_validate(

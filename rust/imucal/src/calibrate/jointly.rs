@@ -9,7 +9,9 @@ use super::unit_data::{CONTRADICTS_MOVES, MIN_MOVES, NOT_STILL, UnitData};
 use super::{CrossValidation, Options};
 use crate::calibrate::two_stages::Gyroscope;
 use crate::error::Error;
-use crate::joint::{self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Near, Prepared, Terms, Wander};
+use crate::joint::{
+    self, BLOCK_S, Encoders, Item, Joint, JointFit, Kinds, Misfits, Prepared, Terms, Wander, WarmStart,
+};
 use crate::numerics::derivative::Width;
 use crate::numerics::stats::rms;
 use crate::recording::Recording;
@@ -55,7 +57,7 @@ impl Selection {
 impl UnitData<'_> {
     /// The joint fit of both triads and the effects that are asked for, and what it is made of.
     ///
-    /// It starts from what is near, or from the two-stage fit. All rests and moves are judged by a fit without those that the last round left out,
+    /// It starts from the warm start, or from the two-stage fit. All rests and moves are judged by a fit without those that the last round left out,
     /// so one that a better fit explains comes back.
     pub(super) fn fit_without_outliers(
         &self,
@@ -63,13 +65,13 @@ impl UnitData<'_> {
         gyroscope: &Gyroscope,
         unusable: &[Unusable],
         options: &Options<'_>,
-        mut near: Option<Near>,
+        mut warm_start: Option<WarmStart>,
     ) -> Result<(JointFit, Selection), Error> {
         let model = [&accelerometer.triad, &gyroscope.fit.triad];
         let all = self.everything();
         let mut selection = Selection::of_two_stages(accelerometer, gyroscope, unusable);
         for _ in 1..MAX_ROUNDS {
-            let fit = self.fit_jointly(&selection, model, options, near.as_ref())?;
+            let fit = self.fit_jointly(&selection, model, options, warm_start.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
             // What contradicts must not make itself likely.
             let contradicts = self.prepared(&all, model, options, Wander::of(options.wander), |prepared| {
@@ -82,9 +84,9 @@ impl UnitData<'_> {
                 return Ok((fit, selection));
             }
             selection = next;
-            near = Some(Near::of(&self.terms(options)?, &fit.model));
+            warm_start = Some(WarmStart::of(&self.terms(options)?, &fit.model));
         }
-        Ok((self.fit_jointly(&selection, model, options, near.as_ref())?, selection))
+        Ok((self.fit_jointly(&selection, model, options, warm_start.as_ref())?, selection))
     }
 
     /// All rests and moves that are no faults of the data.
@@ -137,11 +139,11 @@ impl UnitData<'_> {
         selection: &Selection,
         model: [&Triad<f64>; 2],
         options: &Options<'_>,
-        near: Option<&Near>,
+        warm_start: Option<&WarmStart>,
     ) -> Result<JointFit, Error> {
         let wander = options.wander.map_or(Wander::Seen, Wander::Known);
         self.prepared(selection, model, options, wander, |prepared| {
-            joint::fit(prepared, &self.terms(options)?, model, near)
+            joint::fit(prepared, &self.terms(options)?, model, warm_start)
         })
     }
 

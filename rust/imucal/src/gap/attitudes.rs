@@ -5,7 +5,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::error::Error;
 
-/// Rotations from the body at the samples `at`, and half-way between each two of them, to the body at the first of `at`.
+/// Rotations from the body at the samples `at`, and half-way between each two of them, to the body at the first of
+/// `at`.
 ///
 /// # Errors
 /// [`Error::Input`] for indices that do not rise or lie beyond the samples, and for columns of different lengths.

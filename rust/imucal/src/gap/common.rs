@@ -1,4 +1,4 @@
-//! A model that is swept once for many columns beside it.
+//! A model that is swept out once for many further columns.
 
 use std::ops::Range;
 
@@ -8,17 +8,17 @@ use super::evidence::{Column, Gram};
 use super::weighing::{Aside, Columns, Swept, Weighing};
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// A model and many columns beside it, of which each is weighed with a few others: their products with the model, and no others.
+/// A model and many candidate columns, of which a few are evaluated at a time: only products with the model are known.
 pub(crate) struct Common<'a> {
     columns: Columns<'a>,
-    /// The first rows of their sums.
+    /// The first rows of the Gram matrices.
     parts: Vec<SymmetricMatrix>,
 }
 
-/// A model that is swept at some scales, and what all columns beside it have in common with it.
+/// A model that is swept out at some scales, with the results that all candidate columns share.
 pub(crate) struct SweptCommon {
     scales: Vec<f64>,
-    /// The sums at these scales, and what the sweep makes of them.
+    /// The Gram matrix at these scales, and the result of the sweep.
     whole: SymmetricMatrix,
     sums: SymmetricMatrix,
     volume: f64,
@@ -33,7 +33,7 @@ impl<'a> Common<'a> {
         Self { columns, parts }
     }
 
-    /// Sweeps the model out of all at these scales; `None` where it is not determined.
+    /// Sweeps the model out at these scales; `None` if the model is not determined.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<SweptCommon> {
         Arch::new().dispatch(SweepCommon(self, scales))
     }
@@ -53,7 +53,7 @@ impl<'a> Common<'a> {
         Weighing { columns, parts }
     }
 
-    /// Of a weighing of some of the columns, what is swept of all.
+    /// The part of a sweep that a weighing of some of the columns needs.
     pub(crate) fn part_of(&self, swept: &SweptCommon, weighing: &Weighing<'_>, own: Range<usize>) -> Swept {
         let runs = self.runs(own);
         let known = swept.sums.part(&runs);
@@ -61,7 +61,7 @@ impl<'a> Common<'a> {
         Arch::new().dispatch(SweepAs { weighing, common: swept, known, columns: own.chain(last).collect() })
     }
 
-    /// The columns of the model, some of those beside it, and the residual.
+    /// Places of the columns of the model, of some candidates, and of the residual.
     fn runs(&self, own: Range<usize>) -> [Range<usize>; 3] {
         let (n, last) = (self.columns.model.len(), self.columns.count());
         [0..n, n + own.start..n + own.end, last..last + 1]
@@ -88,9 +88,9 @@ impl WithSimd for SweepCommon<'_> {
 struct SweepAs<'a> {
     weighing: &'a Weighing<'a>,
     common: &'a SweptCommon,
-    /// Of what is swept of all, the part of the weighing.
+    /// The part of the sweep of all columns that the weighing needs.
     known: SymmetricMatrix,
-    /// Which of all columns stand beside the model in the weighing.
+    /// Places of the columns of the weighing among all candidate columns.
     columns: Vec<usize>,
 }
 

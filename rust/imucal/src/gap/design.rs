@@ -1,4 +1,4 @@
-//! All columns that hypotheses are made of, linearised at one model.
+//! The columns of all candidates and of the model, linearised at one model.
 
 use std::borrow::Cow;
 use std::iter::once;
@@ -15,24 +15,25 @@ use crate::joint::{INSIDE, Insides, Joint, Kinds, Lanes, Linear, Prepared, STAND
 use crate::parameters::BASE;
 use crate::rests::moves::axis_aside;
 
-/// One effect in the design.
+/// One candidate in the design.
 #[derive(Clone)]
 pub(crate) struct Candidate {
     pub(crate) name: String,
-    /// Its columns in the sums.
+    /// Places of its columns in the Gram matrices.
     pub(crate) columns: Range<usize>,
     /// Typical size of each parameter.
     pub(crate) typical: Vec<f64>,
-    /// The time constant that its columns are for.
+    /// The time constant of its columns.
     pub(crate) shape: Option<f64>,
 }
 
-/// Residuals at a model and the columns beside it.
+/// Residuals at a model, with the columns of the model and of the candidates.
 #[derive(Clone)]
 pub(crate) struct Design {
-    /// Of the model with each candidate by itself; of all with all where some candidates have joined.
+    /// Gram matrices. They contain the products of the model with each candidate; products among candidates only if
+    /// some have joined.
     pub(crate) gram: Gram,
-    /// Columns of the model that is there: base, its effects, the stand.
+    /// Columns of the model: base parameters, effects, stand.
     pub(crate) model: Vec<Column>,
     pub(crate) candidates: Vec<Candidate>,
     pub(crate) residual: Vec<f64>,
@@ -42,23 +43,23 @@ pub(crate) struct Design {
 /// Columns of one linearisation.
 pub(crate) struct Rows {
     made: Made,
-    /// The same in one matrix, once it is asked for.
+    /// All columns in one matrix, computed when first needed.
     columns: OnceLock<Mat<f64>>,
-    /// Sums of all their products, group by group, once they are asked for.
+    /// Gram matrices of all columns by group, computed when first needed.
     products: OnceLock<Vec<Mat<f64>>>,
-    /// The group of each row, and the rest or move that it is about.
+    /// The group of each row, and its rest or move.
     groups: Vec<usize>,
     items: Vec<usize>,
-    /// With which axes the directions across gravity are made.
+    /// The axes that rows across gravity are defined with.
     axes: Vec<usize>,
 }
 
-/// Columns and the residual, which comes last, as whitening makes them.
+/// Whitened columns, with the residual last.
 struct Made {
-    /// All rows but what is inside the moves, where that stands apart.
+    /// All rows except those inside the moves if these are kept apart.
     head: Lanes,
     inside: Option<Insides>,
-    /// The columns among those of the rows.
+    /// Place of each column among those of the rows.
     order: Vec<usize>,
 }
 
@@ -87,8 +88,8 @@ impl Rows {
     }
 }
 
-/// Columns at a model: `own` are its effects with the precisions of their priors, `all` these and the candidates beside them,
-/// linearised there.
+/// Columns at a model: `own` are its effects with the precisions of their priors, `all` are its effects and the
+/// candidates, linearised there.
 pub(crate) fn design(
     prepared: &Prepared<'_>,
     (own, precisions): (&Terms<'_>, &[f64]),
@@ -130,7 +131,7 @@ pub(crate) fn design(
     })
 }
 
-/// The columns of a model that are at these places; the values are those of its effects.
+/// The columns of a model at these places, with the values of its effects.
 fn columns_of(own: &Terms<'_>, precisions: &[f64], values: &[f64], places: impl Iterator<Item = usize>) -> Vec<Column> {
     let column = |(p, place): (usize, usize)| {
         let effect = p.checked_sub(BASE).filter(|p| *p < own.count);
@@ -140,16 +141,17 @@ fn columns_of(own: &Terms<'_>, precisions: &[f64], values: &[f64], places: impl 
     places.enumerate().map(column).collect()
 }
 
-/// The axes that directions across gravity are made with: while they are the same, rows at two models that are close belong together.
+/// The axes that rows across gravity are defined with. Rows of two similar models correspond to each other only if
+/// these are equal.
 pub(super) fn axes_of(linear: &Linear) -> Vec<usize> {
     let ends = linear.moves.iter().flat_map(|at_move| [&at_move.before.up, &at_move.after.up]);
     ends.chain(linear.directions().map(|(_, up)| up)).map(axis_aside).collect()
 }
 
 impl Design {
-    /// The same columns with the residuals of a model that some of the candidates have joined; `None` where the columns are not those of
-    /// the model. They change with it by as much as the effects are of rate and force, a per cent or less, and only lead to where the
-    /// residuals vanish.
+    /// The same columns with the residuals of a model that some of the candidates have joined; `None` if the columns
+    /// differ from those of the model. The columns change by the relative size of the effects, a per cent or less,
+    /// which changes the path of the iteration and not its end.
     pub(crate) fn joined(
         &self,
         prepared: &Prepared<'_>,
@@ -177,20 +179,21 @@ impl Design {
         }))
     }
 
-    /// The sums of the products of all columns with all, and with a residual.
+    /// Gram matrices of all columns and a residual.
     fn whole_gram(&self, residual: &[f64]) -> Gram {
         let Rows { products, groups, .. } = &*self.rows;
         self.gram.with_residual(products, self.rows.columns(), residual, groups)
     }
 
-    /// Without the candidates of these names.
+    /// The design without the candidates of these names.
     pub(crate) fn without(&self, is_out: impl Fn(&str) -> bool) -> Self {
         let mut left = self.clone();
         left.candidates.retain(|candidate| !is_out(&candidate.name));
         left
     }
 
-    /// The sums of all products with what is inside the moves of each recording in a group of its own, and these groups.
+    /// Gram matrices in which the rows inside the moves of each recording are a group of their own, and the range of
+    /// these groups.
     pub(crate) fn insides_apart(&self, prepared: &Prepared<'_>) -> (Cow<'_, Gram>, Range<usize>) {
         if prepared.recordings.len() == 1 {
             let gram = match self.candidates.is_empty() {
@@ -211,24 +214,24 @@ impl Design {
         (Cow::Owned(Gram::of(&all, &groups)), first..first + prepared.recordings.len())
     }
 
-    /// Its residuals, to be predicted item by item.
+    /// The residuals for prediction item by item.
     pub(crate) fn held(&self) -> Held<'_> {
         let Rows { groups, items, .. } = &*self.rows;
         Held { columns: self.rows.columns(), residual: &self.residual, gram: &self.gram, groups, items }
     }
 
-    /// Its columns, for others to come beside them.
+    /// The columns of the model, to which others can be added.
     pub(crate) fn known(&self) -> Known<'_> {
         Known::new(self.rows.columns(), &self.residual, &self.rows.groups, &self.gram)
     }
 
-    /// The axes that its directions across gravity are made with.
+    /// The axes that its rows across gravity are defined with.
     pub(crate) fn axes(&self) -> &[usize] {
         &self.rows.axes
     }
 }
 
-/// The rest or move that each row of the whitened residuals is about, in order of time: even numbers are rests.
+/// The rest or move of each row of the whitened residuals, in order of time: even numbers are rests.
 fn items_of_rows(prepared: &Prepared<'_>, linear: &Linear, kinds: Kinds) -> Vec<usize> {
     let of_move = |k: usize| 2 * prepared.moves[k].from + 1;
     let lines = linear.lines.iter().map(|line| match line.source {

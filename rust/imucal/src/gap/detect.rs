@@ -1,20 +1,24 @@
-//! How small an effect would have been seen.
+//! The smallest size at which an effect would have been detected.
 
 use statrs::distribution::{ChiSquared, ContinuousCDF};
 use statrs::function::gamma::ln_gamma;
 
-/// Family-wise probability of a false alarm by the distribution of chi2. The noise is estimated from the same rests, which makes
-/// small probabilities about three times as frequent as they say: of clean runs one in a hundred is meant.
+/// Nominal family-wise probability of a false alarm by the chi2 distribution. The noise is estimated from the same
+/// rests, which makes small probabilities about three times larger than nominal: the aim is one false alarm in a
+/// hundred clean runs.
 pub(crate) const FALSE_ALARM: f64 = 0.003;
+/// Probability of detection that defines the smallest visible size.
 const POWER: f64 = 0.9;
 
-/// Where it is looked for first; no chi2 with as many degrees of freedom as an effect has parameters needs more than the last.
+/// First trial of the non-centrality.
 const FIRST: f64 = 16.0;
+/// Upper bound of the non-centrality: no effect has enough parameters to need more.
 const MOST: f64 = 1024.0;
-/// A step that changes it by less than this share is the last one.
+/// Relative change of the non-centrality below which the iteration ends.
 const LAST_STEP: f64 = 1e-9;
 
-/// The non-centrality with which chi2 exceeds its limit with 90 % probability; the limit is for one of `tests`.
+/// Non-centrality at which chi2 exceeds its threshold with 90 % probability; the threshold is corrected for the number
+/// of `tests`.
 pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     let Ok(central) = ChiSquared::new(dof as f64) else { return f64::INFINITY };
     let limit = central.inverse_cdf(1.0 - FALSE_ALARM / tests.max(1) as f64);
@@ -23,7 +27,7 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     while high < MOST && exceeds(&mut tails, high)[0] < POWER {
         (low, high) = (high, 2.0 * high);
     }
-    // By Newton, or to the middle of the span where that leads out of it.
+    // Newton steps, or bisection where they leave the bracket.
     let mut at = high;
     loop {
         let [power, slope] = exceeds(&mut tails, at);
@@ -41,12 +45,12 @@ pub(crate) fn visible_noncentrality(dof: usize, tests: usize) -> f64 {
     }
 }
 
-/// Probabilities that chi2 with 0, 2, 4 ... degrees of freedom more exceeds a limit, as far as they have been asked for.
+/// Probabilities that chi2 with 0, 2, 4, ... additional degrees of freedom exceeds a limit, computed when first needed.
 struct Tails {
     dof: usize,
     limit: f64,
     known: Vec<f64>,
-    /// What the next one is more than the last.
+    /// Difference of the next probability and the last one.
     step: f64,
 }
 
@@ -67,8 +71,8 @@ impl Tails {
     }
 }
 
-/// The probability that chi2 with this non-centrality exceeds the limit, and its slope. It is a mixture of central ones with Poisson
-/// weights; those that are left out come to less than a rounding error.
+/// The probability that chi2 with this non-centrality exceeds the limit, and its derivative: a mixture of central chi2
+/// distributions with Poisson weights, of which those below rounding are omitted.
 fn exceeds(tails: &mut Tails, noncentrality: f64) -> [f64; 2] {
     let mean = noncentrality / 2.0;
     let (mut weight, mut sum, mut slope, mut k) = ((-mean).exp(), 0.0, 0.0, 0);

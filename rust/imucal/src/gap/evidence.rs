@@ -6,9 +6,9 @@
 //! N = sum_g J_g^T J_g / s_g^2,   s_g^2 = max(1, chi2_g / free_g)
 //! ```
 //!
-//! A group is a kind of residual: norms, moves, rates of one axis, ... Residuals of real recordings scatter by more than
-//! noise, and not alike in all groups: s_g is what they scatter by under the model that is judged. Under a model that is
-//! complete in a simulation it is one, and the evidence is the Laplace approximation with the noise as it is.
+//! A group is a kind of residual: norms, moves, rates of one axis, ... Residuals of real recordings exceed noise, and
+//! by different factors in different groups: s_g is their scatter under the model that is evaluated. For a simulation
+//! and a complete model it is one, and the evidence is the Laplace approximation with the given noise.
 
 use std::ops::Range;
 
@@ -17,19 +17,19 @@ use faer::linalg::solvers::Solve;
 
 use super::weighing::Weighing;
 
-/// `[J r]^T [J r]` of each group, and its number of residuals.
+/// Gram matrices `[J r]^T [J r]` of the groups, and the number of residuals of each.
 #[derive(Clone)]
 pub(crate) struct Gram {
     pub(crate) sums: Vec<Mat<f64>>,
     pub(crate) rows: Vec<f64>,
-    /// Which group each is; empty ones are not there.
+    /// Index of each group; groups without residuals are left out.
     pub(crate) groups: Vec<usize>,
-    /// Place of the residual's column.
+    /// Place of the column of the residual.
     pub(crate) residual: usize,
 }
 
-/// One column of a model: its place in the sums, its precision (0: no prior), and the value of its parameter at the
-/// linearisation.
+/// One column of a model: its place in the Gram matrices, the precision of its prior (0: none), and the value of its
+/// parameter at the linearisation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Column {
     pub(crate) place: usize,
@@ -37,38 +37,39 @@ pub(crate) struct Column {
     pub(crate) value: f64,
 }
 
-/// What a model explains.
+/// The evidence of a model, and the fit that it belongs to.
 #[derive(Clone, Debug)]
 pub(crate) struct Evidence {
-    /// Natural logarithm, up to a constant that all models of the same residuals share.
+    /// Natural logarithm of the evidence, up to a constant that all models of the same residuals share.
     pub(crate) log: f64,
-    /// -2 times the logarithm of the likelihood at its maximum, with the scales.
+    /// -2 times the maximum log likelihood, with the scales.
     pub(crate) deviance: f64,
-    /// What all residuals come to when noise is as it was taken to be, whatever the scales.
+    /// chi2 of all residuals with scales of one.
     pub(crate) chi2: f64,
-    /// s_g^2.
+    /// The scales s_g^2.
     pub(crate) scales: Vec<f64>,
     /// The parameters.
     pub(crate) theta: Vec<f64>,
 }
 
-/// On the diagonal of a normal matrix of columns of length one: more than rounding, less than anything that is seen.
+/// Added to the diagonal of a normal matrix of unit columns: larger than rounding errors, smaller than any observable
+/// direction.
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// The evidence of a model with these columns; `None` where it is not determined.
+    /// The evidence of a model with these columns; `None` if the columns are not determined.
     pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
         self.evidence_near(columns, &vec![1.0; self.sums.len()])
     }
 
-    /// The same, the scales of a model that is nearly this one being known: they are where the rounds begin.
+    /// The same, with the scales of a similar model as start values.
     pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
         let weighing = Weighing::new(self, columns, Vec::new());
         weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)
     }
 
-    /// The least chi2 that a group alone can have with these columns, over its number of rows; none with a model of these columns is
-    /// smaller.
+    /// Lower bound of the scale of a group in any model with these columns: the smallest chi2 of that group alone, over
+    /// its number of rows.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {
         let place = self.groups.iter().position(|own| *own == group)?;
         let (sum, n) = (&self.sums[place], columns.len());
@@ -82,7 +83,7 @@ impl Gram {
         Some((sum[(self.residual, self.residual)] - explained).max(0.0) / self.rows[place])
     }
 
-    /// Covariance of these of the columns' parameters.
+    /// Covariance of the parameters of some of the columns.
     pub(crate) fn covariance(&self, columns: &[Column], scales: &[f64], own: &[usize]) -> Option<Mat<f64>> {
         let n = columns.len();
         let size = self.sizes(columns);
@@ -96,7 +97,8 @@ impl Gram {
         Some(Mat::from_fn(own.len(), own.len(), |i, k| solved[(own[i], k)] / (size[own[i]] * size[own[k]])))
     }
 
-    /// Sums over the groups, each over its scale: of the first `count` places with those at `columns`.
+    /// Sums over the groups, each divided by its scale, of the rows of the first `count` places and the columns
+    /// `columns`.
     pub(crate) fn at_scales(
         &self,
         scales: &[f64],
@@ -116,7 +118,7 @@ impl Gram {
         all
     }
 
-    /// What makes each column, with its prior, of length one.
+    /// Factors that scale each column, with its prior, to unit length.
     pub(super) fn sizes(&self, columns: &[Column]) -> Vec<f64> {
         let total = |place: usize| self.sums.iter().map(|sum| sum[(place, place)]).sum::<f64>();
         columns.iter().map(|c| total(c.place).max(c.precision).sqrt().max(1e-300)).collect()

@@ -1,7 +1,8 @@
-//! What is not in the catalogue: a bias or a scale that varies in some pattern (model.md (24)).
+//! Generic hypotheses: a bias or a scale that varies in a pattern without a name in the catalogue (model.md (24)).
 //!
-//! A hypothesis is a block, what is wrong with which sensor, and a kernel, the covariance of what is wrong at two moments. In
-//! its eigenvectors it is a set of independent columns with a normal prior, and is judged like an effect.
+//! A hypothesis consists of a block (which parameter of which sensor deviates) and a kernel (the covariance of the
+//! deviations at two moments). In the eigenvectors of the kernel it is a set of independent columns with a normal
+//! prior, and is scored like an effect.
 
 use std::sync::Arc;
 
@@ -13,7 +14,7 @@ use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
 use crate::numerics::workers::{in_order, processors};
 
-/// What varies.
+/// The parameter that varies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Block {
     /// The gyroscope's bias.
@@ -34,7 +35,7 @@ impl Block {
         }
     }
 
-    /// What is typical: 0.02 deg/s, half a mg, 0.2 % and 0.1 %.
+    /// Typical deviation: 0.02 deg/s, half a mg, 0.2 % and 0.1 %.
     fn typical(self) -> f64 {
         match self {
             Self::GyroscopeBias => 3.5e-4,
@@ -55,24 +56,24 @@ impl Block {
     }
 }
 
-/// How what is wrong at two moments belongs together.
+/// Covariance of the deviations at two moments.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Kernel {
     /// A random walk in time.
     RandomWalk,
-    /// The same for the same direction of gravity in the body.
+    /// Equal at equal directions of gravity in the body.
     GravityDirection,
-    /// The same for the same attitude, heading included.
+    /// Equal at equal attitudes, heading included.
     Attitude,
-    /// The same for the same temperature.
+    /// Equal at equal temperatures.
     Temperature,
-    /// The same after the same turn.
+    /// Equal after equal rotations.
     LastMotion,
-    /// In proportion to horizontal directions of the world, seen in the body.
+    /// Proportional to horizontal directions of the world in the body frame.
     Heading,
-    /// The same at the same rate, whose change counts, too.
+    /// Equal at equal angular rates and angular accelerations.
     Rate,
-    /// The same at the same specific force.
+    /// Equal at equal specific forces.
     Force,
 }
 
@@ -91,7 +92,7 @@ impl Kernel {
     }
 }
 
-/// Everything that may vary with something, by rests and moves.
+/// The quantities that deviations may depend on, for rests and moves.
 const ALL: [(Block, Kernel); 18] = {
     use Block::{AccelerometerBias, AccelerometerScale, GyroscopeBias, GyroscopeScale};
     use Kernel::{Attitude, Force, GravityDirection, Heading, LastMotion, RandomWalk, Rate, Temperature};
@@ -116,7 +117,7 @@ const ALL: [(Block, Kernel); 18] = {
         (AccelerometerScale, Force),
     ]
 };
-/// Inside the moves what the motion adds to the force as well.
+/// Inside the moves the motion adds to the specific force, too.
 const INSIDE: [(Block, Kernel); ALL.len() + 1] = {
     let mut all = [(Block::AccelerometerBias, Kernel::Rate); ALL.len() + 1];
     let mut k = 0;
@@ -136,21 +137,22 @@ pub(crate) struct Hypothesis {
 }
 
 enum Shape {
-    /// With what the kernel knows of a moment.
+    /// The deviation depends on the quantity of the kernel.
     Varies(Arc<Shares>),
-    /// With the sensor's own input, up to so much: along each axis a curve, products of axes, the change of the rate.
+    /// The deviation depends on the input of the sensor, up to a largest one: a curve along each axis, products of
+    /// axes, and the derivative of the rate.
     Follows(Smooth<f64>, f64),
-    /// With products of rates and their change.
+    /// The deviation depends on products of rates and on their derivatives.
     Turns,
 }
 
-/// Length of the curve along an axis, as a share of its largest input, and points that it goes through.
+/// Correlation length of the curve along an axis, as a share of its largest input, and its number of nodes.
 const CURVE_LENGTH: f64 = 0.5;
 const CURVE_POINTS: usize = 9;
-/// A scale that lags by this time is as wrong as a typical one, s.
+/// Lag of a scale, s, that causes an error as large as a typical scale deviation.
 const LAG_S: f64 = 0.1;
 
-/// All hypotheses about the blocks that are asked about and that the recordings can tell of.
+/// All hypotheses about the selected blocks that the recordings can show.
 pub(crate) fn hypotheses(
     moments: &Moments,
     inside: bool,
@@ -159,7 +161,7 @@ pub(crate) fn hypotheses(
 ) -> Vec<Hypothesis> {
     let all: &[(Block, Kernel)] = if inside { &INSIDE } else { &ALL };
     let pairs: Vec<(Block, Kernel)> = all.iter().copied().filter(|(block, _)| asked(*block)).collect();
-    // With what the kernel knows of a moment, in the middle of the moves or at the rests.
+    // Hypotheses in the quantity of the kernel, in the middle of the moves or at the rests.
     let varies = |(block, kernel): (Block, Kernel)| {
         (!matches!(kernel, Kernel::Rate | Kernel::Force)).then_some((kernel, block == Block::GyroscopeScale))
     };
@@ -194,12 +196,12 @@ fn near_on_curve(a: &f64, others: &[f64], to: &mut [f64]) {
 }
 
 impl Hypothesis {
-    /// Typical size of its columns' parameters.
+    /// Typical size of the parameters of its columns.
     pub(crate) fn typical(&self) -> f64 {
         self.block.typical()
     }
 
-    /// Number of columns: each is about one axis, those about x come first, then as many about y and z.
+    /// Number of columns: those of axis x, then as many of y and of z.
     pub(crate) fn width(&self) -> usize {
         3 * match &self.shape {
             Shape::Varies(shares) => shares.width(),
@@ -209,7 +211,7 @@ impl Hypothesis {
         }
     }
 
-    /// What the columns add to the sensor, SI units, moment by moment.
+    /// What each column adds to the sensor, SI units, moment by moment.
     pub(crate) fn columns(&self, moments: &Moments, place: Place) -> Vec<f64> {
         let force = |at: &Moment| at.up * self.gravity_mps2;
         let moments = moments.at(place);
@@ -250,7 +252,7 @@ impl Hypothesis {
         }
     }
 
-    /// What is wrong with the block for each column, moment by moment.
+    /// Deviation of the block for each column, moment by moment.
     pub(crate) fn shares(&self, moments: &Moments, place: Place) -> Vec<f64> {
         match &self.shape {
             Shape::Varies(shares) => shares.times(place, std::iter::repeat(Vector3::repeat(1.0))),
@@ -259,7 +261,7 @@ impl Hypothesis {
         }
     }
 
-    /// Whether it is the moves that show it.
+    /// Whether the moves show it.
     pub(crate) fn is_of_moves(&self) -> bool {
         self.block == Block::GyroscopeScale || matches!(self.shape, Shape::Turns)
     }

@@ -1,4 +1,4 @@
-//! Sums of products of a model's columns and others that come beside them, group by group.
+//! Gram matrices of the columns of a model together with further columns, group by group.
 
 use faer::Mat;
 
@@ -6,21 +6,21 @@ use super::evidence::Gram;
 use super::products::{Part, Rows, square};
 use crate::numerics::stats::dot;
 
-/// A model's columns and residuals in groups of rows, with their sums.
+/// The columns and residuals of a model by group, with their Gram matrices.
 pub(crate) struct Known<'a> {
     groups: Vec<(Rows, Part<'a>, Vec<f64>)>,
     gram: &'a Gram,
 }
 
-/// Columns that come beside known ones, in the same groups of rows.
+/// Further columns of the same rows.
 pub(crate) struct Others<'a> {
-    /// Of each group its part of them, and the sums of their own products.
+    /// For each group its rows of the columns, and their Gram matrix.
     parts: Vec<(Part<'a>, Mat<f64>)>,
     width: usize,
 }
 
 impl<'a> Known<'a> {
-    /// `gram` are the sums of these columns and residuals.
+    /// `gram` are the Gram matrices of these columns and residuals.
     pub(crate) fn new(columns: &'a Mat<f64>, residual: &[f64], group_of_row: &[usize], gram: &'a Gram) -> Self {
         let of_group = |rows: Rows| {
             let (part, residual) = (rows.part(columns), rows.values(residual));
@@ -29,19 +29,19 @@ impl<'a> Known<'a> {
         Self { groups: Rows::of_groups(group_of_row).into_iter().map(of_group).collect(), gram }
     }
 
-    /// Other columns of the same rows.
+    /// Further columns of the same rows.
     pub(crate) fn others<'b>(&self, columns: &'b Mat<f64>) -> Others<'b> {
         let width = columns.ncols();
         let of_group = |(rows, ..): &(Rows, Part<'_>, Vec<f64>)| {
             let part = rows.part(columns);
-            // One thread for each hypothesis.
+            // One thread, because hypotheses are already evaluated in parallel.
             let own = square(part.view(), 1);
             (part, own)
         };
         Others { parts: self.groups.iter().map(of_group).collect(), width }
     }
 
-    /// The sums with other columns, which come before the residual.
+    /// Gram matrices with the further columns, which come before the residual.
     pub(crate) fn with(&self, others: &Others<'_>) -> Gram {
         let (known, width) = (self.gram.residual, others.width);
         let last = known + width;

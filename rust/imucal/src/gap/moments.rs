@@ -1,4 +1,4 @@
-//! Where generic hypotheses are put: rests and moves of a linearisation, and the columns of a hypothesis there.
+//! The moments that generic hypotheses refer to, and the whitened columns of a hypothesis there.
 
 use std::sync::Arc;
 
@@ -14,10 +14,10 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Of the blocks inside a move one in so many is enough for what changes slowly.
+/// Every so many-th block inside a move is used for quantities that change slowly.
 const EVERY: usize = 5;
 
-/// A linearisation with the moments that kernels know of.
+/// A linearisation with the quantities that kernels depend on.
 pub(crate) struct Setting<'a> {
     prepared: &'a Prepared<'a>,
     problem: Joint<'a>,
@@ -27,7 +27,8 @@ pub(crate) struct Setting<'a> {
 }
 
 impl<'a> Setting<'a> {
-    /// `none` are no terms at all: what a model's effects change is nothing beside how coarse a pattern is.
+    /// `none` are terms without any effect: the effects of a model change the columns by less than the resolution of a
+    /// pattern.
     pub(crate) fn new(prepared: &'a Prepared<'a>, none: &'a Terms<'a>, model: &Model) -> Result<Self, Error> {
         let plain = Model { values: Vec::new(), stand: Vec::new(), ..model.clone() };
         let linear = Arc::new(prepared.linearise(none, &plain.parameters())?);
@@ -37,12 +38,12 @@ impl<'a> Setting<'a> {
         Ok(Self { prepared, problem, linear, segments, moments })
     }
 
-    /// Hypotheses about the blocks that are asked about.
+    /// Hypotheses about the selected blocks.
     pub(crate) fn hypotheses(&self, asked: impl Fn(Block) -> bool) -> Vec<Hypothesis> {
         hypotheses(&self.moments, self.linear.sees_inside(), self.prepared.gravity_mps2, asked)
     }
 
-    /// Whether its rows belong with those that have these axes.
+    /// Whether its rows correspond to those defined with these axes.
     pub(crate) fn has_axes(&self, axes: &[usize]) -> bool {
         axes_of(&self.linear) == axes
     }
@@ -55,14 +56,15 @@ impl<'a> Setting<'a> {
         for (k, numbers) in self.moments.used.iter().zip(at_rests.chunks_exact(width)) {
             rests[k * width..][..width].copy_from_slice(numbers);
         }
-        // From rest to rest the force inside the moves is not looked at.
+        // In rest-to-rest mode, specific force inside moves is not used.
         let on_the_way = sensor == Sensor::Gyroscope || self.linear.sees_inside();
         let of_move = |k| if on_the_way { hypothesis.columns(&self.moments, Place::Move(k)) } else { Vec::new() };
         let field = Field { sensor, width, rests, moves: (0..self.segments.len()).map(of_move).collect() };
         self.problem.by_field(&self.linear, &self.segments, &field)
     }
 
-    /// Each rest, or the rest before each move, and what is wrong there on each axis with these weights of a hypothesis' columns.
+    /// Each rest, or the rest before each move, with the deviation of each axis there for these weights of the columns
+    /// of a hypothesis.
     pub(crate) fn wrong(&self, hypothesis: &Hypothesis, weights: &[f64]) -> Vec<(usize, Vector3<f64>)> {
         let count = weights.len() / 3;
         let wrong = |shares: &[f64]| {
@@ -83,7 +85,7 @@ impl<'a> Setting<'a> {
     }
 }
 
-/// What the kernels need to know of the rests that take part and of the moves between them.
+/// Quantities of the kernels at the rests in use and in the moves between them.
 fn moments(prepared: &Prepared<'_>, linear: &Linear, segments: &[MoveSegments]) -> Moments {
     let mut attitude = UnitQuaternion::identity();
     let mut arrived: Vec<Option<(UnitQuaternion<f64>, Vector3<f64>)>> = vec![None; prepared.rests.len()];

@@ -1,4 +1,5 @@
-//! The forward path: score, add, refit; then leave out again what the others have made superfluous.
+//! Forward selection of effects: score all candidates, add the best one, refit; at the end remove effects that the
+//! others have made superfluous.
 
 use std::cell::RefCell;
 use std::sync::Arc;
@@ -15,44 +16,40 @@ use super::stage::{Beside, FitKey, Member, Stage};
 use super::{Linearised, NotPredictive, Score, Search};
 use crate::calibrate::{Checked, EffectChoice, Options, UserField};
 use crate::error::Error;
-use crate::joint::{Kinds, Linear, Model, Near, Prepared};
+use crate::joint::{Kinds, Linear, Model, Prepared};
 use crate::numerics::stats::sample_interval_s;
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 
+/// Most effects in a model.
 const MOST_EFFECTS: usize = 6;
-/// Width of the narrowest prior, in typical sizes.
+/// Standard deviation of the narrowest prior, in typical sizes.
 pub(super) const LEAST_WIDTH: f64 = 0.03;
-/// A temperature that changes by less, in means over so long, says nothing of what it does.
+/// Smallest change of the temperature that shows its effects, K, in means over [`MEAN_S`].
 const LEAST_CHANGE_K: f64 = 0.5;
+/// Duration of the means of the temperature, s, which removes noise of its readings.
 const MEAN_S: f64 = 1.0;
-const CARRIED_ALONG: &str = "the unit was carried along inside the moves, not turned in one place";
 
 /// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
+///
+/// `is_hand_moved` says that a search among more candidates has found that a hand moved the unit
+/// ([`Search::is_hand_moved`]); otherwise this is decided anew.
 ///
 /// # Errors
 /// As [`calibrate`](crate::calibrate::calibrate()).
 pub fn search(
-    checked: &Checked,
-    recordings: &[Recording<'_>],
-    options: &Options<'_>,
+    checked: &Checked<'_>,
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
+    is_hand_moved: bool,
 ) -> Result<Search, Error> {
-    let columns = centred_temperatures(recordings);
-    let recordings = &with_temperatures(recordings, &columns);
-    let (mut hunt, open) = Hunt::new(checked, recordings, candidates, user_fields);
-    let found = checked.prepare(recordings, options, hunt.kinds, |prepared, accelerometer, gyroscope| {
-        hunt.run(prepared, [accelerometer, gyroscope], open)
-    });
-    if hunt.is_carried {
-        checked.carried.get_or_init(|| ());
-    }
-    let (found, near) = found?;
-    checked.ends_near(near);
-    Ok(found)
+    let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, is_hand_moved);
+    let temperatures_degc = centred_temperatures(checked.recordings());
+    checked.prepare(&temperatures_degc, search.kinds, |prepared, accelerometer, gyroscope| {
+        search.run(prepared, [accelerometer, gyroscope], open)
+    })
 }
 
-/// The whitened residuals of the model without effects, and what they depend on: for other ways to choose effects.
+/// The whitened residuals of the model without effects and their derivatives, for other methods of choosing effects.
 ///
 /// # Errors
 /// As [`search`].
@@ -63,7 +60,7 @@ pub fn linearise(
     user_fields: &[UserField<'_>],
 ) -> Result<Linearised, Error> {
     let checked = Checked::try_new(recordings, options)?;
-    at_start(&checked, recordings, options, candidates, user_fields, |_, stage| {
+    at_start(&checked, candidates, user_fields, false, |_, stage| {
         let Design { rows, model, candidates, residual, .. } = &*stage.design;
         let columns = rows.columns();
         let take = |range: std::ops::Range<usize>| {
@@ -77,48 +74,46 @@ pub fn linearise(
     })
 }
 
-/// The smallest rms size of each effect that is seen with 90 % probability, with its unit; and the names of those that are not seen at
-/// all, with what would show them.
+/// Name, smallest rms size that is detected with 90 % probability, and unit of each effect; and name and missing
+/// requirement of each effect that cannot be detected.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// How small each of the candidates could be and still be found beside the model without effects, in the recordings that are checked.
+/// How small each of the candidates could be and still be found beside the model without effects, in the recordings
+/// that are checked. `is_hand_moved` is as in [`search`].
 ///
 /// # Errors
 /// As [`search`].
 pub fn smallest_visible(
-    checked: &Checked,
-    recordings: &[Recording<'_>],
-    options: &Options<'_>,
+    checked: &Checked<'_>,
     candidates: &[EffectChoice],
+    is_hand_moved: bool,
 ) -> Result<Visible, Error> {
-    at_start(checked, recordings, options, candidates, &[], |mut hunt, stage| {
+    at_start(checked, candidates, &[], is_hand_moved, |mut search, stage| {
         let judged = judge(stage);
-        hunt.left_out.extend(judged.blind);
-        (judged.visible, hunt.left_out)
+        search.left_out.extend(judged.blind);
+        (judged.visible, search.left_out)
     })
 }
 
-/// What a search has in hand at its start: the model without effects, and what is left out already.
+/// Works on the start of a search: the model without effects, and the candidates that are excluded already.
 fn at_start<T>(
-    checked: &Checked,
-    recordings: &[Recording<'_>],
-    options: &Options<'_>,
+    checked: &Checked<'_>,
     candidates: &[EffectChoice],
     user_fields: &[UserField<'_>],
-    work: impl FnOnce(Hunt<'_>, &Stage) -> T,
+    is_hand_moved: bool,
+    work: impl FnOnce(ForwardSearch<'_>, &Stage) -> T,
 ) -> Result<T, Error> {
-    let columns = centred_temperatures(recordings);
-    let recordings = &with_temperatures(recordings, &columns);
-    let (mut hunt, open) = Hunt::new(checked, recordings, candidates, user_fields);
-    let kinds = hunt.kinds;
-    checked.prepare(recordings, options, kinds, |prepared, accelerometer, gyroscope| {
-        let (stage, _) = hunt.start(prepared, [accelerometer, gyroscope], open)?;
-        Ok(work(hunt, &stage))
+    let (mut search, open) = ForwardSearch::new(checked, candidates, user_fields, is_hand_moved);
+    let (kinds, temperatures_degc) = (search.kinds, centred_temperatures(checked.recordings()));
+    checked.prepare(&temperatures_degc, kinds, |prepared, accelerometer, gyroscope| {
+        let (stage, _) = search.start(prepared, [accelerometer, gyroscope], open)?;
+        Ok(work(search, &stage))
     })
 }
 
-/// Temperatures about their mean over all recordings: an effect of them has columns like those of the sensor's own parameters
-/// times how far that mean is from where temperatures count from, and what noise makes of the difference would be explained by noise.
+/// Temperatures relative to their mean over all recordings. The columns of an effect of temperature contain those of
+/// the base parameters times the difference of the mean from the reference temperature; the search must not explain
+/// noise by that part.
 fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     let (sum, count) = (recordings.iter().filter_map(|recording| recording.temperature_degc).flatten())
         .filter(|degc| degc.is_finite())
@@ -128,15 +123,7 @@ fn centred_temperatures(recordings: &[Recording<'_>]) -> Vec<Option<Vec<f64>>> {
     recordings.iter().map(|recording| recording.temperature_degc.map(centred)).collect()
 }
 
-fn with_temperatures<'a>(recordings: &[Recording<'a>], columns: &'a [Option<Vec<f64>>]) -> Vec<Recording<'a>> {
-    let with = |(recording, column): (&Recording<'a>, &'a Option<Vec<f64>>)| Recording {
-        temperature_degc: column.as_deref(),
-        ..*recording
-    };
-    recordings.iter().zip(columns).map(with).collect()
-}
-
-/// Whether the temperature changes enough to show what it does, noise of its readings aside.
+/// Whether the temperature changes enough to show its effects, apart from the noise of its readings.
 fn is_warmed(recordings: &[Recording<'_>]) -> bool {
     let warmed = recordings.iter().filter_map(|recording| Some((recording, recording.temperature_degc?)));
     let means = warmed.flat_map(|(recording, degc)| {
@@ -148,36 +135,37 @@ fn is_warmed(recordings: &[Recording<'_>]) -> bool {
     most - least >= LEAST_CHANGE_K
 }
 
-/// What stays the same through a search.
-pub(super) struct Hunt<'a> {
+/// The state of a search.
+pub(super) struct ForwardSearch<'a> {
     pub(super) kinds: Kinds,
-    /// Whether a hand carried the unit, as far as is known.
-    pub(super) is_carried: bool,
-    /// Effects that cannot be seen, and what they need.
+    /// Whether it is known that a hand moved the unit.
+    pub(super) is_hand_moved: bool,
+    /// Effects that cannot be detected, and what they need.
     pub(super) left_out: Vec<(String, String)>,
     pub(super) user_fields: &'a [UserField<'a>],
     pub(super) samples: Vec<usize>,
-    /// Fits that have been made.
+    /// Fits made so far.
     pub(super) fits: RefCell<Vec<(FitKey, Model)>>,
-    /// The last of them, the latest first, linearised where they ended.
+    /// The most recent fits, the latest first, linearised at their ends.
     pub(super) recent: RefCell<Vec<(FitKey, Arc<Linear>)>>,
-    /// The model without effects and all candidates beside it, once it is known.
+    /// The model without effects with the columns of all candidates, once it is computed.
     pub(super) ground: RefCell<Option<Arc<Design>>>,
 }
 
-impl<'a> Hunt<'a> {
-    /// With the candidates that are open.
+impl<'a> ForwardSearch<'a> {
+    /// The search and the candidates that it can examine.
     fn new(
-        checked: &Checked,
-        recordings: &[Recording<'_>],
+        checked: &Checked<'_>,
         candidates: &[EffectChoice],
         user_fields: &'a [UserField<'a>],
+        is_hand_moved: bool,
     ) -> (Self, Vec<EffectChoice>) {
+        let recordings = checked.recordings();
         let encoders = recordings.iter().all(Recording::has_stand)
             && candidates.iter().any(|choice| choice.effect.sensor == Sensor::Encoder);
-        let mut hunt = Self {
+        let mut search = Self {
             kinds: Kinds { in_motion: true, encoders },
-            is_carried: checked.is_carried(),
+            is_hand_moved: is_hand_moved || checked.is_held(),
             left_out: Vec::new(),
             user_fields,
             samples: recordings.iter().map(Recording::len).collect(),
@@ -185,11 +173,11 @@ impl<'a> Hunt<'a> {
             recent: RefCell::new(Vec::new()),
             ground: RefCell::new(None),
         };
-        let open = hunt.with_columns(recordings, candidates);
-        (hunt, open)
+        let open = search.with_columns(recordings, candidates);
+        (search, open)
     }
 
-    /// The candidates whose columns are there; the others are noted.
+    /// The candidates whose requirements the recordings meet; the others are added to `left_out`.
     fn with_columns(&mut self, recordings: &[Recording<'_>], candidates: &[EffectChoice]) -> Vec<EffectChoice> {
         let warmed = is_warmed(recordings);
         let lacks = |choice: &EffectChoice| {
@@ -217,27 +205,26 @@ impl<'a> Hunt<'a> {
         open
     }
 
-    /// What is found, and where the search ends.
     fn run(
         &mut self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: Vec<EffectChoice>,
-    ) -> Result<(Search, Near), Error> {
+    ) -> Result<Search, Error> {
         let (mut start, mut open) = self.start(prepared, triads, open)?;
         let mut first = judge(&start);
-        let mut walk = self.walk(prepared, &open, start.clone(), &first)?;
-        let not_the_earth = walk.stage.not_the_earth();
+        let mut selected = self.select(prepared, &open, start.clone(), &first)?;
+        let not_the_earth = selected.stage.not_the_earth();
         if not_the_earth.is_some() {
             open.retain(|choice| choice.effect.name != earth::NAME);
             start = start.without(earth::NAME);
             *self.ground.borrow_mut() = Some(Arc::clone(&start.design));
             first = judge(&start);
-            walk = self.walk(prepared, &open, start.clone(), &first)?;
+            selected = self.select(prepared, &open, start.clone(), &first)?;
         }
         let traces = traces(&start);
         let plain_scales = start.evidence.scales;
-        let Walk { stage, path, not_predictive, last } = walk;
+        let Selected { stage, path, not_predictive, last } = selected;
         let (patterns, contradiction) = self.patterns(prepared, triads, &open, &stage)?;
         let generic = patterns
             .into_iter()
@@ -246,7 +233,7 @@ impl<'a> Hunt<'a> {
         let Judgement { scores, blind, visible } = first;
         let mut ranking: Vec<Score> = scores.into_iter().map(|judged| judged.score).collect();
         ranking.sort_by(|a, b| b.log_bayes_factor.total_cmp(&a.log_bayes_factor));
-        // Beside the final model; of what is in it, beside the model without effects.
+        // Relative to the final model; for effects in that model, relative to the model without effects.
         let mut smallest_visible = last.map(|last| last.visible).unwrap_or_default();
         for entry in visible {
             if !smallest_visible.iter().any(|(name, ..)| *name == entry.0) {
@@ -254,7 +241,7 @@ impl<'a> Hunt<'a> {
             }
         }
         self.left_out.extend(blind);
-        let found = Search {
+        Ok(Search {
             path,
             ranking,
             generic: generic.map(|g| g.finding()),
@@ -264,19 +251,20 @@ impl<'a> Hunt<'a> {
             smallest_visible,
             traces,
             scattering_rests: contradiction.or_else(|| scattering_rests(&stage, &plain_scales)),
-            in_motion_left_out: (!self.kinds.in_motion).then(|| CARRIED_ALONG.to_owned()),
-        };
-        Ok((found, stage.near()))
+            is_hand_moved: !self.kinds.in_motion,
+            warm_start: stage.warm_start(),
+        })
     }
 
-    /// Adds the best candidate again and again, from the model without effects, and leaves out what is superfluous at the end.
-    fn walk(
+    /// Adds the best candidate repeatedly, starting from the model without effects, and removes superfluous effects at
+    /// the end.
+    fn select(
         &self,
         prepared: &Prepared<'_>,
         open: &[EffectChoice],
         mut stage: Stage,
         first: &Judgement,
-    ) -> Result<Walk, Error> {
+    ) -> Result<Selected, Error> {
         let beside = |stage: &Stage, members: &[Member]| {
             let near = [&stage.model.accelerometer, &stage.model.gyroscope];
             self.stage(prepared, near, open, members, Beside::Candidates)
@@ -304,28 +292,28 @@ impl<'a> Hunt<'a> {
                 Ok(next) if next.evidence.log > stage.evidence.log => {
                     path.push(Score { rivals, ..pick.score.clone() });
                     stage = next;
-                    // Before a second effect mends what the wrong one leaves.
+                    // Now, before a second effect compensates the residuals of a wrong one.
                     if self.swap(prepared, open, &mut stage, &mut path)? {
                         stage = beside(&stage, &stage.members)?;
                     }
                     last = Some(judge(&stage));
                 }
-                // What is not determined, or does not help once it is really fitted, is no explanation.
+                // An effect that is not determined, or that does not raise the evidence once it is fitted, is skipped.
                 _ => skipped.push(pick.score.name.clone()),
             }
         }
         if self.eliminate(prepared, open, &mut stage, &mut path)? {
             last = Some(judge(&beside(&stage, &stage.members)?));
         }
-        Ok(Walk { stage, path, not_predictive, last })
+        Ok(Selected { stage, path, not_predictive, last })
     }
 }
 
-/// Where a path has come to.
-struct Walk {
+/// The effects that were selected.
+struct Selected {
     stage: Stage,
     path: Vec<Score>,
     not_predictive: Vec<NotPredictive>,
-    /// Of the candidates beside the last model; `None` where that is the first one.
+    /// Scores of the candidates relative to the last model; `None` if that is the model without effects.
     last: Option<Judgement>,
 }

@@ -1,4 +1,4 @@
-//! Generic hypotheses beside and instead of a path (model.md (24)).
+//! Generic hypotheses in addition to the selected effects and in their place (model.md (24)).
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
 use imucal_core::effects::Sensor;
@@ -9,7 +9,7 @@ use super::evidence::{Column, Evidence};
 use super::generic::Hypothesis;
 use super::known::{Known, Others};
 use super::moments::Setting;
-use super::path::Hunt;
+use super::path::ForwardSearch;
 use super::score::contradiction_of_stand;
 use super::stage::{Beside, Member, Stage};
 use super::weighing::Weighing;
@@ -19,18 +19,21 @@ use crate::error::Error;
 use crate::joint::{Kinds, Prepared, Terms};
 use crate::numerics::workers::{in_order, processors};
 
-/// Prior widths in units of the typical bias.
+/// Trial standard deviations of the prior, in typical biases.
 const WIDTHS: [f64; 5] = [0.1, 0.3, 1.0, 3.0, 10.0];
-/// A generic hypothesis has to explain this much more than the path, and this much at all.
+/// Nats by which the evidence of a generic hypothesis must exceed that of the selected effects.
 const LEAD: f64 = 3.0;
+/// Least log Bayes factor of a generic hypothesis, nats.
 const LEAST: f64 = 8.0;
-/// With less than this at the scales of the model it comes nowhere near.
-const WORTH_ASKING: f64 = 2.0;
-/// With so much that it explains on top of the path, the path is not all.
+/// Gain at the scales of the model, nats, below which a hypothesis is not evaluated further.
+const LEAST_GAIN: f64 = 2.0;
+/// Log Bayes factor, nats, of a hypothesis in addition to the selected effects from which on these do not explain
+/// everything.
 const NOT_ALL: f64 = 12.0;
-/// Shares of a path's nats, and of the chi2 that it explains, that large effects may leave, being more than a line. Nats grow with the
-/// logarithm of a size: alone they would tell a remainder of a few per cent from one of as much of a larger effect.
+/// Share of the log Bayes factor of the selected effects that large effects may leave because of their nonlinearity.
 const REMAINDER: f64 = 0.02;
+/// The same share of chi2. The log Bayes factor grows with the logarithm of a size, so it alone would judge equal
+/// relative remainders of effects of different size differently.
 const REMAINDER_OF_CHI2: f64 = 0.002;
 
 /// The generic hypothesis with the largest evidence.
@@ -38,13 +41,13 @@ pub(super) struct BestGeneric {
     pub(super) block: Block,
     pub(super) kernel: Kernel,
     pub(super) log_bayes_factor: f64,
-    /// By how much it lowers chi2.
+    /// Reduction of chi2.
     chi2: f64,
-    /// Rests, or rests before moves, and what is wrong there on each axis, SI units.
+    /// Rests, or rests before moves, and the deviation of each axis there, SI units.
     wrong: Vec<(usize, Vector3<f64>)>,
 }
 
-/// A model that hypotheses come beside.
+/// A model that hypotheses are added to.
 struct Judge<'a> {
     known: Known<'a>,
     model: &'a [Column],
@@ -56,17 +59,17 @@ impl<'a> Judge<'a> {
         Self { known: stage.design.known(), model: &stage.design.model, before: &stage.evidence }
     }
 
-    /// The evidence of the model with a hypothesis, which has so many columns; `None` where that comes to nothing.
-    fn ask(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<Evidence> {
+    /// The evidence of the model with a hypothesis of `width` columns; `None` if the hypothesis gains next to nothing.
+    fn evaluate(&self, hypothesis: &Hypothesis, others: &Others<'_>, width: usize) -> Option<Evidence> {
         let Self { known, model, before } = self;
         let (gram, typical) = (known.with(others), hypothesis.typical());
         let own = (model.len()..model.len() + width).map(|place| (place, typical));
         let weighing = Weighing::new(&gram, model, own.collect());
         let swept = weighing.sweep(&before.scales)?;
-        // What gains next to nothing at the scales of the model gains no more by narrowing them.
-        let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > WORTH_ASKING)?;
+        // A hypothesis that gains next to nothing at the scales of the model gains no more at smaller scales.
+        let (first, _) = weighing.left(&swept).best_width(&WIDTHS).filter(|(_, gain)| *gain > LEAST_GAIN)?;
         let (mut evidence, swept) = weighing.evidence(first, swept)?;
-        // What explains much narrows the scales, and is the larger for it.
+        // A hypothesis that explains much reduces the scales, and then a larger prior width is best.
         if let Some((again, _)) = weighing.left(&swept).best_width(&WIDTHS).filter(|(width, _)| *width != first)
             && let Some((other, _)) = weighing.evidence(again, swept).filter(|(other, _)| other.log > evidence.log)
         {
@@ -76,26 +79,26 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// The generic hypotheses with the largest evidence beside each of the models, of the blocks that are asked about.
+/// The generic hypothesis of the selected blocks with the largest evidence, for each of the models.
 fn best_generics<const N: usize>(
     setting: &Setting<'_>,
     stages: [&Stage; N],
-    asked: impl Fn(Block) -> bool,
+    is_selected: impl Fn(Block) -> bool,
 ) -> [Option<BestGeneric>; N] {
     let judges = stages.map(Judge::new);
-    let hypotheses = setting.hypotheses(asked);
-    let heard = in_order(processors(), hypotheses.len(), |place| {
+    let hypotheses = setting.hypotheses(is_selected);
+    let found = in_order(processors(), hypotheses.len(), |place| {
         let hypothesis = &hypotheses[place];
         let columns = setting.columns(hypothesis);
-        // Rows are in the same groups beside all of these.
+        // The rows have the same groups in all models.
         let others = judges.first().map(|judge| judge.known.others(&columns));
-        judges.each_ref().map(|judge| judge.ask(hypothesis, others.as_ref()?, columns.ncols()))
+        judges.each_ref().map(|judge| judge.evaluate(hypothesis, others.as_ref()?, columns.ncols()))
     });
     std::array::from_fn(|judge| {
         let mut best: Option<(&Hypothesis, &Evidence)> = None;
-        for (hypothesis, heard) in hypotheses.iter().zip(&heard) {
-            if let Some(heard) = heard[judge].as_ref().filter(|own| best.is_none_or(|(_, best)| own.log > best.log)) {
-                best = Some((hypothesis, heard));
+        for (hypothesis, found) in hypotheses.iter().zip(&found) {
+            if let Some(found) = found[judge].as_ref().filter(|own| best.is_none_or(|(_, best)| own.log > best.log)) {
+                best = Some((hypothesis, found));
             }
         }
         let Judge { model, before, .. } = &judges[judge];
@@ -109,21 +112,21 @@ fn best_generics<const N: usize>(
     })
 }
 
-/// Logarithms of Bayes factors on the same residuals.
+/// Log Bayes factors on the same residuals.
 pub(super) struct Pattern {
-    /// The best one against no effect.
+    /// The best hypothesis against no effect.
     pub(super) alone: Option<BestGeneric>,
-    /// The path against no effect.
+    /// The selected effects against no effect.
     pub(super) path: f64,
-    /// By how much the path lowers chi2.
+    /// Reduction of chi2 by the selected effects.
     path_chi2: f64,
-    /// The best one on top of the path, against the path.
+    /// The best hypothesis in addition to the selected effects, against these alone.
     pub(super) on_top: Option<BestGeneric>,
 }
 
 impl Pattern {
-    /// The generic hypothesis, if it explains more than the path; that on top of the path, if it explains much that the path does
-    /// not.
+    /// The generic hypothesis, if it explains more than the selected effects; or the one in addition to them, if it
+    /// explains much that they do not.
     pub(super) fn winner(self) -> Option<BestGeneric> {
         let Self { alone, path, path_chi2, on_top } = self;
         let is_no_remainder = |chi2: f64| path_chi2 <= 0.0 || chi2 > REMAINDER_OF_CHI2 * path_chi2;
@@ -137,7 +140,8 @@ impl Pattern {
 impl BestGeneric {
     pub(super) fn finding(self) -> GenericFinding {
         let Self { block, kernel, log_bayes_factor, wrong, .. } = self;
-        // At rest the force is the direction of gravity: a bias that follows one is a scale that follows the other.
+        // At rest the specific force is along gravity, so a bias proportional to the direction of gravity is a scale
+        // proportional to force.
         let (block, kernel, unit) = match (block, kernel) {
             (Block::AccelerometerBias, Kernel::GravityDirection) => {
                 (Block::AccelerometerScale, Kernel::Force, STANDARD_GRAVITY_MPS2)
@@ -155,9 +159,10 @@ impl BestGeneric {
     }
 }
 
-impl Hunt<'_> {
-    /// Generic hypotheses alone and on top of the path: on rests and moves from rest to rest, and inside the moves where these
-    /// take part. With a stand, whether these residuals contradict it: the name, the factor and the chance of it.
+impl ForwardSearch<'_> {
+    /// Generic hypotheses alone and in addition to the selected effects: on rests and moves from rest to rest, and
+    /// inside the moves if these are used. With a stand, also whether these residuals contradict it: name, factor, and
+    /// probability under the null hypothesis.
     pub(super) fn patterns(
         &mut self,
         prepared: &Prepared<'_>,
@@ -169,9 +174,9 @@ impl Hunt<'_> {
         let (mut patterns, mut contradiction) = (Vec::new(), None);
         for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
             self.kinds = Kinds { in_motion, encoders: false };
-            // Inside the moves a scale shows better, and so do the effects that resemble it.
-            let asked = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
-            let found = self.pattern(prepared, triads, open, &stage.members, asked);
+            // Inside the moves a scale is better observable, and so are the effects that resemble it.
+            let is_selected = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
+            let found = self.pattern(prepared, triads, open, &stage.members, is_selected);
             self.kinds = kinds;
             let (pattern, with) = found?;
             patterns.push(pattern);
@@ -182,21 +187,21 @@ impl Hunt<'_> {
         Ok((patterns, contradiction))
     }
 
-    /// The same on the residuals of `self.kinds`; what these do not determine says nothing here.
+    /// The same on the residuals of `self.kinds`; effects that these do not determine are left out.
     fn pattern(
         &self,
         prepared: &Prepared<'_>,
         triads: [&Triad<f64>; 2],
         open: &[EffectChoice],
         members: &[Member],
-        asked: impl Fn(Block) -> bool,
+        is_selected: impl Fn(Block) -> bool,
     ) -> Result<(Pattern, Option<Stage>), Error> {
         let is_inertial = |c: &&EffectChoice| c.effect.sensor != Sensor::Encoder;
         let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
         let seen: Vec<EffectChoice> =
             inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
         let without = self.stage(prepared, triads, &[], &[], Beside::Nothing)?;
-        // What the motion shows, rests and moves may show a little, or not at all.
+        // Effects that show inside moves may be hardly determined from rest to rest, or not at all.
         let with = [inertial, seen].into_iter().find_map(|choices| {
             let own = |m: &&Member| {
                 choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
@@ -214,14 +219,14 @@ impl Hunt<'_> {
         let setting = Setting::new(prepared, &none, &without.model)?;
         let (alone, on_top) = match &with {
             Some(with) if setting.has_axes(with.design.axes()) => {
-                let [alone, on_top] = best_generics(&setting, [&without, with], &asked);
+                let [alone, on_top] = best_generics(&setting, [&without, with], &is_selected);
                 (alone, on_top)
             }
             with => {
-                let [alone] = best_generics(&setting, [&without], &asked);
+                let [alone] = best_generics(&setting, [&without], &is_selected);
                 let beside = |with: &Stage| -> Result<Option<BestGeneric>, Error> {
                     let setting = Setting::new(prepared, &none, &with.model)?;
-                    let [on_top] = best_generics(&setting, [with], &asked);
+                    let [on_top] = best_generics(&setting, [with], &is_selected);
                     Ok(on_top)
                 };
                 (alone, with.as_ref().map(beside).transpose()?.flatten())

@@ -6,23 +6,23 @@
 //! gain = sum_i d_i,   std^2 = n var(d_i),   d_i = l_i with the effect - l_i without
 //! ```
 //!
-//! Where residuals scatter by more than noise, chance is not that of the noise, and a small p-value promises too much; what
-//! only follows chance fits and does not predict: a parameter without a meaning costs half a nat or more here. The standard
-//! deviation is that of the items themselves (Vuong, Econometrica 57, 1989, 307-333), so a few bad rests or moves cannot
-//! carry an effect. An item is a rest or a move, a fold a stretch of time: biases wander, and the neighbours of a rest would
-//! predict it whatever the model is.
+//! Where residuals scatter by more than noise, p-values based on the noise are too small. An effect that only fits such
+//! scatter does not predict: a parameter without meaning costs half a nat or more here. The standard deviation is that
+//! of the items themselves (Vuong, Econometrica 57, 1989, 307-333), so a few bad rests or moves cannot make an effect
+//! significant. An item is a rest or a move. A fold is a stretch of time, because biases wander: neighbours would
+//! predict a rest whatever the model is.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
 use super::evidence::{Column, Gram, RIDGE};
 
-/// Stretches of time, each of which all others predict.
+/// Number of folds: stretches of time, each of which is predicted from the others.
 const FOLDS: usize = 6;
-/// A gain has to be this many of its standard deviations.
+/// Number of standard deviations by which a gain must exceed zero.
 const SURE: f64 = 2.0;
 
-/// Logarithm of the predictive density that an effect gains, and its standard deviation.
+/// Gain of the log predictive density by an effect, nats, and its standard deviation.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Gain {
     pub(crate) nats: f64,
@@ -37,7 +37,7 @@ impl Gain {
 
 /// Residuals to be predicted.
 pub(crate) struct Held<'a> {
-    /// All columns of a design, and the residual.
+    /// All columns of a design without the residual.
     pub(crate) columns: &'a Mat<f64>,
     pub(crate) residual: &'a [f64],
     pub(crate) gram: &'a Gram,
@@ -47,7 +47,8 @@ pub(crate) struct Held<'a> {
 }
 
 impl Held<'_> {
-    /// What a model with more columns gains; each has its own scales. `None` where a fold does not determine it.
+    /// Gain of a model with more columns over a model; each has its own scales. `None` if a fold does not determine a
+    /// model.
     pub(crate) fn gain(&self, without: (&[Column], &[f64]), with: (&[Column], &[f64])) -> Option<Gain> {
         let (without, with) = (self.log_densities(without)?, self.log_densities(with)?);
         let gains: Vec<f64> =
@@ -58,7 +59,7 @@ impl Held<'_> {
         Some(Gain { nats, std: (n * variance).sqrt() })
     }
 
-    /// Of each item that there is, as all folds but its own predict it.
+    /// Log predictive density of each item, predicted from all other folds.
     fn log_densities(&self, (columns, scales): (&[Column], &[f64])) -> Option<Vec<Option<f64>>> {
         let n = columns.len();
         let scale_of = |group: usize| {
@@ -69,7 +70,7 @@ impl Held<'_> {
         let weight: Vec<f64> = scale.iter().map(|scale| 1.0 / scale.sqrt()).collect();
         let place = |c: usize| columns.get(c).map_or(self.gram.residual, |column| column.place);
         let mut all = self.gram.at_scales(scales, place, n + 1, 0..n + 1);
-        // Columns of length one, the scales in them; the residual is the last one.
+        // Columns scaled to unit length, including the scales of their rows; the residual is the last column.
         let length = |c: usize| columns.get(c).map_or(1.0, |own| all[(c, c)].max(own.precision).sqrt().max(1e-300));
         let size: Vec<f64> = (0..=n).map(length).collect();
         for (j, of_column) in size.iter().enumerate() {

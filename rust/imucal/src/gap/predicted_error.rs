@@ -88,7 +88,7 @@ impl BriefMeans {
     pub fn of(recording: &Recording<'_>) -> Self {
         let samples = brief_samples(recording.time_s);
         let mean = |values: &[f64]| -> Vec<f64> {
-            values.chunks_exact(samples).map(|part| part.iter().sum::<f64>() / samples as f64).collect()
+            values.chunks_exact(samples).map(|part| sum(part) / samples as f64).collect()
         };
         let mean_rows = |rows: crate::recording::Samples<'_>| -> Vec<[f64; 3]> {
             let axes = [0, 1, 2].map(|axis| mean(&rows.axis(axis).collect::<Vec<f64>>()));
@@ -114,6 +114,35 @@ impl BriefMeans {
             ..*of
         }
     }
+}
+
+/// Sum with little rounding: evenly spaced brief means coincide with the edges of the windows, so rounding of their
+/// times decides between two windows.
+fn sum(values: &[f64]) -> f64 {
+    values.split_first().map_or(0.0, |(first, others)| first + pairwise_sum(others))
+}
+
+/// Sum by halves, and of a few values in eight partial sums (Higham, SIAM Journal on Scientific Computing 14, 1993,
+/// 783-799).
+fn pairwise_sum(values: &[f64]) -> f64 {
+    const EIGHT: usize = 8;
+    const FEW: usize = 128;
+    if values.len() < EIGHT {
+        return values.iter().fold(0.0, |sum, value| sum + value);
+    }
+    if values.len() > FEW {
+        let half = values.len() / 2;
+        let (left, right) = values.split_at(half - half % EIGHT);
+        return pairwise_sum(left) + pairwise_sum(right);
+    }
+    let (eights, others) = values.as_chunks::<EIGHT>();
+    let mut sums = [0.0; EIGHT];
+    for eight in eights {
+        sums.iter_mut().zip(eight).for_each(|(sum, value)| *sum += value);
+    }
+    let [a, b, c, d, e, f, g, h] = sums;
+    let of_eights = ((a + b) + (c + d)) + ((e + f) + (g + h));
+    others.iter().fold(of_eights, |sum, value| sum + value)
 }
 
 /// Number of samples of a brief mean.

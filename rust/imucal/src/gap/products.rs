@@ -1,4 +1,4 @@
-//! Sums of products of columns, group by group of their rows.
+//! Gram matrices of columns, group by group of their rows.
 
 mod asked;
 mod lanes;
@@ -16,7 +16,7 @@ use crate::numerics::stats::dot;
 use crate::numerics::workers::{in_order, processors};
 use asked::Asked;
 
-/// The rows of a group, as runs without gaps.
+/// The rows of a group, as consecutive runs.
 pub(super) struct Rows {
     group: usize,
     runs: Vec<Range<usize>>,
@@ -29,16 +29,16 @@ pub(super) struct Part<'a> {
 }
 
 impl Gram {
-    /// The sums of columns, of which the last one is the residual.
+    /// Gram matrices of columns, of which the last one is the residual.
     pub(crate) fn of(columns: &Mat<f64>, group_of_row: &[usize]) -> Self {
         let groups = Rows::of_groups(group_of_row);
         let sums = groups.iter().map(|rows| square(rows.part(columns).view(), processors())).collect();
         Self::of_groups(sums, &groups, columns.ncols() - 1)
     }
 
-    /// Those of a model of the first columns with one at a time of the blocks of others, which is all that judging these takes. What
-    /// nobody may ask for is no number. `order` are the columns among those of the rows, the residual the last; that of what is inside
-    /// the moves comes along.
+    /// The products that scoring needs: those of a model, which has the first columns, with all others, and those
+    /// within each block of other columns. All other entries are NaN. `order` are the places of the columns among those
+    /// of the rows, the residual last; the residual inside the moves is returned, too.
     pub(crate) fn beside(
         (rows, group_of_row): (&Lanes, &[usize]),
         insides: Option<&Insides>,
@@ -61,7 +61,7 @@ impl Gram {
         Self { sums, rows, groups: groups.iter().map(|rows| rows.group).collect(), residual }
     }
 
-    /// Those of the same groups with the products of all columns, which are asked for the first time, and a residual.
+    /// The same groups with the products of all columns, which are computed when first needed, and with a residual.
     pub(crate) fn with_residual(
         &self,
         products: &OnceLock<Vec<Mat<f64>>>,
@@ -84,7 +84,7 @@ impl Gram {
 }
 
 impl Rows {
-    /// Of all groups that have any.
+    /// Of all groups that have rows.
     pub(super) fn of_groups(group_of_row: &[usize]) -> Vec<Self> {
         let count = group_of_row.iter().max().map_or(0, |last| last + 1);
         let mut all: Vec<Self> = (0..count).map(|group| Self { group, runs: Vec::new() }).collect();
@@ -106,7 +106,7 @@ impl Rows {
         self.runs.iter().flat_map(|run| &column[run.clone()]).copied().collect()
     }
 
-    /// These rows of a matrix; they are copied only where there are gaps.
+    /// These rows of a matrix; they are copied only if they are not consecutive.
     pub(super) fn part<'m>(&self, columns: &'m Mat<f64>) -> Part<'m> {
         if let [run] = self.runs.as_slice() {
             return Part { columns: Cow::Borrowed(columns), rows: run.clone() };
@@ -130,7 +130,7 @@ impl Part<'_> {
         &self.columns.col_as_slice(j)[self.rows.clone()]
     }
 
-    /// Puts the products with a residual, which has this place, into the sums.
+    /// Writes the products with a residual at this place into the Gram matrices.
     fn put_residual(&self, residual: &[f64], place: usize, sum: &mut Mat<f64>) {
         for j in 0..self.columns.ncols() {
             let product = dot(self.column(j), residual);
@@ -140,16 +140,16 @@ impl Part<'_> {
     }
 }
 
-/// Rows whose products are summed at once: so many whatever the number of threads, for the sum is not to depend on that.
+/// Number of rows per partial sum; it does not depend on the number of threads, so neither does the result.
 const TOGETHER: usize = 2048;
 
-/// What is made of so many rows, part by part in their order.
+/// Applies a function to parts of the rows, in order.
 fn in_parts<R: Send>(threads: usize, rows: usize, work: impl Fn(Range<usize>) -> R + Sync) -> Vec<R> {
     let of_part = |part: usize| work(part * TOGETHER..rows.min((part + 1) * TOGETHER));
     in_order(threads, rows.div_ceil(TOGETHER), of_part)
 }
 
-/// `A^T A`: one half of it is made, the other is the same.
+/// `A^T A`, of which one half is computed and mirrored.
 pub(super) fn square(a: MatRef<'_, f64>, threads: usize) -> Mat<f64> {
     let mut sum = Mat::zeros(a.ncols(), a.ncols());
     let of_part = |rows: Range<usize>| lower_square(a.subrows(rows.start, rows.len()));

@@ -1,9 +1,9 @@
-//! A path that is there, looked at again: members by another name, and members that the others have made superfluous.
+//! Revision of the selected effects: replacement by an alias with a time constant, and removal of superfluous effects.
 
 use imucal_core::effects::Effect;
 
 use super::Score;
-use super::path::{Hunt, LEAST_WIDTH};
+use super::path::{ForwardSearch, LEAST_WIDTH};
 use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;
@@ -11,25 +11,26 @@ use crate::error::Error;
 use crate::joint::Prepared;
 use crate::numerics::stats::p_value;
 
-/// Rivals are this close in the logarithm of the evidence.
+/// Effects whose log evidence is within this many nats of the best one are its rivals.
 const RIVAL_NATS: f64 = 3.0;
-/// From this logarithm of a Bayes factor on what a line leaves out tells more between effects than what they are.
+/// Log Bayes factor, nats, from which on the nonlinearity of large effects decides between candidates more than their
+/// columns do.
 const VERY_MUCH: f64 = 2000.0;
-/// Share of the best one's that a contender has.
+/// Share of the best log Bayes factor that a contender needs.
 const CLOSE: f64 = 0.9;
 
 impl Judged {
-    /// It and the members of a model.
+    /// The effects of a model and this candidate.
     pub(super) fn beside(&self, members: &[Member]) -> Vec<Member> {
         let own = Member { name: self.score.name.clone(), width: self.width, shape: self.shape, values: Vec::new() };
         members.iter().cloned().chain([own]).collect()
     }
 }
 
-impl Hunt<'_> {
-    /// The best of the candidates that are `good` by their evidence, and its rivals by name.
+impl ForwardSearch<'_> {
+    /// The `good` candidate with the largest evidence, and the names of its rivals.
     ///
-    /// Of effects that explain very much, all nearly as much, it is the one that explains most when it is fitted.
+    /// Candidates with very large and nearly equal evidence are fitted, and the fit with the largest evidence decides.
     pub(super) fn best<'j>(
         &self,
         prepared: &Prepared<'_>,
@@ -65,8 +66,9 @@ impl Hunt<'_> {
         Some((pick, rivals))
     }
 
-    /// Puts an alias with a time constant in the place of a member if it explains clearly more: until it is fitted its time constant is
-    /// one of few. One that explains nearly as much is a rival. Says whether there was any to put.
+    /// Replaces an effect by an alias with a time constant if that has an evidence larger by more than [`RIVAL_NATS`],
+    /// because candidates are scored at a few trial time constants only. An alias with nearly the same evidence becomes
+    /// a rival. Returns whether an effect was replaced.
     pub(super) fn swap(
         &self,
         prepared: &Prepared<'_>,
@@ -90,7 +92,7 @@ impl Hunt<'_> {
                 let typical = &other.effect.parameters[..other.effect.plain];
                 let mut members = stage.members.clone();
                 members[k] = Member { name: other.effect.name.to_owned(), width: 1.0, shape: None, values: Vec::new() };
-                // Once to see how large it is, once with a prior as wide as that.
+                // The first fit shows the size of the effect, which is the width of the prior in the second one.
                 let mut fit = || {
                     let found = self.stage(prepared, near, open, &members, Beside::Nothing).ok()?;
                     let sizes = found.members[k].values.iter().zip(typical).map(|(v, p)| (v / p.typical).powi(2));
@@ -99,7 +101,7 @@ impl Hunt<'_> {
                     Some(found)
                 };
                 let Some(found) = fit().and_then(|_| fit()) else { continue };
-                // Candidates are judged at their best time constant, and so is this one.
+                // Candidates are scored at a fixed time constant, and so is this alias.
                 let shape = found.place(other.effect.name).map_or(0, |place| place.end - 1);
                 let mut columns = found.design.model.clone();
                 columns.remove(shape);
@@ -129,7 +131,7 @@ impl Hunt<'_> {
         Ok(swapped)
     }
 
-    /// Leaves out members that the model does as well without; says whether there were any.
+    /// Removes effects without which the evidence is as large; returns whether there were any.
     pub(super) fn eliminate(
         &self,
         prepared: &Prepared<'_>,

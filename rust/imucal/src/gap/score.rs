@@ -1,4 +1,4 @@
-//! Scoring every candidate beside a model.
+//! Scores of all candidates relative to a model.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -20,42 +20,43 @@ use crate::joint::{LEAST_CHANGE_PARTLY, STAND_MOVES, STAND_RESTS};
 use crate::numerics::stats::p_value;
 use crate::numerics::workers::{in_order, processors};
 
-/// Prior widths in units of the typical size.
+/// Trial standard deviations of the prior, in typical sizes.
 const WIDTHS: [f64; 8] = [0.03, 0.1, 0.3, 1.0, 3.0, 10.0, 30.0, 100.0];
-/// So wide that the prior does not count.
+/// A standard deviation of the prior, in typical sizes, so large that the prior has no effect.
 const NO_PRIOR: f64 = 1e4;
-/// What moves chi2 by one at a hundred times the typical size is seen.
+/// A direction of the parameters is observable if a hundred times the typical size changes chi2 by one or more.
 const LEAST_CHANGE: f64 = LEAST_CHANGE_PARTLY * LEAST_CHANGE_PARTLY;
-/// Noise explains a scatter that it makes more often than this.
+/// Probability under the null hypothesis above which noise explains a scatter.
 const NOISE_CHANCE: f64 = 0.01;
-/// Scatter of rests that chance makes less often than this is that of something unknown.
+/// Probability under the null hypothesis below which the scatter of rests is significant.
 const SCATTER_CHANCE: f64 = 1e-6;
-/// Noise that a filter has coloured, or that wanders, makes rests scatter by less than so many times what is taken for it.
+/// Factor of the scatter of rests over white noise that coloured noise or a wandering bias may cause.
 const WIDE: f64 = 2.5;
-/// Share of the variance that a large effect may leave, being more than a line.
+/// Share of the variance that a large effect may leave because of its nonlinearity.
 const REMAINDER: f64 = 0.05;
 
-/// A candidate with the prior's width and the time constant that are best.
+/// A candidate with the prior width and the time constant of largest evidence.
 pub(super) struct Judged {
     pub(super) score: Score,
     pub(super) width: f64,
     pub(super) shape: Option<f64>,
 }
 
-/// All candidates.
+/// Scores of all candidates.
 pub(super) struct Judgement {
     pub(super) scores: Vec<Judged>,
-    /// Effects that are not seen at all, and what would show them.
+    /// Effects that cannot be detected, and what would show them.
     pub(super) blind: Vec<(String, String)>,
-    /// The smallest size of each that would be seen, and its unit.
+    /// The smallest size of each candidate that would be detected, and its unit.
     pub(super) visible: Vec<(String, f64, String)>,
 }
 
-/// Scores all candidates beside the model of a stage.
+/// Scores all candidates relative to the model of a stage.
 pub(super) fn judge(stage: &Stage) -> Judgement {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let (mut scores, mut blind, mut visible): (Vec<Judged>, Vec<_>, Vec<_>) = (Vec::new(), Vec::new(), Vec::new());
-    // What noise alone lets be seen: an effect that is not in the model yet widens the scatter and must not hide itself.
+    // Observability is judged with noise alone: an effect that is not in the model yet widens the scatter and must not
+    // hide itself.
     let unwidened = vec![1.0; stage.evidence.scales.len()];
     let all = Common::new(gram, model, candidates.iter().flat_map(Candidate::asides).collect());
     let widened = all.sweep(&stage.evidence.scales);
@@ -99,17 +100,17 @@ pub(super) fn judge(stage: &Stage) -> Judgement {
     Judgement { scores, blind, visible }
 }
 
-/// What is seen of a candidate beside a model.
+/// What the recordings show of a candidate relative to a model.
 struct Look {
-    /// Directions of its parameters that noise alone lets be seen.
+    /// Number of directions of its parameters that are observable with noise alone.
     dof: usize,
-    /// What a typical size of it moves chi2 by.
+    /// Change of chi2 by its typical size.
     trace: f64,
     judged: Option<Judged>,
 }
 
-/// Looks at a candidate, which has these of all columns, with the model swept out where only noise scatters (`None` if it is where the
-/// residuals scatter as they do) and there; `None` where it is not seen.
+/// Examines a candidate with the columns `own`, with the model swept out at the scales of noise alone (`None` if these
+/// are the scales of the model) and at the scales of the model; `None` if the candidate is not observable.
 fn look_at(
     candidate: &Candidate,
     all: &Common<'_>,
@@ -123,7 +124,7 @@ fn look_at(
     let unwidened = plain.as_ref().map(|plain| beside.left(&all.part_of(plain, &beside, own)));
     let dof = unwidened.as_ref().unwrap_or(&left).directions(LEAST_CHANGE);
     let judged = || {
-        // The scales hardly depend on the width, and the best one not at all on what little they do.
+        // The scales hardly depend on the prior width, and the best width does not depend on that change.
         let (free, settled) = beside.evidence(NO_PRIOR, swept)?;
         let (width, _) = beside.left(&settled).best_width(&WIDTHS)?;
         let statistic = (before.deviance - free.deviance).max(0.0);
@@ -140,15 +141,15 @@ fn look_at(
     (dof > 0).then(|| Look { dof, trace: left.trace(), judged: judged() })
 }
 
-/// What a candidate gains on rests and moves held out; `None` where noise explains what it leaves, for its p-value is that of
-/// chance then.
+/// Gain of a candidate on rests and moves held out; `None` if noise explains the residuals with it, because its p-value
+/// is valid then.
 pub(super) fn gain(stage: &Stage, judged: &Judged) -> Option<Gain> {
     let Design { gram, model, candidates, .. } = &*stage.design;
     let same = |c: &&Candidate| c.name == judged.score.name && c.shape == judged.shape;
     let candidate = candidates.iter().find(same)?;
     let with: Vec<Column> = model.iter().copied().chain(candidate.columns(judged.width)).collect();
     let scales = gram.evidence_near(&with, &stage.evidence.scales)?.scales;
-    // A scale is chi2 over what is free; the rows are a little more than that.
+    // A scale is chi2 per degree of freedom; the number of rows is slightly larger than that of the degrees of freedom.
     let mut chances = scales.iter().zip(&gram.rows).map(|(scale, rows)| p_value(scale * rows, *rows as usize));
     if chances.all(|chance| chance > NOISE_CHANCE) {
         return None;
@@ -171,7 +172,7 @@ impl Candidate {
         self.columns.clone().zip(self.typical.iter().copied())
     }
 
-    /// Its columns with a prior of this width.
+    /// Its columns with a prior of this width in typical sizes.
     pub(super) fn columns(&self, width: f64) -> impl Iterator<Item = Column> {
         self.columns.clone().zip(&self.typical).map(move |(place, typical)| Column {
             place,
@@ -181,8 +182,8 @@ impl Candidate {
     }
 }
 
-/// What each candidate leaves in each kind of residual at its typical size, every parameter of it, when the model has taken up what
-/// it can; of several time constants the one that leaves most.
+/// Residuals of each kind that each candidate of typical size causes after the model has compensated what it can; of
+/// several trial time constants the one with the largest residuals.
 pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     const NAMES: [&str; 8] = [
         "rest_norm",
@@ -214,8 +215,8 @@ pub(super) fn traces(stage: &Stage) -> Vec<Trace> {
     traces
 }
 
-/// chi2 that a candidate of typical size adds to each group, its parameters having independent signs, after and (their sum)
-/// before the projection of the model.
+/// chi2 that a candidate of typical size, with independent signs of its parameters, adds to each group after the model
+/// is projected out, and the sum over all groups before that.
 fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Option<(Vec<f64>, f64)> {
     let n = model.len();
     let p = candidate.typical.len();
@@ -246,10 +247,10 @@ fn left_in_groups(gram: &Gram, model: &[Column], candidate: &Candidate) -> Optio
     Some((left, given))
 }
 
-/// The residual of the rests, or against the stand, that scatters most beyond noise, if chance does not explain it. Moves are not
-/// asked: a gyroscope that is louder in motion is no missing effect. Beside effects only what these are about counts: a real unit
-/// has more than one thing that is not quite as in the model, and of a large effect a small remainder is left. `before` are the
-/// scales without effects.
+/// The kind of residual at rests, or against the stand, whose scatter exceeds noise most, if that is significant. Moves
+/// are not examined, because a gyroscope with more noise in motion is no missing effect. With effects in the model only
+/// residuals of their sensors count: a real unit has several small deviations from the model, and a large effect leaves
+/// a small remainder. `before` are the scales without effects.
 pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scattering> {
     const NAMES: [(usize, Sensor, &str); 6] = [
         (0, Sensor::Accelerometer, "accel_norm"),
@@ -262,8 +263,7 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let gram = &stage.design.gram;
     let is_meant = |sensor: Sensor, scale: f64, before: f64| {
         if sensor == Sensor::Encoder && !stage.sensors.contains(&sensor) {
-            // Nothing that is known of noise makes a stand's angles scatter more; where an effect of the encoders is large, its
-            // remainder does.
+            // No noise widens the residuals against the stand; the remainder of a large effect of the encoders does.
             return stage.sensors.is_empty() || scale - 1.0 > REMAINDER * (before - 1.0);
         }
         let beside = stage.sensors.is_empty() || (stage.sensors.contains(&sensor) && scale > REMAINDER * before);
@@ -272,15 +272,17 @@ pub(super) fn scattering_rests(stage: &Stage, before: &[f64]) -> Option<Scatteri
     let of = |(group, sensor, name)| {
         let place = gram.groups.iter().position(|g| *g == group)?;
         let (scale, rows) = (stage.evidence.scales[place], gram.rows[place]);
-        // The scale is chi2 over what is free; the rows are a little more than that.
+        // The scale is chi2 per degree of freedom; the number of rows is slightly larger than that of the degrees of
+        // freedom.
         let chance = p_value(scale * rows, rows as usize);
         (chance < SCATTER_CHANCE && is_meant(sensor, scale, before[place])).then(|| (name, scale.sqrt(), chance))
     };
     NAMES.into_iter().filter_map(of).max_by(|a, b| a.1.total_cmp(&b.1))
 }
 
-/// Whether the sensors by themselves say that effects of theirs have another size than with the stand (Hausman, Econometrica 46, 1978,
-/// 1251-1271): then it is the stand that is not as in the model. Its variance is that of the sensors alone, which is the larger one.
+/// Tests whether effects of the sensors have the same size with and without the stand (Hausman, Econometrica 46, 1978,
+/// 1251-1271). If they differ, the stand is not as in the model. The variance is that of the estimate without the
+/// stand, which is the larger one.
 pub(super) fn contradiction_of_stand(alone: &Stage, with_stand: &Stage) -> Option<Scattering> {
     let (mut chi2, mut dof) = (0.0, 0);
     for member in &alone.members {

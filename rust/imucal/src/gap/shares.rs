@@ -1,4 +1,4 @@
-//! What kernels say of the moments at which hypotheses are put.
+//! Covariances of kernels between the moments of hypotheses.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -7,26 +7,26 @@ use super::Kernel;
 use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
 
-/// What the kernels know of a moment.
+/// The quantities of a moment that kernels depend on.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Moment {
     pub(crate) recording: usize,
-    /// Since the first sample of the recording.
+    /// Time since the first sample of the recording, s.
     pub(crate) time_s: f64,
     /// Direction of gravity in the body.
     pub(crate) up: Vector3<f64>,
-    /// A horizontal direction of the world in the body, carried along by the gyroscope.
+    /// A horizontal direction of the world in the body frame, propagated with the gyroscope.
     pub(crate) ahead: Vector3<f64>,
     pub(crate) temperature_degc: Option<f64>,
-    /// Rotation vector of the move that led here, rad.
+    /// Rotation vector of the last move before the moment, rad.
     pub(crate) turn: Vector3<f64>,
     pub(crate) rate: Vector3<f64>,
     pub(crate) acceleration: Vector3<f64>,
 }
 
-/// The moments at the rests that take part, and on the way of each move.
+/// The moments at the rests in use, and those inside each move.
 pub(crate) struct Moments {
-    /// Which rests these are.
+    /// Indices of these rests.
     pub(crate) used: Vec<usize>,
     pub(crate) rests: Vec<Moment>,
     pub(crate) moves: Vec<Vec<Moment>>,
@@ -48,24 +48,24 @@ impl Moments {
     }
 }
 
-/// Functions of what a kernel knows of a moment, the same for all blocks that vary with it.
+/// Functions of the quantity of a kernel, shared by all blocks.
 pub(super) struct Shares {
-    /// A column for each rest that takes part.
+    /// A column for each rest in use.
     rests: Mat<f64>,
-    /// By move, a column for each moment.
+    /// For each move, a column for each moment.
     moves: Vec<Mat<f64>>,
 }
 
-/// Two attitudes this far apart hardly belong together: length of the kernels, as a distance of unit vectors.
+/// Correlation length of the kernels of directions and attitudes, as a distance of unit vectors.
 const LENGTH: f64 = 0.6;
-/// A rotation by less about an axis is none, rad.
+/// Smallest rotation about an axis whose sign counts, rad.
 const LEAST_TURN_RAD: f64 = 0.01;
-/// The most columns on an axis: those of a walk are waves, the shortest of a tenth of the recording.
+/// Most functions per axis: for a random walk these are waves of a tenth of the recording and longer.
 const MOST_WAVES: usize = 20;
 const MOST: usize = 12;
 
 impl Shares {
-    /// As smooth as the kernel says in the middle of the moves, or at the rests; `None` where it is the same at all of these.
+    /// Functions of a kernel in the middle of the moves, or at the rests; `None` if the kernel is constant there.
     pub(super) fn new(kernel: Kernel, in_moves: bool, moments: &Moments) -> Option<Self> {
         let points: Vec<Moment> = if in_moves {
             moments.moves.iter().filter_map(|way| way.get(way.len() / 2)).copied().collect()
@@ -76,7 +76,7 @@ impl Shares {
         if points.len() < 3 || (kernel == Kernel::Temperature && temperatures.len() < points.len()) {
             return None;
         }
-        // The spread of the temperatures sets the length of their kernel.
+        // The spread of the temperatures is the correlation length of their kernel.
         let end = |fold: fn(f64, f64) -> f64, start: f64| temperatures.iter().copied().fold(start, fold);
         let spread = end(f64::max, f64::NEG_INFINITY) - end(f64::min, f64::INFINITY);
         let most = if kernel == Kernel::RandomWalk { MOST_WAVES } else { MOST };
@@ -91,7 +91,7 @@ impl Shares {
         self.rests.nrows()
     }
 
-    /// Times a number for each axis at each moment.
+    /// The functions times a number for each axis at each moment.
     pub(super) fn times(&self, place: Place, numbers: impl Iterator<Item = Vector3<f64>>) -> Vec<f64> {
         let shares = match place {
             Place::Rests => &self.rests,
@@ -107,7 +107,7 @@ impl Shares {
     }
 }
 
-/// How what is wrong at a moment and at each of several others belongs together.
+/// Covariance of the deviations at a moment with those at several others.
 fn covariances(kernel: Kernel, temperatures_k: f64, a: &Moment, others: &[Moment], to: &mut [f64]) {
     let side = |m: &Moment| m.up.cross(&m.ahead);
     let tilt = |b: &Moment| (a.up - b.up).norm_squared();
@@ -136,13 +136,13 @@ fn each(to: &mut [f64], others: &[Moment], of: impl Fn(&Moment) -> f64) {
     to.iter_mut().zip(others).for_each(|(to, other)| *to = of(other));
 }
 
-/// Of squared distances.
+/// Computed from squared distances.
 fn near(to: &mut [f64], others: &[Moment], length: f64, square: impl Fn(&Moment) -> f64) {
     each(to, others, |other| square(other) / (length * length));
     gaussian_kernels(to);
 }
 
-/// The sign of a turn, rad; none for what is no turn.
+/// The sign of a rotation about an axis, rad; zero below the threshold.
 fn direction(turn_rad: f64) -> f64 {
     if turn_rad.abs() < LEAST_TURN_RAD { 0.0 } else { turn_rad.signum() }
 }

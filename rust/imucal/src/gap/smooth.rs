@@ -1,13 +1,13 @@
-//! Functions that are as smooth as a kernel says, through its eigenvectors at given points.
+//! Smooth functions of a kernel, from its eigenvectors at given points.
 
 use faer::Mat;
 
-/// Eigenvalues below this share of the largest one are left out.
+/// Eigenvalues below this share of the largest one are omitted.
 const SMALLEST: f64 = 1e-3;
 
-/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)`, k without what all points share, `k = U diag(s) U^T` at the points:
-/// there their squares have a mean of one, and between them they are what the kernel expects (Rasmussen and Williams, Gaussian
-/// Processes for Machine Learning, 2006, (2.25)).
+/// The functions `f_c(x) = sum_i k(x, x_i) U_ic / sqrt(s_c)` of the centred kernel k, with `k = U diag(s) U^T` at the
+/// points. The mean of their squares at the points is one; between the points they are the conditional means of the
+/// kernel (Rasmussen and Williams, Gaussian Processes for Machine Learning, 2006, (2.25)).
 pub(crate) struct Smooth<T> {
     points: Vec<T>,
     weights: Mat<f64>,
@@ -16,8 +16,8 @@ pub(crate) struct Smooth<T> {
 }
 
 impl<T> Smooth<T> {
-    /// With `most` functions at most; `None` where the kernel is the same for all points. The kernel sets what it is at one point and each of
-    /// several others.
+    /// At most `most` functions; `None` if the kernel is the same for all points. `kernel` writes the covariance of one
+    /// point with several others.
     pub(crate) fn new(points: Vec<T>, kernel: impl Fn(&T, &[T], &mut [f64]), most: usize) -> Option<Self> {
         let n = points.len();
         let mut matrix = Mat::zeros(n, n);
@@ -42,7 +42,7 @@ impl<T> Smooth<T> {
         self.weights.ncols()
     }
 
-    /// All functions at some points, a column for each, with the kernel that they were made of.
+    /// All functions at some points, one column each, for the kernel that they were made with.
     pub(crate) fn at(&self, points: &[T], kernel: impl Fn(&T, &[T], &mut [f64])) -> Mat<f64> {
         let n = self.points.len();
         let mut near = Mat::zeros(n, points.len());

@@ -1,4 +1,4 @@
-//! A model on the path: fitted, and linearised with what stands beside it.
+//! A model of the forward search: fitted, and linearised together with the candidates.
 
 use std::sync::Arc;
 
@@ -7,49 +7,49 @@ use imucal_core::sensor::Triad;
 
 use super::design::{Design, design};
 use super::evidence::Evidence;
-use super::path::Hunt;
+use super::path::ForwardSearch;
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
-use crate::joint::{self, Kinds, Linear, Model, Near, Prepared, SHAPE_SHARES, Term, Terms};
+use crate::joint::{self, Kinds, Linear, Model, Prepared, SHAPE_SHARES, Term, Terms, WarmStart};
 use crate::parameters::BASE;
 
 pub(super) const NO_EVIDENCE: &str =
-    "what is left of these recordings cannot be weighed: look for numbers that are not finite";
-/// Width of the prior of a time constant, in typical ones.
+    "the residuals of these recordings have no evidence: look for numbers that are not finite";
+/// Standard deviation of the prior of a time constant, in typical sizes.
 const SHAPE_WIDTH: f64 = 3.0;
 
-/// A linearisation is as large as the moves: of more fits than this it is made again if it is asked for.
+/// Most linearisations that are kept, because each is as large as the moves; others are recomputed when needed.
 const MOST_RECENT: usize = 3;
 
-/// A model on the path.
+/// A model of the forward search.
 #[derive(Clone)]
 pub(super) struct Stage {
     pub(super) design: Arc<Design>,
     pub(super) evidence: Evidence,
     /// The fit.
     pub(super) model: Model,
-    /// The catalogue's effects in it, the user's, and the prior's width of each.
+    /// Its effects, of the catalogue and of the user, with the standard deviation of the prior of each.
     pub(super) members: Vec<Member>,
-    /// What these act on.
+    /// The sensors that these effects act on.
     pub(super) sensors: Vec<Sensor>,
-    /// Name of each term and its parameters among those of the model.
+    /// Name of each effect and the places of its parameters in the model.
     places: Vec<(String, std::ops::Range<usize>)>,
 }
 
 impl Stage {
-    /// The parameters of a member among those of the model.
+    /// The places of the parameters of an effect in the model.
     pub(super) fn place(&self, name: &str) -> Option<std::ops::Range<usize>> {
         self.places.iter().find(|(member, _)| member == name).map(|(_, place)| place.clone())
     }
 
-    /// Without one of the candidates beside it.
+    /// The same model without one of the candidates.
     pub(super) fn without(&self, name: &str) -> Self {
         Self { design: Arc::new(self.design.without(|own| own == name)), ..self.clone() }
     }
 
-    /// For fits of the same model.
-    pub(super) fn near(&self) -> Near {
-        Near::new(&self.model, self.places.iter().map(|(name, place)| (name.clone(), place.len())).collect())
+    /// The warm start of fits with the same effects.
+    pub(super) fn warm_start(&self) -> WarmStart {
+        WarmStart::new(&self.model, self.places.iter().map(|(name, place)| (name.clone(), place.len())).collect())
     }
 }
 
@@ -58,24 +58,24 @@ impl Stage {
 pub(super) struct Member {
     pub(super) name: String,
     pub(super) width: f64,
-    /// Where its time constant starts, if it has one.
+    /// Start value of its time constant, if it has one.
     pub(super) shape: Option<f64>,
-    /// Its parameters in the last fit; empty before.
+    /// Its parameters in the last fit; empty before the first one.
     pub(super) values: Vec<f64>,
 }
 
-/// What a fit is of: kinds of residuals, number of moves, and name and prior's width of each member.
+/// Kinds of residuals, number of moves, and name and prior width of each effect of a fit: equal keys have equal fits.
 pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 
-/// What is linearised beside a model.
+/// What is linearised together with a model.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Beside {
     Candidates,
     Nothing,
 }
 
-impl Hunt<'_> {
-    /// Fits the model with these members, from `near`, and linearises what is beside it.
+impl ForwardSearch<'_> {
+    /// Fits the model with these effects, starting from the triads `near`, and linearises it together with `beside`.
     pub(super) fn stage(
         &self,
         prepared: &Prepared<'_>,
@@ -94,7 +94,7 @@ impl Hunt<'_> {
         for term in &terms.all {
             let Some(member) = members.iter().find(|m| m.name == term.name()) else { continue };
             for (k, typical) in term.typical().iter().enumerate() {
-                // How long a time constant is has nothing to do with how large the effect is.
+                // The width of the prior of a time constant does not depend on the size of the effect.
                 let width = if k < term.linear { member.width } else { SHAPE_WIDTH };
                 precisions[term.first + k] = 1.0 / (width * typical).powi(2);
             }
@@ -136,7 +136,7 @@ impl Hunt<'_> {
         Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
     }
 
-    /// Where a fit ends, linearised there: several stages stand at the same model.
+    /// The linearisation at the end of a fit, which several stages share.
     fn fitted(
         &self,
         prepared: &Prepared<'_>,
@@ -163,8 +163,8 @@ impl Hunt<'_> {
         Ok(linear)
     }
 
-    /// A model and all candidates beside it, linearised there: one pass serves all, the columns of the candidates being those of the
-    /// corrected state.
+    /// Linearises a model together with all candidates. One pass computes all columns, because those of the candidates
+    /// are evaluated at the corrected state.
     pub(super) fn with_candidates<T>(
         &self,
         prepared: &Prepared<'_>,

@@ -1,13 +1,15 @@
-//! A model and columns beside it, weighed with several widths of their prior.
+//! The evidence of a model with further columns, for several widths of their prior.
 //!
-//! At scales that are held the model is swept out of the sums first, and what it leaves of the columns tells the gain of every width:
+//! At fixed scales the model is swept out of the Gram matrix first. The remainder of the columns then gives the gain of
+//! every width:
 //!
 //! ```text
 //! S = D - C^T N^-1 C,   z = r_own - C^T N^-1 r      in typical sizes, all sums over s_g^2
 //! log E(s) - log E = 1/2 (z^T (S + I/s^2)^-1 z - ln det(I + s^2 S))      for a prior N(0, (s typical_p)^2)
 //! ```
 //!
-//! With the scales that the evidence itself settles at this is its gain; with others it tells which widths are worth asking it for.
+//! At the scales at which the evidence settles this is the gain of the evidence; at other scales it shows which widths
+//! to evaluate.
 
 mod left;
 
@@ -20,39 +22,39 @@ use crate::numerics::symmetric::SymmetricMatrix;
 
 pub(crate) use left::Left;
 
-/// Scales and parameters depend on each other; the last round is taken as it is.
+/// Most rounds of scales and parameters, which depend on each other; the last round is used as it is.
 const SCALE_ROUNDS: usize = 20;
-/// So little of the evidence is told well from where the scales are, nats: what the parameters gain by following them is three hundredths
-/// of that at most.
+/// Change of the log evidence, nats, below which the parameters are not updated to the new scales: their gain is at
+/// most three hundredths of that.
 const FORESEEN: f64 = 0.05;
 
-/// A column beside a model: its place in the sums, and the typical size of its parameter.
+/// A further column: its place in the Gram matrices, and the typical size of its parameter.
 pub(crate) type Aside = (usize, f64);
 
-/// Columns of a model and of what is beside it, each divided by its length.
+/// Columns of a model and further columns, each divided by its length.
 pub(super) struct Columns<'a> {
     pub(super) gram: &'a Gram,
     pub(super) model: &'a [Column],
     pub(super) beside: Vec<Aside>,
-    /// One over the length of each, and of the residual, which comes last and is as it is.
+    /// Reciprocal lengths; the residual comes last and is not scaled.
     pub(super) unit: Vec<f64>,
 }
 
-/// A model and columns beside it, to be weighed.
+/// A model and further columns.
 pub(crate) struct Weighing<'a> {
     pub(super) columns: Columns<'a>,
-    /// Their sums, group by group.
+    /// Their Gram matrices by group.
     pub(super) parts: Vec<SymmetricMatrix>,
 }
 
-/// The sums of a weighing at some scales, out of which the model is swept.
+/// The Gram matrix at some scales, with the model swept out.
 #[derive(Clone)]
 pub(crate) struct Swept {
     pub(super) scales: Vec<f64>,
     pub(super) sums: SymmetricMatrix,
-    /// What each column beside the model is without it.
+    /// Squared length of each further column before the sweep.
     whole: Vec<f64>,
-    /// Logarithm of the determinant of what the model has.
+    /// Log determinant of the model.
     pub(super) volume: f64,
 }
 
@@ -60,23 +62,23 @@ impl<'a> Columns<'a> {
     pub(super) fn new(gram: &'a Gram, model: &'a [Column], beside: Vec<Aside>) -> Self {
         let faint = |&(place, typical): &Aside| Column { place, precision: typical.powi(-2) * RIDGE, value: 0.0 };
         let columns: Vec<Column> = model.iter().copied().chain(beside.iter().map(faint)).collect();
-        // Columns of length one: sums of squares would lose the small ones otherwise.
+        // Columns of unit length: otherwise sums of squares lose the small columns.
         let unit = gram.sizes(&columns).iter().map(|size| 1.0 / size).chain([1.0]).collect();
         Self { gram, model, beside, unit }
     }
 
-    /// How many there are.
+    /// Number of further columns.
     pub(super) fn count(&self) -> usize {
         self.model.len() + self.beside.len()
     }
 
-    /// Their places in the sums, and that of the residual.
+    /// Their places in the Gram matrices, and that of the residual.
     fn places(&self) -> Vec<usize> {
         let columns = self.model.iter().map(|column| column.place).chain(self.beside.iter().map(|(place, _)| *place));
         columns.chain([self.gram.residual]).collect()
     }
 
-    /// Fills some rows of their sums.
+    /// Writes some rows of their Gram matrices.
     pub(super) fn fill(&self, sums: &mut [SymmetricMatrix], rows: &Range<usize>) {
         let (place, unit) = (self.places(), &self.unit);
         for (part, sum) in sums.iter_mut().zip(&self.gram.sums) {
@@ -88,7 +90,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// Adds these sums over their scales from a row on, and what is known of the model.
+    /// Adds the Gram matrices divided by their scales, from a row on, and the known part of the model.
     #[inline(always)] // With the widest registers.
     pub(super) fn add_up<S: Simd>(
         &self,
@@ -117,12 +119,12 @@ impl<'a> Weighing<'a> {
         Self { columns, parts }
     }
 
-    /// Sweeps the model out of the sums at these scales; `None` where it is not determined.
+    /// Sweeps the model out at these scales; `None` if the model is not determined.
     pub(crate) fn sweep(&self, scales: &[f64]) -> Option<Swept> {
         Arch::new().dispatch(Sweep(self, scales))
     }
 
-    /// What the model leaves.
+    /// The remainder after the sweep.
     pub(crate) fn left(&self, swept: &Swept) -> Left {
         let Columns { model, beside, unit, .. } = &self.columns;
         let (n, k) = (model.len(), beside.len());
@@ -137,13 +139,13 @@ impl<'a> Weighing<'a> {
         Left { sums, whole }
     }
 
-    /// The evidence with a prior of so many typical sizes for what is beside the model, the scales beginning at those of what is swept,
-    /// and what is swept where they have settled; `None` where it is not determined.
+    /// The evidence with a prior of this many typical sizes for the further columns, starting at the scales of a sweep,
+    /// and the sweep at the scales where they have settled; `None` if the columns are not determined.
     pub(crate) fn evidence(&self, width: f64, swept: Swept) -> Option<(Evidence, Swept)> {
         Arch::new().dispatch(Settle(self, width, swept))
     }
 
-    /// The sums at some scales from a row on, nothing swept yet.
+    /// The Gram matrix at some scales from a row on, before any sweep.
     #[inline(always)] // With the widest registers.
     pub(super) fn whole<S: Simd>(&self, simd: S, scales: &[f64], from: usize) -> Swept {
         let (n, all) = (self.columns.model.len(), self.columns.count());
@@ -173,10 +175,10 @@ impl<'a> Weighing<'a> {
             let mut normal = swept.sums.clone();
             (model.len()..n).for_each(|i| *normal.at(i, i) += precision[i] + RIDGE);
             let volume = swept.volume + normal.sweep(simd, model.len()..n)?;
-            // What is left of the residual is it less so much of each column.
+            // The remaining residual is the residual minus its projection on each column.
             let delta = normal.vector((0..n).map(|i| -normal.row(i)[n - i]).chain([1.0]));
             (0..=n).for_each(|i| *normal.at(i, n) = 0.0);
-            // The evidence at these scales, what it gains from there to its maximum if the parameters stay, and the deviance there.
+            // The evidence at these scales, its gain up to its maximum with fixed parameters, and the deviance there.
             let (mut held, mut gain, mut deviance) = (0.0, 0.0, 0.0);
             let mut scales = swept.scales.clone();
             for (g, part) in parts.iter().enumerate() {
@@ -194,7 +196,7 @@ impl<'a> Weighing<'a> {
                 let theta: Vec<f64> = (0..n).map(|i| offset[i] + delta[i]).collect();
                 let prior: f64 = (0..n).map(|i| precision[i] * theta[i] * theta[i]).sum();
                 let given: f64 = precision.iter().filter(|p| **p > 0.0).map(|p| p.ln()).sum();
-                // The lengths of the base columns are the same in all models, those of the others cancel.
+                // The lengths of the base columns are equal in all models; those of the other columns cancel.
                 let evidence = Evidence {
                     log: gain - 0.5 * (held + prior + volume - given),
                     deviance,

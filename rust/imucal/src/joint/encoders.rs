@@ -58,7 +58,7 @@ impl StandModel {
     }
 
     /// Attitude of the body for motor angles.
-    pub(super) fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
+    pub(crate) fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
         self.stand.attitude(angle_rad)
     }
 

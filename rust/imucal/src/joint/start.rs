@@ -9,15 +9,15 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// A model that other fits are near to: they end where they would without it, and sooner.
-#[derive(Clone)]
-pub(crate) struct Near {
+/// Where an earlier fit ended, as the start of fits with the same effects: they end where they would without it, and sooner.
+#[derive(Clone, Debug)]
+pub struct WarmStart {
     model: Model,
     /// Its effects and how many parameters each has.
     effects: Vec<(String, usize)>,
 }
 
-impl Near {
+impl WarmStart {
     /// `effects` are those of the model, in their order, each with the number of its parameters.
     pub(crate) fn new(model: &Model, effects: Vec<(String, usize)>) -> Self {
         Self { model: model.clone(), effects }
@@ -27,8 +27,8 @@ impl Near {
         Self::new(model, effects(terms))
     }
 
-    /// The model, if it is one of these effects. Time constants are looked for from several sides, whatever is near.
-    fn start(&self, terms: &Terms<'_>) -> Option<Model> {
+    /// The model, if it has these effects. Fits with time constants have several starts, so they take no warm start.
+    fn model(&self, terms: &Terms<'_>) -> Option<Model> {
         let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
         is_same.then(|| self.model.clone())
     }
@@ -38,16 +38,16 @@ fn effects(terms: &Terms<'_>) -> Vec<(String, usize)> {
     terms.all.iter().map(|term| (term.name().to_owned(), term.count())).collect()
 }
 
-/// What is near, or a model without effects.
+/// The warm start if its effects match, else zero effects.
 pub(super) fn start(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
     [accelerometer, gyroscope]: [&Triad<f64>; 2],
-    near: Option<&Near>,
+    warm_start: Option<&WarmStart>,
 ) -> Model {
     let plain = start_model(prepared, terms, accelerometer, gyroscope);
     let same_stand = |model: &Model| model.stand.len() == plain.stand.len();
-    near.and_then(|near| near.start(terms)).filter(same_stand).unwrap_or(plain)
+    warm_start.and_then(|warm_start| warm_start.model(terms)).filter(same_stand).unwrap_or(plain)
 }
 
 /// A model without effects.

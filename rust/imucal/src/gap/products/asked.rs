@@ -1,17 +1,18 @@
-//! Which products of columns are asked for.
+//! The products of columns that are needed.
 
 use std::ops::Range;
 
 use faer::Mat;
 
-/// The products of a model of the first columns with all, and of each block of others with itself and the last column.
+/// The products of a model, which has the first columns, with all columns, and of each block of other columns with
+/// itself and with the last column.
 pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
-    /// What is asked for beside the model: columns and the others that each is multiplied by, not before it.
+    /// Products besides those of the model: columns, and the later columns that each is multiplied by.
     pairs: Vec<(usize, Vec<usize>)>,
-    /// Zero where any are asked for, and no number elsewhere.
+    /// Zero where a product is needed, and NaN elsewhere.
     nothing_yet: Mat<f64>,
 }
 
@@ -28,16 +29,16 @@ impl<'a> Asked<'a> {
         Self { model, last, blocks, pairs, nothing_yet }
     }
 
-    /// Sums of nothing: zero where any are asked for, and no number elsewhere.
+    /// Sums of no rows: zero where a product is needed, and NaN elsewhere.
     pub(super) fn nothing_yet(&self) -> Mat<f64> {
         let size = self.last + 1;
         let mut sums = Mat::zeros(size, size);
-        // Column by column: a copy of a matrix is made number by number.
+        // Column by column, because copying a matrix copies number by number.
         (0..size).for_each(|j| sums.col_as_slice_mut(j).copy_from_slice(self.nothing_yet.col_as_slice(j)));
         sums
     }
 
-    /// Puts what stands in the model's columns in its rows, and what is right of the diagonal beside the model left of it.
+    /// Mirrors the products of the model into its rows, and the others across the diagonal.
     pub(super) fn mirror(&self, sum: &mut Mat<f64>) {
         for j in self.model..=self.last {
             (0..self.model).for_each(|i| sum[(i, j)] = sum[(j, i)]);

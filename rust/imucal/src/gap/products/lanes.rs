@@ -1,4 +1,4 @@
-//! Products of columns that stand side by side in rows.
+//! Products of columns that are stored side by side in rows.
 
 use std::iter::once;
 use std::ops::Range;
@@ -11,15 +11,15 @@ use super::{Rows, in_parts};
 use crate::joint::{Insides, Lanes};
 use crate::numerics::workers::{in_order, processors};
 
-/// Moves whose rows are made and summed at once: so many whatever the number of threads, for the sum is not to depend on that.
+/// Number of moves per partial sum; it does not depend on the number of threads, so neither does the result.
 const MOVES: usize = 8;
 /// Columns that are multiplied by a register at once: of a model, which has three times as many, and of all others.
 const OF_MODEL: usize = 7;
 const OF_OTHERS: usize = 4;
-/// Rows whose numbers stay in the nearest cache.
+/// Number of rows that fit into the first-level cache.
 const NEAR: usize = 32;
 
-/// The products that are asked for, of each group of rows. `order` are the columns among those of the lanes.
+/// The requested products of each group of rows. `order` are the places of the columns in the lanes.
 pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: &Asked<'_>) -> Vec<Mat<f64>> {
     let plan = Plan::new(lanes, order, asked);
     let of_group = |group: &Rows| {
@@ -37,7 +37,7 @@ pub(super) fn of_groups(lanes: &Lanes, groups: &[Rows], order: &[usize], asked: 
     groups.iter().map(of_group).collect()
 }
 
-/// The products that are asked for of all that is inside the moves, and the residual.
+/// The requested products of all rows inside the moves, and their residual.
 pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) -> (Mat<f64>, Vec<f64>) {
     let (mut sum, mut residual) = (asked.nothing_yet(), Vec::with_capacity(insides.rows()));
     let none = insides.no_rows();
@@ -63,25 +63,26 @@ pub(super) fn of_insides(insides: &Insides, order: &[usize], asked: &Asked<'_>) 
 /// Some columns, by which a register of each row is multiplied.
 struct Job {
     columns: Vec<usize>,
-    /// Their places, one of them as often as there are fewer.
+    /// Their places; one place is repeated if there are fewer columns.
     places: [usize; OF_MODEL],
-    /// The first place of the register, and what is asked of the columns that stand in it.
+    /// The first place of the register, and the columns that stand in it.
     first: usize,
     with: Range<usize>,
 }
 
-/// All that is multiplied.
+/// All multiplications.
 struct Plan {
-    /// Which column stands where.
+    /// The column at each place.
     columns: Vec<Option<usize>>,
     of_model: Vec<Job>,
     of_others: Vec<Job>,
-    /// Numbers of a register.
+    /// Number of values in a register.
     register: usize,
 }
 
 impl Plan {
-    /// The products of the model with all, of each block with itself, and of the residual with each block and itself.
+    /// The products of the model with all columns, of each block with itself, and of the residual with each block and
+    /// with itself.
     fn new(lanes: &Lanes, order: &[usize], asked: &Asked<'_>) -> Self {
         let register = Arch::new().dispatch(Register);
         let places: Vec<Option<usize>> = order.iter().map(|column| lanes.place(*column)).collect();
@@ -114,7 +115,7 @@ impl Plan {
         Self { columns, of_model, of_others, register }
     }
 
-    /// Sums of each job, column by column, with each place of its register.
+    /// Sums of each job: by column, one for each place of its register.
     fn nothing_yet(&self) -> Vec<f64> {
         vec![0.0; (self.of_model.len() * OF_MODEL + self.of_others.len() * OF_OTHERS) * self.register]
     }
@@ -124,7 +125,7 @@ impl Plan {
         Arch::new().dispatch(Add { plan: self, rows, sums });
     }
 
-    /// Puts sums where they are asked for.
+    /// Writes the sums to the requested entries.
     fn take(&self, sums: &[f64], to: &mut Mat<f64>) {
         let (of_model, of_others) = sums.split_at(self.of_model.len() * OF_MODEL * self.register);
         let of_model = self.of_model.iter().zip(of_model.chunks_exact(OF_MODEL * self.register));
@@ -173,7 +174,7 @@ impl<'r, R: Iterator<Item = &'r [f64]> + Clone> WithSimd for Add<'_, R> {
     }
 }
 
-/// Adds the products of the first N places of a job with its register, row by row.
+/// Adds the products of the first N columns of a job with its register, row by row.
 #[inline(always)]
 fn add<'r, S: Simd, const N: usize>(simd: S, rows: impl Iterator<Item = &'r [f64]>, job: &Job, sums: &mut [S::f64s]) {
     let (places, first) = (&job.places, job.first);

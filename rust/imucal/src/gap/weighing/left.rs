@@ -1,17 +1,17 @@
-//! What a model leaves of columns beside it.
+//! The remainder of columns after a model is projected out.
 
 use nalgebra::DMatrix;
 use pulp::{Arch, Simd, WithSimd};
 
 use crate::numerics::symmetric::SymmetricMatrix;
 
-/// Of what was there before a model was subtracted.
+/// Relative to the value before the projection.
 const ROUNDING: f64 = 1e-9;
 
-/// What a model leaves of columns beside it, in typical sizes, and of the residuals, which come last.
+/// Remainder of the further columns, in typical sizes, and of the residual, which comes last.
 pub(crate) struct Left {
     pub(super) sums: SymmetricMatrix,
-    /// What each column is without the model.
+    /// Squared length of each column before the projection.
     pub(super) whole: Vec<f64>,
 }
 
@@ -20,13 +20,13 @@ impl Left {
         self.sums.size() - 1
     }
 
-    /// The width of the prior, in typical sizes, with the largest gain of the logarithm of the evidence, and that gain; `None` where none
-    /// can be computed.
+    /// The width of the prior, in typical sizes, with the largest gain of the log evidence, and that gain; `None` if no
+    /// gain can be computed.
     pub(crate) fn best_width(&self, widths: &[f64]) -> Option<(f64, f64)> {
         Arch::new().dispatch(BestWidth(self, widths))
     }
 
-    /// What a width gains; `sums` are overwritten.
+    /// The gain of a width; `sums` are overwritten.
     #[inline(always)]
     fn gain<S: Simd>(&self, simd: S, width: f64, sums: &mut SymmetricMatrix) -> Option<f64> {
         let k = self.columns();
@@ -37,10 +37,11 @@ impl Left {
         Some(0.5 * (residual - *sums.at(k, k) - volume))
     }
 
-    /// How many directions of the parameters move chi2 by this much at least; what is below the rounding of what was subtracted is nothing.
+    /// Number of directions of the parameters that change chi2 by at least this much, apart from rounding errors of the
+    /// projection.
     pub(crate) fn directions(&self, least: f64) -> usize {
         let least = least.max(ROUNDING * self.whole.iter().sum::<f64>());
-        // Mostly it is all, which is said without asking for each.
+        // Usually all directions do, which is tested first.
         if Arch::new().dispatch(AreAllAbove(self, least)) {
             return self.columns();
         }
@@ -51,13 +52,13 @@ impl Left {
         normal.symmetric_eigenvalues().into_iter().filter(|value| **value >= least).count()
     }
 
-    /// What all directions together move chi2 by.
+    /// Change of chi2 by all directions together.
     pub(crate) fn trace(&self) -> f64 {
         (0..self.columns()).map(|a| self.sums.row(a)[0].max(0.0)).sum()
     }
 }
 
-/// Whether all eigenvalues of what is left of the columns are above this.
+/// Whether all eigenvalues of the remainder are above this value.
 struct AreAllAbove<'a>(&'a Left, f64);
 
 impl WithSimd for AreAllAbove<'_> {

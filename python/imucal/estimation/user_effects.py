@@ -1,0 +1,124 @@
+"""Effects of a user's own, as the compiled library calls them while it fits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final, TypeAlias
+
+import numpy as np
+
+import imucal._core as _core
+from imucal.arrays import FloatArray, SampleArray
+from imucal.calibration.calibration import Calibration
+from imucal.calibration.triad import Triad
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import EffectValues
+from imucal.effects.state import State
+from imucal.estimation.options import UserField
+from imucal.recording.recording import Recording
+
+__all__ = ["UserEffectSource"]
+
+
+# Length of the means that are corrected in the place of samples, s: errors of a calibration vary as slowly as
+# the motion.
+BRIEF_S: Final = 0.1
+
+RateAndForce: TypeAlias = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, eq=False)
+class UserEffectSource:
+    """The definitions of a user's effects, and the recordings that their fields are sampled on.
+
+    effects     the definitions
+    recordings  what the calibration is made of
+    control     what only judges it
+    given       a calibration to compare with, in the place of the fit without effects
+    """
+
+    effects: tuple[UserEffect, ...]
+    recordings: Sequence[Recording]
+    control: Sequence[Recording] = ()
+    given: Calibration | None = None
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the effects."""
+        return [effect.name for effect in self.effects]
+
+    def fields(self, names: Sequence[str], estimate: _core.Estimate) -> list[UserField]:
+        """Fields of the named effects for each recording, (N, 3, p), at the state after correction."""
+        own = [effect for effect in self.effects if effect.name in names]
+        return self._fields(own, self._calibration(estimate), self.recordings) if own else []
+
+    def corrected(self, estimate: _core.Estimate, of_control: bool) -> list[RateAndForce]:
+        """Angular rate and specific force of each recording of a set after correction, (N, 3) each."""
+        recordings = self.control if of_control else self.recordings
+        return _corrected(self._calibration(estimate), recordings)
+
+    def brief_means(
+        self, before: _core.Estimate, after: _core.Estimate, of_control: bool
+    ) -> tuple[list[RateAndForce], list[RateAndForce], list[UserField]]:
+        """Means over 0.1 s of a set, corrected by two calibrations, and fields of the second one there."""
+        recordings = [_brief(recording) for recording in (self.control if of_control else self.recordings)]
+        better = self._calibration(after)
+        first = self._calibration(before) if self.given is None else self.given
+        own = [effect for effect, _ in better.own_effects()]
+        fields = self._fields(own, better, recordings)
+        return _corrected(first, recordings), _corrected(better, recordings), fields
+
+    def _calibration(self, estimate: _core.Estimate) -> Calibration:
+        first = self.recordings[0]
+        return Calibration(
+            Triad(estimate.accel_sensitivity, estimate.accel_bias),
+            Triad(estimate.gyro_sensitivity, estimate.gyro_bias),
+            accel_unit=first.accel_unit,
+            gyro_unit=first.gyro_unit,
+            effects=tuple(EffectValues(e.name, e.values, e.shape) for e in estimate.effects),
+            user_effects=self.effects,
+        )
+
+    @staticmethod
+    def _fields(
+        own: Sequence[UserEffect], calibration: Calibration, recordings: Sequence[Recording]
+    ) -> list[UserField]:
+        corrected = [calibration.apply_recording(recording) for recording in recordings]
+        states = [State.of(c, c.angular_rate, c.specific_force) for c in corrected]
+        return [
+            UserField(
+                effect.name,
+                effect.sensor,
+                tuple(parameter.typical for parameter in effect.parameters),
+                tuple(np.ascontiguousarray(effect.columns(state)) for state in states),
+            )
+            for effect in own
+        ]
+
+
+def _corrected(calibration: Calibration, recordings: Sequence[Recording]) -> list[RateAndForce]:
+    corrected = [calibration.apply_recording(recording) for recording in recordings]
+    return [(np.ascontiguousarray(c.angular_rate), np.ascontiguousarray(c.specific_force)) for c in corrected]
+
+
+def _brief(recording: Recording) -> Recording:
+    """Means over stretches of `BRIEF_S`; the samples that are left at the end are dropped."""
+    step_s = float(recording.time_s[-1] - recording.time_s[0]) / max(len(recording) - 1, 1)
+    count = max(round(BRIEF_S / step_s), 1) if step_s > 0.0 else 1
+    rows = len(recording) // count
+    starts = np.arange(0, rows * count, count)
+
+    def means(values: SampleArray) -> FloatArray:
+        sums: FloatArray = np.add.reduceat(values[: rows * count], starts, dtype=np.float64)
+        return sums / count
+
+    return replace(
+        recording,
+        time_s=means(recording.time_s),
+        specific_force=means(recording.specific_force),
+        angular_rate=means(recording.angular_rate),
+        temperature_degc=None if recording.temperature_degc is None else means(recording.temperature_degc),
+        stand_rad=None if recording.stand_rad is None else means(recording.stand_rad),
+        auxiliary={name: means(values) for name, values in recording.auxiliary.items()},
+    )

@@ -1,0 +1,162 @@
+"""From what the compiled library finds to a `Gap`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import imucal._core as _core
+from imucal.calibration.figures import Figures
+from imucal.effects.definition import UserEffect
+from imucal.effects.effect import Effect
+from imucal.effects.table import find
+from imucal.estimation.calibrate import result_of
+from imucal.estimation.result import CalibrationResult
+from imucal.finding import Finding
+from imucal.gap import notes
+from imucal.gap.next_motion import next_motion
+from imucal.gap.question import Question
+from imucal.gap.result import Gap
+
+__all__ = ["gap_of"]
+
+FIGURES: Final = ("chi2_per_dof", "gravity_norm_rms_mps2", "gravity_direction_rms_deg")
+# Number of the parameters that are always there; those of the effects follow.
+BASE: Final = 21
+
+
+def gap_of(question: Question, found: _core.GapResult) -> Gap:
+    """The result of a search, with its sentences and the motion that would decide between rivals."""
+    own = tuple(question.user_effects.values())
+    if found.analysis is None:
+        lines = tuple(fault.line for fault in found.faults)
+        return Gap(
+            found.verdict,
+            effects=_faults(found.faults),
+            findings=tuple(found.faults),
+            notes=lines,
+            user_effects=own,
+        )
+    analysis, search = found.analysis, found.analysis.search
+    before = _result(question, analysis.before)
+    after = before if analysis.after is None else _result(question, analysis.after)
+    is_unknown, is_ambiguous = found.verdict == "unknown", found.verdict == "ambiguous"
+    if analysis.after is None:
+        effects = _faults(found.faults)
+    else:
+        effects = tuple(_named(after, score, question.user_effects) for score in analysis.effects)
+    said = [fault for fault in found.faults if fault not in after.findings]
+    of_control = () if after.control is None else after.control.findings
+    findings = (*after.findings, *said, *of_control)
+    generic, reasons = notes.generic_of(search.generic), notes.misfits(after)
+    if is_unknown and generic is None:
+        generic = notes.scatter_of(search.scattering_rests) or notes.not_confirmed_of(analysis.not_confirmed)
+        if generic is None and reasons:
+            generic, reasons = notes.contradiction_of(reasons), []
+    return Gap(
+        found.verdict,
+        effects=effects,
+        ambiguous_with=tuple(dict.fromkeys(rival for _, rival, _ in analysis.rivals)),
+        resembles=tuple(s.name for s in search.ranking[:3] if s.log_bayes_factor > 0) if is_unknown else (),
+        generic=generic,
+        not_observable=tuple({"name": name, "needs": needs} for name, needs in search.not_observable),
+        smallest_visible={
+            name: {"value": size, "unit": unit or _unit(name, question.user_effects)}
+            for name, size, unit in search.smallest_visible
+        },
+        next_motion=next_motion(question, analysis, after) if is_ambiguous else None,
+        gap=_closed(question, analysis),
+        where=analysis.residuals,
+        corrected_error=analysis.corrected_errors,
+        traces={
+            name: {"times_noise": dict(times_noise), "taken_up": taken_up}
+            for name, times_noise, taken_up in search.traces
+        },
+        calibration_set={
+            "before": _figures(before.calibration_set),
+            "after": _figures(after.calibration_set),
+        },
+        control_set=None
+        if question.control is None
+        else {"before": _figures(before.control_set), "after": _figures(after.control_set)},
+        held_out=_held_out(before, after),
+        fits={"before": before, "after": after},
+        calibration=after.calibration,
+        ranking=tuple(_score(score) for score in search.ranking),
+        findings=findings,
+        notes=(
+            *reasons,
+            *notes.of_analysis(question, analysis),
+            *(finding.line for finding in findings),
+        ),
+        user_effects=own,
+    )
+
+
+def _result(question: Question, fit: _core.GapFit) -> CalibrationResult:
+    own = tuple(question.user_effects[name] for name in fit.effects if name in question.user_effects)
+    options = replace(question.options, folds=_core.GAP_FOLDS if question.control is None else None)
+    return result_of(fit.outcome, question.recordings, options, own, question.control or (), fit.control)
+
+
+def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
+    """Faults of the data in the place of effects, each code once."""
+    codes = dict.fromkeys(fault.code for fault in faults)
+    return tuple({"name": code, "sensor": None, "parameters": ()} for code in codes)
+
+
+def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
+    """How much of the gap is closed, of a given calibration if control recordings judge it."""
+    metric, before, after, floor = analysis.unseen
+    refitted: float | None = None
+    if analysis.chi2_of_given is not None and question.control is not None:
+        before, refitted = analysis.chi2_of_given[0], before
+    return {
+        "metric": metric,
+        "before": before,
+        "refitted": refitted,
+        "after": after,
+        "floor": floor,
+        "closed": (before - after) / (before - floor) if before > floor else 0.0,
+    }
+
+
+def _held_out(before: CalibrationResult, after: CalibrationResult) -> dict[str, Any] | None:
+    if before.held_out is None or after.held_out is None:
+        return None
+    names = ("gravity_direction_rms_deg", "gravity_norm_rms_mps2")
+    figures = [
+        {name: getattr(held_out, name) for name in names} for held_out in (before.held_out, after.held_out)
+    ]
+    return {"folds": before.held_out.folds, "before": figures[0], "after": figures[1]}
+
+
+def _named(
+    result: CalibrationResult, score: _core.EffectScore, own: Mapping[str, UserEffect]
+) -> dict[str, Any]:
+    effect: Effect | UserEffect = own[score.name] if score.name in own else find(score.name)
+    parameters = [
+        {"name": p.name.removeprefix(f"{score.name}_"), "value": p.value, "std": p.std, "unit": p.unit}
+        for p in result.parameters[BASE:]
+        if p.name.startswith(f"{score.name}_")
+    ]
+    return {"sensor": effect.sensor, "parameters": parameters, **_score(score)}
+
+
+def _score(score: _core.EffectScore) -> dict[str, Any]:
+    return {
+        "name": score.name,
+        "log_bayes_factor": score.log_bayes_factor,
+        "statistic": score.statistic,
+        "dof": score.dof,
+        "p_value": score.p_value,
+    }
+
+
+def _figures(figures: Figures | None) -> dict[str, Any]:
+    return {name: getattr(figures, name, None) for name in FIGURES}
+
+
+def _unit(name: str, own: Mapping[str, UserEffect]) -> str:
+    return own[name].parameters[0].unit if name in own else find(name).parameters[0].unit

@@ -1,0 +1,238 @@
+//! Faults of the clock and of the noise inside moves, from fourth differences of the angular rate: motion is too smooth
+//! to show in them.
+//!
+//! ```text
+//! clock_irregular         differences of the rate inside moves do not follow those of the time stamps,
+//!                         or their variance grows by (jitter dw/dt)^2
+//! noise_grows_in_motion   their variance inside moves is a multiple of that at rest
+//! ```
+
+use imucal_core::sensor::Triad;
+use nalgebra::Vector3;
+
+use crate::calibrate::Outcome;
+use crate::finding::{Finding, general};
+use crate::numerics::stats::{median, sample_interval_s};
+use crate::recording::Recording;
+
+/// Change of chi2, or of twice a log likelihood, that is significant: 5 sigma with one degree of freedom.
+const SIGNIFICANT: f64 = 25.0;
+/// Time stamps that add less than this share to the variance inside moves do no harm.
+const HARMLESS: f64 = 0.1;
+/// Half the width of a fourth difference, samples.
+const REACH: usize = 2;
+/// Fourth differences this many samples apart share no sample.
+const APART: usize = 2 * REACH + 1;
+/// Norm of the weights 1, -4, 6, -4, 1 of a fourth difference: divided by it, white noise keeps its standard deviation.
+const FOURTH: f64 = 8.366_600_265_340_756;
+/// Median of the absolute value of a standard normal variable.
+const MEDIAN: f64 = 0.6745;
+/// A difference beyond this many standard deviations is a jump of a sample, not noise.
+const JUMP: f64 = 5.0;
+/// Standard deviations of a jitter that are tried, as powers of ten of the sample interval, and how many of them.
+const SMALLEST_JITTER: f64 = -3.0;
+const JITTERS: usize = 60;
+
+/// Faults of the clock; where there are none, faults of the noise inside moves. `outcome` is a calibration without
+/// effects of these recordings.
+pub(super) fn clock_and_noise_faults(outcome: &Outcome, recordings: &[Recording<'_>]) -> Vec<Finding> {
+    let differences: Vec<Differences> =
+        (0..recordings.len()).map(|k| Differences::of(outcome, recordings, k)).collect();
+    let each = || differences.iter().zip(recordings);
+    let clock: Vec<Finding> = each().filter_map(|(own, recording)| own.stamp_fault(recording)).collect();
+    if !clock.is_empty() {
+        return clock;
+    }
+    match outcome.joint_scales {
+        Some(scales) if scales.moves > 1.0 && scales.norms <= 1.0 => {
+            each().filter_map(|(own, recording)| own.noise_fault(recording, scales.moves)).collect()
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Fourth differences inside the moves of one recording, all three axes, scaled so that noise keeps its standard
+/// deviation.
+struct Differences {
+    /// Of the angular rate, in units of the standard deviation of its noise at rest; jumps of a sample are left out.
+    noise: Vec<f64>,
+    /// Derivative of the angular rate in the same units, 1/s.
+    slopes: Vec<f64>,
+    /// Of the time stamps, s.
+    stamps_s: Vec<f64>,
+}
+
+impl Differences {
+    fn of(outcome: &Outcome, recordings: &[Recording<'_>], index: usize) -> Self {
+        let recording = &recordings[index];
+        let rests = outcome.rests.iter().filter(|rest| rest.recording == index && rest.excluded.is_none());
+        let moves = outcome.moves.iter().filter(|m| m.recording == index && m.excluded.is_none());
+        let apart = |first: usize, end: usize| (first..end.saturating_sub(2 * REACH)).step_by(APART);
+        let rates = Rates::new(recording, &outcome.calibration.gyroscope);
+        let at_rest: Vec<Vector3<f64>> =
+            rests.flat_map(|rest| apart(rest.first, rest.end)).map(|k| rates.fourth_difference(k)).collect();
+        let sigma = match noise_limits(&at_rest) {
+            Some(limits) => deviations_within(&at_rest, &limits),
+            None => Vector3::repeat(1.0),
+        };
+        let inside: Vec<usize> = moves.flat_map(|m| apart(m.first, m.last)).collect();
+        let in_moves: Vec<Vector3<f64>> = inside.iter().map(|&k| rates.fourth_difference(k)).collect();
+        let limits = noise_limits(&in_moves).unwrap_or(Vector3::repeat(f64::INFINITY));
+        let mut all = Self { noise: Vec::new(), slopes: Vec::new(), stamps_s: Vec::new() };
+        for (&k, difference) in inside.iter().zip(&in_moves) {
+            let (slope, stamp_s) = (rates.smooth_slope(k), fourth_difference(|i| recording.time_s[k + i]));
+            for axis in (0..3).filter(|&axis| difference[axis].abs() <= limits[axis]) {
+                all.noise.push(difference[axis] / sigma[axis]);
+                all.slopes.push(slope[axis] / sigma[axis]);
+                all.stamps_s.push(stamp_s);
+            }
+        }
+        all
+    }
+
+    /// Time stamps that are not the instants of the samples: evenly spaced ones would be closer.
+    fn stamp_fault(&self, recording: &Recording<'_>) -> Option<Finding> {
+        // What the stamp of a sample adds to its rate, in units of noise.
+        let late: Vec<f64> = self.slopes.iter().zip(&self.stamps_s).map(|(slope, stamp)| slope * stamp).collect();
+        if late.is_empty() || mean_square(&late) < HARMLESS {
+            return None;
+        }
+        let gain: f64 = self.noise.iter().zip(&late).map(|(noise, late)| (noise - late).powi(2) - noise.powi(2)).sum();
+        (gain > SIGNIFICANT).then(|| {
+            let spread_ms = 1e3 * standard_deviation(&self.stamps_s);
+            Finding {
+                columns: vec!["time_s".into()],
+                count: 1,
+                value: spread_ms,
+                unit: "ms",
+                message: format!(
+                    "time stamps scatter by {} ms (1 sigma) and angular rates inside moves do not follow them: the samples \
+                     were taken at more even instants",
+                    general(spread_ms, 2)
+                ),
+                way_out: "replace time by sample number / rate, or take the time stamp from the sensor's own clock".into(),
+                ..Finding::warning("clock_irregular", recording.name)
+            }
+        })
+    }
+
+    /// Why the residuals of the moves exceed noise though no others do: samples off their time stamps, or more noise in
+    /// motion.
+    fn noise_fault(&self, recording: &Recording<'_>, widened: f64) -> Option<Finding> {
+        if self.noise.is_empty() {
+            return None;
+        }
+        let factor = mean_square(&self.noise);
+        let log_likelihood = |variance: &dyn Fn(usize) -> f64| {
+            let term = |(k, noise): (usize, &f64)| variance(k).ln() + noise.powi(2) / variance(k);
+            -0.5 * self.noise.iter().enumerate().map(term).sum::<f64>()
+        };
+        let interval_s = sample_interval_s(recording.time_s);
+        let step = -SMALLEST_JITTER / (JITTERS - 1) as f64;
+        let jitters_s = (0..JITTERS).map(|k| interval_s * 10f64.powf(SMALLEST_JITTER + step * k as f64));
+        let of_jitter =
+            jitters_s.map(|jitter_s| (jitter_s, log_likelihood(&|k| 1.0 + (self.slopes[k] * jitter_s).powi(2))));
+        let first_best = |best: (f64, f64), other: (f64, f64)| if other.1 > best.1 { other } else { best };
+        let (jitter_s, by_jitter) = of_jitter.reduce(first_best)?;
+        let by_noise = log_likelihood(&|_| factor);
+        if factor <= 1.0 || 2.0 * (by_jitter.max(by_noise) - log_likelihood(&|_| 1.0)) < SIGNIFICANT {
+            return None;
+        }
+        let fault = |code| Finding { count: 1, ..Finding::warning(code, recording.name) };
+        if by_jitter > by_noise {
+            let jitter_ms = 1e3 * jitter_s;
+            return Some(Finding {
+                columns: vec!["time_s".into()],
+                value: jitter_ms,
+                unit: "ms",
+                message: format!(
+                    "noise inside moves grows with the angular acceleration, as if samples were taken {} ms (1 sigma) off \
+                     their time stamps",
+                    general(jitter_ms, 2)
+                ),
+                way_out: "let the sensor's own clock start each sample, and take the time stamp from it".into(),
+                ..fault("clock_irregular")
+            });
+        }
+        let times = factor.sqrt();
+        Some(Finding {
+            value: times,
+            unit: "1",
+            message: format!(
+                "the noise of the gyroscope is {} times larger inside moves than at rest, and standard deviations of moves \
+                 are widened by a factor of {}",
+                general(times, 2),
+                general(widened, 2)
+            ),
+            way_out: "look for what vibrates while the unit turns: its noise at rest is not that in motion".into(),
+            ..fault("noise_grows_in_motion")
+        })
+    }
+}
+
+/// Corrected angular rates of one recording.
+struct Rates<'a> {
+    recording: &'a Recording<'a>,
+    gyroscope: &'a Triad<f64>,
+    /// Mean sample interval, s: noise and stamps are what is examined, so slopes are by even steps.
+    step_s: f64,
+}
+
+impl<'a> Rates<'a> {
+    fn new(recording: &'a Recording<'a>, gyroscope: &'a Triad<f64>) -> Self {
+        let [start_s, end_s] = recording.span_s();
+        Self { recording, gyroscope, step_s: (end_s - start_s) / (recording.len() - 1) as f64 }
+    }
+
+    fn at(&self, k: usize) -> Vector3<f64> {
+        self.gyroscope.correct(Vector3::from(self.recording.angular_rate.at(k)))
+    }
+
+    /// Of the samples from `first` on.
+    fn fourth_difference(&self, first: usize) -> Vector3<f64> {
+        let rates: [Vector3<f64>; APART] = std::array::from_fn(|i| self.at(first + i));
+        Vector3::from_fn(|axis, _| fourth_difference(|i| rates[i][axis]))
+    }
+
+    /// Mean of the central differences at the samples of a fourth difference; beyond the first and last ones they count
+    /// as zero.
+    fn smooth_slope(&self, first: usize) -> Vector3<f64> {
+        let last = self.recording.len() - 1;
+        let centres = (first..first + APART).filter(|k| (REACH..=last - REACH).contains(k));
+        let slope = |k: usize| (self.at(k + 1) - self.at(k - 1)) / (2.0 * self.step_s);
+        centres.map(slope).sum::<Vector3<f64>>() / APART as f64
+    }
+}
+
+fn fourth_difference(value: impl Fn(usize) -> f64) -> f64 {
+    (value(0) - 4.0 * value(1) + 6.0 * value(2) - 4.0 * value(3) + value(4)) / FOURTH
+}
+
+/// Up to which size a difference is noise, axis by axis, as the others show it; `None` of no differences.
+fn noise_limits(differences: &[Vector3<f64>]) -> Option<Vector3<f64>> {
+    let limit = |axis: usize| {
+        let mut sizes: Vec<f64> = differences.iter().map(|difference| difference[axis].abs()).collect();
+        let typical = median(&mut sizes) / MEDIAN;
+        // Where most differences are zero, counts are so coarse that jumps are all the noise there is.
+        if typical > 0.0 { JUMP * typical } else { f64::INFINITY }
+    };
+    (!differences.is_empty()).then(|| Vector3::from_fn(|axis, _| limit(axis)))
+}
+
+/// Standard deviation of the differences within limits, axis by axis.
+fn deviations_within(differences: &[Vector3<f64>], limits: &Vector3<f64>) -> Vector3<f64> {
+    Vector3::from_fn(|axis, _| {
+        let sizes = differences.iter().map(|difference| difference[axis]);
+        let within: Vec<f64> = sizes.filter(|size| size.abs() <= limits[axis]).collect();
+        mean_square(&within).sqrt()
+    })
+}
+
+fn mean_square(values: &[f64]) -> f64 {
+    values.iter().map(|value| value * value).sum::<f64>() / values.len() as f64
+}
+
+fn standard_deviation(values: &[f64]) -> f64 {
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    (values.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+}

@@ -1,0 +1,210 @@
+//! Models with and without effects, fitted to the recordings of a unit and judged on what the fits have not seen.
+
+use std::rc::Rc;
+
+use imucal_core::calibration::Calibration;
+use imucal_core::effects::Effect;
+use nalgebra::Vector3;
+
+use super::{GapOptions, Progress};
+use crate::calibrate::{Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, RecordingSet, WarmStart};
+use crate::correct::{correct, require_surroundings};
+use crate::error::Error;
+use crate::evaluate::{Evaluation, evaluate, evaluate_corrected};
+use crate::recording::Recording;
+
+/// Number of folds without control recordings: every third rest and move is predicted by a fit to the others.
+pub const FOLDS: usize = 3;
+
+/// A model fitted to the recordings of a unit.
+#[derive(Clone, Debug)]
+pub struct Fit {
+    /// Names of its effects.
+    pub effects: Vec<String>,
+    /// The calibration.
+    pub outcome: Outcome,
+    /// The calibration judged on the control recordings, if there are any.
+    pub control: Option<Control>,
+}
+
+/// A calibration judged on control recordings.
+#[derive(Clone, Debug)]
+pub struct Control {
+    /// Figures, rests and moves.
+    pub evaluation: Evaluation,
+    /// chi2 of the mean angular rate of each rest about the mean of all rests of its recording, three degrees of
+    /// freedom; `None` of rests that take no part.
+    pub rate_chi2: Vec<Option<f64>>,
+}
+
+/// The fits of a search.
+pub(super) struct Fits<'a> {
+    pub(super) checked: &'a Checked<'a>,
+    pub(super) control: &'a [Recording<'a>],
+    pub(super) options: &'a GapOptions<'a>,
+    /// Where the last search ended: a fit with the effects that it found ends close to that.
+    pub(super) warm_start: Option<WarmStart>,
+    made: Vec<Rc<Fit>>,
+}
+
+impl<'a> Fits<'a> {
+    pub(super) fn new(checked: &'a Checked<'a>, control: &'a [Recording<'a>], options: &'a GapOptions<'a>) -> Self {
+        Self { checked, control, options, warm_start: None, made: Vec::new() }
+    }
+
+    /// The fit with these effects, of the catalogue or of the user's own.
+    pub(super) fn with(&mut self, names: &[String]) -> Result<Rc<Fit>, Error> {
+        if let Some(known) = self.made.iter().find(|fit| fit.effects == names) {
+            return Ok(Rc::clone(known));
+        }
+        if !names.is_empty() {
+            self.options.report(Progress::Fit { effects: names })?;
+        }
+        let fit = Rc::new(self.fit(names)?);
+        self.made.push(Rc::clone(&fit));
+        Ok(fit)
+    }
+
+    fn fit(&self, names: &[String]) -> Result<Fit, Error> {
+        let own = |name: &&String| self.options.user_effect(name);
+        let own_names: Vec<String> = names.iter().filter(own).cloned().collect();
+        let partly: Vec<String> = names.iter().filter(|name| !own(name)).cloned().collect();
+        let choice = |name: &String| {
+            let effect = Effect::find(name).ok_or_else(|| Error::Input(format!("{name} is not in the catalogue")))?;
+            Ok(EffectChoice { effect, full: false })
+        };
+        let model = ModelOptions {
+            effects: partly.iter().map(choice).collect::<Result<_, Error>>()?,
+            partly,
+            user_fields: Vec::new(),
+            folds: self.control.is_empty().then_some(FOLDS),
+        };
+        let warm_start = self.warm_start.as_ref();
+        let outcome = match self.options.user_effects {
+            Some(source) => self.checked.calibrate_with(&model, source, &own_names, warm_start)?,
+            None => self.checked.calibrate(&model, warm_start)?,
+        };
+        let control = (!self.control.is_empty()).then(|| self.judge(&outcome)).transpose()?;
+        if let Some(control) = &control
+            && !control.evaluation.figures.chi2_per_dof.is_finite()
+        {
+            let words = control.evaluation.reasons.join("; ");
+            let is_finite = |recording: &Recording<'_>| {
+                recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
+            };
+            // The recordings are sound and judge the model without effects: these effects cannot be undone there.
+            let effects_fail = !names.is_empty() && self.control.iter().all(is_finite);
+            return Err(if effects_fail { Error::Fit(words) } else { Error::Input(words) });
+        }
+        Ok(Fit { effects: names.to_vec(), outcome, control })
+    }
+
+    /// The recordings of the unit, corrected by a calibration; `None` where it has no effects.
+    pub(super) fn corrected(&self, outcome: &Outcome) -> Result<Option<Vec<CorrectedSamples>>, Error> {
+        self.corrected_set(outcome, RecordingSet::Calibration)
+    }
+
+    fn corrected_set(&self, outcome: &Outcome, set: RecordingSet) -> Result<Option<Vec<CorrectedSamples>>, Error> {
+        let has_own = outcome.effects.iter().any(|effect| !effect.in_catalogue);
+        match (self.options.user_effects, set) {
+            (Some(source), _) if has_own => source.corrected(outcome, set).map(Some),
+            (_, RecordingSet::Control) => corrected_by(&outcome.calibration, self.control),
+            (_, RecordingSet::Calibration) => corrected_by(&outcome.calibration, self.checked.recordings()),
+        }
+    }
+
+    /// Judges a calibration on the control recordings.
+    fn judge(&self, outcome: &Outcome) -> Result<Control, Error> {
+        let options = self.checked.options();
+        let corrected = self.corrected_set(outcome, RecordingSet::Control)?;
+        let corrected = corrected.as_ref().map(|samples| with_samples(self.control, samples));
+        let (gravity_mps2, min_rest_s) = (options.gravity_mps2, options.min_rest_s);
+        let evaluation = judged(&outcome.calibration, self.control, corrected.as_deref(), gravity_mps2, min_rest_s)?;
+        let rate_chi2 = rate_chi2(&outcome.calibration, &evaluation, self.control, corrected.as_deref());
+        Ok(Control { evaluation, rate_chi2 })
+    }
+}
+
+/// Recordings corrected by a calibration; `None` where it has no effects, so that samples need no correction one by
+/// one.
+pub(super) fn corrected_by(
+    calibration: &Calibration<f64>,
+    recordings: &[Recording<'_>],
+) -> Result<Option<Vec<CorrectedSamples>>, Error> {
+    if calibration.effects.is_empty() {
+        return Ok(None);
+    }
+    let corrected = recordings.iter().map(|recording| {
+        require_surroundings(recording, calibration)?;
+        Ok(correct(recording, calibration))
+    });
+    corrected.collect::<Result<_, Error>>().map(Some)
+}
+
+/// Evaluates a calibration, with corrected recordings if it has effects.
+pub(super) fn judged(
+    calibration: &Calibration<f64>,
+    recordings: &[Recording<'_>],
+    corrected: Option<&[Recording<'_>]>,
+    gravity_mps2: f64,
+    min_rest_s: f64,
+) -> Result<Evaluation, Error> {
+    match corrected {
+        None => evaluate(calibration, recordings, gravity_mps2, min_rest_s),
+        Some(corrected) => evaluate_corrected(calibration, recordings, corrected, gravity_mps2, min_rest_s),
+    }
+}
+
+/// Recordings with corrected samples in place of the recorded ones.
+pub(super) fn with_samples<'a>(recordings: &[Recording<'a>], samples: &'a [CorrectedSamples]) -> Vec<Recording<'a>> {
+    let with = |(recording, (rate, force)): (&Recording<'a>, &'a CorrectedSamples)| Recording {
+        angular_rate: rate.into(),
+        specific_force: force.into(),
+        ..*recording
+    };
+    recordings.iter().zip(samples).map(with).collect()
+}
+
+/// chi2 of the mean angular rates at the rests of control recordings.
+///
+/// Some effects of the gyroscope, an isotropic g-sensitivity for one, show there alone. The noise is that of the
+/// samples as they were recorded, because removing a delay makes samples smoother and their mean no better known.
+fn rate_chi2(
+    calibration: &Calibration<f64>,
+    evaluation: &Evaluation,
+    recordings: &[Recording<'_>],
+    corrected: Option<&[Recording<'_>]>,
+) -> Vec<Option<f64>> {
+    let mut chi2 = vec![None; evaluation.rests.len()];
+    let inverse = calibration.gyroscope.inverse();
+    for (index, recording) in recordings.iter().enumerate() {
+        let of_rest = |k: usize| {
+            let rest = &evaluation.rests[k];
+            let samples = rest.first..rest.end;
+            let recorded = || samples.clone().map(|i| inverse * Vector3::from(recording.angular_rate.at(i)));
+            let rates: Vec<Vector3<f64>> = match corrected {
+                Some(corrected) => samples.clone().map(|i| corrected[index].angular_rate.at(i).into()).collect(),
+                None => recorded().map(|rate| rate - inverse * calibration.gyroscope.bias()).collect(),
+            };
+            let recorded: Vec<Vector3<f64>> = recorded().collect();
+            (k, mean(&rates), standard_deviation(&recorded) / (samples.len() as f64).sqrt())
+        };
+        let is_judged = |k: &usize| evaluation.rests[*k].recording == index && evaluation.rests[*k].excluded.is_none();
+        let rests: Vec<_> = (0..evaluation.rests.len()).filter(is_judged).map(of_rest).collect();
+        let all = mean(&rests.iter().map(|(_, mean, _)| *mean).collect::<Vec<_>>());
+        for (k, mean, sigma) in rests {
+            chi2[k] = Some((mean - all).component_div(&sigma).norm_squared());
+        }
+    }
+    chi2
+}
+
+fn mean(values: &[Vector3<f64>]) -> Vector3<f64> {
+    values.iter().sum::<Vector3<f64>>() / values.len() as f64
+}
+
+fn standard_deviation(values: &[Vector3<f64>]) -> Vector3<f64> {
+    let mean = mean(values);
+    let squares: Vector3<f64> = values.iter().map(|value| (value - mean).map(|v| v * v)).sum();
+    (squares / values.len() as f64).map(f64::sqrt)
+}

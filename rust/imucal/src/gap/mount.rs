@@ -1,0 +1,274 @@
+//! Faults of the mount of a unit on a stand, found from the direction of gravity at the rests and the angles of the
+//! motors.
+//!
+//! ```text
+//! r_k = up_k - R(q_k)^T e_z                                  up_k measured, R the stand of model.md (21)
+//! mount_slip     r_k = stand errors + [k >= first] s x up_k   one rotation s of the unit on its mount that stays
+//! loose_mount    r_k scatters from rest to rest by more than any stand explains
+//! ```
+//!
+//! Stand errors are its seven parameters and two harmonics of each encoder.
+
+use faer::Mat;
+use imucal_core::sensor::Triad;
+use imucal_core::so3;
+use nalgebra::{Matrix3, Vector3};
+
+use crate::evaluate::RestReport;
+use crate::finding::{Finding, general};
+use crate::joint::{StandModel, mount_rotation};
+use crate::numerics::stats::median;
+use crate::parameters::STAND_PARAMETERS;
+use crate::recording::Recording;
+
+/// A slip needs at least this many rests before and after it.
+const FEWEST_RESTS: usize = 4;
+/// A step is a slip if it lowers chi2 by more than this factor. A steady drift that is described by a step keeps a
+/// quarter of its chi2, a factor of 4.
+const SLIP_FACTOR: f64 = 10.0;
+/// Scatter of the direction of gravity against the angles of a cheap stand with a rigid mount, deg (1 sigma): more is
+/// play.
+const PLAY_DEG: f64 = 0.25;
+/// Step of the central differences by stand parameters and motor angles, rad.
+const STEP_RAD: f64 = 1e-4;
+/// Singular values of the stand errors below this share of the largest are zero.
+const RANK: f64 = 1e-6;
+/// Parameters of the mount come first among those of the stand.
+const MOUNT: usize = 3;
+/// Numbers of a direction.
+const AXES: usize = 3;
+
+/// A rest of a unit on a stand.
+#[derive(Clone, Copy, Debug)]
+pub struct StandRest {
+    /// Index of the recording.
+    pub recording: usize,
+    /// First sample.
+    pub first: usize,
+    /// Index after the last sample.
+    pub end: usize,
+    /// Time of the first sample, s.
+    pub start_s: f64,
+    /// Mean of the accelerometer, raw units.
+    pub mean_specific_force: Vector3<f64>,
+    /// Whether the fit used the rest.
+    pub is_used: bool,
+}
+
+impl From<&RestReport> for StandRest {
+    fn from(rest: &RestReport) -> Self {
+        Self {
+            recording: rest.recording,
+            first: rest.first,
+            end: rest.end,
+            start_s: rest.start_s,
+            mean_specific_force: rest.mean_specific_force,
+            is_used: rest.excluded.is_none(),
+        }
+    }
+}
+
+/// Finds rotations of the unit on its mount that stay, recording by recording. `rests` are those of a result without
+/// effects.
+pub fn mount_slips(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
+    let slip_of = |(index, recording): (usize, &Recording<'_>)| {
+        let rests = with_angles(rests, index, recording).into_iter().filter(|rest| rest.is_used).collect();
+        let residuals = Residuals::new(accelerometer, recording, rests)?;
+        let Step { first, turn_rad, factor } = residuals.largest_step();
+        (factor > SLIP_FACTOR).then(|| {
+            let degrees = turn_rad.to_degrees();
+            Finding {
+                value: degrees,
+                message: format!(
+                    "from {:.1} s on the unit is rotated by {degrees:.2} deg on its mount: with this rotation in the model, \
+                     residuals of the rests against the stand's angles are {} times smaller",
+                    residuals.rests[first].start_s,
+                    general(factor.sqrt(), 2)
+                ),
+                ..mount_fault("mount_slip", recording)
+            }
+        })
+    };
+    recordings.iter().enumerate().filter_map(slip_of).collect()
+}
+
+/// Finds mounts with play: the attitude of the unit on the mount changes with every move. `rests` are those of a result
+/// without effects.
+pub fn loose_mounts(accelerometer: &Triad<f64>, rests: &[StandRest], recordings: &[Recording<'_>]) -> Vec<Finding> {
+    let play_of = |(index, recording): (usize, &Recording<'_>)| {
+        let residuals = Residuals::new(accelerometer, recording, with_angles(rests, index, recording))?;
+        let degrees = residuals.scatter_rad().to_degrees();
+        (degrees > PLAY_DEG).then(|| Finding {
+            value: degrees,
+            message: format!(
+                "gravity scatters by {degrees:.2} deg (1 sigma) from rest to rest against the stand's angles, more than the \
+                 {PLAY_DEG} deg of a rigid mount: the unit has play on its mount"
+            ),
+            ..mount_fault("loose_mount", recording)
+        })
+    };
+    recordings.iter().enumerate().filter_map(play_of).collect()
+}
+
+/// Median angle between measured gravity in raw samples and gravity by the angles of a perfect stand with the best
+/// mount, deg; `None` without angles.
+pub fn stand_mismatch_deg(recording: &Recording<'_>) -> Option<f64> {
+    let angles = recording.stand_rad?;
+    let known = (0..recording.len()).filter(|&k| angles[k].iter().all(|angle| angle.is_finite()));
+    let (angles, up): (Vec<Vector3<f64>>, Vec<Vector3<f64>>) = known
+        .map(|k| {
+            let force = Vector3::from(recording.specific_force.at(k));
+            (Vector3::from(angles[k]), force / force.norm().max(f64::MIN_POSITIVE))
+        })
+        .unzip();
+    if angles.is_empty() {
+        return None;
+    }
+    let mount = best_mount(&angles, &up);
+    let missed = |(angle, up): (&Vector3<f64>, &Vector3<f64>)| {
+        up.dot(&(mount * up_by_stand(&[0.0; STAND_PARAMETERS], angle))).clamp(-1.0, 1.0).acos()
+    };
+    let mut missed: Vec<f64> = angles.iter().zip(&up).map(missed).collect();
+    // The median, because inside moves the specific force is not gravity alone.
+    Some(median(&mut missed).to_degrees())
+}
+
+fn mount_fault(code: &'static str, recording: &Recording<'_>) -> Finding {
+    Finding {
+        columns: ["stand_1", "stand_2", "stand_3"].map(str::to_owned).into(),
+        count: 1,
+        unit: "deg",
+        way_out: "fasten the unit and record again".into(),
+        ..Finding::warning(code, recording.name)
+    }
+}
+
+/// The rests of one recording at which all angles of the stand are known.
+fn with_angles<'a>(rests: &'a [StandRest], index: usize, recording: &Recording<'_>) -> Vec<&'a StandRest> {
+    let Some(angles) = recording.stand_rad else { return Vec::new() };
+    let is_known =
+        |rest: &&StandRest| angles[rest.first..rest.end].as_flattened().iter().all(|angle| angle.is_finite());
+    rests.iter().filter(|rest| rest.recording == index).filter(is_known).collect()
+}
+
+/// Direction up in the body frame by a stand with these parameters at these motor angles.
+fn up_by_stand(parameters: &[f64; STAND_PARAMETERS], angle_rad: &Vector3<f64>) -> Vector3<f64> {
+    StandModel::of(parameters).attitude(angle_rad).inverse() * Vector3::z()
+}
+
+/// The rotation that turns directions up by a perfect stand into the measured ones, least squares.
+fn best_mount(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Matrix3<f64> {
+    so3::exp(&mount_rotation(angles, up)).inverse().to_rotation_matrix().into_inner()
+}
+
+/// Residuals of the directions of gravity at the rests of one recording, without what the errors of the stand explain.
+struct Residuals<'a> {
+    rests: Vec<&'a StandRest>,
+    /// Three numbers for each rest.
+    values: Mat<f64>,
+    /// Orthonormal columns that span the errors of the stand.
+    basis: Mat<f64>,
+    /// Derivatives of the directions by the mount.
+    by_mount: Mat<f64>,
+}
+
+/// A rotation of the unit on its mount from a rest on.
+struct Step {
+    /// The first rest after it.
+    first: usize,
+    turn_rad: f64,
+    /// chi2 without the step over chi2 with it.
+    factor: f64,
+}
+
+impl<'a> Residuals<'a> {
+    /// `None` where the rests are too few.
+    fn new(accelerometer: &Triad<f64>, recording: &Recording<'_>, rests: Vec<&'a StandRest>) -> Option<Self> {
+        if rests.len() < 4 * FEWEST_RESTS {
+            return None;
+        }
+        let readings = recording.stand_rad?;
+        let angles: Vec<Vector3<f64>> = rests.iter().map(|rest| mean_of(&readings[rest.first..rest.end])).collect();
+        let up: Vec<Vector3<f64>> =
+            rests.iter().map(|rest| accelerometer.correct(rest.mean_specific_force).normalize()).collect();
+        let none = [0.0; STAND_PARAMETERS];
+        let by_stand: Vec<Vector3<f64>> = angles.iter().map(|angle| up_by_stand(&none, angle)).collect();
+        let mount = best_mount(&angles, &up);
+        let difference = |at: &dyn Fn(f64, &Vector3<f64>) -> Vector3<f64>, angle: &Vector3<f64>| {
+            mount * (at(STEP_RAD, angle) - at(-STEP_RAD, angle)) / (2.0 * STEP_RAD)
+        };
+        // By the parameters of the stand, then two harmonics of each encoder.
+        let row = |k: usize| -> Vec<Vector3<f64>> {
+            let angle = &angles[k];
+            let by_parameter = |p: usize| {
+                // A small rotation of the mount, exactly: d(up) = up x m.
+                if p < MOUNT {
+                    return mount * by_stand[k].cross(&Vector3::ith(p, 1.0));
+                }
+                let at = |step: f64, angle: &Vector3<f64>| {
+                    let mut changed = none;
+                    changed[p] = step;
+                    up_by_stand(&changed, angle)
+                };
+                difference(&at, angle)
+            };
+            let harmonics = (0..3).flat_map(|motor| {
+                let at = |step: f64, angle: &Vector3<f64>| up_by_stand(&none, &(angle + Vector3::ith(motor, step)));
+                let by_angle = difference(&at, angle);
+                [1.0, 2.0].into_iter().flat_map(move |order| {
+                    let (sine, cosine) = (order * angle[motor]).sin_cos();
+                    [by_angle * sine, by_angle * cosine]
+                })
+            });
+            (0..STAND_PARAMETERS).map(by_parameter).chain(harmonics).collect()
+        };
+        let columns: Vec<Vec<Vector3<f64>>> = (0..rests.len()).map(row).collect();
+        let errors = Mat::from_fn(AXES * rests.len(), columns[0].len(), |i, j| columns[i / AXES][j][i % AXES]);
+        let svd = errors.thin_svd().ok()?;
+        let rank = (0..errors.ncols()).take_while(|&k| svd.S()[k] > RANK * svd.S()[0]).count();
+        let basis = svd.U().subcols(0, rank).to_owned();
+        let missed = |i: usize| (up[i / AXES] - mount * by_stand[i / AXES])[i % AXES];
+        let values = Mat::from_fn(AXES * rests.len(), 1, |i, _| missed(i));
+        let values = without(&basis, values);
+        Some(Self { rests, values, basis, by_mount: errors.subcols(0, MOUNT).to_owned() })
+    }
+
+    /// The step that lowers chi2 most.
+    fn largest_step(&self) -> Step {
+        let mut best = Step { first: 0, turn_rad: 0.0, factor: 1.0 };
+        let chi2 = self.values.squared_norm_l2();
+        for first in FEWEST_RESTS..=self.rests.len() - FEWEST_RESTS {
+            let after = |i: usize, j: usize| if i / AXES < first { 0.0 } else { self.by_mount[(i, j)] };
+            let step = without(&self.basis, Mat::from_fn(self.values.nrows(), MOUNT, after));
+            let Ok(svd) = step.thin_svd() else { continue };
+            // Least squares of least norm: three rotations that the rests do not tell apart are shared.
+            let share =
+                |k: usize| if svd.S()[k] > f64::EPSILON * self.values.nrows() as f64 * svd.S()[0] { 1.0 } else { 0.0 };
+            let seen = svd.U().transpose() * &self.values;
+            let scaled = Mat::from_fn(MOUNT, 1, |k, _| share(k) * seen[(k, 0)] / svd.S()[k].max(f64::MIN_POSITIVE));
+            let turn = svd.V() * scaled;
+            let factor = chi2 / (&self.values - &step * &turn).squared_norm_l2().max(1e-30);
+            if factor > best.factor {
+                best = Step { first, turn_rad: turn.norm_l2(), factor };
+            }
+        }
+        best
+    }
+
+    /// Standard deviation of each component of a direction.
+    fn scatter_rad(&self) -> f64 {
+        // Two of the three components of a direction are free.
+        let freedom = (2 * self.rests.len()).saturating_sub(self.basis.ncols()).max(1);
+        (self.values.squared_norm_l2() / freedom as f64).sqrt()
+    }
+}
+
+/// The part of each column that is orthogonal to a basis.
+fn without(basis: &Mat<f64>, columns: Mat<f64>) -> Mat<f64> {
+    let along = basis * (basis.transpose() * &columns);
+    columns - along
+}
+
+fn mean_of(readings: &[[f64; 3]]) -> Vector3<f64> {
+    readings.iter().map(|row| Vector3::from(*row)).sum::<Vector3<f64>>() / readings.len() as f64
+}

@@ -1,0 +1,203 @@
+//! The verdict on what a search has found.
+//!
+//! ```text
+//! data_fault        faults of the data explain the disagreement, may explain it, or are too many to be ignored
+//! stochastic        a bias wanders at random
+//! unknown           residuals that no effect of the catalogue describes, or effects that control recordings contradict
+//! named, ambiguous  effects joined the model; ambiguous if others explain as much
+//! nothing_missing   noise explains the recordings
+//! ```
+
+use super::clock::clock_and_noise_faults;
+use super::fits::Fit;
+use super::generic::Kernel;
+use super::mount::{StandRest, mount_slips};
+use super::{Score, Search};
+use crate::finding::{Finding, Severity};
+use crate::recording::Recording;
+
+/// Log Bayes factor from which on an effect fits too well for chance, nats.
+const CERTAIN_NATS: f64 = 8.0;
+/// Share of the chi2 of control recordings that effects must remove at least, where these recordings are still
+/// described poorly.
+const LEAST_REMOVED: f64 = 0.1;
+/// Faults of the data that come before any effect.
+const FAULTS: [&str; 8] = [
+    "noise_grows_in_motion",
+    "gyro_saturation",
+    "accel_saturation",
+    "samples_missing",
+    "samples_duplicated",
+    "clock_irregular",
+    "rest_not_still",
+    "mount_slip",
+];
+/// Faults that are no verdict by themselves where no residual disagrees and fewer per cent of the samples are concerned
+/// than this.
+const FEW_PERCENT: [(&str, f64); 2] = [("samples_missing", 0.2), ("samples_duplicated", 0.2)];
+
+/// What a search concludes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Verdict {
+    /// Noise explains the recordings.
+    NothingMissing,
+    /// Effects joined the model.
+    Named,
+    /// Effects joined the model, and others explain as much.
+    Ambiguous,
+    /// A bias wanders at random.
+    Stochastic,
+    /// Residuals that no effect of the catalogue describes, or effects that control recordings contradict.
+    Unknown,
+    /// Faults of the data come before any effect.
+    DataFault,
+}
+
+impl Verdict {
+    /// Its name in documents.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::NothingMissing => "nothing_missing",
+            Self::Named => "named",
+            Self::Ambiguous => "ambiguous",
+            Self::Stochastic => "stochastic",
+            Self::Unknown => "unknown",
+            Self::DataFault => "data_fault",
+        }
+    }
+
+    /// Whether effects have joined the model.
+    pub fn has_effects(self) -> bool {
+        matches!(self, Self::Named | Self::Ambiguous)
+    }
+}
+
+/// An effect that joined the model, and others that explain as much.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rivals {
+    /// The effect that joined.
+    pub name: String,
+    /// Effects within three nats of its evidence that did not join.
+    pub rivals: Vec<String>,
+}
+
+/// chi2 per degree of freedom of control recordings that contradict effects.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Contradiction {
+    /// Names of the effects.
+    pub effects: Vec<String>,
+    /// Without them.
+    pub before: f64,
+    /// With them.
+    pub after: f64,
+}
+
+/// The verdict and what it rests on.
+pub(super) struct Judgement {
+    pub(super) verdict: Verdict,
+    /// Faults of the data; empty unless they are the verdict.
+    pub(super) faults: Vec<Finding>,
+    pub(super) rivals: Vec<Rivals>,
+    /// Effects that fit the recordings too well for chance and do not predict what no fit has seen.
+    pub(super) not_confirmed: Vec<Score>,
+    /// Why effects that had joined were removed again.
+    pub(super) contradiction: Option<Contradiction>,
+}
+
+/// What a verdict rests on: a search, the effects that were accepted, and the fits without and with them.
+pub(super) struct Evidence<'a> {
+    pub(super) recordings: &'a [Recording<'a>],
+    pub(super) search: &'a Search,
+    pub(super) path: &'a [String],
+    pub(super) before: &'a Fit,
+    pub(super) after: &'a Fit,
+}
+
+impl Evidence<'_> {
+    pub(super) fn judge(&self) -> Judgement {
+        let Self { recordings, search, path, before, .. } = self;
+        let outcome = &before.outcome;
+        let rests: Vec<StandRest> = outcome.rests.iter().map(StandRest::from).collect();
+        let slips = mount_slips(&outcome.calibration.accelerometer, &rests, recordings);
+        let (faults, are_disturbing) = self.faults(&slips);
+        let is_certain = |score: &&Score| score.log_bayes_factor > CERTAIN_NATS && path.is_empty();
+        let not_confirmed: Vec<Score> = search.path.iter().filter(is_certain).cloned().collect();
+        let disagrees = search.scattering_rests.is_some() || !not_confirmed.is_empty() || before.is_poor();
+        let rivals = self.rivals();
+        let mut contradiction = None;
+        let verdict = match &search.generic {
+            // Spoilt samples may be what no effect explains.
+            generic if !slips.is_empty() || (generic.is_some() && are_disturbing) => Verdict::DataFault,
+            Some(generic) if generic.kernel == Kernel::RandomWalk => Verdict::Stochastic,
+            Some(_) => Verdict::Unknown,
+            None if !path.is_empty() && search.scattering_rests.is_none() => {
+                contradiction = self.contradiction();
+                match contradiction {
+                    Some(_) => Verdict::Unknown,
+                    None if rivals.iter().any(|own| !own.rivals.is_empty()) => Verdict::Ambiguous,
+                    None => Verdict::Named,
+                }
+            }
+            None if path.is_empty() && !faults.is_empty() && (disagrees || !faults.iter().all(are_few)) => {
+                Verdict::DataFault
+            }
+            None if disagrees => Verdict::Unknown,
+            None => Verdict::NothingMissing,
+        };
+        let is_fault = verdict == Verdict::DataFault;
+        let faults = if is_fault { slips.into_iter().chain(faults).collect() } else { Vec::new() };
+        Judgement { verdict, faults, rivals, not_confirmed, contradiction }
+    }
+
+    /// Faults of the data, and whether they disturb noise and moves.
+    fn faults(&self, slips: &[Finding]) -> (Vec<Finding>, bool) {
+        let Self { recordings, search, path, before, .. } = self;
+        let is_fault = |finding: &&Finding| FAULTS.contains(&finding.code);
+        let mut faults: Vec<Finding> = before.outcome.findings.iter().filter(is_fault).cloned().collect();
+        // Saturated and repeated samples disturb noise and moves by themselves.
+        let are_disturbing = faults.iter().any(|fault| !["clock_irregular", "samples_missing"].contains(&fault.code));
+        if slips.is_empty() && path.is_empty() && search.generic.is_none() && !are_disturbing {
+            faults.extend(clock_and_noise_faults(&before.outcome, recordings));
+        }
+        if faults.iter().any(|fault| fault.code == "clock_irregular") {
+            // With such a clock long steps are no evidence of lost samples.
+            faults.retain(|fault| fault.code != "samples_missing");
+        }
+        (faults, are_disturbing)
+    }
+
+    fn rivals(&self) -> Vec<Rivals> {
+        let rivals_of = |name: &String| {
+            let score = self.search.path.iter().find(|score| score.name == *name);
+            let rivals = score.map_or(&[][..], |score| &score.rivals);
+            let rivals = rivals.iter().filter(|rival| !self.path.contains(rival)).cloned().collect();
+            Rivals { name: name.clone(), rivals }
+        };
+        self.path.iter().map(rivals_of).collect()
+    }
+
+    /// Control recordings that are described poorly with the effects, and hardly better than without them, contradict
+    /// these.
+    fn contradiction(&self) -> Option<Contradiction> {
+        let control = self.after.control.as_ref()?;
+        if !control.evaluation.figures.is_poor() {
+            return None;
+        }
+        let [before, after] = [self.before, self.after].map(|fit| fit.unseen_chi2(self.before));
+        (after > (1.0 - LEAST_REMOVED) * before).then(|| Contradiction { effects: self.path.to_vec(), before, after })
+    }
+}
+
+impl Fit {
+    /// Whether the calibration describes its recordings, or the control recordings, poorly.
+    fn is_poor(&self) -> bool {
+        let control = self.control.as_ref().map(|control| &control.evaluation.figures);
+        [Some(&self.outcome.figures), control].into_iter().flatten().any(|figures| figures.is_poor())
+    }
+}
+
+/// Whether so few samples are concerned that no fit is disturbed.
+fn are_few(fault: &Finding) -> bool {
+    let limit = FEW_PERCENT.iter().find(|(code, _)| *code == fault.code).map_or(0.0, |(_, limit)| *limit);
+    fault.severity == Severity::Warning && fault.value < limit
+}
