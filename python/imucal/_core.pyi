@@ -523,6 +523,20 @@ class Search:
     @property
     def is_hand_moved(self) -> bool: ...
 
+class _GapQuestion(Protocol):
+    @property
+    def recordings(self) -> Sequence[_Recording]: ...
+    @property
+    def control(self) -> Sequence[_Recording]: ...
+    @property
+    def options(self) -> _Options: ...
+    @property
+    def candidates(self) -> Sequence[str] | None: ...
+    @property
+    def user_effects(self) -> _UserEffects | None: ...
+    @property
+    def given(self) -> tuple[_Calibration, float, Sequence[_Recording] | None] | None: ...
+
 @final
 class GapFit:
     @property
@@ -574,13 +588,7 @@ def gap_design(
     recordings: Sequence[_Recording], options: _Options, candidates: Sequence[tuple[str, bool]]
 ) -> tuple[_Array, _Array, list[tuple[str, _Array]]]: ...
 def find_gap(
-    recordings: Sequence[_Recording],
-    control: Sequence[_Recording],
-    options: _Options,
-    candidates: Sequence[str] | None,
-    user_effects: _UserEffects | None,
-    given: tuple[_Calibration, float, Sequence[_Recording] | None] | None,
-    stage: Callable[[Sequence[str] | None, int | None], None],
+    question: _GapQuestion, stage: Callable[[Sequence[str] | None, int | None], None]
 ) -> GapResult: ...
 def mount_faults(
     accelerometer: _Triad,

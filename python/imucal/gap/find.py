@@ -68,14 +68,14 @@ def find_gap(
         else (STANDARD_GRAVITY_MPS2 if calibration is None else calibration.gravity_mps2)
     )
     unit_data = as_recordings(recordings)
-    judges = as_recordings(control) or None
+    judges = as_recordings(control)
     if calibration is not None:
-        for recording in (*unit_data, *(judges or ())):
+        for recording in (*unit_data, *judges):
             calibration.require_raw_units(recording)
     named = by_name(user_effects)
     wanted = _wanted(candidates, named)
     unit_data = of_one_unit(unit_data)
-    if judges is not None:
+    if judges:
         judges = with_own_names(judges)
         require_other_data(unit_data, judges)
         require_judges(_nominal(unit_data[0]), judges)

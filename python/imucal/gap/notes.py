@@ -46,7 +46,7 @@ def of_analysis(question: Question, analysis: _core.GapAnalysis) -> Iterator[str
             f"moves that are held out: {gain:.1f} +- {std:.1f} nats"
         )
     for name, needs in search.not_observable:
-        if question.candidates is not None or name in question.user_effects:
+        if question.candidates is not None or name in question.definitions:
             yield f"{name} was requested and these recordings cannot show it: it needs {needs}"
     if analysis.contradiction is not None:
         names, before, after = analysis.contradiction
@@ -96,7 +96,7 @@ def _refit_alone(chi2: Sequence[float], question: Question) -> Iterator[str]:
     """
     given, refitted, after = chi2
     if given > FAR_WORSE * max(refitted, 1.0):
-        of = "these" if question.control is None else "the control"
+        of = "these" if not question.control else "the control"
         yield (
             f"the given calibration does not fit {of} recordings: chi2 per degree of freedom {given:.4g}, "
             f"refitted without effects {refitted:.4g}, with what was found {after:.4g}: only the second step "

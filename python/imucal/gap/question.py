@@ -1,10 +1,9 @@
-"""What a search is asked: the recordings of a unit, what judges them, and the options."""
+"""What is looked for in a search: the recordings of a unit, the recordings that judge, and the options."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import imucal._core as _core
 from imucal.calibration.calibration import Calibration
@@ -15,58 +14,50 @@ from imucal.recording.recording import Recording
 
 __all__ = ["Question"]
 
-AND: Final = " and "
-
 
 @dataclass(frozen=True, eq=False)
 class Question:
-    """The recordings of a unit, and what is looked for in them.
+    """The recordings of a unit, and what is looked for in them. The compiled library reads fields by name.
 
     recordings    of one unit, each with a name of its own
-    control       recordings that only judge; None to hold out rests and moves
+    control       recordings that only judge; none to hold out rests and moves
     options       of every fit
     candidates    names of the catalogue to look for; None for all of them
-    user_effects  definitions of the user's effects by name
+    definitions   the user's effects by name
     calibration   the calibration to compare with, if there is one
     stage         is called with words before each step
     """
 
     recordings: Sequence[Recording]
-    control: Sequence[Recording] | None
+    control: Sequence[Recording]
     options: Options
     candidates: Sequence[str] | None
-    user_effects: Mapping[str, UserEffect]
+    definitions: Mapping[str, UserEffect]
     calibration: Calibration | None
     stage: Callable[[str], None]
 
     @property
-    def judges(self) -> Sequence[Recording]:
-        """The control recordings, or the recordings themselves if there are none."""
-        return self.recordings if self.control is None else self.control
+    def user_effects(self) -> UserEffectSource | None:
+        """The user's effects for the compiled library, those of the given calibration included."""
+        own, given = tuple(self.definitions.values()), self.calibration
+        if not own and (given is None or not given.user_effects):
+            return None
+        return UserEffectSource(own, self.recordings, self.control, given)
 
-    def answer(self) -> _core.GapResult:
-        """What the compiled library finds; raises as `find_gap`."""
-        own = tuple(self.user_effects.values())
-        given = self.calibration
-        has_own = own or (given is not None and given.user_effects)
-        source = UserEffectSource(own, self.recordings, self.control or (), given) if has_own else None
-        return _core.find_gap(
-            self.recordings,
-            self.control or (),
-            self.options,
-            self.candidates,
-            source,
-            self._given(),
-            self._progress,
-        )
-
-    def _given(self) -> tuple[Calibration, float, list[Recording] | None] | None:
+    @property
+    def given(self) -> tuple[Calibration, float, list[Recording] | None] | None:
+        """The given calibration, its gravity, and the judging recordings it corrects if only Python can."""
         if self.calibration is None:
             return None
         corrected = None
         if self.calibration.user_effects:
-            corrected = [self.calibration.apply_recording(recording) for recording in self.judges]
+            judges = self.control or self.recordings
+            corrected = [self.calibration.apply_recording(recording) for recording in judges]
         return self.calibration.without_user_effects(), self.calibration.gravity_mps2, corrected
+
+    def answer(self) -> _core.GapResult:
+        """What the compiled library finds; raises as `find_gap`."""
+        return _core.find_gap(self, self._progress)
 
     def _progress(self, effects: Sequence[str] | None, candidates: int | None) -> None:
         if candidates is not None:
@@ -74,4 +65,4 @@ class Question:
         elif effects is None:
             self.stage("predicting the error of corrected signals")
         else:
-            self.stage(f"fitting with {AND.join(effects)}" if effects else "fitting without effects")
+            self.stage(f"fitting with {' and '.join(effects)}" if effects else "fitting without effects")

@@ -28,7 +28,7 @@ BASE: Final = 21
 
 def gap_of(question: Question, found: _core.GapResult) -> Gap:
     """The result of a search, with its sentences and the motion that would decide between rivals."""
-    own = tuple(question.user_effects.values())
+    own = tuple(question.definitions.values())
     if found.analysis is None:
         lines = tuple(fault.line for fault in found.faults)
         return Gap(
@@ -45,7 +45,7 @@ def gap_of(question: Question, found: _core.GapResult) -> Gap:
     if analysis.after is None:
         effects = _faults(found.faults)
     else:
-        effects = tuple(_named(after, score, question.user_effects) for score in analysis.effects)
+        effects = tuple(_named(after, score, question.definitions) for score in analysis.effects)
     said = [fault for fault in found.faults if fault not in after.findings]
     of_control = () if after.control is None else after.control.findings
     findings = (*after.findings, *said, *of_control)
@@ -62,7 +62,7 @@ def gap_of(question: Question, found: _core.GapResult) -> Gap:
         generic=generic,
         not_observable=tuple({"name": name, "needs": needs} for name, needs in search.not_observable),
         smallest_visible={
-            name: {"value": size, "unit": unit or _unit(name, question.user_effects)}
+            name: {"value": size, "unit": unit or _unit(name, question.definitions)}
             for name, size, unit in search.smallest_visible
         },
         next_motion=next_motion(question, analysis, after) if is_ambiguous else None,
@@ -78,7 +78,7 @@ def gap_of(question: Question, found: _core.GapResult) -> Gap:
             "after": _figures(after.calibration_set),
         },
         control_set=None
-        if question.control is None
+        if not question.control
         else {"before": _figures(before.control_set), "after": _figures(after.control_set)},
         held_out=_held_out(before, after),
         fits={"before": before, "after": after},
@@ -95,9 +95,9 @@ def gap_of(question: Question, found: _core.GapResult) -> Gap:
 
 
 def _result(question: Question, fit: _core.GapFit) -> CalibrationResult:
-    own = tuple(question.user_effects[name] for name in fit.effects if name in question.user_effects)
-    options = replace(question.options, folds=_core.GAP_FOLDS if question.control is None else None)
-    return result_of(fit.outcome, question.recordings, options, own, question.control or (), fit.control)
+    own = tuple(question.definitions[name] for name in fit.effects if name in question.definitions)
+    options = replace(question.options, folds=_core.GAP_FOLDS if not question.control else None)
+    return result_of(fit.outcome, question.recordings, options, own, question.control, fit.control)
 
 
 def _faults(faults: Sequence[Finding]) -> tuple[dict[str, Any], ...]:
@@ -110,7 +110,7 @@ def _closed(question: Question, analysis: _core.GapAnalysis) -> dict[str, Any]:
     """How much of the gap is closed, of a given calibration if control recordings judge it."""
     metric, before, after, floor = analysis.unseen
     refitted: float | None = None
-    if analysis.chi2_of_given is not None and question.control is not None:
+    if analysis.chi2_of_given is not None and question.control:
         before, refitted = analysis.chi2_of_given[0], before
     return {
         "metric": metric,

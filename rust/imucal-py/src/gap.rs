@@ -193,20 +193,23 @@ impl Sets<'_> {
 /// them if the library cannot.
 type Given<'py> = (CalibrationArrays<'py>, f64, Option<Vec<RecordingColumns<'py>>>);
 
-/// Finds the missing effect. `candidates` are names of the catalogue, all of it if None; `stage` is called with the
-/// names of the effects before each fit, with the number of candidates before a search, and without either before
-/// errors are predicted.
-#[pyfunction]
-pub(crate) fn find_gap(
-    py: Python<'_>,
-    recordings: Vec<RecordingColumns<'_>>,
-    control: Vec<RecordingColumns<'_>>,
-    options: CalibrateOptions<'_>,
+/// The question of a search, taken by attribute.
+#[derive(FromPyObject)]
+pub(crate) struct GapQuestion<'py> {
+    recordings: Vec<RecordingColumns<'py>>,
+    control: Vec<RecordingColumns<'py>>,
+    options: CalibrateOptions<'py>,
+    /// Names of the catalogue, all of it if None.
     candidates: Option<Vec<String>>,
     user_effects: Option<PythonEffects>,
-    given: Option<Given<'_>>,
-    stage: Py<PyAny>,
-) -> PyResult<GapResult> {
+    given: Option<Given<'py>>,
+}
+
+/// Finds the missing effect. `stage` is called with the names of the effects before each fit, with the number of
+/// candidates before a search, and without either before errors are predicted.
+#[pyfunction]
+pub(crate) fn find_gap(py: Python<'_>, question: GapQuestion<'_>, stage: Py<PyAny>) -> PyResult<GapResult> {
+    let GapQuestion { recordings, control, options, candidates, user_effects, given } = question;
     let options = options.options(py)?;
     let recordings = RecordingColumns::views(py, &recordings)?;
     let control = RecordingColumns::views(py, &control)?;
