@@ -268,7 +268,7 @@ REFUSED = {
     ),
     "accel_y half as large again": refused(force(axis(1, 1.5)), "accel_units", "accel_y has the gain 1.4"),
     "gyroscope in deg/s": refused(rate(np.degrees), "gyro_units", "deg/s"),
-    "gyroscope in mrad/s": refused(rate(lambda w: w * 1000), "gyro_units", "more than any MEMS gyroscope"),
+    "gyroscope in mrad/s": refused(rate(lambda w: w * 1000), "gyro_units", "of any MEMS gyroscope"),
     "gyroscope converted twice": refused(rate(np.radians), "gyro_units", "a second time"),
     "gyro_x converted twice": refused(rate(axis(0, 1 / 57.3)), "gyro_units", "gyro_x has the gain 0.017"),
     "gyro_z doubled": refused(rate(axis(2, 2)), "gyro_units", "gyro_z has the gain 2.0"),
