@@ -359,7 +359,8 @@ REFUSED = {
         "rests with edges and corners up",
     ),
     "moves about one axis": undetermined(
-        program(*[((0.0, 40.0, 0.0), 1.0, 2.0)] * 18), "hardly any rotation about body|no rest with y within 40"
+        program(*[((0.0, 40.0, 0.0), 1.0, 2.0)] * 18),
+        "hardly any rotation about body|no rest with y within 40",
     ),
     "nothing but noise": undetermined(
         lambda r: changed(

@@ -202,7 +202,9 @@ def test_moves_about_one_axis_only(recorded, tilts, axis):
     assert named(message, "gyroscope") == expected
     assert len(expected) == 6
     idle = " and ".join(name for name in "xyz" if name != "xyz"[axis])
-    assert message.endswith(f"hardly any rotation about body {idle}: add moves of 90 deg or more about {idle}")
+    assert message.endswith(
+        f"hardly any rotation about body {idle}: add moves of 90 deg or more about {idle}"
+    )
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
@@ -214,7 +216,9 @@ def test_no_move_about_one_axis(recorded, tilts, axis):
     assert named(message, "gyroscope") == expected
     assert len(expected) == 3
     name = "xyz"[axis]
-    assert message.endswith(f"hardly any rotation about body {name}: add moves of 90 deg or more about {name}")
+    assert message.endswith(
+        f"hardly any rotation about body {name}: add moves of 90 deg or more about {name}"
+    )
 
 
 def test_poses_without_moves(recorded):
