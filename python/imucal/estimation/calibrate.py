@@ -91,8 +91,7 @@ def calibrate(
     wanted, partly, own = asked_for(effects)
     if own and body_frame != "symmetric":
         raise InputError(
-            "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the "
-            "effects out"
+            "effects are defined in the symmetric body frame: leave frame at symmetric, or estimate no effects"
         )
     require_serial_number(serial_number)
     options = Options(

@@ -1,5 +1,6 @@
-//! From recordings to a calibration, in the order of the method: check, find rests, fit the accelerometer to them,
-//! carry gravity from rest to rest to fit the gyroscope, say how sure all of it is.
+//! Calibration of a unit from its recordings, in the order of the method: check the recordings, detect the rests, fit
+//! the accelerometer to the rests, propagate gravity from rest to rest to fit the gyroscope, fit all parameters
+//! jointly, and determine the uncertainty of the result.
 
 mod checked;
 mod cross_validation;
@@ -33,36 +34,41 @@ pub use prospect::{Prospect, prospect};
 pub(crate) use user_effects::views;
 pub use user_effects::{BriefCorrection, CorrectedSamples, RecordingSet, SampledField, UserEffects};
 
-/// From the highest mountain of the tropics (9.76) to the poles (9.84), with some room, m/s^2.
+/// Range of gravity on the surface of the Earth with some margin, m/s^2. It is 9.76 on the highest mountains of the
+/// tropics and 9.83 at the poles.
 const GRAVITY_ON_EARTH_MPS2: [f64; 2] = [9.7, 9.9];
 
-/// What a calibration may be told.
+/// Options of a calibration.
 #[derive(Clone, Debug)]
 pub struct Options<'a> {
-    /// Local gravity, m/s^2. Every accelerometer scale is in proportion to it.
+    /// Local gravity, m/s^2. All accelerometer scales are inversely proportional to it.
     pub gravity_mps2: f64,
     /// Body frame of the result.
     pub frame: Frame,
-    /// Shortest rest, s.
+    /// Minimum duration of a rest, s.
     pub min_rest_s: f64,
-    /// Leave out rests and moves with saturated samples instead of refusing the recording.
+    /// Excludes rests and moves with saturated samples. Otherwise a recording with saturated samples is an error.
     pub exclude_saturated: bool,
-    /// Nominal sensitivity of an accelerometer in counts, lsb per m/s^2; start values come from the data without it.
+    /// Nominal sensitivity of an accelerometer in counts, lsb per m/s^2. Without it the start values are estimated from
+    /// the data.
     pub accel_nominal: Option<f64>,
-    /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s.
+    /// Nominal sensitivity of a gyroscope in counts, lsb per rad/s. Without it the start values are estimated from the
+    /// data.
     pub gyro_nominal: Option<f64>,
-    /// Estimate all parameters at once; without it the accelerometer is fitted first and the gyroscope after, which
-    /// effects exclude.
+    /// Estimates all parameters in a joint fit. Otherwise the result is the two-stage fit, which does not support
+    /// effects.
     pub joint: bool,
-    /// How the biases wander. Without it they are constant, or wander as far as the rates at the rests show.
+    /// Bias instability and random walk of the biases. Without them the biases are constant, or wander as much as the
+    /// scatter of the rates between rests indicates.
     pub wander: Option<UnitWander>,
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of those that may be estimated along the directions that the recordings show; the others have a prior.
+    /// Names of the effects that may be only partly determined. Their unobservable directions are determined by a
+    /// prior.
     pub partly: Vec<String>,
-    /// A user's own effects, as columns.
+    /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,
-    /// Also predict every so many-th move by the others, and every so many-th rest.
+    /// Number of folds of a cross-validation: every `folds`-th move and rest is predicted from a fit without it.
     pub folds: Option<usize>,
 }
 
@@ -71,11 +77,12 @@ pub struct Options<'a> {
 pub struct ModelOptions<'a> {
     /// Effects of the catalogue to estimate together with the base parameters.
     pub effects: Vec<EffectChoice>,
-    /// Names of those that may be estimated along the directions that the recordings show; the others have a prior.
+    /// Names of the effects that may be only partly determined. Their unobservable directions are determined by a
+    /// prior.
     pub partly: Vec<String>,
-    /// A user's own effects, as columns.
+    /// User-defined effects, given by their fields at every sample.
     pub user_fields: Vec<UserField<'a>>,
-    /// Also predict every so many-th move by the others, and every so many-th rest.
+    /// Number of folds of a cross-validation: every `folds`-th move and rest is predicted from a fit without it.
     pub folds: Option<usize>,
 }
 
@@ -121,19 +128,20 @@ impl Options<'_> {
         }
         if self.frame != Frame::Symmetric && self.has_effects() {
             return Err(Error::Input(
-                "effects are defined by the axes of the symmetric body frame: leave frame at symmetric, or the effects out"
+                "effects are defined in the symmetric body frame: leave frame at symmetric, or estimate no effects"
                     .into(),
             ));
         }
         Ok(())
     }
 
-    /// Whether the joint fit makes the estimate, which effects need.
+    /// Whether the result is that of the joint fit, which effects require.
     fn is_joint(&self) -> bool {
         self.joint || self.has_effects()
     }
 
-    /// Whether a requested effect changes what a sensor reads at rest with time or temperature.
+    /// Whether a requested effect depends on time or temperature, so that the readings of a sensor may drift during a
+    /// rest.
     fn may_drift(&self) -> bool {
         let drifts = |choice: &EffectChoice| {
             choice.effect.needs.iter().any(|need| matches!(need, Need::Time | Need::Temperature))
@@ -165,16 +173,18 @@ impl Default for Options<'_> {
     }
 }
 
-/// Calibrates one unit from one or more of its recordings.
+/// Calibrates one unit from one or more recordings.
 ///
 /// # Errors
-/// [`Error::Data`] lists faults that would make the result wrong, [`Error::NotEnoughMotion`] names what is missing,
-/// [`Error::Fit`] says why a fit has no acceptable end.
+/// * [`Error::Input`] for invalid options.
+/// * [`Error::Data`] lists faults that would make the result wrong.
+/// * [`Error::NotEnoughMotion`] names the parameters that are not determined and the motion to add.
+/// * [`Error::Fit`] if a fit has no usable result.
 pub fn calibrate(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<Outcome, Error> {
     Checked::try_new(recordings, options)?.calibrate(&options.model(), None)
 }
 
-/// As [`Checked::prepare`], of recordings that are used once.
+/// As [`Checked::prepare`], for recordings that are used only once.
 #[cfg(test)]
 pub(crate) fn prepare<T>(
     recordings: &[Recording<'_>],
@@ -185,7 +195,7 @@ pub(crate) fn prepare<T>(
     Checked::try_new(recordings, &Options::default())?.prepare(&degc, kinds, work)
 }
 
-/// Refuses what cannot be meant.
+/// Returns an error for invalid combinations of recordings and options.
 fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<(), Error> {
     let Some(first) = recordings.first() else {
         return Err(Error::Input("no recording was given".into()));
@@ -199,7 +209,7 @@ fn check_options(recordings: &[Recording<'_>], options: &Options<'_>) -> Result<
     }
     options.check_model()?;
     options.wander.as_ref().map_or(Ok(()), UnitWander::check)?;
-    // No data can tell a wrong gravity from a wrong scale, so a value that no place has is refused.
+    // The data cannot distinguish a wrong gravity from a wrong scale, so values that do not occur on Earth are errors.
     let [least, most] = GRAVITY_ON_EARTH_MPS2;
     if !(options.gravity_mps2 >= least && options.gravity_mps2 <= most) {
         return Err(Error::Input(format!(

@@ -1,4 +1,5 @@
-//! Recordings that have passed the checks, for several calibrations of them.
+//! Recordings that have passed the checks, with the first fits: the input of several calibrations with different
+//! models.
 
 use std::sync::OnceLock;
 
@@ -17,25 +18,25 @@ use crate::recording::Recording;
 use crate::rests::moves::{Move, Unusable};
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// Recordings of one unit that have passed the checks, the rests and moves in them, and the fits that all others start
-/// from.
+/// Recordings of one unit that have passed the checks, with their rests and moves and the two-stage fit from which all
+/// joint fits start.
 ///
-/// A result depends on the recordings, the options and the arguments of the call alone, not on earlier calls.
+/// A result depends only on the recordings, the options and the arguments of the call, and not on earlier calls.
 pub struct Checked<'a> {
     recordings: Vec<Recording<'a>>,
-    /// All options but those of the model.
+    /// All options except those of the model.
     options: Options<'static>,
-    /// Without the recordings.
+    /// Rests, noise and findings. It contains no recordings, because they are owned by this structure.
     data: UnitData<'static>,
     accelerometer: AccelerometerFit,
     moves: Vec<Move>,
     unusable: Vec<Unusable>,
     gyroscope: Gyroscope,
-    /// The joint fit without effects and what it is made of, computed when it is first needed.
+    /// The joint fit without effects, computed when it is first needed.
     plain: OnceLock<Plain>,
 }
 
-/// Where the joint fit without effects and without a warm start has ended, and what it is made of.
+/// Result of the joint fit without effects and without a warm start: both triads, and the rests and moves that it uses.
 type Plain = ([Triad<f64>; 2], Selection);
 
 impl<'a> Checked<'a> {
@@ -49,7 +50,7 @@ impl<'a> Checked<'a> {
         if options.is_joint() {
             let (seen, sound, triads) = (data.clone(), data.sound(), [&accelerometer.triad, &gyroscope.fit.triad]);
             data.free_of_tremor(triads[0], triads[1], &sound);
-            // Tremor is estimated from the rests in use: once more without those that the fit leaves out.
+            // The tremor estimate must not contain rests that the fit excludes. It is therefore repeated without them.
             if data.is_held() {
                 let (_, selection) = data.fit_without_outliers(&accelerometer, &gyroscope, &unusable, options, None)?;
                 if selection.used != sound {
@@ -70,17 +71,18 @@ impl<'a> Checked<'a> {
         })
     }
 
-    /// The recordings.
+    /// The checked recordings.
     pub fn recordings(&self) -> &[Recording<'a>] {
         &self.recordings
     }
 
-    /// All options but those of the model.
+    /// All options except those of the model.
     pub fn options(&self) -> &Options<'static> {
         &self.options
     }
 
-    /// As [`calibrate`](super::calibrate()). From a warm start the fit ends where it would without it, and sooner.
+    /// As [`calibrate`](super::calibrate()). A warm start does not change the result, but the fit needs fewer
+    /// iterations.
     ///
     /// # Errors
     /// As [`calibrate`](super::calibrate()).
@@ -116,8 +118,8 @@ impl<'a> Checked<'a> {
         Ok(outcome)
     }
 
-    /// The joint fit without effects and what it is made of, for a search that may let any sensor drift.
-    /// `temperatures_degc` take the place of those of the recordings.
+    /// Prepares the residuals of the joint fit without effects for a search, in which any sensor may drift, and passes
+    /// them to `work` with both triads. `temperatures_degc` replaces the temperatures of the recordings.
     pub(crate) fn prepare<T>(
         &self,
         temperatures_degc: &[Option<Vec<f64>>],
@@ -142,13 +144,14 @@ impl<'a> Checked<'a> {
         })
     }
 
+    /// The joint fit without effects and without a warm start.
     fn plain(&self, data: &UnitData<'_>) -> Result<Plain, Error> {
         let Self { accelerometer, gyroscope, unusable, options, .. } = self;
         let (joint, selection) = data.fit_without_outliers(accelerometer, gyroscope, unusable, options, None)?;
         Ok(([joint.model.accelerometer, joint.model.gyroscope], selection))
     }
 
-    /// Whether a hand held the unit at the rests of some recording, and so moved it.
+    /// Whether the unit is hand-held in any recording. The hand then also accelerates it in the moves.
     pub(crate) fn is_held(&self) -> bool {
         self.data.is_held()
     }
@@ -157,13 +160,13 @@ impl<'a> Checked<'a> {
         self.data.clone().of(&self.recordings)
     }
 
-    /// Those of the two-stage fit.
+    /// The triads of the two-stage fit.
     fn triads(&self) -> [&Triad<f64>; 2] {
         [&self.accelerometer.triad, &self.gyroscope.fit.triad]
     }
 }
 
-/// A recording with another temperature column.
+/// The recording with another temperature column.
 fn with_temperature<'b>(recording: &Recording<'b>, column: &'b Option<Vec<f64>>) -> Recording<'b> {
     Recording { temperature_degc: column.as_deref(), ..*recording }
 }
@@ -174,7 +177,8 @@ mod tests {
     use crate::rests::moves::direction_error_rad;
     use crate::simulate::{Program, RandomMoves, Unit, simulate};
 
-    /// Every third move and rest of the paper's run, predicted by the whole fit and by fits of their own.
+    /// Every third move and rest of the paper's run, predicted by the formula for the whole fit and by actual fits
+    /// without them.
     #[test]
     fn what_is_held_out_is_predicted_as_by_a_fit_without_it() {
         let program = Program::random(&RandomMoves::default(), 5).unwrap();
@@ -197,7 +201,7 @@ mod tests {
                 let sigma = ends.sigma_rad.to_degrees();
                 assert!((found.direction_error_deg[*k] - own).abs() < 0.1 * sigma, "move {k}: {own}");
             }
-            // A rest whose means are a hundred times as uncertain says nothing.
+            // A rest with a hundred times the standard deviation has no influence on the fit.
             let mut without = data.clone();
             for rest in without.rests.iter_mut().skip(fold).step_by(3) {
                 rest.rest.specific_force.variance_of_mean *= 1e4;

@@ -1,4 +1,4 @@
-//! The joint fit of a unit's data, with what contradicts all others left out.
+//! The joint fit of a unit's recordings without outliers (model.md (18), (25)).
 
 use std::sync::OnceLock;
 
@@ -18,23 +18,25 @@ use crate::recording::Recording;
 use crate::rests::moves::{Ends, Move, Unusable, between, direction_error_rad};
 use crate::two_stage::accelerometer::AccelerometerFit;
 
-/// A larger share of rests or moves that contradict the others is no accident.
+/// Maximum share of rests or moves that contradict the others as outliers. If more contradict, the model itself is
+/// likely to be wrong.
 const OUTLIERS: f64 = 0.1;
-/// Fits in which rests and moves are left out or taken in again.
+/// Maximum number of fits until the set of outliers no longer changes.
 const MAX_ROUNDS: usize = 4;
 
-/// The rests and moves that a fit is made of.
+/// The rests and moves that a fit uses.
 #[derive(Clone)]
 pub(super) struct Selection {
-    /// Which rests take part.
+    /// Whether each rest is used.
     pub(super) used: Vec<bool>,
+    /// The moves that are used.
     pub(super) moves: Vec<Move>,
-    /// Stretches between rests that take no part, and why.
+    /// Intervals between rests that are not used, with the reasons.
     pub(super) left_out: Vec<Unusable>,
 }
 
 impl Selection {
-    /// What the two-stage fit uses.
+    /// The rests and moves that the two-stage fit uses.
     pub(super) fn of_two_stages(
         accelerometer: &AccelerometerFit,
         gyroscope: &Gyroscope,
@@ -48,6 +50,7 @@ impl Selection {
         selection
     }
 
+    /// Excludes moves that contradict the others.
     fn leave_out(&mut self, contradicts: &[Move]) {
         self.moves.retain(|m| !contradicts.contains(m));
         self.left_out.extend(contradicts.iter().map(|m| Unusable { span: *m, reason: CONTRADICTS_MOVES }));
@@ -55,10 +58,10 @@ impl Selection {
 }
 
 impl UnitData<'_> {
-    /// The joint fit of both triads and the effects that are asked for, and what it is made of.
+    /// The joint fit of both triads and the requested effects, and the rests and moves that it uses.
     ///
-    /// It starts from the warm start, or from the two-stage fit. All rests and moves are judged by a fit without those that the last round left out,
-    /// so one that a better fit explains comes back.
+    /// It starts from the warm start, otherwise from the two-stage fit. Each fit judges all rests and moves, including
+    /// those excluded before. A rest or move that an improved fit explains is therefore used again.
     pub(super) fn fit_without_outliers(
         &self,
         accelerometer: &AccelerometerFit,
@@ -73,7 +76,8 @@ impl UnitData<'_> {
         for _ in 1..MAX_ROUNDS {
             let fit = self.fit_jointly(&selection, model, options, warm_start.as_ref())?;
             let is_of_all = selection.used == all.used && selection.moves == all.moves;
-            // What contradicts must not make itself likely.
+            // The fit that judges a rest or move does not use it if it is an outlier, so that outliers do not influence
+            // their own judgement.
             let contradicts = self.prepared(&all, model, options, Wander::of(options.wander), |prepared| {
                 let known = is_of_all.then_some(&fit.linear);
                 joint::outliers(prepared, &self.terms(options)?, &fit.model, known)
@@ -89,24 +93,26 @@ impl UnitData<'_> {
         Ok((self.fit_jointly(&selection, model, options, warm_start.as_ref())?, selection))
     }
 
-    /// All rests and moves that are no faults of the data.
+    /// All rests and moves without known faults.
     fn everything(&self) -> Selection {
         self.all_where(Option::is_none)
     }
 
-    /// All rests that are excluded for reasons like these, and the moves between them.
+    /// All rests whose reason for exclusion satisfies `is_kept`, and the moves between them.
     fn all_where(&self, is_kept: impl Fn(&Option<&'static str>) -> bool) -> Selection {
         let used: Vec<bool> = self.excluded.iter().map(is_kept).collect();
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
         Selection { used, moves, left_out }
     }
 
-    /// What a search for effects looks at: all, where so much contradicts the rest that it is the model that is wrong.
+    /// The rests and moves for a search for effects: all of them, if so many contradict the fit that its model must be
+    /// wrong.
     pub(super) fn for_search(&self, selection: Selection) -> Selection {
         let rests = |selection: &Selection| selection.used.iter().filter(|used| **used).count() as f64;
         let (still, seemingly) =
             (self.everything(), self.all_where(|reason| reason.is_none_or(|reason| reason == NOT_STILL)));
-        // Rates that differ at so many rests are no slow turns: the bias is another there.
+        // If the mean rates differ at so many rests, they are not slow rotations. The bias differs between the rests
+        // instead.
         let all = if rests(&still) < (1.0 - OUTLIERS) * rests(&seemingly) { seemingly } else { still };
         let (kept, most) = (rests(&selection), rests(&all));
         let few = kept < (1.0 - OUTLIERS) * most
@@ -114,7 +120,8 @@ impl UnitData<'_> {
         if few { all } else { selection }
     }
 
-    /// A selection without these rests and moves of it; moves lead over a rest that is gone.
+    /// The selection `all` without the outliers. If a rest is excluded, one move replaces the moves on both sides of
+    /// it.
     pub(super) fn without(&self, all: &Selection, contradicts: &[Item]) -> Selection {
         let mut used = all.used.clone();
         let mut bad = Vec::new();
@@ -125,7 +132,7 @@ impl UnitData<'_> {
             }
         }
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-        // A move that leads over a bad one is no better.
+        // A longer move that contains a bad one is bad, too.
         let within = |m: &Move, bad: &Move| m.recording == bad.recording && m.first <= bad.first && bad.last <= m.last;
         let contradicts: Vec<Move> = moves.iter().filter(|m| bad.iter().any(|bad| within(m, bad))).copied().collect();
         let mut selection = Selection { used, moves, left_out };
@@ -133,7 +140,7 @@ impl UnitData<'_> {
         selection
     }
 
-    /// The joint fit of what is selected.
+    /// The joint fit of the selected rests and moves.
     pub(super) fn fit_jointly(
         &self,
         selection: &Selection,
@@ -147,7 +154,7 @@ impl UnitData<'_> {
         })
     }
 
-    /// How well noise alone explains a joint fit that was started at `model`.
+    /// Goodness of fit (model.md (26)) of a joint fit that was started at `model`.
     pub(super) fn misfits(
         &self,
         fit: &JointFit,
@@ -161,7 +168,7 @@ impl UnitData<'_> {
         })
     }
 
-    /// Directions and rotations of moves that a joint fit has not seen.
+    /// Directions of gravity and rotations of moves that the joint fit does not use.
     pub(super) fn predict(
         &self,
         fit: &JointFit,
@@ -174,8 +181,8 @@ impl UnitData<'_> {
         })
     }
 
-    /// What the fit predicts of rests and moves without them. `moves` are all that could take part, `model` is where the fit was
-    /// started; those that contradict the others were never seen.
+    /// Cross-validation of the joint fit: errors of each rest and move in a fit without it. `moves` contains all usable
+    /// moves and `model` the start of the fit. Moves that are outliers of the fit are predicted directly.
     pub(super) fn held_out(
         &self,
         fit: &JointFit,
@@ -190,7 +197,7 @@ impl UnitData<'_> {
             Ok(Joint::of_fit(prepared, &terms, fit)?.held_out(&fit.linear, folds))
         })?;
         let never: Vec<Move> = moves.iter().filter(|m| !selection.moves.contains(m)).copied().collect();
-        // They may begin or end at a rest that takes no part.
+        // These moves may start or end at a rest that is not used.
         let mut used = selection.used.clone();
         never.iter().for_each(|m| [m.from, m.to].into_iter().for_each(|k| used[k] = true));
         let unseen = Selection { used, moves: never.clone(), left_out: Vec::new() };
@@ -201,8 +208,8 @@ impl UnitData<'_> {
                 Some(Some(angle_rad)) => angle_rad,
                 Some(None) => {
                     return Err(Error::NotEnoughMotion(format!(
-                        "without every {folds}-th move the others do not determine all parameters: record more moves, or \
-                         ask for more folds"
+                        "without every {folds}-th move the others do not determine all parameters: record more \
+                         moves, or use more folds"
                     )));
                 }
                 None => never.iter().position(|own| own == m).map_or(f64::NAN, |k| {
@@ -241,8 +248,8 @@ impl UnitData<'_> {
         self.prepared_for(selection, model, options, (kinds, options.may_drift(), wander), work)
     }
 
-    /// What a joint fit is made of. `kinds` are the residuals that it needs; `drifts` says whether a sensor at rest may drift, `wander`
-    /// how biases do.
+    /// Prepares the input of a joint fit and passes it to `work`. `kinds` states the kinds of residuals that are
+    /// needed, `drifts` whether sensors may drift during a rest, and `wander` how the biases wander.
     pub(super) fn prepared_for<T>(
         &self,
         selection: &Selection,

@@ -71,7 +71,7 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Why the fits that make the estimate have not converged; empty if they have. Each reason makes the verdict poor.
+    /// Reasons why the fits have not converged; empty if they have. Each reason makes the verdict `poor`.
     pub fn fit_reasons(&self) -> Vec<String> {
         match &self.joint_fit {
             Some(joint) => joint.reason("the joint fit").into_iter().collect(),

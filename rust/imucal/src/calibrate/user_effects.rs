@@ -1,47 +1,48 @@
-//! Effects of a user's own: functions of the corrected state that the library cannot evaluate by itself.
+//! User-defined effects: functions of the corrected state that the library cannot evaluate by itself.
 //!
-//! A user's field may depend on the corrected rate and force, and so on the calibration that is estimated with it. Fit
-//! and field are repeated in turn until the field no longer changes.
+//! A user's field may depend on the corrected rate and force, and therefore on the calibration that is estimated with
+//! it. Fit and evaluation of the field are repeated in turn until the field no longer changes.
 
 use imucal_core::effects::Sensor;
 
 use super::{Checked, ModelOptions, Outcome, UserField, WarmStart};
 use crate::error::Error;
 
-/// Most fits until the fields have settled. Each one changes a field by the size of the effects, a per cent or so, of
-/// the last change.
-const MOST_ROUNDS: usize = 20;
-/// A field has settled if no number of it changes by more than this share of the largest one: its parameters change by
-/// as much.
+/// Maximum number of fits until the fields converge. Each repetition reduces the change of a field to about the
+/// relative size of the effects, some per cent.
+const MAX_FITS: usize = 20;
+/// Maximum change of a value of a field in the last repetition, as a fraction of its largest value. The remaining
+/// relative change of the parameters is of the same size.
 const SETTLED: f64 = 1e-7;
 
-/// A user's field at every sample of the recordings of a unit.
+/// The field of a user-defined effect at every sample of the recordings of a unit.
 #[derive(Clone, Debug)]
 pub struct SampledField {
     /// Name of the effect.
     pub name: String,
-    /// The triad that it acts on.
+    /// The triad to which the effect adds.
     pub sensor: Sensor,
     /// Typical size of each of its p parameters, SI units.
     pub typical: Vec<f64>,
-    /// For each recording (N, 3, p) in C order: derivatives of true rate or force, body frame, by the parameters.
+    /// For each recording an array (N, 3, p) in C order: derivatives of true rate or force (body frame) with respect to
+    /// the parameters.
     pub columns: Vec<Vec<f64>>,
 }
 
 /// Corrected angular rate, rad/s, and specific force, m/s^2, of every sample of one recording, body frame.
 pub type CorrectedSamples = (Vec<[f64; 3]>, Vec<[f64; 3]>);
 
-/// Which recordings are meant.
+/// A set of recordings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum RecordingSet {
-    /// Those that the calibration is made of.
+    /// The recordings from which the calibration is estimated.
     Calibration,
-    /// Those that only judge it.
+    /// The control recordings, which are used only to evaluate the calibration.
     Control,
 }
 
-/// Means over consecutive stretches of 0.1 s of a set of recordings ([`BriefMeans`](crate::gap::BriefMeans)) as two
-/// calibrations correct them, in the order of the recordings.
+/// Means over consecutive intervals of 0.1 s of a set of recordings ([`BriefMeans`](crate::gap::BriefMeans)), corrected
+/// by two calibrations, in the order of the recordings.
 #[derive(Clone, Debug)]
 pub struct BriefCorrection {
     /// Corrected by the first calibration.
@@ -52,25 +53,25 @@ pub struct BriefCorrection {
     pub fields: Vec<SampledField>,
 }
 
-/// Effects of a user's own.
+/// Evaluation of user-defined effects, implemented by the caller.
 pub trait UserEffects {
-    /// Their names.
+    /// Names of the effects.
     fn names(&self) -> &[String];
 
-    /// Fields of the named effects for the calibration set, at the state that `outcome` corrects it to.
+    /// Fields of the named effects for the calibration recordings, at the state corrected by `outcome`.
     ///
     /// # Errors
-    /// Any error, which ends the work that asked for the fields.
+    /// Any error; it ends the computation that requested the fields.
     fn fields(&self, names: &[String], outcome: &Outcome) -> Result<Vec<SampledField>, Error>;
 
-    /// A set of recordings corrected by `outcome`, effects of the user's own included.
+    /// A set of recordings corrected by `outcome`, including the user-defined effects.
     ///
     /// # Errors
     /// As [`UserEffects::fields`].
     fn corrected(&self, outcome: &Outcome, set: RecordingSet) -> Result<Vec<CorrectedSamples>, Error>;
 
-    /// Brief means of a set of recordings, corrected by two calibrations. The first one is the calibration that the
-    /// caller compares with, or else `before`.
+    /// Means over 0.1 s of a set of recordings, corrected by two calibrations: that with which the caller compares
+    /// (otherwise `before`), and `after`.
     ///
     /// # Errors
     /// As [`UserEffects::fields`].
@@ -88,16 +89,16 @@ impl SampledField {
     }
 }
 
-/// Fields as a fit takes them.
+/// The fields in the form that [`ModelOptions`] requires.
 pub(crate) fn views(fields: &[SampledField]) -> Vec<UserField<'_>> {
     fields.iter().map(SampledField::view).collect()
 }
 
 impl Checked<'_> {
-    /// As [`Checked::calibrate`], with the named effects of a user's own.
+    /// As [`Checked::calibrate`], with the user-defined effects `names`.
     ///
     /// # Errors
-    /// As [`Checked::calibrate`], those of `user_effects`, and [`Error::Fit`] if the fields do not settle.
+    /// As [`Checked::calibrate`], errors of `user_effects`, and [`Error::Fit`] if the fields do not converge.
     pub fn calibrate_with(
         &self,
         model: &ModelOptions<'_>,
@@ -110,7 +111,7 @@ impl Checked<'_> {
             return Ok(outcome);
         }
         let mut last: Vec<SampledField> = Vec::new();
-        for _ in 0..MOST_ROUNDS {
+        for _ in 0..MAX_FITS {
             let fields = user_effects.fields(names, &outcome)?;
             if !last.is_empty() && have_settled(&last, &fields) {
                 return Ok(outcome);
@@ -119,8 +120,8 @@ impl Checked<'_> {
             last = fields;
         }
         Err(Error::Fit(format!(
-            "the field of {} still changes after {MOST_ROUNDS} fits: it depends too much on what it corrects; make it depend \
-             less on rate and force",
+            "the field of {} still changes after {MAX_FITS} fits, because it depends too strongly on the corrected \
+             rate and force: make it depend less on them",
             names.join(" and ")
         )))
     }
@@ -134,7 +135,7 @@ fn have_settled(before: &[SampledField], after: &[SampledField]) -> bool {
     })
 }
 
-/// The largest magnitude; NaN if there is one.
+/// The largest absolute value; NaN if any value is NaN.
 fn largest(values: impl Iterator<Item = f64>) -> f64 {
     values.fold(0.0, |most: f64, value| if value.is_nan() || value.abs() > most { value.abs() } else { most })
 }
