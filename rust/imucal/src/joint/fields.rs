@@ -1,4 +1,5 @@
-//! Whitened derivatives by fields that are no effects: a value at each rest and at each stretch of a move (model.md (24)).
+//! Whitened derivatives of the residuals with respect to generic error fields, which are not effects of the catalogue
+//! (model.md (24)). A field has one value per column at each rest and in each segment of a move.
 //!
 //! ```text
 //! rest rates   -T Phi_k                      moves   E (R^T u) x turn(end)
@@ -21,14 +22,15 @@ use super::prepared::Prepared;
 use super::problem::Joint;
 use crate::rests::moves::{Move, rows_across};
 
-/// Columns of a field, each about one axis: those about x come first, then as many about y and z. Numbers in SI units.
+/// Columns of a generic error field of one sensor. Each column acts on one body axis. All columns for x come first,
+/// then equally many for y, then for z. Values are in rad/s (gyroscope) or m/s^2 (accelerometer).
 pub(crate) struct Field {
     pub(crate) sensor: Sensor,
     /// Number of columns.
     pub(crate) width: usize,
-    /// Rest by rest.
+    /// Values at the rests: `width` values per rest.
     pub(crate) rests: Vec<f64>,
-    /// By move, stretch by stretch.
+    /// Values inside the moves: for each move, `width` values per segment.
     pub(crate) moves: Vec<Vec<f64>>,
 }
 
@@ -41,18 +43,19 @@ impl Field {
         &self.moves[k][stretch * self.width..][..self.width]
     }
 
-    /// The axis that a column is about.
+    /// Body axis (0 to 2) on which a column acts.
     fn axis(&self, column: usize) -> usize {
         3 * column / self.width
     }
 
-    /// Its columns about each axis.
+    /// Range of the columns that act on a body axis.
     fn own(&self, axis: usize) -> Range<usize> {
         let count = self.width / 3;
         axis * count..(axis + 1) * count
     }
 
-    /// Adds numbers times the column of a matrix that belongs to their axis, component by component.
+    /// Adds `matrix` times the field: component i of `to` gets `matrix[(i, axis)] * value` for each column, where
+    /// `axis` is the body axis of that column.
     fn add(&self, matrix: &Matrix3<f64>, numbers: &[f64], to: &mut [f64]) {
         let width = to.len() / 3;
         for (component, to) in to.chunks_exact_mut(width.max(1)).enumerate() {
@@ -64,7 +67,7 @@ impl Field {
     }
 }
 
-/// The way of each move at a linearisation without effects, of whose stretches one in `every` is taken.
+/// Segments of each move at a linearisation without effects. Only one segment in `every` is kept.
 pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usize) -> Vec<MoveSegments> {
     let way = |(index, at_move): (usize, &AtMove)| {
         let route = prepared.route(index, None, &at_move.before, false);
@@ -74,7 +77,8 @@ pub(crate) fn move_segments(prepared: &Prepared<'_>, linear: &Linear, every: usi
 }
 
 impl Field {
-    /// What it has turned at each stretch of a move, and at the end: it goes straight from one stretch to the next.
+    /// Attitude error caused by each column, at each segment of a move and at the end of the move, rad. Between two
+    /// segments the attitude error grows linearly.
     fn turns(&self, k: usize, way: &MoveSegments) -> Planes {
         let count = way.stretches.len();
         let mut turns = Planes::new((0..self.width).collect(), count + 1);
@@ -93,7 +97,7 @@ impl Field {
 }
 
 impl Joint<'_> {
-    /// Whitened derivatives of all residuals but those against the stand by the columns of a field.
+    /// Whitened derivatives with respect to the columns of a field: all residuals except those against the stand.
     pub(crate) fn by_field(&self, linear: &Linear, ways: &[MoveSegments], field: &Field) -> Mat<f64> {
         let mut all = Mat::zeros(self.rows(), field.width);
         let mut lines = Mat::zeros(linear.lines.len(), field.width);
@@ -108,7 +112,8 @@ impl Joint<'_> {
         all
     }
 
-    /// By an error of the rate: lines that are still to be whitened, and what comes behind them.
+    /// Derivatives with respect to an error of the rate. `lines` gets the norm and move residuals before whitening,
+    /// `all` the whitened rows after them.
     fn by_rate(&self, linear: &Linear, ways: &[MoveSegments], field: &Field, lines: &mut Mat<f64>, all: &mut Mat<f64>) {
         let (width, gravity_mps2) = (field.width, self.prepared.gravity_mps2);
         let mut row = lines.nrows();
@@ -126,7 +131,7 @@ impl Joint<'_> {
             let turns = field.turns(k, way);
             let end: Vec<Vector3<f64>> = (0..width).map(|c| turns.column(turns.of(way.stretches.len()), c)).collect();
             if linear.sees_inside() {
-                // A turn t moves the force by t x f: along d that is (f x d) . t.
+                // An attitude error t changes the rotated force f by t x f. Its component along d is (f x d) . t.
                 let inside = Inside::new(pass, &before.up, &self.weights.inside[k], gravity_mps2);
                 let carried = pass.rotation * after.up * gravity_mps2;
                 let by_end = [1, 2].map(|c| carried.cross(&inside.directions[c]));
@@ -146,7 +151,7 @@ impl Joint<'_> {
         }
     }
 
-    /// By an error of the force.
+    /// Derivatives with respect to an error of the specific force; `lines` and `all` as in `by_rate`.
     fn by_force(
         &self,
         linear: &Linear,
@@ -172,7 +177,8 @@ impl Joint<'_> {
             let Move { from, to, .. } = self.prepared.moves[k];
             let (at_start, at_end) = (field.at_rest(from), field.at_rest(to));
             let inside = Inside::new(pass, &before.up, &self.weights.inside[k], self.prepared.gravity_mps2);
-            // The rests before and after tell directions of gravity by the same accelerometer.
+            // The field also changes the gravity directions of the rests before and after the move, because the same
+            // accelerometer measures them.
             let level = |up: &Vector3<f64>, d: &Vector3<f64>| d - up * up.dot(d);
             let by_start = inside.directions.map(|d| level(&before.up, &d));
             let by_end = [1, 2].map(|c| level(&after.up, &pass.rotation.tr_mul(&inside.directions[c])));
@@ -190,7 +196,7 @@ impl Joint<'_> {
     }
 }
 
-/// What a turn at the end of a move does to its two residuals.
+/// Derivative of the two residuals of a move with respect to the attitude error at its end (on the side of its start).
 fn across(at_move: &AtMove) -> Matrix2x3<f64> {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);

@@ -1,12 +1,15 @@
-//! Residuals inside a move: the force, turned to the body frame at its start, is gravity there (model.md (20)).
+//! Residuals inside a move: the specific force, rotated to the body frame at the start of the move, minus gravity there
+//! (model.md (20)).
 //!
 //! ```text
 //! z_j = d . (mean_j(R f) - g u),   z_j = x_j + white,   x_(j+1) = x_j + random walk
 //! ```
 //!
-//! for d along gravity (no random walk: a turn about gravity and along it is not seen) and two directions across it. The
-//! error of the gyroscope's white noise walks; its innovations, as of a scalar Kalman filter, are white. The last
-//! residual of a move is the rest after it.
+//! The direction d is along gravity or along one of two directions perpendicular to it. Along gravity there is no
+//! random walk, because to first order an attitude error does not change that component of gravity. Perpendicular to
+//! gravity the integrated white noise of the gyroscope is a random walk. The innovations of a scalar Kalman filter are
+//! white and serve as residuals. The last residuals of a move compare the propagated gravity direction with that of the
+//! rest after the move.
 
 mod blocks;
 pub(super) mod filter;
@@ -23,40 +26,42 @@ use crate::joint::pass::Pass;
 use crate::rests::moves::across;
 use blocks::{IntoColumns, IntoLanes, Seen};
 
-/// What a parameter changes of the residuals of a move along the three directions: of all by what it changes at the start, and of the
-/// last ones, across gravity, by the rest after the move.
+/// Derivatives of the residuals of a move with respect to one parameter, through the gravity directions of the adjacent
+/// rests, m/s^2. `start` adds to all residuals along each of the three directions. `end` adds to the last residual
+/// along each of the two directions perpendicular to gravity.
 pub(super) struct Edges {
     pub(super) start: [f64; 3],
     pub(super) end: [f64; 2],
 }
 
-/// Rows for the residuals inside the moves, which go on from move to move.
+/// Writes the whitened rows of the moves one after the other.
 pub(super) struct Rows<'a> {
     target: Target<'a>,
     next: usize,
-    /// How much of the rows of the next move is there already.
+    /// Number of lanes already written in the rows of the current move; used by `Target::Lanes` only.
     place: usize,
 }
 
-/// What they are rows of.
+/// Storage that receives the rows.
 enum Target<'a> {
     Columns(&'a mut Mat<f64>),
     Lanes(&'a mut Lanes),
 }
 
 impl<'a> Rows<'a> {
-    /// Of a matrix, from one on.
+    /// Writes to a matrix with one column per parameter, from row `first` on.
     pub(super) fn new(matrix: &'a mut Mat<f64>, first: usize) -> Self {
         Self { target: Target::Columns(matrix), next: first, place: 0 }
     }
 
-    /// Of numbers side by side.
+    /// Writes the rows of one move to `lanes`.
     pub(super) fn side_by_side(lanes: &'a mut Lanes) -> Self {
         Self { target: Target::Lanes(lanes), next: 0, place: 0 }
     }
 
-    /// Writes what some parameters change of the white residuals of a move. A state of the planes is a block, of which the part along a
-    /// direction d is seen along `toward(block, d)`.
+    /// Writes the whitened derivatives of the residuals of a move with respect to the parameters of `planes`, which has
+    /// one state (three components) per block. The derivative of the residual of a block along d is the product of its
+    /// state with the vector `toward(block, d)`, plus the terms of `edges`.
     pub(super) fn write_block(
         &mut self,
         inside: &Inside<'_>,
@@ -81,18 +86,19 @@ impl<'a> Rows<'a> {
         self.place += width;
     }
 
-    /// Goes on behind the rows of a move.
+    /// Ends a move: the next block of rows starts below its rows.
     pub(super) fn leave(&mut self, inside: &Inside<'_>) {
         self.next += count(inside.pass, false);
         self.place = 0;
     }
 
-    /// The row after them.
+    /// Index of the first row below all rows written so far.
     pub(super) fn next(&self) -> usize {
         self.next
     }
 
-    /// Writes all that is seen inside a move, its derivatives by the parameters and the residuals, which come last.
+    /// Writes all whitened rows of a move: derivatives with respect to all parameters, and the residuals as the last
+    /// column.
     pub(super) fn write_move(&mut self, at_move: &AtMove, noise: &InsideNoise, gravity_mps2: f64) {
         let AtMove { pass, before, after } = at_move;
         let inside = Inside::new(pass, &before.up, noise, gravity_mps2);
@@ -114,37 +120,39 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Variances of one move.
+/// Noise variances of one move.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct InsideNoise {
-    /// Of the direction of gravity at the start, rad^2.
+    /// Variance of the gravity direction at the start, per component, rad^2.
     pub(crate) start: f64,
-    /// Of the direction at the end, rad^2.
+    /// Variance of the gravity direction at the end, per component, rad^2.
     pub(crate) end: f64,
-    /// Growth of the attitude error, rad^2/s.
+    /// Growth rate of the variance of the attitude error (angle random walk), rad^2/s.
     pub(crate) walk: f64,
-    /// Of the force of a block times its length, (m/s^2)^2 s.
+    /// Power spectral density of the force noise: variance of the mean force of a block times the duration of the
+    /// block, (m/s^2)^2 s.
     pub(crate) force: f64,
 }
 
-/// How many residuals a pass gives; with encoders the rest after it stands among theirs.
+/// Number of residuals inside a move. With encoders the two residuals of the rest after the move are omitted, because
+/// the residuals of that rest against the stand contain it.
 pub(crate) fn count(pass: &Pass, with_encoders: bool) -> usize {
     3 * pass.blocks.len() + if with_encoders { 0 } else { 2 }
 }
 
-/// What whitens the residuals inside a move.
+/// Filter gains that whiten the residuals inside one move.
 pub(in crate::joint) struct Inside<'a> {
     pub(in crate::joint) pass: &'a Pass,
-    /// Along gravity at the start of the move, and two directions across it.
+    /// Unit vector along gravity at the start of the move, and two unit vectors perpendicular to it.
     pub(in crate::joint) directions: [Vector3<f64>; 3],
-    /// Of each block, along gravity and across it, and of the rest after the move.
+    /// Filter gains of each block along gravity and perpendicular to it, and of the rest after the move.
     pub(super) along: Vec<Gain<1>>,
     pub(super) across: Vec<Gain<1>>,
     pub(super) end: Gain<1>,
 }
 
 impl<'a> Inside<'a> {
-    /// Of a move with gravity along `up` at its start.
+    /// Computes the filter gains of a move; `up` is the gravity direction at its start.
     pub(in crate::joint) fn new(pass: &'a Pass, up: &Vector3<f64>, noise: &InsideNoise, gravity_mps2: f64) -> Self {
         let g2 = gravity_mps2 * gravity_mps2;
         let mut walk = WalkFilter::new([g2 * noise.start]);

@@ -1,4 +1,4 @@
-//! White residuals and their derivatives, row by row.
+//! Whitened residuals and their derivatives, stored row by row.
 
 use std::ops::Range;
 
@@ -7,41 +7,42 @@ use faer::Mat;
 use super::pass::Pass;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Rows of numbers side by side: derivatives, and the residual behind them.
+/// Row-major matrix of derivatives, with the residual as the last column. Columns that are zero are not stored.
 #[derive(Clone)]
 pub(crate) struct Lanes {
-    /// The place of each column, the last of which is the residual's; `None` where it is zero.
+    /// Position of each column within a row. `None` for a column that is zero. The last entry is that of the residual.
     places: Vec<Option<usize>>,
     of_residual: usize,
-    /// Length of a row.
+    /// Number of stored values per row, including padding.
     width: usize,
     numbers: Aligned,
 }
 
 impl Lanes {
-    /// Rows of zeros, so many, with so many columns beside the residual.
+    /// `rows` rows of zeros with `columns` columns and the residual.
     pub(super) fn zeros(columns: usize, rows: usize) -> Self {
         let mut lanes = Self::at((0..columns).map(Some).collect(), columns);
         lanes.resize(rows);
         lanes
     }
 
-    /// No row yet, with the columns that are seen inside a move: what acts on the rate, and then what acts on the force.
+    /// Empty matrix for the rows inside a move. Parameters of the rate come first, then those of the force.
     pub(super) fn inside(pass: &Pass) -> Self {
         let mut places = vec![None; pass.turn.len()];
         pass.changes.parameters().for_each(|(lane, column)| places[column] = Some(lane));
         Self::at(places, pass.changes.lanes())
     }
 
-    /// No row yet; the columns have these places, and the residual its own behind them.
+    /// Empty matrix in which column k is stored at `places[k]` and the residual at `of_residual`.
     fn at(mut places: Vec<Option<usize>>, of_residual: usize) -> Self {
         places.push(Some(of_residual));
-        // There is room for a register behind each place.
+        // Padding after the last column lets SIMD code read a full register from any position.
         let width = (of_residual + 1 + WIDEST).next_multiple_of(WIDEST);
         Self { places, of_residual, width, numbers: Aligned::default() }
     }
 
-    /// Of columns that have these places, and the residual the last; each number is that of a row and a column.
+    /// Matrix with the given positions, of which the last is that of the residual; `number(row, column)` gives the
+    /// values.
     #[cfg(test)]
     pub(crate) fn of(places: &[Option<usize>], rows: usize, number: impl Fn(usize, usize) -> f64) -> Self {
         let (of_residual, places) = places.split_last().unwrap();
@@ -57,12 +58,12 @@ impl Lanes {
         lanes
     }
 
-    /// Length of a row, that of some registers.
+    /// Number of stored values per row, a multiple of the SIMD register width.
     pub(crate) fn width(&self) -> usize {
         self.width
     }
 
-    /// How many rows there are.
+    /// Number of rows.
     pub(crate) fn rows(&self) -> usize {
         self.numbers.len() / self.width
     }
@@ -72,41 +73,41 @@ impl Lanes {
         &self.numbers
     }
 
-    /// One of the rows.
+    /// The stored values of one row.
     #[inline(always)]
     pub(crate) fn row(&self, row: usize) -> &[f64] {
         &self.numbers[row * self.width..][..self.width]
     }
 
-    /// Some of the rows, one after the other, to be set.
+    /// Mutable access to the stored values of consecutive rows.
     pub(super) fn rows_mut(&mut self, rows: Range<usize>) -> &mut [f64] {
         &mut self.numbers[rows.start * self.width..rows.end * self.width]
     }
 
-    /// One of the rows, to be set.
+    /// Mutable access to the stored values of one row.
     pub(super) fn row_mut(&mut self, row: usize) -> &mut [f64] {
         self.rows_mut(row..row + 1)
     }
 
-    /// Where a column stands in each row; `None` if it is zero.
+    /// Position of a column within each row; `None` if the column is zero.
     pub(crate) fn place(&self, column: usize) -> Option<usize> {
         self.places[column]
     }
 
-    /// A column, row by row.
+    /// Values of a column from the first row to the last.
     pub(crate) fn column(&self, column: usize) -> impl Iterator<Item = f64> {
         let place = self.places[column];
         self.numbers.chunks_exact(self.width).map(move |row| place.map_or(0.0, |place| row[place]))
     }
 
-    /// Puts some of the columns, in this order, into a matrix from a row on.
+    /// Copies the columns given by `order` to columns 0, 1, ... of a matrix, from row `first` on.
     pub(crate) fn copy_columns(&self, order: impl Iterator<Item = usize>, to: &mut Mat<f64>, first: usize) {
         for (j, column) in order.enumerate() {
             to.col_as_slice_mut(j)[first..].iter_mut().zip(self.column(column)).for_each(|(to, value)| *to = value);
         }
     }
 
-    /// Adds so many times each column to the residual.
+    /// Adds `J change` to the residuals, where J are the derivatives in the same rows.
     pub(crate) fn change(&mut self, change: &[f64]) {
         let by: Vec<(usize, f64)> = self.places.iter().zip(change).filter_map(|(p, by)| Some(((*p)?, *by))).collect();
         for row in self.numbers.chunks_exact_mut(self.width) {
@@ -114,7 +115,7 @@ impl Lanes {
         }
     }
 
-    /// As many rows, whose numbers are still to be put there.
+    /// Sets the number of rows. The values of the rows are to be overwritten.
     pub(crate) fn resize(&mut self, rows: usize) {
         self.numbers.resize(rows * self.width);
     }

@@ -1,4 +1,4 @@
-//! The residuals of the joint fit and their derivatives at given parameters.
+//! Residuals of the joint fit before whitening, and their derivatives, at given parameters.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -23,7 +23,7 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::rests::moves::{End, rows_across};
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
-/// A residual, its derivatives by the parameters and by the means of the rests.
+/// One scalar residual with its derivatives with respect to the parameters and to the mean forces of the rests.
 #[derive(Clone)]
 pub(crate) struct Line {
     pub(crate) residual: f64,
@@ -33,36 +33,36 @@ pub(crate) struct Line {
 }
 
 impl Line {
-    /// Of the residual, for a small change of the parameters.
+    /// First-order change of the residual for a small change of the parameters.
     pub(super) fn change(&self, change: &[f64]) -> f64 {
         self.jacobian.iter().zip(change).map(|(by, change)| by * change).sum()
     }
 }
 
-/// What a line is about.
+/// The rest or the move to which a residual belongs, by index. The mean rates of a rest count as `Norm`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
     Norm(usize),
     Move(usize),
 }
 
-/// All residuals at given parameters, not whitened.
+/// All residuals before whitening, linearised at given parameters (model.md (18)).
 #[derive(Clone)]
 pub(crate) struct Linear {
     pub(crate) model: Model,
     pub(crate) lines: Vec<Line>,
-    /// Three for each rest that takes part: seen minus predicted mean rate, raw units, axis by axis.
+    /// Mean-rate residuals of each rest in use: measured minus predicted rate, raw units, axes x, y and z.
     pub(crate) rates: Vec<(usize, [Line; 3])>,
     pub(crate) moves: Arc<Vec<AtMove>>,
-    /// Direction of gravity at the rests that take part.
+    /// Gravity direction at each rest in use.
     pub(super) directions: Vec<(usize, Arc<EndDirection>)>,
-    /// By how much the parameters have changed since the moves were passed; empty where they have not. Residuals inside the moves follow
-    /// their derivatives by it.
+    /// Change of the parameters since the samples of the moves were integrated; empty if there is none. The residuals
+    /// inside the moves are corrected by their derivatives times this change.
     pub(super) change: Vec<f64>,
     kinds: Kinds,
 }
 
-/// Rows of the whitened residuals beyond the lines and the rates.
+/// Row ranges of the whitened residuals that follow norms, moves and mean rates.
 pub(crate) struct Groups {
     pub(crate) inside: Range<usize>,
     pub(crate) stand_rests: Range<usize>,
@@ -70,17 +70,18 @@ pub(crate) struct Groups {
 }
 
 impl Linear {
-    /// Index and direction of gravity of the rests that take part.
+    /// Index and gravity direction of each rest in use.
     pub(crate) fn directions(&self) -> impl Iterator<Item = (usize, &Vector3<f64>)> {
         self.directions.iter().map(|(k, direction)| (*k, &direction.up))
     }
 
-    /// Whether the force inside the moves takes part.
+    /// Whether the force inside the moves contributes residuals.
     pub(crate) fn sees_inside(&self) -> bool {
         self.kinds.in_motion
     }
 
-    /// The residuals after a small change of the parameters; all else stays.
+    /// Linearisation after a small change of the parameters: residuals are updated to first order, derivatives are
+    /// kept.
     pub(super) fn moved(&self, change: &[f64], model: Model) -> Self {
         let inside = if self.kinds.in_motion { change } else { &[] };
         let mut moved = Self { model, change: inside.to_vec(), ..self.clone() };
@@ -104,8 +105,8 @@ impl Linear {
         Groups { inside: start..a, stand_rests: a..b, stand_moves: b..c }
     }
 
-    /// What the rows after the lines and the rates are about, stretch by stretch: the insides of the moves, rests and moves
-    /// against the stand.
+    /// Source and row range of each group of whitened residuals after the mean rates: the inside of each move, each
+    /// rest against the stand, each move against the stand.
     pub(super) fn rows_beyond_rates(&self) -> Vec<(Source, Range<usize>)> {
         let mut row = self.lines.len() + 3 * self.rates.len();
         let mut found = Vec::new();
@@ -124,8 +125,8 @@ impl Linear {
         found
     }
 
-    /// The group that each row of the whitened residuals belongs to: norms, moves, rates x, y and z, inside the moves,
-    /// rests and moves against the stand.
+    /// Kind of each row of the whitened residuals, as an index: 0 norms, 1 moves, 2 to 4 rates x, y and z, [`INSIDE`],
+    /// [`STAND_RESTS`], [`STAND_MOVES`].
     pub(crate) fn groups_of_rows(&self) -> Vec<usize> {
         let groups = self.groups();
         let lines = self.lines.iter().map(|line| usize::from(matches!(line.source, Source::Move(_))));
@@ -136,12 +137,15 @@ impl Linear {
     }
 }
 
-/// The group of the residuals inside the moves, and those of rests and moves against the stand.
+/// Index of a kind of residuals, see [`Linear::groups_of_rows`]: the force inside the moves.
 pub(crate) const INSIDE: usize = 5;
+/// Index of a kind of residuals: gravity directions at the rests against the stand.
 pub(crate) const STAND_RESTS: usize = 6;
+/// Index of a kind of residuals: attitudes inside the moves against the stand.
 pub(crate) const STAND_MOVES: usize = 7;
 
-/// With effects, or with blocks inside the move, a sample costs as much as so many in the kernel.
+/// Cost of a sample with effects or with blocks inside the move, relative to a sample of plain preintegration.
+/// It decides the number of threads.
 const COST: usize = 30;
 
 impl Prepared<'_> {
@@ -156,7 +160,8 @@ impl Prepared<'_> {
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
             AtMove { pass: route.pass(&model, &asked), before, after }
         };
-        // Where nothing adds to the rate the kernel is fast enough to go ahead.
+        // If no effect changes the rate, the rotations alone are integrated first. This is fast and gives the attitude
+        // of every rest, so that the moves can then run in parallel.
         let goes_ahead = asked.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
@@ -164,7 +169,7 @@ impl Prepared<'_> {
         let mut next_move = 0;
         for k in (0..self.rests.len()).filter(|&k| self.used[k] && terms.needs(Need::Attitude)) {
             let start = *attitudes[k].get_or_insert_with(|| first_attitude(&rests.forces[k].direction.up));
-            // Each move leads to the attitude at the next rest.
+            // The rotation of each move gives the attitude at the rest after it.
             while let Some(m) = self.moves.get(next_move).filter(|m| m.from == k) {
                 let [before, after] = &ends[next_move];
                 let rotation = if goes_ahead {
@@ -191,7 +196,7 @@ impl Prepared<'_> {
         Ok(self.lines(&model, terms, &rests, &attitudes, moves))
     }
 
-    /// What the residuals are at rests and moves that are known.
+    /// Assembles the residuals from the forces at the rests, the attitudes of the rests and the integrated moves.
     pub(super) fn lines(
         &self,
         model: &Model,
@@ -225,7 +230,8 @@ impl Prepared<'_> {
         Linear { model, lines, rates, moves, directions, change: Vec::new(), kinds }
     }
 
-    /// Components of the preintegrated minus the measured direction, across the latter.
+    /// Propagated minus measured gravity direction after a move: the two components perpendicular to the measured
+    /// direction.
     fn move_lines(&self, index: usize, at_move: &AtMove, forces: &[Force], by_mean: &Matrix3<f64>) -> [Line; 2] {
         let m = &self.moves[index];
         let AtMove { pass, after, .. } = at_move;
@@ -253,7 +259,8 @@ impl Prepared<'_> {
         let mut residual = rest.angular_rate.mean - model.gyroscope.measure(rate.added);
         let mut by_bias = -Matrix3::identity();
         if let Some(PropagatedMean { mean_s, bias }) = propagated {
-            // What the directions at both ends leave of the turn between them.
+            // The rotation within a hand-held rest is computed from the gravity directions at its ends, which depend on
+            // the gyroscope bias (model.md (27)).
             let across = Matrix3::identity() - up * up.transpose();
             let turned =
                 sensitivity * across * model.gyroscope.inverse() * (2.0 * mean_s / (rest.end_s - rest.start_s));
@@ -282,7 +289,7 @@ impl Prepared<'_> {
     }
 }
 
-/// What is seen inside the moves of a linearisation, to be whitened when it is asked for.
+/// Residuals inside the moves of a linearisation. The rows of a move are whitened when they are requested.
 pub(crate) struct Insides {
     linear: Arc<Linear>,
     noise: Vec<InsideNoise>,
@@ -291,28 +298,28 @@ pub(crate) struct Insides {
 }
 
 impl Insides {
-    /// `None` if there is no move.
+    /// `None` if there are no moves.
     pub(super) fn new(linear: Arc<Linear>, noise: Vec<InsideNoise>, gravity_mps2: f64) -> Option<Self> {
         let no_rows = Lanes::inside(&linear.moves.first()?.pass);
         Some(Self { linear, noise, gravity_mps2, no_rows })
     }
 
-    /// How many moves there are.
+    /// Number of moves.
     pub(crate) fn moves(&self) -> usize {
         self.linear.moves.len()
     }
 
-    /// How many rows they have together.
+    /// Number of rows of all moves.
     pub(crate) fn rows(&self) -> usize {
         self.linear.moves.iter().map(|at_move| count(&at_move.pass, false)).sum()
     }
 
-    /// Where the columns stand in each row, and the residual.
+    /// Layout of the rows: position of each column and of the residual.
     pub(crate) fn no_rows(&self) -> &Lanes {
         &self.no_rows
     }
 
-    /// Puts the rows of a move in the place of those of another one.
+    /// Overwrites `lanes` with the whitened rows of move `k`.
     pub(crate) fn look(&self, k: usize, lanes: &mut Lanes) {
         let at_move = &self.linear.moves[k];
         lanes.resize(count(&at_move.pass, false));

@@ -1,11 +1,12 @@
-//! How well noise alone explains a fit, and each rest and move of it (model.md (26)).
+//! Goodness of fit of the whole fit and of each rest and move, relative to noise (model.md (26)).
 //!
 //! ```text
 //! chi2 = r^T P r  with  N - n degrees of freedom,     p = P(chi2 of as many degrees is larger)
 //! ```
 //!
-//! with P of (25) for all N residuals. The share of a rest (its norm and its mean rates) or of a move is d of (25): the misfit as
-//! a fit without it would see it, so that it follows chi2 whatever its leverage. Nothing is widened here.
+//! P is that of (25) for all N residuals. The share of a rest (its norm and its mean rates) or of a move is d of (25):
+//! the chi2 of its residuals as predicted by a fit without it. It follows a chi2 distribution whatever the leverage of
+//! the item. The weights are those of noise alone; no standard deviation is widened.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -22,26 +23,27 @@ use crate::joint::move_ends::move_direction;
 use crate::joint::outliers::by_means;
 use crate::numerics::stats::{dot, p_value};
 
-/// A misfit in units of what noise explains.
+/// Goodness of fit of a set of residuals, relative to noise.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Misfit {
-    /// Sum of the squared residuals.
+    /// Sum of the squared residuals, each divided by its standard deviation.
     pub chi2: f64,
-    /// What chi2 is on average if noise is all there is.
+    /// Degrees of freedom, the expected value of chi2 if noise explains the residuals.
     pub degrees_of_freedom: usize,
-    /// Probability that noise alone makes chi2 larger.
+    /// Probability of a larger chi2 if noise explains the residuals.
     pub p_value: f64,
 }
 
 impl Misfit {
-    /// `None` without any degree of freedom.
+    /// `None` if there are no degrees of freedom.
     fn new(chi2: f64, degrees_of_freedom: usize) -> Option<Self> {
         let p_value = p_value(chi2, degrees_of_freedom);
         (degrees_of_freedom > 0).then_some(Self { chi2, degrees_of_freedom, p_value })
     }
 }
 
-/// The misfit of a fit, of each rest and of each move; `None` for those that it does not use or follows whatever they say.
+/// Goodness of fit of all residuals, of each rest and of each move. `None` for items that the fit does not use or whose
+/// leverage is too high.
 pub(crate) struct Misfits {
     pub(crate) all: Option<Misfit>,
     pub(crate) rests: Vec<Option<Misfit>>,
@@ -49,7 +51,7 @@ pub(crate) struct Misfits {
 }
 
 impl Misfits {
-    /// `linear` is what the fit has ended at.
+    /// `linear` is the linearisation at the end of the fit.
     pub(crate) fn of(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Arc<Linear>) -> Result<Self, Error> {
         let problem = Joint::of_noise(prepared, terms, Arc::clone(linear))?;
         let without = LeaveOut::new(&problem, linear);
@@ -77,19 +79,22 @@ impl Misfits {
     }
 }
 
-/// A column that the others leave less of than this share of its length is a sum of them.
+/// Smallest relative length of a column after projection onto the complement of other columns, dimensionless. A shorter
+/// column counts as linearly dependent. The value is far above rounding.
 const LEAST: f64 = 1e-6;
 
-/// Errors of rests and moves, each by a fit without it; `None` where that does not determine all parameters.
+/// Prediction errors of rests and moves from fits without them (model.md (34)). `None` if the remaining residuals do
+/// not determine all parameters.
 pub(crate) struct HeldOut {
-    /// Angle between carried and measured gravity of each move, rad.
+    /// Angle between propagated and measured gravity direction of each move, rad.
     pub(crate) direction_rad: Vec<Option<f64>>,
-    /// Error of |f| at the rests that take part, m/s^2.
+    /// Error of |f| at each rest in use, m/s^2.
     pub(crate) norm_mps2: Vec<(usize, Option<f64>)>,
 }
 
 impl Joint<'_> {
-    /// Every `folds`-th move is left out together, and every `folds`-th rest.
+    /// Cross-validation with `folds` folds of moves and as many of rests. Fold i holds out the moves i, i + folds, ...
+    /// or the rests i, i + folds, ...
     pub(crate) fn held_out(&self, linear: &Linear, folds: usize) -> HeldOut {
         let parts = Parts::new(self, linear);
         let mut direction_rad = vec![None; linear.moves.len()];
@@ -123,18 +128,20 @@ impl Joint<'_> {
     }
 }
 
-/// Whitened residuals in parts that are left out or not.
+/// Whitened residuals divided into correlated and independent parts, so that a fold can hold out some of them.
 struct Parts {
-    /// Lengths of the columns of the Jacobian; columns of none are not there.
+    /// Length of each column of the whitened Jacobian.
     size: Vec<f64>,
     kept: Vec<usize>,
-    /// Lines and rates, which share errors: columns of length one and the residual.
+    /// Whitened rows of norms, moves and mean rates, which are mutually correlated: Jacobian columns scaled to length
+    /// one, and the residual.
     shared: Mat<f64>,
-    /// `[J r]^T [J r]` of all other residuals of a rest or a move.
+    /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move (inside moves, against the stand).
     others: Vec<(Source, Mat<f64>)>,
-    /// The same of priors.
+    /// Gram matrix `[J r]^T [J r]` of the priors.
     given: Mat<f64>,
-    /// What whitening makes of an error of each line and rate and of the mean of each rest: the first row, and the values from there.
+    /// Whitened unit errors of each norm, move and mean-rate residual and of each component of the mean forces: first
+    /// nonzero row, and the values from there on.
     units: Vec<(usize, Vec<f64>)>,
 }
 
@@ -164,7 +171,7 @@ impl Parts {
         Self { size, kept, shared, others, given, units }
     }
 
-    /// What is free where rests are left out: their mean rates and forces.
+    /// Indices into `units` of the errors that are free when rests are held out: their mean rates and mean forces.
     fn columns_of(&self, linear: &Linear, rests: &[usize]) -> Vec<usize> {
         let places = linear.rates.iter().enumerate().filter(|(_, (k, _))| rests.contains(k)).map(|(place, _)| place);
         let rates = linear.lines.len();
@@ -172,7 +179,8 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// The change of the parameters where these columns are free and others of `others` are left out.
+    /// Change of the parameters in a fit with free errors along the units `columns` and without the independent
+    /// residuals for which `is_out` holds. `None` if this fit does not determine all parameters.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());
@@ -180,7 +188,7 @@ impl Parts {
             let (first, values) = &self.units[column];
             let mut direction = Stretch { first: *first, values: values.clone() };
             let length = norm(&direction.values);
-            // Twice is enough.
+            // Gram-Schmidt orthogonalisation; two passes reach machine precision.
             for _ in 0..2 {
                 basis.iter().for_each(|known| direction.leave_out(known));
             }
@@ -210,7 +218,7 @@ impl Parts {
     }
 }
 
-/// A column that is nothing but for some rows in a row: errors are shared by neighbours, so few of these meet.
+/// Sparse column with consecutive nonzero rows. Only neighbouring residuals are correlated, so few columns overlap.
 struct Stretch {
     first: usize,
     values: Vec<f64>,
@@ -225,7 +233,7 @@ impl Stretch {
         row.checked_sub(self.first).and_then(|k| self.values.get(k)).copied().unwrap_or(0.0)
     }
 
-    /// Takes away what is along a direction of length one.
+    /// Subtracts the component along a column of length one.
     fn leave_out(&mut self, known: &Self) {
         let (own, other) = (self.rows(), known.rows());
         let both = own.start.max(other.start)..own.end.min(other.end);

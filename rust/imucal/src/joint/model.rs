@@ -1,4 +1,4 @@
-//! The sensor model that a list of all parameters stands for.
+//! Sensor model given by the parameter vector of the joint fit.
 
 use std::ops::Range;
 
@@ -13,13 +13,14 @@ use crate::parameters::{ACCEL, BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::recording::{REFERENCE_TEMPERATURE_DEGC, Recording};
 use crate::two_stage::{accelerometer, gyroscope};
 
-/// Both triads and the values of the terms.
+/// Both triads, the parameters of the effects and those of the stand.
 #[derive(Clone, Debug)]
 pub(crate) struct Model {
     pub(crate) accelerometer: Triad<f64>,
     pub(crate) gyroscope: Triad<f64>,
     pub(crate) values: Vec<f64>,
-    /// Parameters of the stand; empty where it is not needed.
+    /// Parameters of the stand, rad: mount rotation (3), base tilt (2), axis non-orthogonality (2). Empty without
+    /// encoder effects.
     pub(crate) stand: Vec<f64>,
 }
 
@@ -43,7 +44,8 @@ impl Model {
     }
 }
 
-/// Derivative of the seen force `T^-1 (m - b)` by the accelerometer's nine parameters.
+/// Derivative of the corrected force `seen = T^-1 (m - b)` with respect to the nine accelerometer parameters: bias x,
+/// y, z, then the six entries of the symmetric T. Shape (3, 9).
 pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64>) -> SMatrix<f64, 3, 9> {
     let inverse = -accelerometer.inverse();
     let mut columns = SMatrix::<f64, 3, 9>::zeros();
@@ -58,7 +60,7 @@ pub(crate) fn force_by_parameters(accelerometer: &Triad<f64>, seen: &Vector3<f64
     columns
 }
 
-/// Temperature and time of a sample, as the effects see them.
+/// Temperature and time of a sample, as inputs of the effects.
 pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundings<f64> {
     Surroundings {
         temperature_difference_k: recording.temperature_degc.map(|t| t[index] - REFERENCE_TEMPERATURE_DEGC),
@@ -67,22 +69,24 @@ pub(crate) fn surroundings(recording: &Recording<'_>, index: usize) -> Surroundi
     }
 }
 
-/// A rest is cut into this many parts: within each the surroundings are their mean.
+/// Number of parts of a rest. Temperature and time are averaged over each part, which is fine enough for drifts and
+/// warm-up within a rest.
 const PARTS: usize = 16;
 
-/// Temperature and time through a rest.
+/// Mean temperature and time of each part of a rest.
 pub(crate) fn moments(recording: &Recording<'_>, range: Range<usize>) -> Vec<Surroundings<f64>> {
     let parts = PARTS.min(range.len()).max(1);
     let edge = |part: usize| range.start + range.len() * part / parts;
     (0..parts).map(|part| mean_surroundings(recording, edge(part)..edge(part + 1))).collect()
 }
 
-/// Mean temperature and time of one sample or more.
+/// Mean temperature and time over a non-empty range of samples.
 #[inline]
 pub(super) fn mean_surroundings(recording: &Recording<'_>, range: Range<usize>) -> Surroundings<f64> {
     let mean = |values: &[f64]| {
         let values = &values[range.clone()];
-        // Differences keep the digits of a large clock. Four sums need not wait for each other.
+        // Differences from the first value avoid cancellation for large time stamps. Four independent sums allow the
+        // processor to add in parallel.
         let (first, (fours, rest)) = (values[0], values.as_chunks::<4>());
         let mut sums = [0.0; 4];
         fours.iter().for_each(|four| sums.iter_mut().zip(four).for_each(|(sum, value)| *sum += value - first));

@@ -1,7 +1,8 @@
-//! A move at given parameters: its preintegrated pass, the directions of gravity at its ends, and the attitude after it.
+//! A move at given parameters: its integrated rotation, the gravity directions at its ends, and the attitude after it.
 //!
-//! Gravity gives the tilt at every rest, the gyroscope the change of heading from one rest to the next. The heading of the first
-//! rest is unknown; it is set by the smallest rotation that makes its gravity direction vertical.
+//! Gravity gives roll and pitch at every rest, and the gyroscope gives the change of heading between rests. The heading
+//! of the first rest is unknown. It is defined by the smallest rotation that makes the gravity direction of that rest
+//! vertical.
 
 use std::sync::Arc;
 
@@ -10,21 +11,23 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
 use super::pass::Pass;
 use crate::rests::moves::rows_across;
 
-/// Direction of gravity at one end of a move and its derivative by every parameter.
+/// Gravity direction (unit vector, pointing up) at one end of a move, and its derivative with respect to every
+/// parameter.
 #[derive(Clone)]
 pub(crate) struct EndDirection {
     pub(crate) up: Vector3<f64>,
     pub(crate) jacobian: Vec<Vector3<f64>>,
 }
 
-/// One move at given parameters.
+/// One move at given parameters, with the gravity directions before and after it.
 pub(crate) struct AtMove {
     pub(crate) pass: Pass,
     pub(crate) before: Arc<EndDirection>,
     pub(crate) after: Arc<EndDirection>,
 }
 
-/// Two components of the carried minus the measured direction, and their derivatives by every parameter.
+/// Propagated minus measured gravity direction after the move: two components perpendicular to the measured direction,
+/// and their derivatives with respect to every parameter.
 pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);
@@ -35,12 +38,12 @@ pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64
     (to_end * before.up - across * after.up, columns.collect())
 }
 
-/// The attitude of the first rest, from the direction of gravity there.
+/// Attitude of the first rest: the smallest rotation that makes its gravity direction vertical.
 pub(crate) fn first_attitude(up: &Vector3<f64>) -> UnitQuaternion<f64> {
     upright(up)
 }
 
-/// The attitude after a move, put upright by the gravity measured there.
+/// Attitude after a move. Roll and pitch are corrected with the gravity direction `up` measured there.
 pub(crate) fn attitude_after(
     start: &UnitQuaternion<f64>,
     rotation: &Matrix3<f64>,
@@ -50,7 +53,7 @@ pub(crate) fn attitude_after(
     upright(&(carried * up)) * carried
 }
 
-/// The smallest turn that takes `up` to the z axis.
+/// Smallest rotation that takes `up` to the z axis.
 fn upright(up: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::rotation_between(up, &Vector3::z())
         .unwrap_or_else(|| UnitQuaternion::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI))

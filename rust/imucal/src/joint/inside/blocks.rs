@@ -1,4 +1,4 @@
-//! Whitening of what parameters change inside a move, as many parameters at once as a register has lanes.
+//! Whitening of the derivatives inside a move with SIMD: one parameter per lane of a register.
 
 use faer::Mat;
 use nalgebra::Vector3;
@@ -9,24 +9,25 @@ use super::{Inside, count};
 use crate::joint::lanes::Lanes;
 use crate::joint::pass::planes::Planes;
 
-/// What is seen of some parameters, to be made white.
+/// Derivatives of the residuals of one move with respect to some parameters, before whitening.
 pub(super) struct Seen<'a> {
     pub(super) inside: &'a Inside<'a>,
     pub(super) planes: &'a Planes,
-    /// Where the part of a block along each direction is seen.
+    /// For each block, the vectors along which its state contributes to the residuals of the three directions.
     pub(super) toward: &'a [[Vector3<f64>; 3]],
-    /// Of each lane what stands at the start along the three directions, and at the end along two of them.
+    /// Derivatives through the gravity directions at both ends, lane by lane: three rows for the start, then two rows
+    /// for the end.
     pub(super) at_edges: &'a [f64],
 }
 
-/// Into the rows of a matrix, from one on.
+/// Writes whitened rows to a matrix, from row `first` on.
 pub(super) struct IntoColumns<'a> {
     pub(super) seen: Seen<'a>,
     pub(super) matrix: &'a mut Mat<f64>,
     pub(super) first: usize,
 }
 
-/// Into the rows of a move, from a place on.
+/// Writes whitened rows to the lanes of one move, from lane `place` on.
 pub(super) struct IntoLanes<'a> {
     pub(super) seen: Seen<'a>,
     pub(super) lanes: &'a mut Lanes,
@@ -36,8 +37,8 @@ pub(super) struct IntoLanes<'a> {
 impl WithSimd for IntoColumns<'_> {
     type Output = ();
 
-    /// A register of columns from the start of the move to its end; they are turned into columns of the matrix from what is still in the
-    /// nearest cache.
+    /// Processes one register of parameters from the start of the move to its end, and then transposes the result into
+    /// columns of the matrix while it is still in the L1 cache.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Seen { inside, planes, toward, at_edges }, matrix, first } = self;
@@ -70,7 +71,7 @@ impl WithSimd for IntoColumns<'_> {
 impl WithSimd for IntoLanes<'_> {
     type Output = ();
 
-    /// Block by block, as the numbers stand in memory.
+    /// Processes one block after the other, which is the order of the values in memory.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { seen: Seen { inside, planes, toward, at_edges }, lanes, place } = self;
@@ -103,14 +104,15 @@ impl WithSimd for IntoLanes<'_> {
     }
 }
 
-/// The rows of a move, each so long, along each direction: along gravity there is no rest after the last block.
+/// Splits the rows of a move, each with `length` values, by direction. Along gravity there is no row for the rest after
+/// the last block.
 fn by_direction<T>(rows: &mut [T], blocks: usize, length: usize) -> [&mut [T]; 3] {
     let (along, across) = rows.split_at_mut(blocks * length);
     let (one, other) = across.split_at_mut((blocks + 1) * length);
     [along, one, other]
 }
 
-/// What planes are along a direction, and what is there already.
+/// Dot product of `direction` with the three planes of a state, plus `there`.
 #[inline(always)]
 fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s; 3], there: S::f64s) -> S::f64s {
     let mut seen = simd.mul_add_e_f64s(simd.splat_f64s(direction.x), planes[0], there);
@@ -118,7 +120,7 @@ fn along_direction<S: Simd>(simd: S, direction: &Vector3<f64>, planes: [S::f64s;
     simd.mul_add_e_f64s(simd.splat_f64s(direction.z), planes[2], seen)
 }
 
-/// What is new in what is seen, over its standard deviation.
+/// Normalised innovation of one measurement, divided by its standard deviation; updates the filter state.
 #[inline(always)]
 fn innovation<S: Simd>(simd: S, seen: S::f64s, gain: &Gain<1>, state: &mut S::f64s) -> S::f64s {
     let innovation = simd.sub_f64s(seen, *state);

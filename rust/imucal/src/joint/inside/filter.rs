@@ -1,34 +1,34 @@
-//! A random walk and what does not change, seen together through white noise: the innovations of a Kalman filter are white.
+//! Kalman filter for a random walk plus constant states, measured with white noise. Its innovations are white.
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// How well the states are known; the first one walks.
+/// Covariance of the filter states. State 0 is a random walk; all others are constant.
 pub(crate) struct WalkFilter<const N: usize> {
     covariance: [[f64; N]; N],
 }
 
-/// What a look at the states makes of what is seen: `innovation = seen - look . states`, `states += shares innovation`.
+/// Kalman gain of one measurement: `innovation = seen - look . states`, `states += shares innovation`.
 #[derive(Clone, Copy)]
 pub(crate) struct Gain<const N: usize> {
     pub(crate) shares: [f64; N],
-    /// One over the standard deviation of the innovation.
+    /// Reciprocal of the standard deviation of the innovation.
     pub(crate) per_sigma: f64,
 }
 
 impl<const N: usize> WalkFilter<N> {
-    /// With these variances of the states at the start.
+    /// Filter with uncorrelated states that have these initial variances.
     pub(crate) fn new(variances: [f64; N]) -> Self {
         let mut covariance = [[0.0; N]; N];
         (0..N).for_each(|i| covariance[i][i] = variances[i]);
         Self { covariance }
     }
 
-    /// The walk goes on by this variance.
+    /// Prediction: adds `variance` to the random walk.
     pub(crate) fn predict(&mut self, variance: f64) {
         self.covariance[0][0] += variance;
     }
 
-    /// What is seen is `look` times the states and white noise.
+    /// Update with a measurement `look . states + white noise`; returns the gain.
     pub(crate) fn update(&mut self, look: [f64; N], white_variance: f64) -> Gain<N> {
         let shared: [f64; N] =
             std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
@@ -43,19 +43,19 @@ impl<const N: usize> WalkFilter<N> {
     }
 }
 
-/// The states of a walk, for a residual and all its derivatives at once.
+/// Filter states for a residual and all its derivatives, which share the same gains.
 pub(crate) struct Filter<const N: usize> {
     states: Vec<[f64; N]>,
     pub(crate) walk: WalkFilter<N>,
 }
 
 impl<const N: usize> Filter<N> {
-    /// For so many numbers, a residual and derivatives.
+    /// Zero states for `width` values: the derivatives and the residual.
     pub(crate) fn new(width: usize, walk: WalkFilter<N>) -> Self {
         Self { states: vec![[0.0; N]; width], walk }
     }
 
-    /// Replaces what is seen, `look` times the states and white noise, by its innovation over its standard deviation.
+    /// Replaces each measurement `look . states + white noise` by its innovation divided by the standard deviation.
     pub(crate) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
         let gain = self.walk.update(look, white_variance);
         Arch::new().dispatch(Innovate { states: &mut self.states, seen, look, gain });
@@ -89,7 +89,7 @@ mod tests {
 
     use super::*;
 
-    /// The innovations are what the Cholesky factor of the covariance makes of the residuals.
+    /// The innovations equal `L^-1 r` with the Cholesky factor L of the covariance.
     #[test]
     fn innovations_whiten_a_random_walk_seen_through_noise() {
         let (n, start, walk, white) = (6, 0.3, 0.2, 0.5);
@@ -104,7 +104,7 @@ mod tests {
             }
             let mut z = [*value];
             filter.innovate(&mut z, [1.0], white);
-            // Forward substitution in the factor of the covariance.
+            // Forward substitution with the Cholesky factor of the covariance.
             let dot: f64 = (0..i).map(|k| factor[(i, k)] * whitened[k]).sum();
             let expected = (value - dot) / factor[(i, i)];
             assert!((z[0] - expected).abs() < 1e-13, "{i}: {} {expected}", z[0]);
