@@ -12,7 +12,6 @@ import pytest
 import imucal
 import imucal._core as _core
 from imucal import effects
-from imucal.calibration.model import MAX_EFFECTS
 from imucal.effects.disturbance import disturbances
 
 # Sampling of the true motion, and a unit in counts with axes that are far from perfect.
@@ -464,7 +463,7 @@ def test_a_calibration_takes_effects_that_fit(values, message):
 
 def test_a_calibration_carries_no_more_effects_than_the_library():
     many = [typical(effect) for effect in effects.catalogue() if effect.sensor != "encoder"]
-    most = MAX_EFFECTS
+    most = _core.MAX_EFFECTS
     own = imucal.EffectValues("gyro_bias_supply", [0.01, -0.02, 0.03])
     calibration = unit(*many[:most], own, user_effects=(SUPPLY,))
     message = f"a calibration can have at most {most} effects"

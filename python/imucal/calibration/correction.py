@@ -29,8 +29,6 @@ from imucal.recording.recording import Recording
 
 __all__ = ["correct", "correct_recording", "empty_samples", "left_in_data", "takes_pieces"]
 
-# Iterations of the library for the effects of the catalogue.
-MAX_PASSES: Final = 32
 # The iteration has settled once a sample changes by less than this multiple of its rounding error.
 ROUNDING: Final = 16 * np.finfo(np.float64).eps
 
@@ -152,7 +150,7 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     # Differentiated once: differentiating in each iteration would add noise.
     acceleration = State.of(recording, rate, force).angular_acceleration
     measured = np.isfinite(np.hstack((rate, force)))
-    for _ in range(MAX_PASSES):
+    for _ in range(_core.MAX_PASSES):
         on_rate, on_force = _added(own, State.of(recording, rate, force, acceleration))
         without = replace(
             recording,
@@ -169,7 +167,7 @@ def _remove_user_effects(model: SensorModel, recording: Recording) -> Recording:
     names = ", ".join(effect.name for effect, _ in own)
     raise InputError(
         f"{recording.name}: {names} cannot be undone, sample {unsettled.any(axis=1).argmax()} has not "
-        f"settled in {MAX_PASSES} passes: what is added must be small against what it depends on"
+        f"settled in {_core.MAX_PASSES} passes: what is added must be small against what it depends on"
     )
 
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Final, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.triad import ACCEL_ENTRIES, GYRO_ENTRIES, Frame, Parameter, Triad, as_frame
 from imucal.effects.definition import UserEffect, check_values, definitions, named_numbers
 from imucal.effects.effect import Effect, EffectValues
@@ -22,9 +23,6 @@ from imucal.recording.recording import AccelUnit, GyroUnit, Recording
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["SensorModel"]
-
-# Fixed memory of imucal-core; user-defined effects are not stored there.
-MAX_EFFECTS: Final = 12
 
 Model = TypeVar("Model", bound="SensorModel")
 
@@ -63,10 +61,10 @@ class SensorModel:
             check_values(known.get(values.name) or find(values.name), values)
         used = tuple(effect for effect in self.user_effects if effect.name in names)
         of_catalogue = len(self.effects) - len(used)
-        if of_catalogue > MAX_EFFECTS:
+        if of_catalogue > _core.MAX_EFFECTS:
             raise InputError(
-                f"a calibration can have at most {MAX_EFFECTS} effects, {of_catalogue} were given: leave "
-                "out those that matter least"
+                f"a calibration can have at most {_core.MAX_EFFECTS} effects, {of_catalogue} were given: "
+                "leave out those that matter least"
             )
         object.__setattr__(self, "user_effects", used)
         parameters = [parameter.name for parameter in self.parameters]

@@ -28,7 +28,7 @@ from imucal.estimation.result import CalibrationResult
 from imucal.estimation.user_effects import UserEffectSource
 from imucal.finding import Finding
 from imucal.recording.one_unit import of_one_unit, require_other_data
-from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
+from imucal.recording.recording import Recording, as_recordings
 from imucal.rig.unit import Unit
 from imucal.units import STANDARD_GRAVITY_MPS2
 
@@ -49,7 +49,7 @@ def calibrate(
     control: Recording | Sequence[Recording] | None = None,
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
     frame: Frame | str = "symmetric",
-    min_rest_s: float = MIN_REST_S,
+    min_rest_s: float = _core.MIN_REST_S,
     exclude_saturated: bool = False,
     accel_nominal: float | None = None,
     gyro_nominal: float | None = None,

@@ -21,7 +21,7 @@ from imucal.finding import Finding
 from imucal.limits.judgement import Judgement
 from imucal.notebook import html_of
 from imucal.recording.one_unit import require_different
-from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
+from imucal.recording.recording import Recording, as_recordings
 
 if TYPE_CHECKING:
     from imucal.limits.limits import Limits
@@ -129,7 +129,7 @@ def evaluate(
     calibration: Calibration,
     recordings: Recording | Sequence[Recording],
     *,
-    min_rest_s: float = MIN_REST_S,
+    min_rest_s: float = _core.MIN_REST_S,
 ) -> Evaluation:
     """Judge `calibration` on recordings of the same unit that it was not made of.
 

@@ -37,8 +37,8 @@ class FitReport:
                                residuals
     iterations                 number of iterations
     termination                why it stopped: "converged"; "stalled" if no step decreases chi2 although the
-                               gradient is not zero, "iteration_limit", "not_finite", or "weights_not_settled",
-                               each of which makes the verdict poor
+                               gradient is not zero, "iteration_limit", "not_finite" or
+                               "weights_not_settled", each of which makes the verdict poor
     """
 
     chi2: float | None

@@ -18,7 +18,7 @@ from imucal.estimation.fit import RestThreshold
 from imucal.estimation.options import Options
 from imucal.estimation.rests import of_library
 from imucal.finding import Finding
-from imucal.recording.recording import MIN_REST_S, Recording, as_recording
+from imucal.recording.recording import Recording, as_recording
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["Inspection", "inspect"]
@@ -82,7 +82,7 @@ def inspect(
     recording: Recording,
     *,
     gravity_mps2: float = STANDARD_GRAVITY_MPS2,
-    min_rest_s: float = MIN_REST_S,
+    min_rest_s: float = _core.MIN_REST_S,
 ) -> Inspection:
     """Check a recording, find its rests, and report which parameters they determine.
 

@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration
 from imucal.calibration.figures import figures_text
 from imucal.document.atomic import write_text
@@ -33,7 +34,7 @@ from imucal.exporting.px4 import PX4
 from imucal.exporting.realsense import REALSENSE
 from imucal.exporting.ros import ROS
 from imucal.exporting.rust import RUST
-from imucal.recording.recording import MIN_REST_S, Recording
+from imucal.recording.recording import Recording
 
 if TYPE_CHECKING:
     from imucal.noise_analysis.noise import NoiseResult
@@ -112,7 +113,7 @@ class Export:
         write_text(path, self.text)
 
     def residual(
-        self, control: Recording | Sequence[Recording], *, min_rest_s: float = MIN_REST_S
+        self, control: Recording | Sequence[Recording], *, min_rest_s: float = _core.MIN_REST_S
     ) -> Residual | None:
         """Evaluate the whole calibration and its exported part on control recordings of the same unit.
 

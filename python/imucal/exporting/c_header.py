@@ -34,8 +34,6 @@ ARGUMENTS: Final = {
     "time": "{real} time_s",
     "angular_acceleration": "const {real} angular_acceleration_radps2[3]",
 }
-# Maximum number of fixed-point iterations, the limit of `EffectSet::remove`.
-MAX_PASSES: Final = 32
 
 
 def write(calibration: Calibration, noise: NoiseResult | None, prefix: str = PREFIX) -> Written:
@@ -182,7 +180,7 @@ def _removal(
     ]
     lines += _constants_of_a_sample(effects, real, literal, single)
     lines += [
-        f"    for (pass = 0; pass < {MAX_PASSES}; ++pass) {{",
+        f"    for (pass = 0; pass < {_core.MAX_PASSES}; ++pass) {{",
         f"        {real} on_w[3] = {{0, 0, 0}}, on_f[3] = {{0, 0, 0}};",
         f"        {real} size_w = 0, size_f = 0, added_w = 0, added_f = 0, limit_w, limit_f;",
         "        int settled = 1;",
@@ -217,7 +215,7 @@ def _removal(
         "        }",
         f"        if (settled && limit_w <= {largest} && limit_f <= {largest}) break;",
         "    }",
-        f"    if (pass == {MAX_PASSES}) {{",
+        f"    if (pass == {_core.MAX_PASSES}) {{",
         "        for (i = 0; i < 3; ++i) rate[i] = force[i] = NAN;",
         "        return -1;",
         "    }",

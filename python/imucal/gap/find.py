@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+import imucal._core as _core
 from imucal.calibration.calibration import Calibration, require_calibration
 from imucal.calibration.model import SensorModel
 from imucal.calibration.triad import Triad
@@ -26,7 +27,7 @@ from imucal.gap.question import Question
 from imucal.gap.result import Gap
 from imucal.gap.translation import gap_of
 from imucal.recording.one_unit import of_one_unit, require_other_data, with_own_names
-from imucal.recording.recording import MIN_REST_S, Recording, as_recordings
+from imucal.recording.recording import Recording, as_recordings
 from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["find_gap"]
@@ -40,7 +41,7 @@ def find_gap(
     candidates: Sequence[str] | None = None,
     user_effects: Sequence[UserEffect] = (),
     gravity_mps2: float | None = None,
-    min_rest_s: float = MIN_REST_S,
+    min_rest_s: float = _core.MIN_REST_S,
     exclude_saturated: bool = False,
     stage: Callable[[str], None] = lambda _: None,
 ) -> Gap:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any, Final
 
 import imucal._core as _core
+import imucal.gap.notes as notes
 from imucal.calibration.figures import Figures
 from imucal.effects.definition import UserEffect
 from imucal.effects.effect import Effect
@@ -14,7 +15,6 @@ from imucal.effects.table import find
 from imucal.estimation.calibrate import result_of
 from imucal.estimation.result import CalibrationResult
 from imucal.finding import Finding
-from imucal.gap import notes
 from imucal.gap.next_motion import next_motion
 from imucal.gap.question import Question
 from imucal.gap.result import Gap

@@ -12,7 +12,7 @@ from imucal.document.plain import without_nan
 from imucal.document.whole import check_threads
 from imucal.finding import Finding
 from imucal.notebook import html_of
-from imucal.recording.recording import MIN_REST_S, Recording, as_recording
+from imucal.recording.recording import Recording, as_recording
 
 __all__ = ["AxisNoise", "NoiseFigure", "NoiseResult", "noise"]
 
@@ -154,7 +154,9 @@ class NoiseResult:
         return {"schema": SCHEMA, "verdict": self.verdict, "reasons": list(self.reasons), **document}
 
 
-def noise(recording: Recording, *, min_rest_s: float = MIN_REST_S, threads: int | None = None) -> NoiseResult:
+def noise(
+    recording: Recording, *, min_rest_s: float = _core.MIN_REST_S, threads: int | None = None
+) -> NoiseResult:
     """Identify white noise, bias instability, random walk and quantisation of a unit at rest.
 
     The longest rest of the recording is used; several hours at a constant temperature are best. Figures are

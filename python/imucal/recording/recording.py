@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,16 +21,12 @@ from imucal.errors import InputError
 from imucal.finding import Finding
 
 __all__ = [
-    "MIN_REST_S",
     "AccelUnit",
     "GyroUnit",
     "Recording",
     "as_recording",
     "as_recordings",
 ]
-
-# Default of the minimum duration of a rest, s.
-MIN_REST_S: Final = 1.0
 
 AccelUnit: TypeAlias = Literal["m/s^2", "lsb"]
 GyroUnit: TypeAlias = Literal["rad/s", "lsb"]

@@ -73,7 +73,7 @@ def simulate(
                   path of a program file
     seed          of the noise, and of the random program and the tumble
     unit          a name of `unit_names()`, "random:NAME:SEED", a Unit, or the path of a unit file
-    effects       name -> values (see `imucal.effect_values`): effects of the catalogue, noise, faults, and
+    effects       name -> values (see `imucal.effects.values`): effects of the catalogue, noise, faults, and
                   user-defined effects; they replace effects of the unit with the same name
     user_effects  definitions of the user-defined effects in `effects`
     auxiliary     name -> (N,) values at the samples, or a function of their times in s: recorded, and
