@@ -1,9 +1,10 @@
-"""Calibrating one unit from its recordings."""
+"""Calibration of one unit from its recordings."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 
@@ -34,7 +35,8 @@ from imucal.units import STANDARD_GRAVITY_MPS2
 
 __all__ = ["calibrate", "result_of"]
 
-MOST_FOLDS = 1000
+# Largest number of folds: each takes a fit, and a recording has fewer moves.
+MOST_FOLDS: Final = 1000
 # Share of the rests or of the moves that may contradict the others in a good calibration.
 MOST_CONTRADICTING = 0.1
 # Share of the rests that may be slow turns.
@@ -61,26 +63,26 @@ def calibrate(
 ) -> CalibrationResult:
     """Calibrate one unit from one or more of its recordings.
 
-    control            recordings that only judge the result
-    gravity_mps2       local gravity, m/s^2; every accelerometer scale is in proportion to it
+    control            recordings that are not fitted and only used to judge the result
+    gravity_mps2       local gravity, m/s^2; the accelerometer scales are proportional to it
     frame              body frame of the result: "symmetric" or "triangular"
-    min_rest_s         shortest rest, s
-    exclude_saturated  leave out rests and moves with saturated samples instead of refusing the recording
-    accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s, for recordings in
-                       counts; without it start values come from the data
-    effects            what to estimate together with the 21 parameters: names of the catalogue, with `:full`
-                       for the full form of an effect that has two, with `:seen` for what these recordings
-                       show of it, the rest having a prior as wide as that; and effects of one's own
-    joint              estimate all parameters at once; if False, and without effects, the accelerometer first
-                       and the gyroscope after it
+    min_rest_s         minimum duration of a rest, s
+    exclude_saturated  exclude rests and moves with saturated samples instead of refusing the recording
+    accel_nominal, gyro_nominal   nominal sensitivity in lsb per m/s^2 and lsb per rad/s for recordings in
+                       counts; without it start values are estimated from the data
+    effects            effects to estimate together with the 21 parameters: user-defined effects, and names of
+                       the catalogue; `:full` selects the full form of an effect that has two, and `:seen`
+                       estimates only the observable parameters, the others having a prior of that width
+    joint              estimate all parameters in one fit; if False, and without effects, first fit the
+                       accelerometer and then the gyroscope
     unit               profile of the unit, its name, or the path of its file: its bias instabilities and
-                       random walks, which recordings of minutes hardly show, widen the standard deviations;
-                       the biases are means over the recording then
-    folds              also fit that many times without a part of the moves, and as often without a part of
-                       the rests, and judge on what was left out
+                       random walks, which recordings of minutes hardly show, are included in the standard
+                       deviations, and the estimated biases are means over the recording
+    folds              number of additional fits that each exclude one part of the moves or of the rests, and
+                       predict it
 
     Raises InputError (its `findings` list the faults) for recordings that would give a wrong result,
-    NotEnoughMotionError for poses that are missing, FitError if a fit comes to no acceptable end.
+    NotEnoughMotionError if poses are missing, and FitError if a fit does not end acceptably.
     """
     unit_data = of_one_unit(recordings)
     if folds is not None and not (is_whole(folds) and 2 <= folds <= MOST_FOLDS):
@@ -91,7 +93,8 @@ def calibrate(
     wanted, partly, own = asked_for(effects)
     if own and body_frame != "symmetric":
         raise InputError(
-            "effects are defined in the symmetric body frame: leave frame at symmetric, or estimate no effects"
+            "effects are defined in the symmetric body frame: leave frame at symmetric, or estimate no "
+            "effects"
         )
     require_serial_number(serial_number)
     options = Options(
