@@ -1,4 +1,4 @@
-//! One maximum-likelihood estimate of both triads and of chosen effects (model.md (17) to (20)).
+//! Joint maximum-likelihood estimate of both triads and of the selected effects (model.md (17) to (20)).
 //!
 //! ```text
 //! rest norms   |f_k| - g
@@ -7,9 +7,10 @@
 //! in the move  R(t) f(t) - g u_k,   where an effect acts only while the unit turns
 //! ```
 //!
-//! with f, u and w freed of the effects. What residuals share, the error of a rest's mean, is in their covariance
-//! (`whiten`); a random walk inside a move is whitened by its innovations (`inside`). Weights follow from the result and
-//! the result from the weights, so both are repeated until neither changes.
+//! where f, u and w are corrected for the effects. Residuals of neighbouring moves share the error of a rest's mean;
+//! their covariance is whitened in `whiten`. The random walk of the attitude error within a move is whitened by its
+//! innovations in `inside`. The weights depend on the result, and the result depends on the weights, so both are
+//! iterated until they settle.
 
 mod encoders;
 mod fields;
@@ -74,33 +75,38 @@ use problem::report::moves_of;
 use start::Prior;
 use weights::Weights;
 
-/// Ten typical effects must move chi2 by one, in every direction of an effect's parameters.
+/// An effect is determined if ten times its typical size changes chi2 by at least one in every direction of its
+/// parameters.
 const LEAST_CHANGE: f64 = 0.1;
-/// Where an effect may be open in part, a hundred typical ones in one direction at least.
+/// Limit for effects that may be determined in part: a hundred times the typical size in the best determined direction.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
-/// The first width of its prior.
+/// Initial width of the prior of a partly determined effect, in typical sizes of the effect.
 const WIDE: f64 = 100.0;
-/// Weights and result have settled when no parameter moves by more than this share of its standard deviation.
+/// The weights have settled if no parameter changes by more than this share of its standard deviation between two
+/// rounds.
 const SETTLED: f64 = 1e-3;
 const MAX_ROUNDS: usize = 8;
-/// A start with residuals of so many times their noise misleads the weights of a fit, which are taken anew until none is off by `FAR`.
+/// Start residuals above `MISLEADING` times their noise give misleading weights. The weights are then updated until
+/// each changes by a factor below `FAR`.
 const MISLEADING: f64 = 10.0;
 const FAR: f64 = 1.5;
-/// Tolerance of a fit that is only linearised again.
+/// Relative tolerance of fits in a search, which only need a new linearisation.
 const SEARCH: f64 = 1e-5;
-/// Start values of a time constant, as shares of the recording's length.
+/// Start values of a time constant, as shares of the duration of the recording.
 pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
-/// Of what needs the angular acceleration, what turns with the unit and so does not add up to nothing from rest to rest.
+/// Effects of angular acceleration that rotate with the unit, so that their sum from rest to rest is not zero.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
-/// Whether data by hand do not show an effect: it is seen in the force inside the moves, and a hand adds to that.
+/// Whether an effect is not observable in hand-held recordings: it appears only in the specific force within moves, and
+/// the hand adds an unknown force there.
 pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     let effect = Effect::<f64>::find(name);
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
 }
 
-/// Estimates all parameters, from a warm start with the same effects, or from two triads and no effects.
+/// Estimates all parameters. The fit starts from the warm start if its effects match, otherwise from the two triads with zero
+/// effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -114,13 +120,13 @@ pub(crate) fn fit(
     begin(&mut problem, terms, &parameters, |term| term.partly.then_some(WIDE))?;
     choose_shapes(&mut problem, terms, &mut parameters)?;
     for round in 0..MAX_ROUNDS {
-        // The weights of the first round are not the last ones.
+        // The weights of the first round are preliminary, so a coarse fit suffices.
         let tolerance = if round == 0 { SEARCH } else { lsq::EXACT };
         let mut found = minimize(&problem, &parameters, tolerance)?;
         iterations += found.iterations;
         let settled = !problem.widen(&found) && round > 0 && largest_move(&parameters, &found) < SETTLED;
         if settled || round + 1 == MAX_ROUNDS {
-            // What is said of the result is from the samples at its own place.
+            // The reported result is linearised from the samples at the result itself.
             if problem.refresh(&found.parameters)? {
                 found = minimize(&problem, &found.parameters, lsq::EXACT)?;
                 iterations += found.iterations;
@@ -133,8 +139,9 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`] from a model that is near, to a part in 10^5 and with new weights only where those of the start were far off, with the
-/// linearisation there: what a search goes on from. `width` is that of the prior of an effect of which the recordings show some directions and not all.
+/// As [`fit`] from a warm start, to a relative tolerance of 1e-5, for a search. The weights are updated only if those
+/// of the start were misleading. Returns the linearisation at the result. `width` gives the prior width of an effect
+/// that the recordings determine only in part.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -145,7 +152,8 @@ pub(crate) fn fit_for_search(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
-    // What the start does not explain, a stand that is not straight or a very large effect, is hardly listened to.
+    // Residuals that the start does not explain, such as a misaligned stand or a very large effect, are strongly
+    // down-weighted.
     let mut taken = problem.weights.times_noise(prepared);
     let is_misled = !terms.all.is_empty() && taken.iter().any(|times| *times > MISLEADING);
     let rounds = if is_misled { MAX_ROUNDS } else { usize::from(terms.kinds.encoders) };
@@ -168,7 +176,7 @@ fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Soluti
     Ok(found)
 }
 
-/// Directions and rotations of moves with a model that is known.
+/// Directions of gravity and rotations of moves, predicted by a known model.
 pub(crate) fn predict(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -180,11 +188,12 @@ pub(crate) fn predict(
     Ok(moves_of(&linear, &weights))
 }
 
-/// Refuses effects that are not determined, holds those that may be so in part by a prior of `width`, and takes weights with which
-/// the residuals at the start are as large as chance leaves them.
+/// Returns an error for undetermined effects, gives partly determined effects a prior of `width`, and sets the weights
+/// so that the residuals at the start are consistent with their standard deviations.
 ///
-/// With those of noise alone, what the start does not explain would drive an effect far off: a g-sensitivity alike on all
-/// axes turns the unit about gravity, which moves do not see, and if that turn is fast every other error averages out.
+/// With the weights of noise alone, unexplained residuals at the start can drive an effect far from its true value: a
+/// g-sensitivity with equal diagonal entries rotates the unit about gravity, which moves do not observe, and at a high
+/// rate this rotation averages out all other errors.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -202,14 +211,14 @@ fn begin(
     problem.weigh_by(&Solution::at(parameters, residuals, jacobian))
 }
 
-/// The largest change of a parameter in units of its standard deviation.
+/// The largest change of a parameter, in units of its standard deviation.
 fn largest_move(before: &[f64], found: &Solution) -> f64 {
     let covariance = lsq::covariance(&found.jacobian);
     let change = |p: usize| (found.parameters[p] - before[p]).abs() / covariance[(p, p)].sqrt();
     (0..before.len()).map(change).fold(0.0, f64::max)
 }
 
-/// An effect needs the columns that it depends on.
+/// Returns an error if a recording lacks a column that an effect depends on.
 fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error> {
     let recordings = prepared.recordings;
     for term in &terms.all {
@@ -248,17 +257,19 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
     Ok(())
 }
 
-/// Refuses an effect that these recordings do not show, with the words of the catalogue; gives priors to those of which they show
-/// some directions and not all, where `width` allows it.
+/// Returns an error with the text of the catalogue if the recordings do not determine an effect. Where `width` allows
+/// it, an effect that is determined in some directions gets a prior instead.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,
     width: impl Fn(&Term<'_>) -> Option<f64>,
 ) -> Result<Vec<Prior>, Error> {
     let mut priors = Vec::new();
-    // What is seen hardly gives way to a prior as wide as it, so nothing depends on where seen ends.
+    // A prior this wide barely shrinks observable directions, so the exact threshold of observability has no effect on
+    // the result.
     for term in &terms.all {
-        // Without an effect its time constant has no derivative, and the other terms must not stand in for this one.
+        // While an effect is zero, its time constant has no derivative; columns of zeros are left out, so that other
+        // effects do not take their place.
         let own = BASE + term.first..BASE + term.first + term.linear;
         let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();
@@ -297,7 +308,7 @@ fn not_determined(term: &terms::Term<'_>, open: usize) -> String {
     message
 }
 
-/// Tries time constants with the linear parameters free, and keeps the best one.
+/// Tries several time constants with the linear parameters free, and keeps the one with the smallest chi2.
 fn choose_shapes(problem: &mut Joint<'_>, terms: &Terms<'_>, parameters: &mut Vec<f64>) -> Result<(), Error> {
     for term in terms.all.iter().filter(|term| term.has_shape()) {
         let place = BASE + term.first + term.linear;

@@ -4,10 +4,12 @@
 //! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
 //! ```
 //!
-//! is by how much chi2 falls where the residuals are free along the columns of A: those of a move, of a rest's norm or rates,
-//! or what an error of the rest's mean force does to its norm and to the moves on both sides. chi2 with as many degrees of
-//! freedom, whatever is shared with others. C is that of noise alone, and what scatters more throughout is judged by its
-//! median. The worst one is left out, all others are judged again without it, until chance explains them.
+//! d is the decrease of chi2 if the residuals along the columns of A are left free. The columns are the residuals of a
+//! move, the norm or the rates of a rest, or the change that an error of a rest's mean force causes in its norm and in
+//! the moves on both sides. Under the null hypothesis d is chi2 distributed with the rank of A as degrees of freedom,
+//! for correlated residuals as well. C contains noise alone; residuals that scatter more throughout are scaled by their
+//! median. The item with the least probable d is excluded, and the others are tested again without it, until none is
+//! significant.
 
 #[cfg(test)]
 mod tests;
@@ -27,13 +29,13 @@ use crate::error::Error;
 use crate::numerics::robust::may_exclude;
 use crate::numerics::stats::{dot, median, p_value};
 
-/// Chance makes a rest or a move look as bad as this less often than once in 10^5.
+/// Significance level: under the null hypothesis an item is excluded in less than one of 10^5 cases.
 const CHANCE: f64 = 1e-5;
-/// A direction of the residuals that the fit follows but for this share of its variance cannot be judged.
+/// A direction of the residuals is not tested if the fit absorbs more than all but this share of its variance.
 const LEAST_FREEDOM: f64 = 0.05;
-/// A column of length one that the others explain but for this is none of its own.
+/// A unit column is linearly dependent on the others if less than this part of it is left.
 const SAME_DIRECTION: f64 = 1e-9;
-/// So many have to stay.
+/// Minimum number of rests that remain.
 const FEWEST_RESTS: usize = 12;
 const MIN_REMAINING_MOVES: usize = 9;
 
@@ -44,27 +46,27 @@ pub(crate) enum Item {
     Move(usize),
 }
 
-/// Columns of an item that are judged together.
+/// Columns of an item that are tested together.
 struct Group {
     item: Item,
     columns: Vec<usize>,
     kind: Kind,
 }
 
-/// What scatters alike.
+/// Kinds of residuals with a common scale.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Norm,
     Rate,
     Move,
-    /// The mean force of a rest: a wrong direction shows in both moves.
+    /// The mean force of a rest: an error of it appears in both neighbouring moves.
     Mean,
 }
 
-/// The rests and moves that contradict all others under a model that is near the best one, worst first.
+/// The rests and moves that contradict all others under a model close to the best one, worst first.
 ///
-/// The directions of gravity judge a move also where the fit looks inside it or at the stand instead. `known` is the
-/// linearisation at the model, if it is known of all that is judged.
+/// The directions of gravity also test moves for which the fit uses residuals within the move or against the stand
+/// instead. `known` is the linearisation at the model, if it covers all rests and moves.
 pub(crate) fn outliers(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -115,26 +117,27 @@ pub(crate) fn outliers(
         let (Item::Rest(k) | Item::Move(k)) = item;
         used[k] = false;
         found.push(item);
-        // All of it goes, whichever of its residuals gave it away.
+        // All groups of an excluded item are removed.
         let all = groups.iter().filter(|group| group.item == item).flat_map(|group| &group.columns);
         all.for_each(|&column| without.leave_out(column));
     }
 }
 
-/// Logarithm of how often chance makes chi2 as large as this; it tells apart what is far too bad for a number.
+/// Logarithm of the probability of this chi2 under the null hypothesis; it still ranks values whose probability
+/// underflows.
 fn log_chance(misfit: f64, freedom: usize) -> f64 {
     let chance = p_value(misfit, freedom);
     let (half, x) = (freedom as f64 / 2.0, misfit / 2.0);
     if chance > 1e-200 { chance.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }
 
-/// What is judged. Columns are one for each line and each rate, then three for the mean of each rest.
+/// Groups to test. Columns are one for each line and each rate, then three for the mean of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
         (0..linear.moves.len()).map(|k| Group { item: Item::Move(k), columns: Vec::new(), kind: Kind::Move }).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
-    // The moves of a rest in a hand do not depend on its mean.
+    // The moves next to a hand-held rest do not depend on its mean.
     let mut in_moves = vec![false; norm_of.len()];
     for (row, line) in lines.iter().enumerate() {
         match line.source {
@@ -157,7 +160,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
     groups
 }
 
-/// What whitening makes of an error of one of the mean of each rest, axis by axis, from that of an error in each line.
+/// Whitened change of the residuals by a unit error of each rest's mean along each axis, from the whitened unit
+/// residuals of the lines.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -176,24 +180,24 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
     linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
-/// Variance of a kind of residual in units of what noise explains: that of the median, one at least.
+/// Variance of a kind of residuals in units of its noise variance: a median, one at least.
 fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
     let of_kind = judged.iter().filter(|(group, _, freedom)| group.kind == kind && *freedom > 0);
-    // Wilson and Hilferty's median of chi2.
+    // Median of chi2 by Wilson and Hilferty.
     let median_of = |freedom: f64| freedom * (1.0 - 2.0 / (9.0 * freedom)).powi(3);
     let mut ratios: Vec<f64> = of_kind.map(|(_, misfit, freedom)| misfit / median_of(*freedom as f64)).collect();
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// The fit without some of the columns: each that is left out is a parameter of its own.
+/// The fit with some residual columns left out; each column left out acts as an additional parameter.
 pub(super) struct LeaveOut {
-    /// `L^-1 A`: the first row of each column that is not zero, and the values from there.
+    /// `L^-1 A`: the first nonzero row of each column, and the values from there on.
     columns: Vec<(usize, Vec<f64>)>,
-    /// Orthonormal basis of the whitened Jacobian, column by column.
+    /// Orthonormal basis of the whitened Jacobian, one vector per column.
     basis: Vec<Vec<f64>>,
-    /// The basis on each of `columns`.
+    /// Products of the basis with each of `columns`.
     seen: Vec<Vec<f64>>,
-    /// Whitened residuals across the basis.
+    /// Whitened residuals orthogonal to the basis.
     residuals: Vec<f64>,
 }
 
@@ -213,7 +217,7 @@ impl LeaveOut {
             let size: Vec<f64> = (0..jacobian.ncols()).map(|p| jacobian.col(p).norm_l2()).collect();
             let kept: Vec<usize> = (0..size.len()).filter(|&p| size[p] > 0.0).collect();
             let qr = Mat::from_fn(all, kept.len(), |row, p| jacobian[(row, kept[p])] / size[kept[p]]).col_piv_qr();
-            // An effect may share directions with the biases: they are no further directions.
+            // Effects may be linearly dependent on the biases; only independent directions count.
             let rank = (0..kept.len()).take_while(|&k| qr.thin_R()[(k, k)].abs() > SAME_DIRECTION).count();
             qr.compute_thin_Q().subcols(0, rank).to_owned()
         };
@@ -230,12 +234,12 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// The misfit of all rows, and how many directions of them the fit does not follow.
+    /// chi2 of all rows and its degrees of freedom.
     pub(super) fn whole(&self) -> (f64, usize) {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// The misfit along these columns, and how many directions of them can be judged.
+    /// Decrease of chi2 without these columns, and the number of directions that can be tested.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {
@@ -255,7 +259,7 @@ impl LeaveOut {
             dot(&self.residuals[*first..first + column.len()], column)
         });
         let Some(seen) = factor.l().solve_lower_triangular(&seen) else { return (0.0, 0) };
-        // Of each direction the share that the fit does not follow is left.
+        // The share of each direction that the fit does not absorb.
         let eigen = (DMatrix::identity(n, n) - spent).symmetric_eigen();
         let free = (0..n).filter(|&k| eigen.eigenvalues[k] > LEAST_FREEDOM);
         let misfit = free.clone().map(|k| eigen.eigenvectors.column(k).dot(&seen).powi(2) / eigen.eigenvalues[k]).sum();
@@ -267,7 +271,7 @@ impl LeaveOut {
         let mut direction = vec![0.0; self.residuals.len()];
         direction[*first..first + column.len()].copy_from_slice(column);
         let size = dot(column, column).sqrt();
-        // Twice is enough.
+        // Two passes of orthogonalisation reach rounding.
         for _ in 0..2 {
             for known in &self.basis {
                 let along = dot(known, &direction);

@@ -1,6 +1,7 @@
-//! One pass over the samples of a move: the rotation, how every parameter turns it, and the force inside the move.
+//! One pass over the samples of a move: its rotation, the derivative of the attitude by every parameter, and the force
+//! within the move.
 //!
-//! A change of the parameters turns the attitude at time t on the side of the move's start, `R(t) <- exp(turn(t)) R(t)`:
+//! A change of the parameters causes an attitude error on the side of the start, `R(t) <- exp(turn(t)) R(t)`:
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))
@@ -9,15 +10,16 @@
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
 //!
-//! R is that of every sample; d is asked for in the middle of stretches of samples. Where only the end of the move is asked for, the
-//! integrals of the base parameters are the kernel's.
+//! R is evaluated at every sample, d in the middle of short segments of samples. If only the end of the move is needed,
+//! the integrals of the base parameters come from the preintegration kernel.
 //!
-//! The error of a smooth motion falls with the fourth power of the sample interval; straight lines between the samples
-//! leave one of the second, for the rate's curvature does not cancel where the attitude changes.
+//! The error of a smooth motion decreases with the fourth power of the sample interval. Linear interpolation would
+//! leave an error of second order, because the curvature of the rate does not cancel where the attitude changes.
 //!
-//! The slope of the effects with the rate itself is left out of d: it is below a per cent, and the residual is exact. The force
-//! depends on the accelerometer's parameters as gravity, carried along, lets expect: at the sample itself the derivative would
-//! hold the same noise as the residual, and beside a field that holds none it would explain that noise.
+//! The derivative of the effects by the rate itself is neglected in d: it is below one per cent, and the residual is
+//! exact. For the derivative by the accelerometer's parameters the specific force is replaced by gravity propagated
+//! from the start. The measured sample would correlate the derivative with the noise of the residual, and a noise-free
+//! column next to it would then fit that noise.
 
 mod attitude_jacobian;
 mod corrected;
@@ -46,24 +48,24 @@ use planes::Changes;
 /// Length of a block inside a move, s.
 pub(crate) const BLOCK_S: f64 = 0.04;
 
-/// What a pass gives.
+/// Results of a pass over one move.
 pub(crate) struct Pass {
     /// `v_start = rotation * v_end`.
     pub(crate) rotation: Matrix3<f64>,
-    /// d_turn_d_p at the end for every parameter; zero for the accelerometer's.
+    /// d_turn_d_p at the end for every parameter; zero for those of the accelerometer.
     pub(crate) turn: Vec<Vector3<f64>>,
-    /// Empty unless asked for.
+    /// Blocks within the move; empty unless requested.
     pub(crate) blocks: Vec<Block>,
-    /// What every parameter changes in each.
+    /// Changes of the attitude and of the force in each block, per parameter.
     pub(super) changes: Changes,
-    /// The rotation at every sample of the move; empty but for the encoders, which alone ask for it.
+    /// The rotation at every sample of the move; computed only for residuals against encoders.
     pub(super) attitudes: Vec<Matrix3<f64>>,
 }
 
-/// The terms of a model, as the passes through all its moves ask for them.
+/// The terms of a model, prepared for the passes over all moves.
 pub(crate) struct EvaluatedTerms<'a> {
     terms: &'a Terms<'a>,
-    /// Those that add anything.
+    /// Terms with a nonzero contribution.
     active: Terms<'a>,
     on_rate: SideBySide<'a>,
     on_force: SideBySide<'a>,
@@ -76,38 +78,38 @@ impl<'a> EvaluatedTerms<'a> {
         Self { terms, active: terms.active(&model.values), on_rate, on_force }
     }
 
-    /// Whether they add nothing at all.
+    /// Whether all terms are zero.
     pub(crate) fn adds_nothing(&self) -> bool {
         self.active.all.is_empty()
     }
 }
 
-/// A short stretch inside a move.
+/// A short block of samples within a move.
 pub(crate) struct Block {
-    /// From the start of the move to the centre, s.
+    /// From the start of the move to the centre of the block, s.
     pub(crate) time_s: f64,
     pub(crate) duration_s: f64,
-    /// Its samples, counted from the first of the move.
+    /// Its samples, relative to the first sample of the move.
     pub(crate) samples: Range<usize>,
-    /// Mean of the corrected force, turned to the body frame at the start of the move, m/s^2.
+    /// Mean corrected force, rotated to the body frame at the start of the move, m/s^2.
     pub(crate) force: Vector3<f64>,
 }
 
-/// Where a pass goes, and what it is to give.
+/// One move with the inputs of its pass, and the requested results.
 pub(crate) struct Route<'a> {
     pub(crate) recording: &'a Recording<'a>,
     pub(crate) span: &'a Move,
-    /// Attitude at the start, where an effect needs it.
+    /// Attitude at the start, if an effect depends on it.
     pub(crate) rotation_world_from_start: Option<UnitQuaternion<f64>>,
     /// Gravity at the start, m/s^2.
     pub(crate) gravity_at_start: Vector3<f64>,
-    /// How smooth the motion is.
+    /// Width of the smoothing of the angular acceleration.
     pub(crate) width: &'a Width,
     /// Length of a block inside the move, s.
     pub(crate) block_s: f64,
-    /// Whether blocks are wanted, or only the end of the move.
+    /// Whether blocks within the move are requested, or only its end.
     pub(crate) has_blocks: bool,
-    /// Rotation and sums without effects, where they are known already; what has blocks does not ask for them.
+    /// Rotation and sums without effects, if they are already known; a pass with blocks does not use them.
     pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 
@@ -130,7 +132,7 @@ impl Route<'_> {
         while start < last {
             let end = (start + of_block).min(last);
             let force = self.mean_force(start..end, &all, &rotations);
-            // Steps that do not fill a block belong to none.
+            // Samples at the end of a move that do not fill a block are not used.
             if end - start == of_block {
                 blocks.push(self.block(start..end, force));
                 turns.next_block();
@@ -144,19 +146,19 @@ impl Route<'_> {
         Pass { rotation, turn, blocks, changes, attitudes }
     }
 
-    /// Samples of a stretch inside the move, and stretches of a block: two, or one where it is a single sample.
+    /// Samples per segment, and segments per block: two, or one if a block is a single sample.
     pub(super) fn stretches_of_block(&self) -> [usize; 2] {
         let [stretch, block] = [self.block_s / 2.0, self.block_s].map(|length_s| self.samples_in(length_s));
         [stretch, if block > stretch { 2 } else { 1 }]
     }
 
-    /// How many samples are as long as this.
+    /// Number of samples that last `length_s`.
     pub(super) fn samples_in(&self, length_s: f64) -> usize {
         let Move { first, last, duration_s, .. } = self.span;
         ((length_s * (last - first) as f64 / duration_s).round() as usize).max(1)
     }
 
-    /// The rotation at every sample of the move; the first is none.
+    /// The rotation at every sample of the move; the first is the identity.
     fn rotations_of_samples(&self, all: &Corrected) -> Vec<UnitQuaternion<f64>> {
         let (Move { first, last, .. }, time_s) = (self.span, self.recording.time_s);
         let turned = |i: usize| self.step(i).turn(|k| all.rate[k], time_s[i + 1] - time_s[i]);
@@ -164,14 +166,14 @@ impl Route<'_> {
         attitudes(UnitQuaternion::identity(), &turns)
     }
 
-    /// The mean of the force after each of these steps, in the frame of the start.
+    /// Mean force after each of these steps, in the frame of the start.
     fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[UnitQuaternion<f64>]) -> Vector3<f64> {
         let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
         let turned = |i: usize| rotations[i - first].to_rotation_matrix() * all.force[i - reach];
         (steps.start + 1..=steps.end).map(turned).sum::<Vector3<f64>>() / count
     }
 
-    /// The block of these steps, with this mean force.
+    /// The block of these steps with this mean force.
     fn block(&self, steps: Range<usize>, force: Vector3<f64>) -> Block {
         let (time, first) = (self.recording.time_s, self.span.first);
         Block {
@@ -187,7 +189,7 @@ impl Route<'_> {
         integrate_rotation(self.recording, self.span.first, self.span.last, gyroscope)
     }
 
-    /// The same and the sums, as the kernel takes them.
+    /// Rotation and derivative sums without effects, from the preintegration kernel.
     pub(super) fn preintegrated_base(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
         preintegrate(time_s, angular_rate, self.span.first, self.span.last, gyroscope)

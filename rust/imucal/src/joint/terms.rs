@@ -1,11 +1,12 @@
-//! What joins the base parameters: effects of the catalogue and fields that a user gives as columns.
+//! Terms added to the base parameters: effects of the catalogue, and user-defined fields given as columns.
 //!
 //! ```text
 //! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
 //! ```
 //!
-//! A term has its parameters side by side in the list of all; a shape, such as a time constant, is the last of them. The
-//! column of a shape is `d(Phi theta)/d(shape)`, so that every column is the derivative of what the sensor sees.
+//! The parameters of a term are consecutive in the list of all parameters. A shape parameter, such as a time constant,
+//! is the last of them. Its column is `d(Phi theta)/d(shape)`, so that every column is a derivative of the sensor
+//! reading.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
@@ -13,47 +14,47 @@ use nalgebra::Vector3;
 use crate::error::Error;
 use crate::parameters::{BASE, STAND_PARAMETERS};
 
-/// An effect of the catalogue that is to be estimated.
+/// An effect of the catalogue to be estimated.
 #[derive(Clone, Copy, Debug)]
 pub struct EffectChoice {
-    /// The row of the catalogue.
+    /// The effect's entry in the catalogue.
     pub effect: &'static Effect<f64>,
-    /// Its full form instead of the plain one.
+    /// Whether the full form of the effect is estimated.
     pub full: bool,
 }
 
-/// A field that is given sample by sample: the effect of a user.
+/// A user-defined effect, given as columns for every sample.
 #[derive(Clone, Debug)]
 pub struct UserField<'a> {
-    /// What messages call it.
+    /// Its name in messages.
     pub name: &'a str,
-    /// The sensor that it acts on.
+    /// The sensor that it changes.
     pub sensor: Sensor,
     /// Typical size of each parameter.
     pub typical: Vec<f64>,
-    /// One slice for each recording: (N, 3, p), C order.
+    /// One slice per recording: (N, 3, p), C order.
     pub columns: Vec<&'a [f64]>,
 }
 
-/// Relative step of the difference quotient by a shape: its square is the error.
+/// Relative step of the central difference by a shape parameter; its relative error is the square of the step.
 const SHAPE_STEP: f64 = 1e-4;
-/// One term.
+/// One effect or user field among the terms of a fit.
 #[derive(Clone, Debug)]
 pub(crate) struct Term<'a> {
     pub(super) kind: Kind<'a>,
     pub(crate) sensor: Sensor,
     /// Number of linear parameters.
     pub(crate) linear: usize,
-    /// Place of the first parameter among those of all terms.
+    /// Index of its first parameter among those of all terms.
     pub(crate) first: usize,
-    /// Whether it may be estimated where the recordings show some of its directions and not all.
+    /// Whether it may be estimated if the recordings determine only some of its directions.
     pub(crate) partly: bool,
 }
 
 #[derive(Clone, Debug)]
 pub(super) enum Kind<'a> {
     Catalogue(&'static Effect<f64>),
-    /// With a shape that stays.
+    /// An effect with a fixed shape parameter.
     Frozen(&'static Effect<f64>, f64),
     User(&'a UserField<'a>),
 }
@@ -66,7 +67,7 @@ impl Term<'_> {
         }
     }
 
-    /// The row of the catalogue, if it is one.
+    /// The entry in the catalogue; `None` for a user field.
     pub(crate) fn effect(&self) -> Option<&'static Effect<f64>> {
         match self.kind {
             Kind::Catalogue(effect) | Kind::Frozen(effect, _) => Some(effect),
@@ -74,7 +75,7 @@ impl Term<'_> {
         }
     }
 
-    /// The shape that stays, if one does.
+    /// The fixed shape parameter, if there is one.
     pub(crate) fn frozen_shape(&self) -> Option<f64> {
         match self.kind {
             Kind::Frozen(_, shape) => Some(shape),
@@ -86,7 +87,7 @@ impl Term<'_> {
         matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
-    /// Sets its own columns, the first ones in room for [`MAX_PARAMETERS`].
+    /// Writes the columns of this term to the front of a buffer of [`MAX_PARAMETERS`] columns.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, own: &mut [Vector3<f64>]) {
         match self.kind {
@@ -107,23 +108,23 @@ impl Term<'_> {
         }
     }
 
-    /// Whether it may change while the unit is still, the temperature being known or not.
+    /// Whether it may change during a rest, with or without a temperature column.
     pub(super) fn changes_at_rest(&self, temperature_is_known: bool) -> bool {
         let needs = |need| self.effect().is_some_and(|effect| effect.needs.contains(&need));
         needs(Need::Time) || (temperature_is_known && needs(Need::Temperature))
     }
 
-    /// Whether it depends on the true value of a sensor.
+    /// Whether it depends on the true value of this sensor.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
     }
 
-    /// Number of parameters, with the shape.
+    /// Number of parameters, including the shape.
     pub(crate) fn count(&self) -> usize {
         self.linear + usize::from(self.has_shape())
     }
 
-    /// `<effect>_<parameter>` of each parameter; a user's are numbered.
+    /// `<effect>_<parameter>` for each parameter; the parameters of a user field are numbered.
     pub(crate) fn parameter_names(&self) -> Vec<String> {
         let full = |name: &str| format!("{}_{name}", self.name());
         match self.kind {
@@ -134,7 +135,7 @@ impl Term<'_> {
         }
     }
 
-    /// Typical size of each parameter, the shape being the last.
+    /// Typical size of each parameter; the shape is the last.
     pub(crate) fn typical(&self) -> Vec<f64> {
         match self.kind {
             Kind::User(field) => field.typical.clone(),
@@ -148,7 +149,7 @@ impl Term<'_> {
     }
 }
 
-/// Where a state comes from: user fields are looked up there.
+/// Recording and sample of a state; user fields are indexed by them.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub(crate) recording: usize,
@@ -163,30 +164,30 @@ pub(crate) struct Terms<'a> {
     pub(crate) count: usize,
     /// The sensor of each parameter.
     pub(crate) sensors: Vec<Sensor>,
-    /// Which residuals there are beyond rests and moves.
+    /// Kinds of residuals besides rests and moves.
     pub(crate) kinds: Kinds,
 }
 
 /// The terms of one sensor.
 pub(super) struct SideBySide<'a> {
-    /// Their parameters stand side by side.
+    /// Terms with consecutive parameters.
     pub(super) terms: Terms<'a>,
-    /// Those of these, and their places among those of all terms.
+    /// Values of their parameters, and the indices of these parameters among those of all terms.
     pub(super) values: Vec<f64>,
     pub(super) places: Vec<usize>,
 }
 
-/// Which residuals take part beyond those of rests and moves.
+/// Kinds of residuals besides those of rests and moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Kinds {
-    /// The accelerometer inside the moves.
+    /// The specific force within moves.
     pub(crate) in_motion: bool,
-    /// The encoders of a stand, and the stand's own parameters along with them.
+    /// The encoders of a stand; the parameters of the stand are then estimated, too.
     pub(crate) encoders: bool,
 }
 
 impl Kinds {
-    /// Those that the effects need to be seen.
+    /// The kinds of residuals in which the effects are observable.
     pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
         Self {
             in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
@@ -194,7 +195,7 @@ impl Kinds {
         }
     }
 
-    /// Whether they are about what is inside the moves.
+    /// Whether residuals within moves are used.
     pub(super) fn look_inside(self) -> bool {
         self.in_motion || self.encoders
     }
@@ -230,12 +231,12 @@ impl<'a> Terms<'a> {
         Ok(terms)
     }
 
-    /// Takes an effect with a shape that stays; the same effect may come with several.
+    /// Adds an effect with a fixed shape parameter; one effect may be added with several.
     pub(crate) fn push_frozen(&mut self, effect: &'static Effect<f64>, shape: f64) -> Result<(), Error> {
         self.push(Kind::Frozen(effect, shape), effect.sensor, effect.plain)
     }
 
-    /// Lets these effects be estimated along the directions that the recordings show.
+    /// Allows these effects to be estimated if the recordings determine only some of their directions.
     pub(crate) fn allow_partly(&mut self, names: &[String]) {
         for term in &mut self.all {
             term.partly = names.iter().any(|name| name == term.name());
@@ -254,12 +255,14 @@ impl<'a> Terms<'a> {
         Ok(())
     }
 
-    /// Room for the columns of all terms: a field sets those of its full form, and the next term sets its own over what is too many.
+    /// A buffer for the columns of all terms. A field writes the columns of its full form; the next term overwrites the
+    /// surplus.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
     }
 
-    /// Sets one column for each parameter, at a true state; `room` is from [`Self::room`], and what is behind the columns means nothing.
+    /// Computes one column for each parameter at a true state. `room` comes from [`Self::room`]; its entries behind the
+    /// last column are undefined.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
         for term in &self.all {
@@ -267,7 +270,7 @@ impl<'a> Terms<'a> {
         }
     }
 
-    /// What the terms of a sensor together add.
+    /// Sum of all terms on one sensor.
     #[inline]
     pub(super) fn sum_of(&self, sensor: Sensor, values: &[f64], columns: &[Vector3<f64>]) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
@@ -279,30 +282,30 @@ impl<'a> Terms<'a> {
         sum
     }
 
-    /// What all terms together add to the rate and to the force.
+    /// Sums of all terms on the angular rate and on the specific force.
     #[inline]
     pub(super) fn sums(&self, values: &[f64], columns: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
         (self.sum_of(Sensor::Gyroscope, values, columns), self.sum_of(Sensor::Accelerometer, values, columns))
     }
 
-    /// Number of all parameters: the base, the terms', and those of the stand if it is needed.
+    /// Number of all parameters: the base parameters, those of the terms, and those of the stand if encoders are used.
     pub(crate) fn total(&self) -> usize {
         BASE + self.count + if self.kinds.encoders { STAND_PARAMETERS } else { 0 }
     }
 
-    /// Those of these parameters that add anything at these values.
+    /// The terms that change a reading at these parameter values.
     pub(crate) fn active(&self, values: &[f64]) -> Self {
         let is_active =
             |term: &&Term<'_>| values[term.first..term.first + term.linear].iter().any(|value| *value != 0.0);
         Self { all: self.all.iter().filter(is_active).cloned().collect(), ..self.clone() }
     }
 
-    /// Those of a sensor; parameters keep their places.
+    /// The terms of one sensor; the indices of their parameters stay the same.
     pub(super) fn of(&self, sensor: Sensor) -> Self {
         Self { all: self.all.iter().filter(|term| term.sensor == sensor).cloned().collect(), ..self.clone() }
     }
 
-    /// Those of a sensor, with their parameters side by side.
+    /// The terms of one sensor, with consecutive parameters.
     pub(super) fn side_by_side(&self, sensor: Sensor, values: &[f64]) -> SideBySide<'a> {
         let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds: self.kinds };
         for term in self.all.iter().filter(|term| term.sensor == sensor) {
@@ -314,23 +317,23 @@ impl<'a> Terms<'a> {
         SideBySide { terms, values: places.iter().map(|p| values[*p]).collect(), places }
     }
 
-    /// Places of the parameters of a sensor.
+    /// Indices of the parameters of one sensor.
     pub(super) fn parameters_of(&self, sensor: Sensor) -> impl Iterator<Item = usize> {
         (0..self.count).filter(move |&p| self.sensors[p] == sensor)
     }
 
-    /// Whether any term depends on the true value of a sensor.
+    /// Whether any term depends on the true value of this sensor.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.all.iter().any(|term| term.reads(sensor))
     }
 
-    /// Whether any term depends on what `need` names.
+    /// Whether any term depends on the quantity `need`.
     pub(crate) fn needs(&self, need: Need) -> bool {
         self.all.iter().any(|term| term.effect().is_some_and(|effect| effect.needs.contains(&need)))
     }
 }
 
-/// Sets the columns of an effect where there is room for any.
+/// Writes the columns of an effect to a buffer of any size.
 #[inline]
 fn set_field(effect: &Effect<f64>, state: &State<f64>, shape: f64, room: &mut [Vector3<f64>]) {
     if let Some(columns) = room.first_chunk_mut() {

@@ -1,8 +1,7 @@
-//! How far each residual can be trusted (model.md (19)).
+//! Weights of the residuals (model.md (19)).
 //!
-//! White noise is that of the recording's own rests. Where residuals scatter by more than it explains and more than chance,
-//! the excess is estimated from them: a variance from rest to rest for the rates, a factor for norms, moves and what is
-//! inside the moves.
+//! White noise is that of the recording's own rests. If residuals significantly exceed it, the excess is estimated from
+//! them: a variance from rest to rest for the rates, and a factor each for norms, moves and residuals within moves.
 
 mod whiten;
 
@@ -27,30 +26,33 @@ use crate::rests::noise_density::{random_walk_rad, variance_per_axis};
 use crate::rests::rest::FINEST_MPS2;
 use whiten::{Shares, Whitening};
 
-/// No standard deviation is finer: a noise-free simulation has no scatter at all. Scales widen these, too: where a model does
-/// not fit such data there is nothing else to widen.
+/// Lower limit of the standard deviation of a rate, rad/s: a noise-free simulation has no scatter at all. The scales
+/// widen this limit, too, because nothing else could be widened if the model does not fit such data.
 const FINEST_RADPS: f64 = 1e-6;
 
 /// Weights of all residuals.
 #[derive(Clone)]
 pub(crate) struct Weights {
     pub(crate) whitening: Whitening,
-    /// Whitening of the mean rate at each rest, per raw unit: the inverse of the lower factor of its covariance.
+    /// Whitening of the mean rate at each rest, per raw unit: the inverse of the lower Cholesky factor of its
+    /// covariance.
     pub(crate) rates: Vec<Matrix3<f64>>,
-    /// Bias instability of the gyroscope that the rates show, raw units; zero where they do not or it is known.
+    /// Bias instability of the gyroscope estimated from the rates at the rests, raw units; zero if it is not
+    /// significant or is given.
     pub(crate) bias_instability: [f64; 3],
-    /// One for each move.
+    /// Noise within each move.
     pub(crate) inside: Vec<InsideNoise>,
-    /// Standard deviation of the stand's direction of gravity against the measured one, rad.
+    /// Standard deviation of the difference between the directions of gravity by the stand and by the accelerometer,
+    /// rad.
     pub(crate) stand_sigma_rad: f64,
-    /// Variance of one reading of the encoders, rad^2.
+    /// Variance of one encoder reading, rad^2.
     pub(crate) reading: f64,
-    /// Standard deviation of each component of a move's direction that noise explains, rad.
+    /// Standard deviation of each component of a move's direction by noise, rad.
     pub(crate) move_sigma_rad: Vec<f64>,
     pub(crate) scales: Scales,
 }
 
-/// By how much residuals exceed what noise explains; 1 where they do not.
+/// Factors by which residuals exceed their noise; 1 if the excess is not significant.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     pub(crate) norms: f64,
@@ -61,13 +63,12 @@ pub(crate) struct Scales {
 }
 
 impl Weights {
-    /// What noise alone explains: nothing is widened.
+    /// Weights from noise alone, without any widening.
     pub(crate) fn of_noise(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
         Self::new(prepared, terms, linear, None, true)
     }
 
-    /// Weights at a linearisation; `found` is the fit that ended there, if there was one, with the scales that it was made
-    /// with.
+    /// Weights at a linearisation. `found` is the fit that ended there, if any, together with the scales of that fit.
     pub(crate) fn of(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,
@@ -126,7 +127,7 @@ impl Weights {
         }
     }
 
-    /// By how many times its noise each kind of residuals is taken to scatter, the mean rates last.
+    /// Ratio of the assumed scatter of each kind of residuals to its noise; the mean rates are last.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 6] {
         let Scales { norms, moves, inside, stand_rests, stand_moves } = self.scales;
         let mut rates = 1.0f64;
@@ -141,19 +142,19 @@ impl Weights {
     }
 }
 
-/// Standard deviation of each component of a move's direction that noise explains, rad.
+/// Standard deviation of each component of a move's direction by noise, rad.
 fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     let shared: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// What the error of a rest's mean does to a line.
+/// Change of a line by the error of a rest's mean.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
 }
 
-/// The variance that a line shares with no other.
+/// The part of a line's variance that is not shared with other lines.
 fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
     match source {
         Source::Norm(_) => (FINEST_MPS2 * scales.norms).powi(2),
@@ -167,8 +168,8 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
     }
 }
 
-/// Whitening of the mean rates, with what they scatter from rest to rest beyond their own noise, and the bias instability where
-/// that is what they scatter by.
+/// Whitening of the mean rates, including the excess scatter from rest to rest, and the bias instability if it explains
+/// the scatter better.
 fn rate_whitenings(
     prepared: &Prepared<'_>,
     model: &Model,
@@ -194,7 +195,7 @@ fn rate_whitenings(
             Some([x?, y?, z?])
         })
     {
-        // Where one axis wanders the others do, too, as far as they show it.
+        // If the bias of one axis wanders, the other axes are assumed to wander too, as far as their scatter shows it.
         let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
@@ -214,7 +215,7 @@ fn rate_whitenings(
     (whitenings, bias_instability)
 }
 
-/// The noise inside each move, in SI units.
+/// The noise within each move, in SI units.
 fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<InsideNoise> {
     prepared
         .moves
@@ -236,7 +237,7 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
         .collect()
 }
 
-/// What noise of accelerometer and encoders leaves of the direction at a rest: the typical of all ends of moves.
+/// Typical standard deviation of a direction at the end of a move by noise of accelerometer and encoders.
 fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =
         prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();
@@ -244,21 +245,21 @@ fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     (median(&mut shared) + reading + FINEST_RAD * FINEST_RAD).sqrt() * scales.stand_rests
 }
 
-/// Variance of one reading of the encoders in motion, rad^2; zero without any.
+/// Variance of one encoder reading during motion, rad^2; zero without readings.
 fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let variance = |encoders: &Encoders| encoders.reading_variance() + FINEST_RAD * FINEST_RAD;
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
 impl Scales {
-    /// The largest.
+    /// The largest of all factors.
     pub(crate) fn largest(&self) -> f64 {
         [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves].into_iter().fold(1.0, f64::max)
     }
 
     pub(crate) const NONE: Self = Self { norms: 1.0, moves: 1.0, inside: 1.0, stand_rests: 1.0, stand_moves: 1.0 };
 
-    /// The scales with which each group's chi2 is what chance leaves.
+    /// The scales at which chi2 of each group equals its degrees of freedom.
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64]) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();
@@ -276,7 +277,7 @@ impl Scales {
     }
 }
 
-/// `scale`, changed so that the chosen rows scatter by one; 1 if noise alone may explain them.
+/// `scale`, updated so that the chosen rows have unit variance; 1 if noise alone may explain them.
 fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(usize) -> bool) -> f64 {
     let rows: Vec<usize> = (0..residuals.nrows()).filter(|&row| chosen(row)).collect();
     let free = rows.len() as f64 - rows.iter().map(|&row| leverages[row]).sum::<f64>();
@@ -287,8 +288,8 @@ fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(u
     if reduced > significance_limit(free) { reduced.sqrt() } else { 1.0 }
 }
 
-/// Covariance of the mean biases at the rests that take part, in their order, for a bias instability of one; `None` where there
-/// are too many.
+/// Covariance of the mean biases at the used rests, in their order, for unit bias instability; `None` if there are too
+/// many rests.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
     if rows(places.len(), prepared.moves.len()) > MOST_ROWS {
@@ -307,7 +308,7 @@ pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     Some(covariance)
 }
 
-/// A norm and three rates for each rest, and two lines for each move.
+/// Number of residuals: one norm and three rates for each rest, and two lines for each move.
 fn rows(rests: usize, moves: usize) -> usize {
     4 * rests + 2 * moves
 }

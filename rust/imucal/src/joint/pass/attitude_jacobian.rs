@@ -1,7 +1,7 @@
-//! How every parameter turns the unit until each block inside a move, and what it changes of the force there.
+//! The derivative of the attitude and of the force in each block within a move, by every parameter.
 //!
-//! A block is one stretch of n samples or more; with G what its columns turn while it lasts, Gdot and G.. the differences between its
-//! neighbours and the bend of three:
+//! A block is one segment of n samples or more. G is the integral of the rotated columns over the block, Gdot and G..
+//! are the first and second differences of the neighbouring segments:
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24
@@ -25,26 +25,28 @@ use crate::joint::terms::SideBySide;
 use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// The columns inside a move, block by block; their signs are those of what is taken off rate and force.
+/// The rotated columns within a move, block by block, with the sign of a correction that is subtracted from rate and
+/// force.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
     freed: &'a Corrected,
     stretches: Stretches,
-    /// The rotation in the middle of each, times its duration.
+    /// The rotation in the middle of each segment, times its duration.
     weights: Vec<Matrix3<f64>>,
-    /// What each stretch turns, and what is added to the force in its middle, in the frame of the move's start.
+    /// Integral of the columns of the rate over each segment, and the columns of the force in its middle, in the frame
+    /// of the move's start.
     on_rate: Turned,
     on_force: Turned,
-    /// What turns and what is added in the middle of a stretch.
+    /// Columns of the rate and of the force in the middle of a segment.
     rates: Columns<'a>,
     forces: Columns<'a>,
-    /// Where the next block begins: its first stretch, and what is turned until there.
+    /// The first segment of the next block, and the integral up to it.
     next: usize,
     turned: Vec<f64>,
-    /// Stretches of a block.
+    /// Segments per block.
     of_block: usize,
-    /// Those of the blocks that are done.
+    /// Results of the finished blocks.
     changes: Changes,
 }
 
@@ -62,7 +64,7 @@ impl<'a> Columns<'a> {
         Self { base, terms, all }
     }
 
-    /// Those of the terms in the middle of a stretch; those of the base are to be set.
+    /// The columns of the terms in the middle of a segment. The caller sets those of the base parameters.
     fn at(&mut self, route: &Route<'_>, stretches: &Stretches, k: usize) -> &mut [Vector3<f64>] {
         let (base, own) = self.all.split_at_mut(self.base);
         route.columns(&self.terms.terms, &self.terms.values, stretches, k, own);
@@ -71,7 +73,7 @@ impl<'a> Columns<'a> {
 }
 
 impl<'a> Turns<'a> {
-    /// Of the route, with stretches of so many samples and so many of these in a block.
+    /// For a route with `stretch` samples per segment and `stretches` segments per block.
     pub(super) fn new(
         route: &'a Route<'a>,
         model: &'a Model,
@@ -109,8 +111,8 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Asks for the columns of all stretches before one, as far as they are not there yet. The force of the base is what gravity, preintegrated
-    /// along, lets expect.
+    /// Computes the columns of all segments before `end` that are not known yet. For the base parameters, the force is
+    /// gravity propagated from the start.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -131,7 +133,7 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Takes the means over the next block.
+    /// Averages over the segments of the next block.
     pub(super) fn next_block(&mut self) {
         self.changes.turn.next();
         self.changes.force.next();
@@ -142,12 +144,12 @@ impl<'a> Turns<'a> {
         self.next += self.of_block;
     }
 
-    /// Adds a stretch to the means over its block.
+    /// Adds a segment to the means over its block.
     #[inline(always)] // With the widest registers.
     fn take_stretch(&mut self, k: usize) {
         let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
-        // Beside what is as far on either side nothing bends.
+        // A segment between neighbours at unequal distances gets no second difference.
         let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
         let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
         let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
@@ -162,7 +164,7 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// d_turn_d_p at the end of the move for each of `total` parameters, and all blocks.
+    /// d_turn_d_p at the end of the move for each of `total` parameters, and the results of all blocks.
     pub(super) fn at_end(mut self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
         self.look_to(self.stretches.count());
         let mut turn = vec![Vector3::zeros(); total];
@@ -182,10 +184,10 @@ impl WithSimd for NextStretch<'_, '_> {
     }
 }
 
-/// States that are kept: one, and those on either side.
+/// Segments that are kept: the current one and its two neighbours.
 const KEPT: usize = 3;
 
-/// The last states, and the sum of all.
+/// The integrals of the last segments, and the sum over all segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,
@@ -193,14 +195,14 @@ pub(super) struct Turned {
 }
 
 impl Turned {
-    /// No state yet; the parameters have these places among all.
+    /// Without any segment; `parameters` are the indices of the columns among all parameters.
     pub(super) fn new(parameters: Vec<usize>) -> Self {
         let last = Planes::zeros(parameters, KEPT);
         Self { sum: Aligned::zeros(3 * last.width()), last, count: 0 }
     }
 
-    /// Takes what a matrix makes of the columns of the parameters in a next state. They stand side by side, and as many as a register takes
-    /// are read behind them.
+    /// Multiplies the columns of the parameters by a matrix and appends the result as the next segment. The columns are
+    /// consecutive and padded to full registers.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         let (to, sum) = (self.last.of_mut(self.count % KEPT), &mut *self.sum);
@@ -208,40 +210,40 @@ impl Turned {
         self.count += 1;
     }
 
-    /// The same of a state that nobody asks for by itself: it is added to the sum.
+    /// As [`Self::push`], but only adds the result to the sum.
     pub(super) fn add(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         Arch::new().dispatch(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
     }
 
-    /// How many states there have been.
+    /// Number of segments so far.
     pub(super) fn count(&self) -> usize {
         self.count
     }
 
-    /// The planes of one of the last states.
+    /// The planes of one of the last segments.
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         self.last.of(state % KEPT)
     }
 
-    /// The sum of all states, plane by plane.
+    /// The sum over all segments, plane by plane.
     pub(super) fn sum(&self) -> &[f64] {
         &self.sum
     }
 
-    /// Puts the sum, with the other sign, where the parameters have their places.
+    /// Writes the negated sum to the columns of its parameters.
     pub(super) fn write_negative_sum(&self, to: &mut [Vector3<f64>]) {
         self.last.write_negative(&self.sum, to);
     }
 
-    /// Room for so many states of the same parameters.
+    /// Planes for this number of segments with the same parameters.
     pub(super) fn room(&self, states: usize) -> Planes {
         Planes::new(self.last.parameters().to_vec(), states)
     }
 }
 
-/// `KEEPS` says whether the state is kept by itself.
+/// `KEEPS` states whether the segment is kept in addition to the sum.
 struct Push<'a, const KEEPS: bool> {
     columns: &'a [Vector3<f64>],
     matrix: &'a Matrix3<f64>,

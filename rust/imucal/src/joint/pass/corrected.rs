@@ -1,4 +1,4 @@
-//! The samples of a move, freed of the effects.
+//! The samples of a move, corrected for the effects.
 
 use std::ops::Range;
 
@@ -15,35 +15,35 @@ use crate::joint::terms::{Sample, Terms};
 use crate::preintegration::{Interpolation, turn};
 use crate::recording::Samples;
 
-/// The samples of a move after correction, with one more on either side.
+/// The corrected samples of a move, with one more sample on either side.
 pub(super) struct Corrected {
     pub(super) rate: Vec<Vector3<f64>>,
     pub(super) force: Vec<Vector3<f64>>,
-    /// Of the rate, where they are asked for.
+    /// Angular acceleration; empty unless requested.
     pub(super) slopes: Vec<Vector3<f64>>,
-    /// Whether effects have added anything.
+    /// Whether any effect has a nonzero contribution.
     is_freed: bool,
 }
 
-/// The place of a step among samples.
+/// The step from one sample to the next.
 #[derive(Clone, Copy)]
 pub(super) struct Step {
     /// The sample before it.
     pub(super) before: usize,
     is_linear: bool,
-    /// Of the four samples around it in the mean over it.
+    /// Weights of the four samples around the step in the mean over it.
     shares: [f64; 4],
 }
 
 impl Step {
-    /// The one after sample `i`.
+    /// The step that starts at sample `i`.
     #[inline]
     pub(super) fn after(time_s: &[f64], i: usize) -> Self {
         let (interpolation, shares) = Interpolation::of(time_s, i);
         Self { before: i, is_linear: interpolation == Interpolation::Linear, shares }
     }
 
-    /// Mean over the step, `value(k)` being that of sample k.
+    /// Mean over the step; `value(k)` is the value at sample k.
     #[inline(always)]
     pub(super) fn mean(&self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
         let (k, [before, start, end, after]) = (self.before, self.shares);
@@ -51,29 +51,30 @@ impl Step {
         if self.is_linear { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
     }
 
-    /// What it turns, rad, `rate(k)` being that of sample k, in so long.
+    /// Rotation vector of a step of `step_s`, rad; `rate(k)` is the rate at sample k.
     #[inline(always)]
     pub(super) fn turn(&self, rate: impl Fn(usize) -> Vector3<f64>, step_s: f64) -> Vector3<f64> {
         turn(&self.mean(&rate), [&rate(self.before), &rate(self.before + 1)], step_s)
     }
 }
 
-/// The angular acceleration is that of the corrected rate, which is only known afterwards. A pass shrinks the error by the
-/// delay of the gyroscope over the time in which the rate changes, a fiftieth, and adds noise where the delay is long.
+/// The angular acceleration is the derivative of the corrected rate, which itself depends on it. Each pass reduces the
+/// error by the ratio of the gyroscope's delay to the time scale of the motion, typically a fiftieth. Further passes
+/// would add noise if the delay is long.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
-    /// The samples that are corrected: those of the move, and one on either side where there is one.
+    /// The samples to correct: those of the move and one on either side, if they exist.
     pub(super) fn reach(&self) -> Range<usize> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
-    /// The step after sample `i`, among the samples of the reach.
+    /// The step that starts at sample `i`, indexed within the reach.
     pub(super) fn step(&self, i: usize) -> Step {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }
 
-    /// The samples of the reach, freed of the effects that change anything.
+    /// The samples of the reach, corrected for the effects with a nonzero contribution.
     pub(super) fn freed(&self, model: &Model, active: &Terms<'_>, wants_slopes: bool) -> Corrected {
         let reach = self.reach();
         let corrected = |triad: &Triad<f64>, rows: Samples<'_>| -> Vec<Vector3<f64>> {
@@ -100,11 +101,11 @@ impl Route<'_> {
         all
     }
 
-    /// One pass of that, over samples as they are seen.
+    /// One pass of the correction over the measured samples.
     fn free(&self, all: &mut Corrected, model: &Model, active: &Terms<'_>) {
         let mut attitude = self.rotation_world_from_start;
         let mut settling = Settling::new(active, &model.values);
-        // What the effects were just before.
+        // The contributions of the effects at the previous sample.
         let mut added_rate = Vector3::zeros();
         for (k, index) in self.reach().enumerate() {
             let (seen_rate, seen_force) = (all.rate[k], all.force[k]);
@@ -112,7 +113,7 @@ impl Route<'_> {
             around.angular_acceleration = all.slopes.get(k).copied();
             if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
                 let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
-                // The sample's own rate is not known yet.
+                // The corrected rate of this sample is not known yet, so the previous contribution is used.
                 *attitude *= so3::exp(&increment(&all.rate[k - 1], &(seen_rate - added_rate), h));
             }
             around.rotation_world_from_body = attitude;
@@ -123,7 +124,7 @@ impl Route<'_> {
         }
     }
 
-    /// Means over some samples of the reach of what effects have added to rate and force.
+    /// Means of the effects on rate and force over some samples of the reach.
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.is_freed {
             return [Vector3::zeros(); 2];

@@ -1,7 +1,7 @@
-//! Columns of many parameters in many states.
+//! Columns of many parameters in many states, in the layout of SIMD registers.
 //!
-//! A state has three planes, x, y and z, of one number for each parameter, so that as many parameters as a register has lanes take
-//! part in each multiplication.
+//! A state has three planes, x, y and z, with one number per parameter, so that each multiplication processes a full
+//! register of parameters.
 
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
@@ -9,30 +9,30 @@ use pulp::{Arch, Simd, WithSimd};
 use crate::joint::pass::Range;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Columns of some parameters.
+/// Columns of some parameters in a sequence of states.
 pub(crate) struct Planes {
-    /// Their places among all columns.
+    /// Indices of these parameters among all columns.
     parameters: Vec<usize>,
-    /// Length of a plane: full registers.
+    /// Length of a plane, a multiple of the register width.
     width: usize,
     numbers: Aligned,
 }
 
 impl Planes {
-    /// No state yet, and room for so many; the parameters have these places among all columns.
+    /// Without any state, and with capacity for `states`; `parameters` are indices among all columns.
     pub(crate) fn new(parameters: Vec<usize>, states: usize) -> Self {
         let width = parameters.len().next_multiple_of(WIDEST);
         Self { parameters, width, numbers: Aligned::with_capacity(states * 3 * width) }
     }
 
-    /// So many states of zeros.
+    /// With `states` states of zeros.
     pub(super) fn zeros(parameters: Vec<usize>, states: usize) -> Self {
         let mut planes = Self::new(parameters, 0);
         planes.numbers.resize(states * 3 * planes.width);
         planes
     }
 
-    /// Places of the parameters among all columns.
+    /// Indices of the parameters among all columns.
     pub(crate) fn parameters(&self) -> &[usize] {
         &self.parameters
     }
@@ -42,7 +42,7 @@ impl Planes {
         self.width
     }
 
-    /// The planes of a next state, all zero.
+    /// Appends a state of zeros and returns its planes.
     #[inline(always)]
     pub(crate) fn next(&mut self) -> &mut [f64] {
         let start = self.numbers.len();
@@ -57,7 +57,7 @@ impl Planes {
         &mut self.numbers[start..]
     }
 
-    /// Takes the column of a single parameter in the next state.
+    /// Appends a state with the column of a single parameter.
     pub(crate) fn push_one(&mut self, column: &Vector3<f64>) {
         let width = self.width;
         let state = self.next();
@@ -69,52 +69,52 @@ impl Planes {
         vec![0.0; 3 * self.width]
     }
 
-    /// Puts columns in planes as these are, with the other sign, where their parameters have their places.
+    /// Writes the negated columns in `planes`, which have this layout, to the columns of their parameters.
     pub(crate) fn write_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
 
-    /// The column of parameter `k` of these.
+    /// The column of the k-th parameter in `planes`.
     pub(crate) fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
     }
 
-    /// The planes of all states, one after the other.
+    /// The planes of all states, consecutively.
     #[inline(always)]
     pub(crate) fn registers<S: Simd>(&self, _: S) -> &[S::f64s] {
         S::as_simd_f64s(&self.numbers).0
     }
 
-    /// The planes of a state, one after the other.
+    /// The planes of a state, consecutively.
     #[inline(always)]
     pub(crate) fn of(&self, state: usize) -> &[f64] {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 
-    /// The same, to be set.
+    /// The mutable planes of a state, consecutively.
     pub(super) fn of_mut(&mut self, state: usize) -> &mut [f64] {
         &mut self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 }
 
-/// How samples fall into groups.
+/// A partition of samples into groups of equal size.
 #[derive(Clone, Copy)]
 pub(super) struct Groups {
-    /// Samples of each.
+    /// Samples per group.
     size: usize,
-    /// So many of the first one are not there.
+    /// Number of samples by which the first group is shorter.
     lacking: usize,
-    /// All samples.
+    /// Number of all samples.
     samples: usize,
 }
 
 impl Groups {
-    /// Of so many samples, `size` in a group; one begins at sample `begin`.
+    /// Groups of `size` samples, one of which begins at sample `begin`.
     pub(super) fn new(size: usize, begin: usize, samples: usize) -> Self {
         Self { size, lacking: (size - begin % size) % size, samples }
     }
 
-    /// That of sample `k`.
+    /// The group of sample `k`.
     #[inline(always)]
     pub(super) fn of(self, k: usize) -> usize {
         (k + self.lacking) / self.size
@@ -124,34 +124,34 @@ impl Groups {
         self.of(self.samples - 1) + 1
     }
 
-    /// Its samples.
+    /// The samples of a group.
     pub(super) fn samples(self, group: usize) -> Range<usize> {
         let end = (group + 1) * self.size - self.lacking;
         (group * self.size).saturating_sub(self.lacking)..end.min(self.samples)
     }
 }
 
-/// States are blocks; signs are those of what is taken off rate and force.
+/// Changes in each block within a move, with the sign of a correction that is subtracted from rate and force.
 pub(crate) struct Changes {
-    /// Mean of what the columns of the rate have turned.
+    /// Mean integral of the columns of the rate.
     pub(crate) turn: Planes,
-    /// Mean of what the columns of the force add, turned to the start of the move.
+    /// Mean of the columns of the force, rotated to the start of the move.
     pub(crate) force: Planes,
 }
 
 impl Changes {
-    /// Of no block.
+    /// Without any block.
     pub(crate) fn none() -> Self {
         let [turn, force] = [(); 2].map(|()| Planes::new(Vec::new(), 0));
         Self { turn, force }
     }
 
-    /// Length of a row of numbers, one for each parameter.
+    /// Numbers in a row: one for each parameter, and padding.
     pub(crate) fn lanes(&self) -> usize {
         self.turn.width() + self.force.width()
     }
 
-    /// Lane and parameter; not every lane has one.
+    /// Lanes with a parameter, and that parameter.
     pub(crate) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
         let first = self.turn.width();
         let of_turn = self.turn.parameters().iter().copied().enumerate();
@@ -165,7 +165,7 @@ impl Changes {
         turns
     }
 
-    /// Adds what they change of the mean force of a block along `d`, lane by lane.
+    /// Adds the change of the mean force of a block along `d` for each lane.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Arch::new().dispatch(AddAlong { changes: self, block, force, d, lanes });
     }
@@ -191,7 +191,7 @@ impl WithSimd for AddAlong<'_> {
     }
 }
 
-/// Adds what columns in planes are along a direction to as many numbers as a plane is long.
+/// Adds the components of the columns in `planes` along a direction to one number per column.
 #[inline(always)] // With the widest registers that the caller has.
 fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());

@@ -1,4 +1,4 @@
-//! The way of a move in stretches, for what is wrong with the rate or the force in a pattern of its own.
+//! Rotation to the end of a move, and the move in short segments, for error patterns of rate or force.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -14,27 +14,27 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::preintegration::{Sums, preintegrate};
 use crate::recording::Samples;
 
-/// A short stretch of a move, as long as a block inside it.
+/// A short segment of a move, as long as a block.
 pub(crate) struct Stretch {
-    /// Since the first sample of the recording, s.
+    /// Time since the first sample of the recording, s.
     pub(crate) time_s: f64,
     /// The sample in its middle.
     pub(crate) sample: usize,
     /// `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// What a constant error of the rate, of one about each axis, has turned until then.
+    /// Attitude error at this time per unit of a constant rate error about each axis.
     pub(crate) turn: Matrix3<f64>,
 }
 
-/// The stretches of a move, and what a constant error has turned at its end.
+/// The segments of a move, and the attitude error at its end per unit of a constant rate error.
 pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,
 }
 
 impl Route<'_> {
-    /// Where no effect acts, with one stretch in `every`; `pass` is that of the move.
+    /// Every `every`-th segment of a move without effects; `pass` is that of the move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
@@ -62,12 +62,12 @@ impl Route<'_> {
     }
 }
 
-/// Length of a stretch, s.
+/// Length of a segment, s.
 const STRETCH_S: f64 = 0.04;
-/// A move has at least so many.
+/// Minimum number of segments of a move.
 const FEWEST: f64 = 24.0;
 
-/// d_turn_d_p for the base parameters; room for those of effects.
+/// d_turn_d_p of the base parameters; the entries of the effects are zero.
 fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
     let (inverse, sensitivity) = (model.gyroscope.inverse(), &base.sensitivity);
     let mut turn = vec![Vector3::zeros(); total];
@@ -82,9 +82,9 @@ fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
 }
 
 impl Route<'_> {
-    /// Rotation and turns at the end.
+    /// Rotation and attitude Jacobian at the end of the move.
     pub(super) fn to_end(&self, model: &Model, asked: &EvaluatedTerms<'_>) -> Pass {
-        // What effects do to the force turns nothing.
+        // Effects on the force do not change the attitude.
         let EvaluatedTerms { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = asked;
         let total = terms.total();
         let pass = |rotation, turn| Pass {
@@ -117,7 +117,8 @@ impl Route<'_> {
         pass(rotation, turn)
     }
 
-    /// The rotation from the start of the move to its end, and the sums of the base parameters, of samples that are freed of effects.
+    /// Rotation from the start of the move to its end and derivative sums of the base parameters, from samples that are
+    /// corrected for effects.
     fn carried_freed(
         &self,
         model: &Model,
@@ -130,7 +131,7 @@ impl Route<'_> {
         let (first, last) = (span.first - reach.start, span.last - reach.start);
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
-        // The entries multiply the rates that are seen.
+        // The entries of the sensitivity multiply the measured rates.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

@@ -1,4 +1,5 @@
-//! Stretches of a move, each short beside the motion: the columns of effects are asked for once in each, in its middle.
+//! Segments of a move that are short compared with the motion. The columns of the effects are evaluated once per
+//! segment, in its middle.
 //!
 //! ```text
 //! value in the middle of three means over n samples   m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
@@ -21,19 +22,19 @@ use crate::preintegration::{are_equal_steps, attitudes};
 use crate::recording::Samples;
 use crate::rests::moves::Move;
 
-/// The stretches of a move.
+/// The segments of a move.
 pub(super) struct Stretches {
-    /// Their samples, counted from the first of the route.
+    /// Their samples, relative to the first sample of the route.
     pub(super) groups: Groups,
-    /// What is in the middle of each.
+    /// The state in the middle of each segment.
     pub(super) states: Vec<State<f64>>,
     /// `v_start = rotation v_here`.
     pub(super) rotations: Vec<Matrix3<f64>>,
-    /// How much of the move is theirs.
+    /// The share of the duration of the move that each segment covers, s.
     pub(super) durations_s: Vec<f64>,
-    /// Whether the middles before and after are as far.
+    /// Whether the middles of the two neighbours are at equal distances.
     pub(super) are_even: Vec<bool>,
-    /// What a mean over the samples of one leaves out of what bends there, as a share of a mean over its whole length.
+    /// Factor of the second difference between a mean over the samples of a segment and the value in its middle.
     pub(super) spread: f64,
 }
 
@@ -42,15 +43,15 @@ impl Stretches {
         self.states.len()
     }
 
-    /// The rotation in the middle of each, times its duration.
+    /// The rotation in the middle of each segment, times its duration.
     pub(super) fn weights(&self) -> Vec<Matrix3<f64>> {
         self.rotations.iter().zip(&self.durations_s).map(|(rotation, duration_s)| rotation * *duration_s).collect()
     }
 }
 
 impl Route<'_> {
-    /// Stretches of `size` samples, one of which begins behind the first sample of the move. Where no effect changes anything the samples
-    /// need not be freed of any. Slopes of the rate that the samples do not have are found if they are asked for.
+    /// Segments of `size` samples, one of which begins after the first sample of the move. Without any nonzero effect
+    /// the samples need no correction. Missing angular accelerations are computed if requested.
     pub(super) fn stretches(
         &self,
         model: &Model,
@@ -65,7 +66,7 @@ impl Route<'_> {
             specific_force: Vector3::zeros(),
             surroundings: Surroundings::unknown(),
         };
-        // A state is large: it is set where it stays.
+        // A state is large, so each is written in place.
         let mut states = vec![none; groups.count()];
         states.iter_mut().enumerate().for_each(|(k, state)| self.set_means(groups, k, (model, freed), state));
         let time_s: Vec<f64> = states.iter().map(|state| state.surroundings.time_s.unwrap_or_default()).collect();
@@ -85,7 +86,7 @@ impl Route<'_> {
         Stretches { groups, states, rotations, durations_s: self.durations_s(groups), are_even, spread }
     }
 
-    /// Sets the mean state of a stretch but for its attitude.
+    /// Computes the mean state of a segment except for its attitude.
     #[inline]
     fn set_means(
         &self,
@@ -114,8 +115,8 @@ impl Route<'_> {
             freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
     }
 
-    /// `v_start = rotation v_here` in the middle of each, the rates there being samples of their own. Before the stretch of the move's start it
-    /// is as there.
+    /// `v_start = rotation v_here` in the middle of each segment, integrated over the mean rates of the segments.
+    /// Before the start of the move the attitude is that of the start.
     fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
         let since_start_s = time_s[start] - (self.recording.time_s[self.span.first] - self.recording.time_s[0]);
@@ -127,19 +128,20 @@ impl Route<'_> {
         rotations
     }
 
-    /// What a trapezoid over the samples from the start of the move to its end has of each.
+    /// The share of a trapezoidal sum over the move that the samples of each segment have, s.
     fn durations_s(&self, groups: Groups) -> Vec<f64> {
         let Move { first, last, .. } = *self.span;
         let time_s = |i: usize| self.recording.time_s[i.clamp(first, last)];
         let own_s = |k: usize| {
             let Range { start, end } = self.samples(groups, k);
-            // From half way after the sample before to half way after its last one.
+            // From the midpoint before its first sample to the midpoint after its last one.
             f64::midpoint(time_s(end - 1), time_s(end)) - f64::midpoint(time_s(start.saturating_sub(1)), time_s(start))
         };
         (0..groups.count()).map(own_s).collect()
     }
 
-    /// The columns of terms in the middle of a stretch; of a user's fields means are known, as of rates.
+    /// The columns of the terms in the middle of a segment. For rates and user fields only means over the segment are
+    /// known.
     pub(super) fn columns(
         &self,
         terms: &Terms<'_>,
@@ -159,14 +161,14 @@ impl Route<'_> {
         }
     }
 
-    /// The samples of a group among those of the recording.
+    /// The samples of a group within the recording.
     fn samples(&self, groups: Groups, group: usize) -> Range<usize> {
         let (first, own) = (self.reach().start, groups.samples(group));
         first + own.start..first + own.end
     }
 }
 
-/// Whether the times before and after one are as far from it.
+/// Whether the previous and the next time are at equal distances.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
         Some([t0, t1, t2]) => are_equal_steps(t1 - t0, t2 - t1),
@@ -174,14 +176,15 @@ fn is_even(time_s: &[f64], k: usize) -> bool {
     }
 }
 
-/// Makes of means what is in their middle, by taking this share of their bend off; where times are not even a mean stays.
+/// Converts means over segments to values in their middle by subtracting this share of the second difference. At uneven
+/// times the mean is kept.
 fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     let means = |state: &State<f64>| {
         let slope = state.surroundings.angular_acceleration.unwrap_or_default();
         [state.angular_rate, state.specific_force, slope]
     };
     let Some(mut before) = states.first().map(means) else { return };
-    // The first and the last one have no neighbour on one side.
+    // The first and the last segment have only one neighbour.
     for k in 1..states.len() - 1 {
         let (own, after) = (means(&states[k]), means(&states[k + 1]));
         if are_even[k] {
@@ -197,7 +200,7 @@ fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     }
 }
 
-/// Finds the slopes of the rate, by a polynomial of fourth degree where times are even and by straight lines elsewhere.
+/// Computes the derivative of the rate by a polynomial of fourth degree at even times, and by differences elsewhere.
 fn find_slopes(states: &mut [State<f64>], time_s: &[f64], are_even: &[bool]) {
     let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
     for (k, state) in states.iter_mut().enumerate() {

@@ -1,27 +1,27 @@
-//! Whitening of residuals that share errors.
+//! Whitening of residuals with shared errors.
 //!
 //! ```text
 //! C = diag(own) + sum_e sigma_e^2 j_e j_e^T,   C = L L^T,   r <- L^-1 r,   J <- L^-1 J           model.md (19)
 //! ```
 //!
-//! Neighbouring rows share the errors of the rest between them, so C has a narrow band and L as well.
+//! Neighbouring rows share the error of the rest between them, so C and L are banded.
 
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
-/// How one residual depends on errors that others see, too: index of the error and standard deviation times derivative.
+/// Dependence of a residual on shared errors: index of the error, and its standard deviation times the derivative.
 pub(crate) type Shares = Vec<(usize, f64)>;
 
-/// The lower factor of a covariance, row by row from the first entry that is not zero.
+/// The lower Cholesky factor of a covariance; each row begins at its first nonzero entry.
 #[derive(Clone)]
 pub(crate) struct Whitening {
     rows: Vec<(usize, Vec<f64>)>,
 }
 
 impl Whitening {
-    /// `own` are variances that a row shares with no other; they are positive.
+    /// `own` are the positive variances that a row shares with no other row.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
-        // The first row that sees an error bounds how far back a row reaches.
+        // The first row that depends on an error limits how far back later rows reach.
         let mut first_row_of = vec![usize::MAX; error_count];
         let mut rows: Vec<(usize, Vec<f64>)> = Vec::with_capacity(own.len());
         for (i, seen) in shares.iter().enumerate() {
@@ -38,7 +38,7 @@ impl Whitening {
                 row[j - first] = (row[j - first] - dot) / other[j - start];
             }
             let square: f64 = row[..i - first].iter().map(|v| v * v).sum();
-            // The own variance is what is left at least, up to rounding.
+            // Mathematically the remainder is at least the own variance; the limit guards against rounding.
             row[i - first] = (row[i - first] - square).max(0.5 * own[i]).sqrt();
             rows.push((first, row));
         }
@@ -54,7 +54,7 @@ impl Whitening {
         places().zip(rows).for_each(|(place, value)| matrix[place] = value);
     }
 
-    /// The same of all columns, the rows of which stand one after the other.
+    /// Solves `L x = column` in place for all columns of a row-major matrix.
     pub(crate) fn apply_to_rows(&self, rows: &mut [f64]) {
         Arch::new().dispatch(Apply(self, rows));
     }
@@ -82,7 +82,7 @@ impl WithSimd for Apply<'_> {
 }
 
 impl Whitening {
-    /// `L^-1 e_j` from its row j on, to where nothing is left of it.
+    /// `L^-1 e_j` from row j on, up to its last nonzero entry.
     pub(crate) fn unit(&self, j: usize) -> Vec<f64> {
         let band = self.rows.iter().enumerate().map(|(i, (first, _))| i - first).max().unwrap_or(0);
         let mut column = vec![1.0 / self.rows[j].1[j - self.rows[j].0]];
