@@ -90,9 +90,9 @@ class Evaluation:
         return "poor" if self.reasons else "good"
 
     def judged_by(self, limits: Limits, calibration: Calibration) -> Evaluation:
-        """The same with the checks of `calibration` against limits, these figures being its control set.
+        """The evaluation with checks of `calibration` against limits, with these figures as its control set.
 
-        A limit that is not kept makes the verdict poor.
+        A failed check makes the verdict poor.
         """
         judgement = limits.judge(calibration, control_set=self.figures)
         return replace(self, judgement=judgement, reasons=(*self.reasons, *judgement.reasons))
@@ -131,10 +131,10 @@ def evaluate(
     *,
     min_rest_s: float = _core.MIN_REST_S,
 ) -> Evaluation:
-    """Judge `calibration` on recordings of the same unit that it was not made of.
+    """Judge a calibration on other recordings of its unit.
 
-    Raises InputError for recordings with faults or of other raw units, and for what is no Calibration or no
-    Recording; NotEnoughMotionError without any rest.
+    Raises InputError for recordings with faults or with other raw units, and for arguments of other types;
+    NotEnoughMotionError for recordings without a rest.
     """
     require_calibration(calibration)
     judges = as_recordings(recordings)
@@ -142,7 +142,7 @@ def evaluate(
 
 
 def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s: float) -> _core.Evaluation:
-    """What the compiled library finds; raises as `evaluate`."""
+    """The evaluation by the compiled library; raises as `evaluate`."""
     require_judges(calibration, judges)
     corrected = [calibration.apply_recording(judge) for judge in judges] if calibration.effects else None
     return _core.evaluate(
@@ -151,7 +151,7 @@ def evaluated(calibration: Calibration, judges: Sequence[Recording], min_rest_s:
 
 
 def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
-    """Raise InputError for recordings that cannot judge a calibration."""
+    """Raise InputError for recordings on which a calibration cannot be judged."""
     if not judges:
         raise InputError("there is no recording to judge on: give at least one")
     require_different(judges)
@@ -162,7 +162,7 @@ def require_judges(model: SensorModel, judges: Sequence[Recording]) -> None:
 def evaluation_of(
     calibration: Calibration, judges: Sequence[Recording], found: _core.Evaluation
 ) -> Evaluation:
-    """The evaluation of a calibration from what the compiled library has found."""
+    """The evaluation of a calibration from that of the compiled library."""
     return Evaluation(
         figures=Figures(**found.figures),
         before=Figures(**found.before),
@@ -185,7 +185,7 @@ def evaluation_of(
 
 
 def _seen_by_the_fit(calibration: Calibration, recordings: Sequence[Recording]) -> Iterator[Finding]:
-    """Files that the calibration was made of, whatever they are called now."""
+    """Findings for files that are also among the calibration recordings, recognised by their hash."""
     made_of = {source.sha256 for source in calibration.provenance.files}
     for recording in recordings:
         seen = sum(source.sha256 in made_of for source in recording.sources)
