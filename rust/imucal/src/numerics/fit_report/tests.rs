@@ -80,3 +80,16 @@ fn a_direction_without_derivative_has_no_gradient() {
     assert!((predicted_decrease(&residuals, &jacobian) / expected - 1.0).abs() < 1e-12);
     assert_eq!(predicted_decrease(&Mat::from_fn(4, 1, |_, _| f64::NAN), &jacobian), f64::INFINITY);
 }
+
+/// The gradient says nothing about weights that still change, nor about residuals that are not finite.
+#[test]
+fn every_other_ending_has_a_reason_of_its_own() {
+    let converged = fitted(&Valley { steep: 10.0, kink: 0.0 }, None);
+    let reasons = [Termination::WeightsNotSettled, Termination::NotFinite].map(|termination| {
+        let reason = FitReport { termination, ..converged }.reason("the joint fit").unwrap();
+        assert!(reason.contains("the result is not its optimum"), "{reason}");
+        reason
+    });
+    assert!(reasons[0].contains("weights"), "{reasons:?}");
+    assert!(reasons[1].contains("not finite"), "{reasons:?}");
+}
