@@ -618,7 +618,7 @@ def test_a_bias_that_jumps_is_no_good_verdict(share):
     jump[int((1 - share) * len(recording)) :, 0] = 0.02
     result = imucal.calibrate(changed(recording, angular_rate=recording.angular_rate + jump))
     assert result.verdict == "poor"
-    assert "rests are left out, their mean rates being far from those of the others" in result.reasons[0]
+    assert "rests are left out because their mean rates are far from those of the others" in result.reasons[0]
 
 
 @pytest.mark.parametrize("rows", [50, None])

@@ -17,7 +17,7 @@ class Ended:
     def __init__(self, outcome, termination, reasons):
         self._outcome = outcome
         self.joint_fit = {**outcome.joint_fit, "termination": termination}
-        self.fit_reasons = reasons
+        self.reasons = reasons
 
     def __getattr__(self, name):
         return getattr(self._outcome, name)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import imucal._core as _core
 from imucal.document.plain import plain
 
 __all__ = ["Figures", "figures_text", "poor_figures", "saved_reasons"]
-
-# Largest chi2 per degree of freedom of a good verdict: residuals of 10 times the noise. Beyond it, model
-# errors instead of noise dominate the result.
-POOR_CHI2_PER_DOF: Final = 100.0
 
 # Figure: its words and its unit.
 FIGURE_TEXT: Final = {
@@ -55,32 +53,19 @@ def figures_text(figures: object) -> str:
     return ", ".join(parts)
 
 
-def poor_figures(name: str, figures: Figures, not_corrected: str = "") -> list[str]:
+def poor_figures(name: str, figures: Figures) -> list[str]:
     """Reasons why these figures make a verdict poor; empty if they do not.
 
-    name           the set of recordings: "calibration set" or "control set"
-    not_corrected  which samples could not be corrected and why, if known
+    name  the set of recordings: "calibration set" or "control set"
     """
-    if not figures.moves:
-        return [
-            f"{name}: {figures.rests} usable rests and no usable move: the gyroscope is not judged, "
-            "record rests in different poses with moves between them"
-        ]
-    chi2 = figures.chi2_per_dof
-    if chi2 is None:
-        why = not_corrected or "some of its samples have no correction"
-        return [f"{name}: chi2 per degree of freedom has no value, nothing is judged: {why}"]
-    if chi2 <= POOR_CHI2_PER_DOF:
-        return []
-    other = (
-        ", or the calibration is another unit's, or the recording is in wrong units"
-        if name == "control set"
-        else ""
-    )
-    return [
-        f"{name}: residuals are {chi2**0.5:.3g} times what noise explains (more than "
-        f"{POOR_CHI2_PER_DOF**0.5:.3g}): the linear model does not describe this unit or this motion{other}"
-    ]
+    rests, moves = _count(figures.rests), _count(figures.moves)
+    reason = _core.poor_figures(name, rests, moves, figures.chi2_per_dof)
+    return [] if reason is None else [reason]
+
+
+def _count(number: float) -> int:
+    """A number of rests or moves; a file written by another program may hold any number."""
+    return int(number) if math.isfinite(number) and number > 0 else 0
 
 
 def saved_reasons(

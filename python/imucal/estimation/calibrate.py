@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,7 @@ import numpy as np
 import imucal._core as _core
 from imucal.arrays import FloatArray
 from imucal.calibration.calibration import Calibration
-from imucal.calibration.figures import Figures, poor_figures
+from imucal.calibration.figures import Figures
 from imucal.calibration.provenance import Provenance, require_serial_number
 from imucal.calibration.triad import Frame, Triad, as_frame
 from imucal.document.json_document import now
@@ -24,10 +24,9 @@ from imucal.errors import InputError
 from imucal.estimation.evaluate import evaluated, evaluation_of
 from imucal.estimation.fit import Diagnosis, Fit, HeldOut
 from imucal.estimation.options import Options, asked_for, wander_of
-from imucal.estimation.rests import FittedMove, FittedRest, Move, Rest, of_library
+from imucal.estimation.rests import FittedMove, FittedRest, of_library
 from imucal.estimation.result import CalibrationResult
 from imucal.estimation.user_effects import UserEffectSource
-from imucal.finding import Finding
 from imucal.recording.one_unit import of_one_unit, require_other_data
 from imucal.recording.recording import Recording, as_recordings
 from imucal.rig.unit import Unit
@@ -37,12 +36,6 @@ __all__ = ["calibrate", "result_of"]
 
 # Largest number of folds: each takes a fit, and a recording has fewer moves.
 MOST_FOLDS: Final = 1000
-# Share of the rests or of the moves that may contradict the others in a good calibration.
-MOST_CONTRADICTING = 0.1
-# Share of the rests that may be slow turns.
-MOST_NOT_STILL = 0.2
-# Chance makes residuals that much smaller than noise does less often than once in a million.
-TOO_SURE = 1 - 1e-6
 
 
 def calibrate(
@@ -163,14 +156,6 @@ def result_of(
         serial_number=serial_number,
     )
     judged = None if found is None else evaluation_of(calibration, judges, found)
-    reasons = [
-        *outcome.fit_reasons,
-        *poor_figures("calibration set", figures),
-        *_too_many_contradict("rests", rests),
-        *_too_many_contradict("moves", moves),
-        *_too_many_not_still(rests),
-        *(judged.reasons if judged else ()),
-    ]
     return CalibrationResult(
         calibration=calibration,
         fit=fit,
@@ -180,11 +165,10 @@ def result_of(
         findings=(
             *(f for r in unit_data for f in r.findings),
             *outcome.findings,
-            *_too_loud(fit, unit_data),
         ),
         held_out=HeldOut.of_outcome(outcome, options.folds),
         control=judged,
-        reasons=tuple(reasons),
+        reasons=(*outcome.reasons, *(judged.reasons if judged else ())),
         diagnosis=tuple(map(Diagnosis.of_library, outcome.diagnosis)),
     )
 
@@ -194,52 +178,6 @@ def _names(outcome: _core.Outcome, own: tuple[UserEffect, ...]) -> tuple[str, ..
     count = sum(len(effect.parameters) for effect in own)
     names = outcome.names[: len(outcome.names) - count]
     return (*names, *(f"{effect.name}_{p.name}" for effect in own for p in effect.parameters))
-
-
-def _too_many_contradict(what: str, items: Sequence[Rest] | Sequence[Move]) -> list[str]:
-    """A few bad rests or moves are an accident; where many contradict the others the model is wrong."""
-    count = sum((item.excluded or "").startswith("contradicts") for item in items)
-    if count <= MOST_CONTRADICTING * len(items):
-        return []
-    return [
-        f"calibration set: {count} of {len(items)} {what} contradict the others: the linear model does not "
-        "describe this unit or this motion"
-    ]
-
-
-def _too_many_not_still(rests: Sequence[Rest]) -> list[str]:
-    """A few slow turns look like rests; many mean rates that differ are another bias."""
-    count = sum(rest.excluded == "rest_not_still" for rest in rests)
-    if count <= MOST_NOT_STILL * len(rests):
-        return []
-    return [
-        f"calibration set: {count} of {len(rests)} rests are left out, their mean rates being far from those "
-        "of the others: the unit was not still, its bias has jumped, as it may when power is lost, or these "
-        "are of another unit"
-    ]
-
-
-def _too_loud(fit: Fit, unit_data: Sequence[Recording]) -> Iterator[Finding]:
-    """Noise that explains far more than is left: what was taken for noise is a motion."""
-    test = fit.noise_alone
-    if test is None or test.p_value is None or test.p_value < TOO_SURE:
-        return
-    if test.chi2 is None or test.degrees_of_freedom is None:
-        return
-    ratio = (test.chi2 / test.degrees_of_freedom) ** 0.5
-    yield Finding(
-        "noise_overestimated",
-        "warning",
-        " and ".join(recording.name for recording in unit_data),
-        (),
-        None,
-        test.degrees_of_freedom,
-        ratio,
-        "1",
-        f"residuals are {ratio:.2g} times what the noise at the rests explains: standard deviations are too "
-        "large by as much, and small effects are not seen",
-        "a hand that trembles is told from noise at 100 Hz or more; on a table see that nothing shakes it",
-    )
 
 
 def _noise(accel_density: FloatArray, gyro_density: FloatArray) -> dict[str, float]:

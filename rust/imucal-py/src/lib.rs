@@ -145,6 +145,17 @@ mod _core {
         Evaluation::new(py, evaluation, &recordings)
     }
 
+    /// The reason for a poor verdict by figures of `"calibration set"` or `"control set"`; None if they are good.
+    #[pyfunction]
+    fn poor_figures(set: &str, rests: usize, moves: usize, chi2_per_dof: Option<f64>) -> Option<String> {
+        use library::evaluate::{Figures, RecordingSet};
+        let set = if set == RecordingSet::Control.name() { RecordingSet::Control } else { RecordingSet::Calibration };
+        let (chi2_per_dof, nan) = (chi2_per_dof.unwrap_or(f64::NAN), f64::NAN);
+        let figures =
+            Figures { chi2_per_dof, gravity_norm_rms_mps2: nan, gravity_direction_rms_deg: nan, rests, moves };
+        figures.reason(set, Vec::new).map(|reason| reason.to_string())
+    }
+
     /// Findings of all checks that need no fit, and the rests of the recording.
     #[pyfunction]
     fn inspect(

@@ -29,6 +29,11 @@ fn matrix(py: Python<'_>, values: &nalgebra::Matrix3<f64>) -> PyResult<Rows> {
     Ok(to_rows(py, values.transpose().data.0.to_vec())?.unbind())
 }
 
+/// The sentences of a verdict.
+fn words_of(verdict: &evaluate::Verdict) -> Vec<String> {
+    verdict.reasons().iter().map(ToString::to_string).collect()
+}
+
 /// An estimated effect.
 #[pyclass(frozen, get_all, module = "imucal._core")]
 pub(crate) struct EffectEstimate {
@@ -86,14 +91,14 @@ pub(crate) struct Outcome {
     gyroscope_fit: Fields,
     joint_fit: Option<Fields>,
     joint_scales: Option<Fields>,
-    /// Why the fits have not converged; empty if they have.
-    fit_reasons: Vec<String>,
     misfit: Fields,
     bias_instability_radps: Option<[f64; 3]>,
     /// RMS tremor of each recording, rad; None for a unit that is not hand-held.
     tremor_rad: Vec<Option<f64>>,
     effects: Vec<Py<EffectEstimate>>,
     figures: Fields,
+    /// Reasons for a poor verdict on the recordings of the calibration; empty for a good one.
+    reasons: Vec<String>,
     held_out: Option<Py<HeldOut>>,
     findings: Vec<Py<PyAny>>,
     diagnosis: Vec<Fields>,
@@ -136,7 +141,7 @@ impl Outcome {
         let rests = o.rests.iter().map(|rest| with(fields(py, Rest::new(recordings, rest))?, rest.misfit));
         let moves = o.moves.iter().map(|m| with(fields(py, Move::new(recordings, m))?, m.misfit));
         let size = o.values.len();
-        let fit_reasons = o.fit_reasons();
+        let reasons = words_of(&o.verdict());
         let covariance: Vec<f64> = o.covariance.concat();
         Ok(Self {
             accel_sensitivity: matrix(py, o.calibration.accelerometer.sensitivity())?,
@@ -153,13 +158,13 @@ impl Outcome {
             accelerometer_fit: fields(py, FitReport::from(o.accelerometer_fit))?,
             gyroscope_fit: fields(py, FitReport::from(o.gyroscope_fit))?,
             joint_fit: o.joint_fit.map(|fit| fields(py, FitReport::from(fit))).transpose()?,
-            fit_reasons,
             misfit: fields(py, Misfit::from(o.misfit))?,
             bias_instability_radps: o.bias_instability_radps,
             tremor_rad: o.tremor_rad,
             joint_scales: o.joint_scales.map(|scales| fields(py, ResidualScales::from(scales))).transpose()?,
             effects: o.effects.iter().map(|e| EffectEstimate::new(py, e)).collect::<PyResult<_>>()?,
             figures: fields(py, Figures::from(o.figures))?,
+            reasons,
             held_out: o.held_out.map(|held_out| HeldOut::new(py, held_out)).transpose()?,
             findings: o.findings.iter().map(|f| finding(py, f)).collect::<PyResult<_>>()?,
             diagnosis: diagnosis.into_iter().map(|d| fields(py, Diagnosis::from(d))).collect::<PyResult<_>>()?,
@@ -208,7 +213,7 @@ impl Evaluation {
         Ok(Self {
             figures: fields(py, Figures::from(e.figures))?,
             before: fields(py, Figures::from(e.before))?,
-            reasons: e.reasons,
+            reasons: words_of(&e.verdict),
             rests: e.rests.iter().map(|rest| fields(py, Rest::new(recordings, rest))).collect::<PyResult<_>>()?,
             moves: e.moves.iter().map(|m| fields(py, Move::new(recordings, m))).collect::<PyResult<_>>()?,
             carried: e.carried.into_iter().map(|c| Carried::new(py, c)).collect::<PyResult<_>>()?,

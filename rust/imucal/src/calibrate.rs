@@ -11,6 +11,7 @@ mod prospect;
 mod two_stages;
 mod unit_data;
 mod user_effects;
+mod verdict;
 
 #[cfg(test)]
 mod passes;
@@ -21,6 +22,7 @@ use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
 
 use crate::error::Error;
+pub use crate::evaluate::RecordingSet;
 use crate::frame::Frame;
 pub use crate::joint::WarmStart;
 pub use crate::joint::{BiasWander, EffectChoice, Misfit, ResidualScales, TermEstimate, UnitWander, UserField};
@@ -32,7 +34,7 @@ pub use cross_validation::CrossValidation;
 pub use outcome::Outcome;
 pub use prospect::{Prospect, prospect};
 pub(crate) use user_effects::views;
-pub use user_effects::{BriefCorrection, CorrectedSamples, RecordingSet, SampledField, UserEffects};
+pub use user_effects::{BriefCorrection, CorrectedSamples, SampledField, UserEffects};
 
 /// Range of gravity on the surface of the Earth with some margin, m/s^2. It is 9.76 on the highest mountains of the
 /// tropics and 9.83 at the poles.

@@ -1,6 +1,6 @@
 //! Evaluation of a calibration on control recordings.
 
-mod reasons;
+mod verdict;
 
 use imucal_core::calibration::Calibration;
 use imucal_core::sensor::Triad;
@@ -20,7 +20,8 @@ use crate::rests::rest::norm_error_mps2;
 use crate::rests::segment::Segments;
 use crate::rests::tremor::{self, Sensors};
 use crate::rests::unit_rest::{UnitRest, rests_of};
-use reasons::{CONTROL_SET, not_corrected};
+use verdict::uncorrected_samples;
+pub use verdict::{Reason, RecordingSet, UncorrectedSamples, Verdict};
 
 /// Figures of merit: the agreement of recordings with a calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -124,8 +125,8 @@ pub struct Evaluation {
     pub carried: Vec<CarriedGravity>,
     /// Findings of the checks of the recordings.
     pub findings: Vec<Finding>,
-    /// Why the verdict is poor; empty for a good one.
-    pub reasons: Vec<String>,
+    /// Good, or poor with the reasons.
+    pub verdict: Verdict,
 }
 
 /// The unit without a calibration, for comparison. In SI units its numbers are taken as they are. Counts need a
@@ -261,9 +262,10 @@ fn judge(
         })
         .collect();
     let figures = figures(&rest_reports, &move_reports, &residuals, 0);
-    let not_corrected = corrected.map_or_else(String::new, |corrected| not_corrected(recordings, corrected));
+    let uncorrected = || corrected.map_or_else(Vec::new, |corrected| uncorrected_samples(recordings, corrected));
+    let reason = figures.reason(RecordingSet::Control, uncorrected);
     Ok(Evaluation {
-        reasons: figures.poor_reason(CONTROL_SET, &not_corrected).into_iter().collect(),
+        verdict: Verdict::of(reason.into_iter().collect()),
         figures,
         before: figures,
         carried: (0..recordings.len())

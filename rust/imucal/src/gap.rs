@@ -16,7 +16,6 @@
 //! [`find_gap()`] does all of this; [`search()`] scores and adds effects without judging them on unseen data.
 
 mod acceptance;
-mod attitudes;
 mod clock;
 mod common;
 mod design;
@@ -49,7 +48,6 @@ mod verdict;
 mod weighing;
 
 pub use acceptance::{Metric, Refusal, UnseenFigure};
-pub use attitudes::attitudes;
 pub use earth::is_earth_rate;
 pub use find::{Analysis, Gap, GapOptions, GivenCalibration, NotTheEarth, Progress, RivalFit, find_gap};
 pub use fits::{Control, FOLDS, Fit};

@@ -115,6 +115,7 @@ impl<'a> Checked<'a> {
         let gains = check_gains(&self.recordings[0], &outcome.calibration);
         refuse_errors(&gains)?;
         outcome.findings.extend(gains);
+        outcome.findings.extend(outcome.overestimated_noise(&self.recordings));
         Ok(outcome)
     }
 

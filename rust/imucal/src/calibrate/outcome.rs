@@ -71,17 +71,6 @@ pub struct Outcome {
 }
 
 impl Outcome {
-    /// Reasons why the fits have not converged; empty if they have. Each reason makes the verdict `poor`.
-    pub fn fit_reasons(&self) -> Vec<String> {
-        match &self.joint_fit {
-            Some(joint) => joint.reason("the joint fit").into_iter().collect(),
-            None => [(&self.accelerometer_fit, "the accelerometer fit"), (&self.gyroscope_fit, "the gyroscope fit")]
-                .into_iter()
-                .filter_map(|(report, name)| report.reason(name))
-                .collect(),
-        }
-    }
-
     /// The result of the two-stage fit, in the requested body frame.
     pub(super) fn new(
         mut data: UnitData<'_>,

@@ -7,6 +7,7 @@ use imucal_core::effects::Sensor;
 
 use super::{Checked, ModelOptions, Outcome, UserField, WarmStart};
 use crate::error::Error;
+use crate::evaluate::RecordingSet;
 
 /// Maximum number of fits until the fields converge. Each repetition reduces the change of a field to about the
 /// relative size of the effects, some per cent.
@@ -31,15 +32,6 @@ pub struct SampledField {
 
 /// Corrected angular rate, rad/s, and specific force, m/s^2, of every sample of one recording, body frame.
 pub type CorrectedSamples = (Vec<[f64; 3]>, Vec<[f64; 3]>);
-
-/// A set of recordings.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RecordingSet {
-    /// The recordings from which the calibration is estimated.
-    Calibration,
-    /// The control recordings, which are used only to evaluate the calibration.
-    Control,
-}
 
 /// Means over consecutive intervals of 0.1 s of a set of recordings ([`BriefMeans`](crate::gap::BriefMeans)), corrected
 /// by two calibrations, in the order of the recordings.

@@ -278,7 +278,7 @@ impl Fits<'_> {
         let chi2 = |calibration: &Calibration<f64>, gravity_mps2: f64, corrected: Option<&[Recording<'_>]>| {
             let evaluation = judged(calibration, recordings, corrected, gravity_mps2, options.min_rest_s)?;
             let chi2 = evaluation.figures.chi2_per_dof;
-            if chi2.is_finite() { Ok(chi2) } else { Err(Error::Input(evaluation.reasons.join("; "))) }
+            if chi2.is_finite() { Ok(chi2) } else { Err(Error::Input(evaluation.verdict.words())) }
         };
         let of_given = match given.corrected {
             Some(corrected) => chi2(given.calibration, given.gravity_mps2, Some(corrected))?,

@@ -88,7 +88,7 @@ impl<'a> Fits<'a> {
         if let Some(control) = &control
             && !control.evaluation.figures.chi2_per_dof.is_finite()
         {
-            let words = control.evaluation.reasons.join("; ");
+            let words = control.evaluation.verdict.words();
             let is_finite = |recording: &Recording<'_>| {
                 recording.temperature_degc.is_none_or(|degc| degc.iter().all(|value| value.is_finite()))
             };

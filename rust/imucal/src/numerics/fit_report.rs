@@ -19,7 +19,7 @@ use crate::numerics::lsq::{Solution, Termination, singular_of_triangle};
 const LARGEST_DECREASE: f64 = 1e-2;
 
 /// Quality of a fit, and the reason for its end.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FitReport {
     /// Sum of the squared residuals, each divided by the standard deviation of its noise.
     pub chi2: f64,

@@ -1,0 +1,116 @@
+//! The verdict on a calibration by its own recordings.
+
+use super::Outcome;
+use super::unit_data::NOT_STILL;
+use crate::evaluate::{Reason, RecordingSet, Verdict};
+use crate::finding::{Finding, general};
+use crate::numerics::lsq::Termination;
+use crate::recording::Recording;
+
+/// Share of the rests, or of the moves, that may contradict the others in a good calibration: a few disturbed ones are
+/// an accident, many contradict the model.
+const MOST_CONTRADICTING: f64 = 0.1;
+/// Share of the rests with mean rates far from the others' in a good calibration: a few slow rotations look like rests.
+const MOST_MOVING: f64 = 0.2;
+/// p-value of chi2 above which residuals are too small for the estimated noise: noise alone makes them that small once
+/// in a million.
+const OVERESTIMATED: f64 = 1.0 - 1e-6;
+
+impl Outcome {
+    /// Good, or poor with the reasons. Control recordings have a verdict of their own: see
+    /// [`evaluate`](mod@crate::evaluate).
+    pub fn verdict(&self) -> Verdict {
+        // Reasons are in the order in which they are shown.
+        let mut reasons = self.fits_not_converged();
+        reasons.extend(self.figures.reason(RecordingSet::Calibration, Vec::new));
+        let contradicts = |excluded: &Option<&str>| excluded.is_some_and(|reason| reason.starts_with("contradicts"));
+        let all = self.rests.len();
+        let count = self.rests.iter().filter(|rest| contradicts(&rest.excluded)).count();
+        if are_many(count, all, MOST_CONTRADICTING) {
+            reasons.push(Reason::ContradictingRests { count, all });
+        }
+        let count = self.moves.iter().filter(|span| contradicts(&span.excluded)).count();
+        if are_many(count, self.moves.len(), MOST_CONTRADICTING) {
+            reasons.push(Reason::ContradictingMoves { count, all: self.moves.len() });
+        }
+        let count = self.rests.iter().filter(|rest| rest.excluded == Some(NOT_STILL)).count();
+        if are_many(count, all, MOST_MOVING) {
+            reasons.push(Reason::MovingRests { count, all });
+        }
+        Verdict::of(reasons)
+    }
+
+    /// The fits that make the estimate and have not converged: of the two-stage fit, or the joint fit that it starts.
+    fn fits_not_converged(&self) -> Vec<Reason> {
+        let two_stages = [("the accelerometer fit", self.accelerometer_fit), ("the gyroscope fit", self.gyroscope_fit)];
+        let fits = self.joint_fit.map_or(two_stages.to_vec(), |joint| vec![("the joint fit", joint)]);
+        let not_converged = fits.into_iter().filter(|(_, report)| report.termination != Termination::Converged);
+        not_converged.map(|(fit, report)| Reason::NotConverged { fit, report }).collect()
+    }
+
+    /// A warning if the noise at the rests explains far more than the residuals: then a motion was taken for noise.
+    pub(super) fn overestimated_noise(&self, recordings: &[Recording<'_>]) -> Option<Finding> {
+        let misfit = self.misfit.filter(|misfit| misfit.p_value >= OVERESTIMATED)?;
+        let ratio = (misfit.chi2 / misfit.degrees_of_freedom as f64).sqrt();
+        let names: Vec<&str> = recordings.iter().map(|recording| recording.name).collect();
+        Some(Finding {
+            count: misfit.degrees_of_freedom,
+            value: ratio,
+            unit: "1",
+            message: format!(
+                "residuals are {} times what the noise at the rests explains: standard deviations are too large by as much, \
+                 and small effects are not visible",
+                general(ratio, 2)
+            ),
+            way_out: "hand tremor can be separated from sensor noise at 100 Hz or more; on a table see that nothing shakes it"
+                .into(),
+            ..Finding::warning("noise_overestimated", &names.join(" and "))
+        })
+    }
+}
+
+fn are_many(count: usize, all: usize, share: f64) -> bool {
+    count as f64 > share * all as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::unit_data::CONTRADICTS_MOVES;
+    use crate::calibrate::{Options, calibrate};
+    use crate::numerics::fit_report::FitReport;
+    use crate::simulate::{Program, RandomMoves, Unit, simulate};
+
+    #[test]
+    fn many_contradictions_many_moving_rests_and_too_small_residuals_are_noticed() {
+        let program = Program::random(&RandomMoves { moves: 20, ..RandomMoves::default() }, 1).unwrap();
+        let run = simulate(&program, &Unit::paper(), 100.0, 9.80665, 1).unwrap();
+        let recordings = [run.recording("run")];
+        let mut outcome = calibrate(&recordings, &Options::default()).unwrap();
+        assert_eq!(outcome.verdict(), Verdict::Good);
+        assert_eq!(outcome.overestimated_noise(&recordings), None);
+
+        let all = outcome.moves.len();
+        outcome.moves.iter_mut().take(all / 10).for_each(|span| span.excluded = Some(CONTRADICTS_MOVES));
+        assert_eq!(outcome.verdict(), Verdict::Good);
+        outcome.moves.iter_mut().take(all / 10 + 1).for_each(|span| span.excluded = Some(CONTRADICTS_MOVES));
+        let rests = outcome.rests.len();
+        outcome.rests.iter_mut().take(rests / 2).for_each(|rest| rest.excluded = Some(NOT_STILL));
+        let expected = [
+            Reason::ContradictingMoves { count: all / 10 + 1, all },
+            Reason::MovingRests { count: rests / 2, all: rests },
+        ];
+        assert_eq!(outcome.verdict().reasons(), expected);
+
+        let report = FitReport { termination: Termination::Stalled, ..outcome.joint_fit.unwrap() };
+        outcome.joint_fit = Some(report);
+        assert_eq!(outcome.verdict().reasons()[0], Reason::NotConverged { fit: "the joint fit", report });
+        assert!(outcome.verdict().words().starts_with("the joint fit stalled after"));
+
+        let misfit = outcome.misfit.as_mut().unwrap();
+        (misfit.p_value, misfit.chi2) = (1.0, 0.25 * misfit.degrees_of_freedom as f64);
+        let warning = outcome.overestimated_noise(&recordings).unwrap();
+        assert_eq!((warning.code, warning.recording.as_str(), warning.value), ("noise_overestimated", "run", 0.5));
+        assert!(warning.message.starts_with("residuals are 0.5 times what the noise at the rests explains"));
+    }
+}
