@@ -1,4 +1,4 @@
-//! Derivatives of the whitened residuals against central differences, for every kind of row and every kind of column.
+//! Compares derivatives of the whitened residuals with central differences, for every kind of row and of column.
 
 use std::sync::Arc;
 
@@ -15,7 +15,8 @@ use crate::simulate::motion::Motion;
 use crate::simulate::tumble::{HandMoves, Tumble};
 use crate::simulate::{Faults, RandomMoves, Setup, Temperature, Unit};
 
-/// A fit with these effects in their full forms and a user's field, at no effect but typical time constants.
+/// A fit with these effects in their full forms and a user-defined field; all effects are zero, time constants are
+/// typical.
 fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, Vec<f64>)) {
     let run = Run::new(&RandomMoves { moves: 12, hold_s: 1.5, ..RandomMoves::default() }, rate_hz, &EffectSet::none());
     let wave = |time_s: &f64| [0.0, 1.0, 2.0].map(|phase| (3.0 * time_s + phase).sin());
@@ -25,7 +26,8 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
     prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
-        // Directions across gravity turn with it, and by as much as the residual is off zero the derivative with them.
+        // The derivative of the directions across gravity is proportional to the residual, so errors of the stand are
+        // included.
         let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
         let values = super::start::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
@@ -35,7 +37,7 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     .unwrap();
 }
 
-/// The base model of a unit that a hand holds.
+/// Derivatives of the base parameters for a hand-held unit.
 #[test]
 fn derivatives_in_a_hand_meet_central_differences() {
     let moves = HandMoves { poses: 15, tremor_rad: 0.05_f64.to_radians(), ..HandMoves::default() };
@@ -66,18 +68,19 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// What a column has to change a whitened residual by, at ten typical sizes, to be seen at all.
+/// Minimum change of a whitened residual by a parameter of ten typical sizes for the column to be compared.
 const SEEN: f64 = 1e-3;
 
-/// The largest error of each column against a central difference, as a share of the column's largest entry.
+/// Largest error of each column, compared with a central difference, as a share of the largest entry of the column.
 ///
-/// A step changes a whitened residual by one at most, and an effect by no more than its typical size.
+/// A step changes a whitened residual by at most one, and an effect by at most its typical size.
 fn errors(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64]) -> Vec<f64> {
     let jacobian = problem.whitened(parameters).unwrap().1;
     let at = |p: usize, step: f64| {
         let mut changed = parameters.to_vec();
         changed[p] += step;
-        // Anew: nearby the problem itself follows its derivatives.
+        // A new linearisation is needed here, because the problem extrapolates its own derivatives to nearby
+        // parameters.
         problem.whiten(&problem.prepared.linearise(terms, &changed).unwrap()).0
     };
     let typical: Vec<f64> = terms.all.iter().flat_map(Term::typical).collect();
@@ -99,7 +102,7 @@ fn name(terms: &Terms<'_>, p: usize) -> String {
     base.chain(names).nth(p).unwrap_or_else(|| format!("stand {}", p - BASE - terms.count))
 }
 
-/// Fails where a column is wrong by more than `tolerance` of it, or of what it may have.
+/// Asserts that the error of each column is below `tolerance`, as a share of the column.
 fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: impl Fn(usize) -> f64) {
     for (p, error) in errors(problem, terms, parameters).into_iter().enumerate() {
         assert!(error < tolerance(p), "{:?} {}: {error:e}", terms.kinds, name(terms, p));
@@ -108,14 +111,14 @@ fn check(problem: &Joint<'_>, terms: &Terms<'_>, parameters: &[f64], tolerance: 
 
 const FEW: [&str; 4] = ["gyro_g_sensitivity", "earth_rate", "accel_scale_temperature", "accel_bias_warmup"];
 
-/// Without effects derivatives are exact, but for rows of the encoders inside moves: there the stand is taken as it is in the
-/// middle of 40 ms.
+/// Without effects the derivatives are exact, except for encoder rows inside moves, where the attitude of the stand is
+/// that in the middle of a 40 ms block.
 #[test]
 fn derivatives_meet_central_differences() {
     const NONE: (bool, bool) = (false, false);
     let runs = [(NONE, 100.0), ((true, false), 100.0), ((false, true), 100.0), ((true, true), 100.0)];
     for ((in_motion, encoders), rate_hz) in runs.into_iter().chain([(NONE, 400.0), ((true, false), 400.0)]) {
-        // All at rest and over moves; inside the moves those that are seen there alone, and a few others.
+        // At rests and over moves all effects are tested; inside moves those observable only there, and a few others.
         let seen = |effect: &&'static Effect<f64>| {
             let own = match effect.sensor {
                 Sensor::Encoder => encoders,
@@ -135,8 +138,8 @@ fn derivatives_meet_central_differences() {
                 match p.checked_sub(BASE) {
                     _ if stand => 0.03,
                     Some(k) if encoder(k) => 0.03,
-                    // Where a rate changes its sign within a stretch, what is in the middle of it knows nothing of that; nor of where
-                    // the motors stop to accelerate, which a mean over a block shows.
+                    // The derivative uses the middle of a segment. It does not resolve a sign change of the rate inside
+                    // the segment, nor the instant at which the motors stop accelerating.
                     Some(_) if kinked || in_motion || encoders => 5e-4,
                     _ => 2e-4,
                 }
@@ -145,7 +148,7 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// Move by move the rows are the same as in one matrix, of a linearisation that the residuals follow, too.
+/// Rows calculated move by move equal those in one matrix, also for an extrapolated linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };
@@ -189,8 +192,9 @@ fn what_stands_apart_is_whitened_alike() {
     );
 }
 
-/// At an effect of typical size its slope with rate and force is left out: as much as the effect is of these. What a delay and
-/// a lever arm do follows the rate's derivative or its square, and so does what is left out of the gyroscope's sensitivity.
+/// For an effect of typical size, the derivative neglects the dependence of the effect on rate and force. The relative
+/// error is as large as this dependence. It is largest for the gyroscope's sensitivity with a delay or a lever arm,
+/// whose effects follow the derivative or the square of the rate.
 #[test]
 fn derivatives_at_an_effect_leave_its_slope_out() {
     for name in [

@@ -1,13 +1,13 @@
-//! Residuals against the encoders of a stand (model.md (21)).
+//! Residuals relative to the encoders of a stand (`docs/model.md` (21)).
 //!
 //! ```text
 //! rests        across u_k:  R_wb(q_k)^T e_z - u_k
 //! in the move  log(C_0^T C(t) R(t)^T),   C = R_wb(q)
-//! q = e - sum Phi(q, dq/dt, direction) theta,   e what the encoders read
+//! q = e - sum Phi(q, dq/dt, direction) theta,   e the encoder readings
 //! ```
 //!
-//! The stand is not accurate: how the unit is mounted on it (3), its base's tilt (2) and the angles between its axes (2) are
-//! estimated along, after all other parameters.
+//! The geometry of the stand is not assumed to be accurate. The mount rotation of the unit (3), the tilt of the base
+//! (2) and the angles between the axes (2) are estimated as well; these parameters follow all others.
 
 mod directions;
 pub(super) mod moves;
@@ -30,14 +30,15 @@ use crate::rests::unit_rest::UnitRest;
 use crate::simulate::stand::Stand;
 use directions::directions;
 
-/// Angle by which a derivative by a stand parameter or a motor angle is taken, rad; its square is the error.
+/// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error is of the
+/// order of its square.
 const STEP_RAD: f64 = 1e-4;
-/// No encoder has finer counts; smaller changes are rounding of the numbers.
+/// Minimum size of a count, rad; no encoder is finer. Smaller changes are rounding errors.
 const LEAST_COUNT_RAD: f64 = 1e-11;
-/// A time offset's field is that of the true rate of the motors: passes of the correction.
+/// Number of iterations of the correction. The effect of a time offset depends on the true rate of the motors.
 const PASSES: usize = 3;
 
-/// The stand at given parameters.
+/// Model of the stand at given parameters.
 pub(crate) struct StandModel {
     stand: Stand,
     parameters: [f64; STAND_PARAMETERS],
@@ -45,7 +46,7 @@ pub(crate) struct StandModel {
 
 impl StandModel {
     pub(crate) fn of(parameters: &[f64]) -> Self {
-        // Without encoders there are none, and nobody asks.
+        // Without encoders there are no stand parameters; the model is then not used.
         let mut p = [0.0; STAND_PARAMETERS];
         p.iter_mut().zip(parameters).for_each(|(own, given)| *own = *given);
         let stand = Stand {
@@ -57,12 +58,13 @@ impl StandModel {
         Self { stand, parameters: p }
     }
 
-    /// Attitude of the body for motor angles.
+    /// Attitude of the body for motor angles, rad.
     pub(crate) fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
         self.stand.attitude(angle_rad)
     }
 
-    /// Rotation vectors in the world by each motor angle, column by column.
+    /// Derivative of the attitude with respect to each motor angle, as rotation vectors in the world frame, one per
+    /// column.
     fn by_angle(&self, angle_rad: &Vector3<f64>) -> Matrix3<f64> {
         Matrix3::from_columns(&[0, 1, 2].map(|motor| {
             let step = Vector3::ith(motor, STEP_RAD);
@@ -71,7 +73,7 @@ impl StandModel {
         }))
     }
 
-    /// Rotation vector in the world by a stand parameter.
+    /// Derivative of the attitude with respect to a stand parameter, as a rotation vector in the world frame.
     fn by_parameter(&self, p: usize, angle_rad: &Vector3<f64>) -> Vector3<f64> {
         let moved = |step: f64| {
             let mut changed = self.parameters;
@@ -82,12 +84,13 @@ impl StandModel {
     }
 }
 
-/// The start value of the mount: what turns the stand's up directions into the measured ones, least squares.
+/// Start value of the mount rotation, rad: the least-squares rotation from the up directions of the stand to the
+/// measured ones.
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
         angles.iter().zip(up).map(|(q, u)| square.attitude(q).inverse() * Vector3::z() * u.transpose()).sum();
-    // The rotation nearest to the sum, found by iteration: no decomposition that might not converge.
+    // The rotation closest to the sum, calculated iteratively, because a matrix decomposition might not converge.
     so3::log(&UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
         &sum,
         1e-14,
@@ -96,14 +99,15 @@ pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Ve
     )))
 }
 
-/// Encoder angles of one stretch of samples, freed of the effects.
+/// Encoder angles of consecutive samples, without the effects.
 pub(crate) struct Angles {
     pub(super) angle_rad: Vec<Vector3<f64>>,
-    /// Columns of the effects, as many for each sample as there are parameters.
+    /// Columns of the effects: for each sample, one for each parameter of the effects.
     columns: Vec<Vector3<f64>>,
 }
 
-/// What one count of the encoders is: the smallest change between two samples. Next to nothing where they do not count.
+/// Size of a count of the encoders, rad: the smallest change between consecutive samples. It is near zero without
+/// rounding.
 fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
     let changes = stand_rad.windows(2).flat_map(|w| [0, 1, 2].map(|motor| (w[1][motor] - w[0][motor]).abs()));
     let least = changes.filter(|change| *change > LEAST_COUNT_RAD).fold(f64::INFINITY, f64::min);
@@ -111,7 +115,8 @@ fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
 }
 
 impl Angles {
-    /// `readings` and `directions` are those of the same samples; `time_s` too.
+    /// Corrects the encoder readings of consecutive samples. `time_s`, `readings` and `directions` belong to the same
+    /// samples.
     fn of(
         values: &[f64],
         terms: &Terms<'_>,
@@ -141,8 +146,9 @@ impl Angles {
         all
     }
 
-    /// Mean derivative of the attitude of `samples` by every parameter: rotation vectors in the world. The stand is taken as it
-    /// is in the middle; the columns, which may jump where a motor turns back, are those of all samples.
+    /// Mean derivative of the attitude over `samples` with respect to every parameter, as rotation vectors in the world
+    /// frame. The stand is evaluated in the middle. The columns, which can jump when a motor reverses, are averaged
+    /// over all samples.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,
@@ -164,7 +170,8 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest: the stand's direction of gravity less the measured one. Derivatives first, residual last.
+/// Two residuals of a rest: the stand's direction of gravity minus the measured one. Each row has the derivatives first
+/// and the residual last.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,
@@ -184,14 +191,15 @@ pub(crate) fn rest_rows(
     [0, 1].map(|c| columns.iter().map(|column| column[c]).chain([residual[c]]).collect())
 }
 
-/// What the encoders of all recordings say.
+/// Encoder data of all recordings.
 pub(crate) struct Encoders {
-    /// Which way each motor went last, for every sample of every recording.
+    /// Sign of the last motion of each motor, for every sample of every recording.
     directions: Vec<Vec<Vector3<f64>>>,
-    /// Mean reading at each rest.
+    /// Mean reading at each rest, rad.
     means: Vec<Vector3<f64>>,
-    /// Variance of one reading in motion, and of the mean at a rest, rad^2.
+    /// Variance of one reading in motion, rad^2.
     reading_variance: f64,
+    /// Variance of the mean reading at a rest, rad^2.
     mean_variance: f64,
 }
 
@@ -208,7 +216,7 @@ impl Encoders {
         let at_rest = |r: &UnitRest| {
             let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
             let count = readings.len() as f64;
-            // Differences keep the digits of many turns.
+            // Differences to the first reading keep the accuracy after many revolutions.
             let first = Vector3::from(readings[0]);
             let mean = readings.iter().map(|e| Vector3::from(*e) - first).sum::<Vector3<f64>>() / count + first;
             let square = |e: &[f64; 3]| (Vector3::from(*e) - mean).norm_squared() / 3.0;
@@ -216,7 +224,7 @@ impl Encoders {
             Ok((mean, variance, variance / count))
         };
         let at_rests = rests.iter().map(at_rest).collect::<Result<Vec<_>, Error>>()?;
-        // Rounding is noise in motion; at a rest it is the same in all readings, and no mean takes it away.
+        // Rounding acts as noise in motion. At a rest it is the same in all readings, so averaging does not reduce it.
         let counts = recordings.iter().map(|recording| Ok(count_rad(readings(recording)?)));
         let rounding = counts.collect::<Result<Vec<_>, Error>>()?.into_iter().fold(0.0, f64::max).powi(2) / 12.0;
         let typical =
@@ -229,7 +237,7 @@ impl Encoders {
         })
     }
 
-    /// Mean reading at a rest.
+    /// Mean reading at a rest, rad.
     pub(crate) fn mean(&self, rest: usize) -> &Vector3<f64> {
         &self.means[rest]
     }
@@ -239,19 +247,19 @@ impl Encoders {
         self.reading_variance
     }
 
-    /// Variance of the mean at a rest, rad^2.
+    /// Variance of the mean reading at a rest, rad^2.
     pub(crate) fn mean_variance(&self) -> f64 {
         self.mean_variance
     }
 
-    /// The motor angles at a rest.
+    /// Motor angles at a rest.
     pub(crate) fn at_rest(&self, k: usize, rest: &UnitRest, values: &[f64], terms: &Terms<'_>) -> Angles {
         let sample = Sample { recording: rest.recording, index: rest.rest.end - 1 };
         let direction = self.directions[rest.recording][sample.index];
         Angles::of(values, terms, &[0.0], &[(*self.mean(k)).into()], &[direction], sample)
     }
 
-    /// The motor angles in a move.
+    /// Motor angles in a move.
     pub(crate) fn in_move(&self, recording: &Recording<'_>, m: &Move, values: &[f64], terms: &Terms<'_>) -> Angles {
         let range = m.first..m.last + 1;
         let sample = Sample { recording: m.recording, index: m.first };
@@ -264,7 +272,7 @@ impl Encoders {
 fn readings<'a>(recording: &Recording<'a>) -> Result<&'a [[f64; 3]], Error> {
     recording.stand_rad.filter(|_| recording.has_stand()).ok_or_else(|| {
         Error::Input(format!(
-            "{} has no stand_1, stand_2 and stand_3 columns, or holes in them: effects of the encoders need their angles",
+            "{} has no complete stand_1, stand_2 and stand_3 columns: effects of the encoders need the motor angles of every sample",
             recording.name
         ))
     })

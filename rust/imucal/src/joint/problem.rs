@@ -1,4 +1,4 @@
-//! The joint problem: residuals whitened for the solver.
+//! The joint estimation problem: whitened residuals for the solver.
 
 mod nearby;
 pub(super) mod report;
@@ -27,13 +27,13 @@ use nearby::Nearby;
 use report::JointFit;
 use wandering::Wandering;
 
-/// The joint problem.
+/// The joint estimation problem.
 pub(crate) struct Joint<'a> {
     pub(crate) prepared: &'a Prepared<'a>,
     pub(super) terms: &'a Terms<'a>,
     pub(crate) weights: Weights,
     wandering: Option<Wandering>,
-    /// Parameters that stay where they start.
+    /// Indices of parameters that keep their start values.
     pub(crate) fixed: Vec<usize>,
     pub(super) priors: Vec<Prior>,
     pub(super) nearby: Nearby,
@@ -47,7 +47,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// The problem at a linearisation, with the weights of noise alone.
+    /// The problem at a known linearisation, with weights from noise only.
     pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
@@ -57,7 +57,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// The problem at the end of a fit, with its weights.
+    /// The problem at the end of a fit, with the weights of the fit.
     pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
         let mut problem = Self::with(prepared, terms, Arc::clone(&fit.linear), fit.weights.clone())?;
         problem.hold(fit.priors.clone());
@@ -86,7 +86,7 @@ impl<'a> Joint<'a> {
         Ok(())
     }
 
-    /// How the biases wander, by what is known or seen; `None` if they do not.
+    /// Model of the variation of the biases, given or estimated; `None` for constant biases.
     pub(crate) fn wander(&self, model: &Model) -> Option<UnitWander> {
         if let Wander::Known(unit) = self.prepared.wander {
             return Some(unit);
@@ -96,20 +96,20 @@ impl<'a> Joint<'a> {
         (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
     }
 
-    /// Takes the weights that a fit leaves.
+    /// Sets the weights from the residuals of a fit.
     pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::of(self.prepared, self.terms, &linear, Some((found, &self.weights.scales)));
         self.let_biases_wander(&linear)
     }
 
-    /// Adds residuals that hold effects of which the recordings do not show all directions.
+    /// Adds priors as residuals, for effects that the recordings determine only partly.
     pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
         self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
         self.priors = priors;
     }
 
-    /// Makes the priors as wide as what a fit has found says; whether any changed by more than a part in ten.
+    /// Sets the widths of the priors from the result of a fit; returns whether any width changed by more than 10 %.
     pub(crate) fn widen(&mut self, found: &Solution) -> bool {
         if self.priors.is_empty() {
             return false;
@@ -124,14 +124,15 @@ impl<'a> Joint<'a> {
         changed
     }
 
-    /// Raw units per SI unit of a sensor.
+    /// Mean scale of a sensor, raw units per SI unit.
     pub(crate) fn raw_scale(&self, sensor: Sensor, parameters: &[f64]) -> f64 {
         let entries = if sensor == Sensor::Gyroscope { &parameters[GYRO_SENSITIVITY] } else { &parameters[3..6] };
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Whitened derivatives by a bias of its own at each rest, three columns for each: of the gyroscope and of the
-    /// accelerometer. A move has the mean of the gyroscope's bias at its two rests. Rows of lines and rates only.
+    /// Whitened derivatives with respect to a separate bias at each rest, three columns per rest: of the gyroscope and
+    /// of the accelerometer. The bias of a move is the mean of the gyroscope's biases at its two rests. Only the rows
+    /// of rests and moves are set.
     pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
@@ -168,14 +169,14 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Whitens once more for biases that wander, where they do.
+    /// Applies the second whitening for varying biases, if there are any.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);
         }
     }
 
-    /// What whitening makes of an error of one in each line and each rate: the first row, and the values from there on.
+    /// Whitened unit errors of each line and each rate: index of the first nonzero row, and the values from there on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -190,12 +191,12 @@ impl<'a> Joint<'a> {
         lines.chain(rates).map(white).collect()
     }
 
-    /// Whitened residuals and Jacobian: first the lines, then the rates, then what is inside the moves.
+    /// Whitened residuals and Jacobian: first the norms and moves, then the rates, then the residuals inside the moves.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
 
-    /// As [`whitened`](Self::whitened), of a linearisation that is there.
+    /// As [`whitened`](Self::whitened), for a known linearisation.
     pub(crate) fn whiten(&self, linear: &Linear) -> (Mat<f64>, Mat<f64>) {
         let mut all = self.whiten_together(linear);
         let n = self.terms.total();
@@ -204,8 +205,8 @@ impl<'a> Joint<'a> {
         (residual, all)
     }
 
-    /// The same by noise alone, row by row with the residuals last; where the force inside the moves takes part without a stand, what is
-    /// there stands apart.
+    /// Whitened residuals and Jacobian by noise only, row by row with the residual as last entry. Residuals inside
+    /// moves are returned separately if forces inside moves are used without a stand.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {
@@ -215,7 +216,7 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// What is seen at rests and from rest to rest, and all against a stand.
+    /// Whitened rows of rests and of moves from rest to rest, and all rows relative to the stand.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());
@@ -252,7 +253,7 @@ impl<'a> Joint<'a> {
         rows
     }
 
-    /// All in one matrix, the residuals last.
+    /// All whitened rows in one matrix, with the residuals in the last column.
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));
@@ -284,7 +285,8 @@ impl<'a> Joint<'a> {
 }
 
 impl Joint<'_> {
-    /// Residuals against the stand, and of the force inside the moves; `push` takes each with its standard deviation.
+    /// Residuals relative to the stand, and of the force inside the moves; `push` gets each with its standard
+    /// deviation.
     fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);
         let stand = StandModel::of(&model.stand);

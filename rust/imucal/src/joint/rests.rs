@@ -1,7 +1,8 @@
-//! Rests at given parameters: the force, the direction of gravity at both ends of each move, and what effects add to the rate.
+//! Quantities at the rests for given parameters: the force, the direction of gravity at both ends of each move, and the
+//! effects on the rate.
 //!
-//! The true rate is zero, so that what acts on the force settles first, and what acts on the rate is asked for once. Nothing in the
-//! catalogue that acts on the force asks for the attitude; its tests say so.
+//! At rest the true rate is zero. Therefore the force is calculated first, by iteration, and the effects on the rate
+//! are then evaluated once. No effect on the force depends on the attitude; the tests of the catalogue verify this.
 
 use std::sync::Arc;
 
@@ -18,30 +19,31 @@ use crate::recording::Recording;
 use crate::rests::moves::{End, Move};
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
-/// The force at a rest.
+/// The true force at a rest.
 pub(super) struct Force {
     pub(super) value: Vector3<f64>,
-    /// Its derivative by every parameter.
+    /// Derivative of the force with respect to every parameter.
     pub(super) jacobian: Vec<Vector3<f64>>,
-    /// Its direction, that of gravity.
+    /// Direction of the force, which is the direction of gravity.
     pub(super) direction: Arc<EndDirection>,
 }
 
-/// What effects add to the rate at a rest, and their columns.
+/// Effects on the rate at a rest, rad/s, and their columns.
 pub(super) struct Rate {
     pub(super) added: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
 }
 
-/// All rests.
+/// Quantities of all rests.
 pub(super) struct Rests<'a> {
     prepared: &'a Prepared<'a>,
     model: &'a Model,
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
-    /// What effects depend on there, and the columns of those on the force that do not depend on that.
+    /// For each rest, the quantities on which effects depend, and the columns of effects on the force that do not
+    /// depend on the force.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
-    /// By the mean readings.
+    /// Forces for the mean readings of the rests.
     pub(super) forces: Vec<Force>,
 }
 
@@ -70,7 +72,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// The force at a rest where the accelerometer reads this.
+    /// The force at a rest for a reading of the accelerometer.
     fn force(&self, k: usize, reading: &Vector3<f64>) -> Force {
         let Self { model, on_force, stills, .. } = self;
         let (still, known) = &stills[k];
@@ -87,15 +89,15 @@ impl<'a> Rests<'a> {
         Force { value, jacobian, direction: Arc::new(direction) }
     }
 
-    /// Gravity before and after a move.
+    /// Directions of gravity before and after a move.
     pub(super) fn ends(&self, index: usize) -> [Arc<EndDirection>; 2] {
         let Move { from, to, .. } = self.prepared.moves[index];
         let [before, after] = &self.prepared.ends[index];
         [self.end(from, before, true), self.end(to, after, false)]
     }
 
-    /// A direction at the last (`at_end`) or first sample of a rest, had its samples been carried there with the bias of the
-    /// model.
+    /// Direction of gravity at the last (`at_end`) or first sample of a rest. If the samples of a hand-held rest were
+    /// propagated with another bias, the direction is corrected to the bias of the model.
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);
@@ -110,7 +112,7 @@ impl<'a> Rests<'a> {
         direction
     }
 
-    /// What effects add to the rate at a rest.
+    /// Effects on the rate at a rest.
     pub(super) fn rate(&self, k: usize, attitude: Option<UnitQuaternion<f64>>) -> Rate {
         let Self { model, on_rate, stills, forces, .. } = self;
         let mut columns = vec![Vector3::zeros(); on_rate.count];

@@ -1,24 +1,24 @@
-//! How far the rates at the rests scatter beyond their noise (model.md (19)).
+//! Excess scatter of the rates at rests beyond their noise (`docs/model.md` (19)).
 //!
 //! ```text
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
 //! ```
 //!
-//! for residuals r with noise N of their own: s C is the covariance that has to be added for chi2 to be what is free (Paule and
-//! Mandel, J. Res. NBS 87, 1982, 377-385). Of several C the likeliest is the one with the least `sum_i ln(1 + s lambda_i)`,
-//! since chi2 is the same.
+//! r are residuals with independent noise of covariance N, and C is another covariance. s C is the covariance that must
+//! be added so that chi-square equals its expected value `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Of
+//! several C the likeliest one has the smallest `sum_i ln(1 + s lambda_i)`, because chi-square is the same for all.
 
 use faer::Mat;
 
 use crate::numerics::fit_report::significance_limit;
 
-/// Residuals of one axis, seen along the directions in which noise and another covariance do not mix.
+/// Residuals of one axis in the eigenvectors of an additional covariance relative to the noise.
 pub(super) struct Scatter {
     squares: Vec<f64>,
     lambda: Vec<f64>,
 }
 
-/// Directions in which noise and another covariance do not mix.
+/// Eigenvectors of an additional covariance relative to the noise, in which both are diagonal.
 pub(crate) struct Modes {
     sigma: Vec<f64>,
     directions: Mat<f64>,
@@ -26,7 +26,7 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
-    /// `None` if the covariance has no eigenvalues.
+    /// The eigenvectors; `None` if the decomposition fails.
     pub(super) fn new(variances: &[f64], covariance: &Mat<f64>) -> Option<Self> {
         let n = variances.len();
         let sigma: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
@@ -36,7 +36,7 @@ impl Modes {
         Some(Self { sigma, directions: eigen.U().to_owned(), lambda })
     }
 
-    /// How residuals scatter along them.
+    /// Transforms residuals to the eigenvectors.
     pub(super) fn scatter(&self, residuals: &[f64]) -> Scatter {
         let white = Mat::from_fn(residuals.len(), 1, |i, _| residuals[i] / self.sigma[i]);
         let z = self.directions.transpose() * white;
@@ -44,17 +44,17 @@ impl Modes {
     }
 }
 
-/// What scatters beyond noise and chance.
+/// Additional variance that explains the excess scatter.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Excess {
-    /// The factor of its covariance.
+    /// Factor s of the additional covariance.
     pub(super) variance: f64,
-    /// Less is likelier.
+    /// Logarithm of the determinant; a smaller value is likelier.
     pub(super) cost: f64,
 }
 
 impl Scatter {
-    /// The same variance at each rest, and nothing in common.
+    /// Scatter with the same additional variance at each rest, independent from rest to rest.
     pub(super) fn from_rest_to_rest(residuals: &[f64], variances: &[f64]) -> Self {
         let squares = residuals.iter().zip(variances).map(|(r, v)| r * r / v).collect();
         Self { squares, lambda: variances.iter().map(|v| 1.0 / v).collect() }
@@ -64,12 +64,12 @@ impl Scatter {
         self.squares.iter().zip(&self.lambda).map(|(square, lambda)| square / (1.0 + variance * lambda)).sum()
     }
 
-    /// Whether residuals with this many degrees of freedom scatter by more than noise and chance explain.
+    /// Whether the scatter of residuals with this many degrees of freedom exceeds the noise significantly.
     pub(super) fn is_significant(&self, free: f64) -> bool {
         free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }
 
-    /// `None` if noise explains the scatter, or this covariance none of it.
+    /// The additional variance; `None` if noise explains the scatter, or if this covariance cannot.
     pub(super) fn excess(&self, free: f64) -> Option<Excess> {
         if free <= 0.0 || self.chi2(0.0) <= free {
             return None;
@@ -82,7 +82,8 @@ impl Scatter {
             }
         }
         let mut low = 0.0;
-        // Monotonic, and each step halves the interval: 60 leave nothing but rounding.
+        // chi2 is monotonic in the variance, and each bisection halves the interval: 60 bisections reduce it to
+        // rounding.
         for _ in 0..60 {
             let middle = (low + high) / 2.0;
             if self.chi2(middle) > free { low = middle } else { high = middle }

@@ -1,4 +1,4 @@
-//! The true state behind what the sensors see, where effects depend on that state.
+//! Iteration for the true state from the sensor readings, for effects that depend on this state (`docs/model.md` (16)).
 
 use std::ops::Range;
 
@@ -7,12 +7,12 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::terms::{Kind, Sample, Term, Terms, UserField};
 
-/// Passes of the fixed point; one shrinks the error by the slope of the effects, a per cent or less.
+/// Maximum number of iterations. Each one multiplies the error by the derivative of the effects, about 0.01 or less.
 const MAX_ITERATIONS: usize = 24;
-/// By which one pass may shrink it less than the one before.
+/// Safety factor on the predicted reduction of the next iteration, relative to the previous one.
 const SLACK: f64 = 10.0;
 
-/// The true states behind what the sensors see, sample by sample.
+/// Calculates the true states from the sensor readings, sample by sample.
 pub(super) struct Settling<'a> {
     terms: &'a Terms<'a>,
     values: &'a [f64],
@@ -27,7 +27,7 @@ impl<'a> Settling<'a> {
         Self { terms, values, reads_rate, reads_force, columns: terms.room() }
     }
 
-    /// The true state of a sample.
+    /// The true state at a sample.
     #[inline]
     pub(super) fn settle(
         &mut self,
@@ -47,7 +47,7 @@ impl<'a> Settling<'a> {
             let by_force = if *reads_force { (force - state.specific_force).amax() } else { 0.0 };
             (state.angular_rate, state.specific_force) = (rate, force);
             let change = by_rate + by_force;
-            // The next change is smaller by as much as this one was, or nearly.
+            // The next change is reduced by about the same factor as this change, except for the safety factor.
             let next = last_change.map_or(change, |last: f64| change * (SLACK * change / last).min(1.0));
             if next <= 1e-15 * (1.0 + seen_force.amax()) {
                 break;
@@ -58,17 +58,17 @@ impl<'a> Settling<'a> {
     }
 }
 
-/// What terms depend on at a rest, beyond the force.
+/// Quantities besides the force on which effects depend at a rest.
 pub(super) struct Still {
     pub(super) recording: usize,
     pub(super) samples: Range<usize>,
-    /// Through the rest; one at least.
+    /// Surroundings at several instants of the rest; at least one.
     pub(super) moments: Vec<Surroundings<f64>>,
 }
 
 impl Terms<'_> {
-    /// The force at a rest behind the one that is seen. In `columns` there are those of the terms that do not read the force; the others'
-    /// are set.
+    /// True force at a rest from the measured force `seen`, both in m/s^2. On input, `columns` has the columns of terms
+    /// that do not depend on the force; the other columns are set.
     pub(super) fn force_at_rest(
         &self,
         values: &[f64],
@@ -88,8 +88,9 @@ impl Terms<'_> {
         force
     }
 
-    /// Sets the mean columns over a rest, with this force and attitude, of the terms that are asked. What does not change through the rest
-    /// is that of its first moment, a user's field the mean over its samples.
+    /// Sets the mean columns over a rest, with this force and attitude, for the terms selected by `is_asked`. Terms
+    /// that are constant during the rest are evaluated at its first instant; for a user's field the mean is over all
+    /// samples.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],
@@ -117,7 +118,8 @@ impl Terms<'_> {
                 continue;
             }
             let count = if changes(term) { states.len() } else { 1 };
-            // All before any is added: what has just been written number by number is slow to be read otherwise.
+            // All fields are evaluated before they are added, because reading values that have just been written one by
+            // one is slow.
             for (state, one) in states[..count].iter().zip(&mut each) {
                 term.columns_at(values, state, sample, one);
             }
@@ -126,7 +128,7 @@ impl Terms<'_> {
         }
     }
 
-    /// Sets the means of a user's fields over some samples.
+    /// Sets the means of user-defined fields over a range of samples.
     pub(super) fn user_means(&self, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
         for term in &self.all {
             if let Kind::User(field) = term.kind {
@@ -139,8 +141,8 @@ impl Terms<'_> {
         self.all.iter().any(|term| matches!(term.kind, Kind::User(_)))
     }
 
-    /// What a user's fields are in the middle of a stretch, of which the columns are means: this share of how they bend between the
-    /// stretches before and after is taken off.
+    /// Converts the means of user-defined fields over a segment to their values in its middle. The difference is
+    /// `share` times the second difference of the means over the previous, this and the next segment.
     pub(super) fn user_middles(
         &self,
         recording: usize,
@@ -159,7 +161,7 @@ impl Terms<'_> {
     }
 }
 
-/// Sets the mean of a user's field, which may change from sample to sample, over all of some.
+/// Sets the mean of a user-defined field, which can change from sample to sample, over a range of samples.
 fn user_mean(field: &UserField<'_>, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
     let p = columns.len();
     columns.fill(Vector3::zeros());

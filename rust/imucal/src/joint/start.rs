@@ -1,4 +1,4 @@
-//! Where joint fits start.
+//! Start values of joint fits.
 
 use faer::Mat;
 use imucal_core::sensor::Triad;
@@ -9,16 +9,17 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// Where an earlier fit ended, as the start of fits with the same effects: they end where they would without it, and sooner.
+/// Parameters at the end of an earlier fit, as the start of a fit with the same effects. The result is the same as
+/// without them, but needs fewer iterations.
 #[derive(Clone, Debug)]
 pub struct WarmStart {
     model: Model,
-    /// Its effects and how many parameters each has.
+    /// Names of the effects of the model and their numbers of parameters.
     effects: Vec<(String, usize)>,
 }
 
 impl WarmStart {
-    /// `effects` are those of the model, in their order, each with the number of its parameters.
+    /// `effects` are the effects of the model in their order, each with its number of parameters.
     pub(crate) fn new(model: &Model, effects: Vec<(String, usize)>) -> Self {
         Self { model: model.clone(), effects }
     }
@@ -27,7 +28,8 @@ impl WarmStart {
         Self::new(model, effects(terms))
     }
 
-    /// The model, if it has these effects. Fits with time constants have several starts, so they take no warm start.
+    /// The parameters, if they belong to the same effects. Fits with time constants use several starts and therefore no
+    /// warm start.
     fn model(&self, terms: &Terms<'_>) -> Option<Model> {
         let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
         is_same.then(|| self.model.clone())
@@ -50,7 +52,7 @@ pub(super) fn start(
     warm_start.and_then(|warm_start| warm_start.model(terms)).filter(same_stand).unwrap_or(plain)
 }
 
-/// A model without effects.
+/// Start values without effects.
 pub(crate) fn start_model(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -65,7 +67,7 @@ pub(crate) fn start_model(
     }
 }
 
-/// How the unit is mounted on the stand; the rest of it is taken for perfect.
+/// Start values of the stand: the mount rotation of the unit is estimated, and all other errors of the stand are zero.
 fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
     let Some(encoders) = prepared.encoders.as_ref().filter(|_| terms.kinds.encoders) else { return Vec::new() };
     let used = (0..prepared.rests.len()).filter(|&k| prepared.used[k]);
@@ -80,7 +82,7 @@ fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad
     stand
 }
 
-/// No effect at all; time constants are typical.
+/// Start values of the effects: zero, with typical time constants.
 pub(super) fn start_values(terms: &Terms<'_>) -> Vec<f64> {
     let mut values = vec![0.0; terms.count];
     for term in terms.all.iter().filter(|term| term.has_shape()) {
@@ -89,19 +91,19 @@ pub(super) fn start_values(terms: &Terms<'_>) -> Vec<f64> {
     values
 }
 
-/// A normal prior of the parameters of one effect, around zero.
+/// A normal prior with mean zero for the parameters of one effect.
 #[derive(Clone)]
 pub(crate) struct Prior {
-    /// Place of its first parameter among all.
+    /// Index of the effect's first parameter among all parameters.
     pub(crate) first: usize,
     /// Typical size of each parameter.
     pub(crate) typical: Vec<f64>,
-    /// Standard deviation in units of these.
+    /// Standard deviation in units of the typical sizes.
     pub(crate) width: f64,
 }
 
 impl Prior {
-    /// As wide as what was found with the width that is there.
+    /// Sets the width from the estimated parameters and their covariance with the current width, `docs/model.md` (23).
     pub(super) fn widen(&mut self, parameters: &[f64], covariance: &Mat<f64>) {
         let (mut square, mut seen) = (0.0, 0.0);
         for (k, typical) in self.typical.iter().enumerate() {
@@ -109,7 +111,7 @@ impl Prior {
             square += (parameters[p] / typical).powi(2);
             seen += 1.0 - covariance[(p, p)] / (self.width * typical).powi(2);
         }
-        // Never narrower than an ordinary sensor is.
+        // The width is at least one typical size, that of an ordinary sensor.
         self.width = if seen > 1e-3 { (square / seen).sqrt().max(1.0) } else { self.width };
     }
 }
@@ -121,7 +123,7 @@ mod tests {
     #[test]
     fn a_prior_is_as_wide_as_the_directions_that_are_seen() {
         let mut prior = Prior { first: 0, typical: vec![0.1; 3], width: 100.0 };
-        // The third one has its prior and nothing else.
+        // The third parameter is determined by its prior only.
         let found = Mat::from_fn(3, 3, |i, j| {
             if i != j {
                 0.0

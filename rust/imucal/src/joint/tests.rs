@@ -1,4 +1,4 @@
-//! An effect that is simulated alone and without noise comes back, or is refused with the reason.
+//! An effect that is simulated alone and without noise is estimated correctly, or is refused with the reason.
 
 use imucal_core::effects::{Effect, EffectSet, EffectValues, State, Surroundings};
 use nalgebra::Vector3;
@@ -11,10 +11,10 @@ use crate::simulate::motion::Motion;
 use crate::simulate::stand::Stand;
 use crate::simulate::{Program, RandomMoves, Unit};
 
-/// Mount rotation, base tilt and angles between the axes of the stand.
+/// Mount rotation, base tilt, and angles between the axes of the stand, rad.
 pub(super) const STAND_RAD: [f64; 7] = [0.02, -0.03, 0.05, 0.01, -0.02, 0.005, -0.003];
 
-/// Samples of the paper's unit without noise, on a crooked stand, heated and cooled.
+/// Samples of the paper's unit without noise, on a stand with geometric errors and with a varying temperature.
 pub(super) struct Run {
     pub(super) time_s: Vec<f64>,
     pub(super) force: Vec<[f64; 3]>,
@@ -71,7 +71,7 @@ impl Run {
     }
 }
 
-/// The paper's program with one effect, 1 kHz.
+/// The gyroscope program of the paper with one effect, at 1 kHz.
 fn run(values: &EffectValues<f64>) -> Run {
     let mut effects = EffectSet::none();
     effects.push(*values).unwrap();
@@ -92,7 +92,7 @@ fn estimate(run: &Run, effect: &'static Effect<f64>, full: bool) -> Result<Outco
     calibrate(&[run.recording()], &options)
 }
 
-/// Largest error of the linear parameters as a share of the largest of them, and that of the shape.
+/// Largest error of the linear parameters relative to the largest parameter, and relative error of the shape.
 fn errors(outcome: &Outcome, truth: &EffectValues<f64>) -> (f64, f64) {
     let found = &outcome.effects[0];
     let size = truth.values().iter().fold(0.0, |largest: f64, v| largest.max(v.abs()));
@@ -102,7 +102,7 @@ fn errors(outcome: &Outcome, truth: &EffectValues<f64>) -> (f64, f64) {
     (values, shape)
 }
 
-/// One of each kind; the Python tests go through the whole catalogue.
+/// One effect of each kind; the Python tests cover the whole catalogue.
 #[test]
 fn effects_come_back() {
     for name in ["gyro_g_sensitivity", "accel_bias_warmup", "accel_size_effect", "encoder_eccentricity"] {
@@ -113,8 +113,8 @@ fn effects_come_back() {
     }
 }
 
-/// At rest the squares of the three forces add up to g^2: three of nine directions are a bias. Forces other than g would
-/// tell them apart, and a stand has none.
+/// At rest the squares of the three force components add up to g^2, so three of nine directions equal a bias. Only
+/// forces other than g would distinguish them, which a stand does not have.
 #[test]
 fn what_a_stand_does_not_show_is_refused_with_the_reason() {
     let effect = Effect::find("gyro_g2_sensitivity").unwrap();

@@ -1,12 +1,13 @@
-//! Biases that wander from rest to rest (model.md (28)).
+//! Biases that vary during a recording: bias instability and random walk (`docs/model.md` (28)).
 //!
 //! ```text
 //! C_kl = cov(mean of b over rest k, mean of b over rest l),   b measured from its mean over the recording
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! with the bias instability B and the random walk K of each axis. Minutes of rests show a large B alone; else they are given.
-//! What is estimated then is the mean bias over the recording, and a move has the bias of the rests around it.
+//! B is the bias instability and K the random walk of each axis. A recording with minutes of rests shows only a large
+//! B; otherwise B and K are given by the user. The estimated bias is then the mean over the recording. The bias of a
+//! move is the mean of the biases at the rests before and after.
 
 use std::f64::consts::PI;
 
@@ -14,46 +15,46 @@ use faer::Mat;
 
 use crate::error::Error;
 
-/// More residuals have a covariance that takes too long to factor.
+/// Maximum number of residuals for which the full covariance is factored; more would take too long.
 pub(super) const MOST_ROWS: usize = 6000;
 
-/// How the biases of a unit are taken to wander.
+/// Model of the variation of the biases of a unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Wander {
-    /// They do not: what rests scatter they scatter one by one.
+    /// Constant biases. Excess scatter of the rests is independent from rest to rest.
     Constant,
-    /// As far as the rates at the rests show it, and it is likelier than a scatter one by one.
+    /// Bias instability estimated from the rates at the rests, if it is likelier than independent scatter.
     Seen,
     Known(UnitWander),
 }
 
 impl Wander {
-    /// The bias wander of the unit's datasheet or noise recording, or constant biases.
+    /// The given bias instability and random walk of the unit, or constant biases if there are none.
     pub(crate) fn of(known: Option<UnitWander>) -> Self {
         known.map_or(Self::Constant, Self::Known)
     }
 }
 
-/// How the biases of one sensor wander, x, y and z, SI units.
+/// Bias instability and random walk of the biases of one sensor, x, y and z, in SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BiasWander {
-    /// Bias instability B: the floor of the Allan deviation is `sqrt(2 ln 2 / pi) B`.
+    /// Bias instability B, SI unit: the minimum of the Allan deviation is `sqrt(2 ln 2 / pi) B`.
     pub bias_instability: [f64; 3],
-    /// Random walk K, per sqrt(s): the Allan deviation is `K sqrt(tau / 3)`.
+    /// Random walk K, SI unit per sqrt(s): the Allan deviation is `K sqrt(tau / 3)`.
     pub random_walk: [f64; 3],
 }
 
-/// How the biases of a unit wander.
+/// Variation of the biases of both sensors of a unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnitWander {
-    /// m/s^2.
+    /// Accelerometer, m/s^2.
     pub accelerometer: BiasWander,
-    /// rad/s.
+    /// Gyroscope, rad/s.
     pub gyroscope: BiasWander,
 }
 
 impl UnitWander {
-    /// A gyroscope with these bias instabilities, and nothing else.
+    /// A unit with these bias instabilities of the gyroscope, rad/s, and no other variation.
     pub(crate) fn of_gyroscope(bias_instability: [f64; 3]) -> Self {
         let none = BiasWander { bias_instability: [0.0; 3], random_walk: [0.0; 3] };
         Self { accelerometer: none, gyroscope: BiasWander { bias_instability, ..none } }
@@ -76,7 +77,7 @@ impl UnitWander {
 }
 
 impl BiasWander {
-    /// Second integral of the covariance of an axis, by the lag.
+    /// Second integral of the covariance of an axis with respect to the lag.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {
@@ -87,13 +88,13 @@ impl BiasWander {
         -b * b / PI * flicker - k * k / 12.0 * lag_s.powi(3)
     }
 
-    /// Covariance of the means over two stretches of time, up to a constant.
+    /// Covariance of the means over two intervals of time, up to a constant.
     fn covariance(&self, axis: usize, [a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
         let g = |lag_s: f64| self.integrated(axis, lag_s);
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))
     }
 
-    /// Covariance of the means over the rests of one recording, each less the mean over `whole`.
+    /// Covariance of the means over the rests of one recording, relative to the mean over the interval `whole`.
     pub(super) fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);
@@ -112,7 +113,7 @@ mod tests {
 
     const UNIT: BiasWander = BiasWander { bias_instability: [2e-5, 0.0, 3e-5], random_walk: [0.0, 4e-6, 1e-6] };
 
-    /// The Allan variance is half the mean square of the difference of neighbouring means.
+    /// The Allan variance is half the mean square of the difference of consecutive means.
     #[test]
     fn neighbouring_means_have_the_allan_variance_of_the_definitions() {
         for (axis, tau_s) in [(0, 0.5), (1, 3.0), (2, 100.0)] {

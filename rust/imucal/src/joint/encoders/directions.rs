@@ -1,14 +1,15 @@
-//! Which way each motor of a stand went last, from what its encoders read.
+//! Sign of the last motion of each motor of a stand, from the encoder readings.
 //!
-//! Where a motor turns back the reading jumps by the backlash, and with it the column of it (model.md (21)): one sample
-//! with the wrong sign is an error of the whole jump. A motor starts so slowly that the difference of two readings shows
-//! its motion only late, so its start is looked for, as the sample `o` with the smallest sum of squares of
-//!
+//! When a motor reverses, its reading jumps by the backlash, and so does the column of the backlash (`docs/model.md`
+//! (21)). A single sample with the wrong sign causes an error of the whole jump. A motor starts so slowly that
+//! differences of readings show the motion only later. The start is therefore estimated as the sample `o` with the
+//! smallest sum of squares of the noise in
 //! ```text
 //! level + noise before o,   c_0 + c_2 t^2 + c_3 t^3 + c_4 t^4 + noise from o on,   t since o
 //! ```
 //!
-//! for a motor starts from rest, and what the jump is nobody knows yet: it may lead back over the level.
+//! The curve has no linear term, because a motor starts from rest. c_0 is free, because the jump is unknown; it can
+//! lead back across the level.
 
 use std::ops::Range;
 
@@ -16,24 +17,27 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// So many of the rests are ordinary ones.
+/// Quantile of the changes at rests that defines the noise; 10 % of the rests may be disturbed.
 const ORDINARY: f64 = 0.9;
-/// A motor clearly turns if its reading changes by more than at rest in this time, s: a slow turn of half a degree does.
+/// Interval over which a change of the reading larger than at rest shows that a motor turns, s. It detects slow turns
+/// of 0.5 deg.
 const SPAN_S: f64 = 0.3;
-/// The fewest samples of stillness that have a level.
+/// Minimum number of samples at rest to estimate the level.
 const FEWEST: usize = 8;
-/// Two samples in a row that are off the level by so many standard deviations have left it.
+/// Deviation from the level, in standard deviations. Two consecutive samples beyond it show that the reading has left
+/// the level.
 const OFF: f64 = 3.0;
-/// A motor may have started earlier than it is seen to leave the level: by as many samples as it takes from there until it
-/// clearly turns, and these.
+/// Number of additional samples before the visible departure from the level in which the start is searched. The search
+/// also covers as many samples as pass from the departure until the motor clearly turns.
 const EARLIER: usize = 5;
-/// The start is what comes before the reading has gone so many times as far as it does at rest: the curve of later motion is
-/// of more powers.
+/// The curve is fitted only while the change of the reading is below this multiple of the change at rest, because later
+/// motion needs higher powers.
 const START: f64 = 100.0;
-/// What noise cannot be smaller than, rad: a perfect encoder has digits, too.
+/// Minimum standard deviation of the noise, rad: readings of a perfect encoder still have rounding errors.
 const FINEST_RAD: f64 = 1e-12;
 
-/// Which way each motor went last, for every sample of a recording with these rests; zero before its first motion.
+/// Sign of the last motion of each motor, for every sample of a recording with these rests; zero before the first
+/// motion.
 pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<usize>]) -> Vec<Vector3<f64>> {
     let mut all = vec![Vector3::zeros(); stand_rad.len()];
     let span = ((SPAN_S / sample_interval_s(time_s)).round() as usize).max(1);
@@ -47,7 +51,7 @@ pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<
     all
 }
 
-/// The largest change within a span of an ordinary rest: what is no motion.
+/// Largest change within an interval of an ordinary rest, rad; larger changes are motion.
 fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     let largest = |rest: &Range<usize>| {
         let ends = readings[rest.clone()].iter().zip(readings[rest.clone()].iter().skip(span));
@@ -57,7 +61,7 @@ fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
-/// What the encoder of a motor reads, the samples of a span, and the largest change within it that is no motion.
+/// Readings of a motor's encoder, the samples of the interval [`SPAN_S`], and the largest change at rest.
 struct Motor {
     readings: Vec<f64>,
     span: usize,
@@ -65,10 +69,10 @@ struct Motor {
 }
 
 impl Motor {
-    /// The sign of its last motion, for every sample.
+    /// Sign of the last motion, for every sample.
     ///
-    /// It clearly turns at a sample if it does so before and after it; the change after it says which way, for that before
-    /// may be the backlash itself.
+    /// A motor clearly turns at a sample if the changes before and after it exceed those at rest. The sign is that of
+    /// the change after the sample, because the change before may be the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];
@@ -89,11 +93,11 @@ impl Motor {
         signs
     }
 
-    /// The first sample of the motion that is clear at the end of this stretch, in which it is not; the end where the
-    /// stretch is too short to tell.
+    /// First sample of the motion that is clear at the end of this range. If the range is too short to estimate the
+    /// start, the result is the end of the range.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
-        // The end of the motion before is in the first half.
+        // The end of the previous motion lies in the first half of the range.
         let middle = usize::midpoint(stretch.start, clear);
         let quarter = usize::midpoint(middle, clear);
         if quarter - middle < FEWEST {
@@ -131,7 +135,7 @@ fn about_start(readings: &[f64]) -> f64 {
         normal += row * row.transpose();
         right += row * (reading - readings[0]);
     }
-    // Fewer than four readings are met by a curve of fewer powers.
+    // Fewer than four readings are fitted exactly by a curve with fewer powers.
     let trace = normal.trace();
     let Some(factor) = (normal + Matrix4::identity() * (1e-13 * trace)).cholesky() else { return 0.0 };
     let solved = factor.solve(&right);
@@ -145,15 +149,15 @@ mod tests {
     const NOISE_RAD: f64 = 9e-5;
     const TURNS: usize = 12;
 
-    /// Numbers between -1 and 1 with a variance of a third, that look like chance.
+    /// Pseudo-random numbers between -1 and 1 with a variance of 1/3.
     fn chance(i: usize) -> f64 {
         let mixed = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         ((mixed >> 11) as f64) / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Turns of 50 deg there and back, 2 s long after 3 s of rest, as a stand makes them: smooth, from rest to rest. What
-    /// the encoder reads with this backlash, and the true directions.
+    /// Turns of 50 deg back and forth with a duration of 2 s, each after 3 s of rest, with the smooth profile of a
+    /// stand. Returns the readings of an encoder with this backlash, and the true directions.
     fn there_and_back(backlash_rad: f64) -> (Vec<f64>, Vec<f64>) {
         let (rest, turn) = (300, 200);
         let at = |i: usize| {
@@ -176,7 +180,7 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// What wrong signs do to the readings, all squares together, in squares of the noise.
+    /// Sum of squares of the errors that wrong signs cause in the readings, in units of the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();
@@ -184,13 +188,14 @@ mod tests {
         wrong.sum::<f64>()
     }
 
-    /// Of a large jump no sample is missed, of a small one few, whichever way it goes.
+    /// With a large jump no sample has the wrong sign; with a small jump few have, for both directions.
     #[test]
     fn the_start_of_a_turn_is_found_at_the_jump_of_its_reading() {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {
             assert_eq!(harm(backlash_rad), 0.0, "{backlash_rad}");
         }
-        // Half the encoder's noise and as much as it is: one or two samples of the jump, what noise itself amounts to.
+        // Jumps of half and of one standard deviation of the noise: one or two samples are wrong, an error comparable
+        // to the noise.
         for backlash_rad in [5e-5, -5e-5, 1e-4, -1e-4] {
             let harm = harm(backlash_rad);
             assert!(harm < 10.0 * TURNS as f64, "{backlash_rad}: {harm}");

@@ -1,4 +1,4 @@
-//! The statistic against fits that are made again, and who is named in runs with something wrong in them.
+//! Compares the statistic with repeated fits, and verifies the exclusions in runs with simulated errors.
 
 use imucal_core::effects::Effect;
 use nalgebra::Rotation3;
@@ -20,7 +20,7 @@ fn run(moves: &RandomMoves, seed: u64) -> Simulation {
     simulate(&Program::random(moves, seed).unwrap(), &Unit::paper(), RATE_HZ, 9.80665, seed).unwrap()
 }
 
-/// The paper's program: 46 rests, 45 moves.
+/// The gyroscope program of the paper: 46 rests and 45 moves.
 fn paper(seed: u64) -> Simulation {
     run(&RandomMoves::default(), seed)
 }
@@ -30,7 +30,7 @@ impl Simulation {
         calibrate(&[self.recording("run")], &Options::default()).unwrap()
     }
 
-    /// The force at a rest is turned by 0.5 deg, and no gyroscope feels it.
+    /// Rotates the force at a rest by 0.5 deg without a rotation in the gyroscope.
     fn with_bad_direction(mut self, rest: usize) -> Self {
         let (start_s, end_s) = self.rests[rest];
         let inside = (start_s * RATE_HZ).ceil() as usize..(end_s * RATE_HZ).floor() as usize;
@@ -40,7 +40,7 @@ impl Simulation {
         self
     }
 
-    /// Within the move after this rest, 50 ms of one axis are off by 100 deg/s.
+    /// Adds 100 deg/s to one axis for 50 ms, in the move after this rest.
     fn with_bad_move(mut self, from: usize) -> Self {
         let middle_s = (self.rests[from].1 + self.rests[from + 1].0) / 2.0;
         let first = (middle_s * RATE_HZ) as usize;
@@ -49,7 +49,7 @@ impl Simulation {
     }
 }
 
-/// Rests, and moves by their ends, that take no part, and why.
+/// Excluded rests, and excluded moves by their rests, with the reasons.
 type LeftOut = (Vec<(usize, &'static str)>, Vec<(usize, usize, &'static str)>);
 
 fn left_out(outcome: &Outcome) -> LeftOut {
@@ -73,7 +73,7 @@ fn a_bad_move_is_named() {
     }
 }
 
-/// The fit looks inside the moves for such an effect, where a short bump does not show.
+/// With this effect the fit uses blocks inside the moves, in which a short disturbance is not visible.
 #[test]
 fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     let run = paper(1).with_bad_move(20);
@@ -82,7 +82,7 @@ fn a_bad_move_is_named_where_an_effect_acts_inside_the_moves() {
     assert_eq!(left_out(&outcome), (vec![], vec![(20, 21, "contradicts_other_moves")]));
 }
 
-/// Not the two moves that begin and end there: both are measured well, and one move over the rest takes their place.
+/// The two adjacent moves are not excluded, because both are accurate; one move over the rest replaces them.
 #[test]
 fn a_rest_with_a_wrong_direction_is_named() {
     for (seed, rest) in [(1, 1), (2, 20), (3, 44)] {
@@ -92,7 +92,7 @@ fn a_rest_with_a_wrong_direction_is_named() {
     }
 }
 
-/// Two moves in a row are bad at a rest that is good, and a bad rest takes the move after it along.
+/// Two consecutive moves are bad and the rest between them is good, or a rest and the move after it are bad.
 #[test]
 fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
     for seed in 1..=6 {
@@ -106,7 +106,8 @@ fn bad_neighbours_are_told_apart_or_leave_nothing_behind() {
             let (rests, moves) = left_out(&outcome);
             let near = |k: usize| (19..=22).contains(&k);
             assert!(rests.iter().all(|(k, _)| near(*k)) && moves.iter().all(|(from, to, _)| near(*from) && near(*to)));
-            // Nothing bad is left that would widen all others; two rests fewer say a little less.
+            // No bad residual remains that would increase the standard deviations; without two rests there is slightly
+            // less information.
             assert_eq!(outcome.joint_scales.unwrap().moves, 1.0, "seed {seed}: {rests:?} {moves:?}");
             for (p, row) in outcome.covariance.iter().enumerate() {
                 assert!(row[p] < 3.0 * clean.covariance[p][p], "seed {seed} {p}");
@@ -124,7 +125,7 @@ fn bad_ones_do_not_hide_each_other() {
     }
 }
 
-/// Work on what a joint fit is made of, near its best model.
+/// Runs `work` with the inputs of a joint fit and its best model.
 fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) {
     let recording: Recording<'_> = run.recording("run");
     let terms = Terms::try_new(&[], &[], &[run.time_s.len()], NONE).unwrap();
@@ -135,7 +136,7 @@ fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) 
     .unwrap();
 }
 
-/// A mean rate that is off by much more would be no rest at all.
+/// With a larger error of the mean rate the interval would not be detected as a rest.
 #[test]
 fn a_rest_with_a_wrong_rate_is_named() {
     for rest in [0, 20, 45] {
@@ -149,7 +150,7 @@ fn a_rest_with_a_wrong_rate_is_named() {
     }
 }
 
-/// The fit hands on the residuals at its end: what is made of them is what is made of the samples anew.
+/// A fit keeps the residuals at its end; results from them equal those from a new pass over the samples.
 #[test]
 fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     let run = paper(2).with_bad_move(20);
@@ -174,7 +175,7 @@ fn the_end_of_a_fit_is_judged_as_if_linearised_anew() {
     .unwrap();
 }
 
-/// chi2 of the weighted least squares of these rows, and of them alone.
+/// Chi-square of the weighted least squares of these rows only.
 fn chi2(covariance: &DMatrix<f64>, jacobian: &DMatrix<f64>, residuals: &DVector<f64>, rows: &[usize]) -> f64 {
     let n = rows.len();
     let factor = DMatrix::from_fn(n, n, |i, j| covariance[(rows[i], rows[j])]).cholesky().unwrap();
@@ -186,8 +187,8 @@ fn chi2(covariance: &DMatrix<f64>, jacobian: &DMatrix<f64>, residuals: &DVector<
     residuals.norm_squared() - (q.transpose() * &residuals).norm_squared()
 }
 
-/// What a fit takes off chi2 that is made again without the rows, or with the mean of a rest as three parameters more, is the
-/// statistic: for every group of every item, and after other groups are gone.
+/// The statistic equals the decrease of chi-square in a repeated fit without the rows, or with the mean of a rest as
+/// three additional parameters. This is tested for every group of every item, also after the removal of other groups.
 #[test]
 fn the_statistic_is_that_of_a_fit_without_the_item() {
     let small = run(&RandomMoves { moves: 13, ..RandomMoves::default() }, 4).with_bad_move(6);
@@ -205,7 +206,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
         }
         let root = whitening.try_inverse().unwrap();
         let covariance = &root * root.transpose();
-        // Columns beyond the rows are the means of rests.
+        // Column indices beyond the rows are the means of rests.
         let refit = |without: &[usize]| {
             let rows: Vec<usize> = (0..n).filter(|row| !without.contains(row)).collect();
             let mut all = jacobian.clone();
@@ -233,7 +234,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
             let before = refit(&gone);
             for group in groups.iter().filter(|group| !group.columns.iter().any(|column| gone.contains(column))) {
                 let (misfit, freedom) = without.misfit(&group.columns);
-                // What the fit follows blindly is not judged.
+                // Directions that the fit always follows are not tested.
                 if freedom == group.columns.len() {
                     let after = refit(&[&gone[..], &group.columns].concat());
                     assert!((misfit - (before - after)).abs() < 1e-6 * before, "{:?}: {misfit}", group.item);
@@ -245,7 +246,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
     });
 }
 
-/// Where the number would be zero it is continued.
+/// If the probability underflows to zero, its logarithm is extrapolated.
 #[test]
 fn the_chance_of_what_is_far_too_bad_still_falls() {
     for freedom in 1..=3 {

@@ -1,4 +1,4 @@
-//! Linearisations of a problem: a pass over the samples, or what the last one makes of parameters nearby.
+//! Linearisations of a problem: by a pass over the samples, or by extrapolation of the last one to parameters nearby.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,16 +12,16 @@ use crate::joint::model::Model;
 use crate::joint::terms::{Kinds, Term};
 use crate::numerics::lsq::Solution;
 
-/// Within so many standard deviations of a linearisation the residuals follow their derivatives, to a part in a thousand of one: what
-/// is left out is of second order in the parameters' errors. A search, which only asks what explains the residuals, leaves it at that; a
-/// fit that ends there is linearised anew and goes on.
+/// Distance, in standard deviations, within which residuals are extrapolated linearly. The neglected terms are of
+/// second order and change a residual by about 0.001 standard deviations. A search uses extrapolated residuals; a fit
+/// that ends with them is linearised again and continued.
 const NEAR: f64 = 3.0;
 
-/// The linearisations that are known, whichever thread asks.
+/// Known linearisations, shared between threads.
 pub(crate) struct Nearby {
-    /// The last one that took a pass over the samples.
+    /// The last linearisation by a pass over the samples.
     last: Mutex<Place>,
-    /// What was made of it nearby.
+    /// Its last extrapolation.
     near: Mutex<Place>,
 }
 
@@ -37,7 +37,7 @@ fn known(place: &Mutex<Place>) -> MutexGuard<'_, Place> {
 }
 
 impl Nearby {
-    /// One is known.
+    /// Starts with a known linearisation.
     pub(crate) fn new(linear: Arc<Linear>) -> Self {
         let place = Place { parameters: linear.model.parameters(), linear };
         Self { last: Mutex::new(place.clone()), near: Mutex::new(place) }
@@ -45,7 +45,7 @@ impl Nearby {
 }
 
 impl Joint<'_> {
-    /// The linearisation at these parameters, or what the last one makes of them if it is near.
+    /// The linearisation at these parameters, extrapolated from the last one if it is close enough.
     pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         for place in [&self.nearby.last, &self.nearby.near] {
             let place = known(place);
@@ -56,7 +56,7 @@ impl Joint<'_> {
         self.linear_within(parameters, None)
     }
 
-    /// The linearisation where a fit has ended: its last step, which it did not look back at, is small.
+    /// The linearisation at the end of a fit. The last step of the fit is small, so extrapolation is usually possible.
     pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
         self.linear_within(&found.parameters, Some(&found.jacobian))
     }
@@ -68,14 +68,14 @@ impl Joint<'_> {
         Ok(linear)
     }
 
-    /// The linearisation at these parameters.
+    /// The linearisation at these parameters by a pass over the samples.
     fn linear_anew(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         let linear = Arc::new(self.prepared.linearise(self.terms, parameters)?);
         *known(&self.nearby.last) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
         Ok(linear)
     }
 
-    /// Linearises at these parameters if only a linearisation nearby is known; says whether that was so.
+    /// Linearises again at these parameters if the last linearisation was an extrapolation; returns whether it was.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
         let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, None)?.is_some();
         if is_moved {
@@ -84,10 +84,10 @@ impl Joint<'_> {
         Ok(is_moved)
     }
 
-    /// What the last linearisation makes of these parameters, if they are near and all residuals are lines. How far they
-    /// go inside the moves is said by whitened derivatives, if these are at hand.
+    /// Extrapolates the last linearisation to these parameters if they are close and all residuals are linear in them.
+    /// For residuals inside moves, the distance is calculated with `jacobian`, the whitened derivatives, if given.
     ///
-    /// A time constant has no derivative where there is no effect yet, so that how far it goes is not seen.
+    /// There is no extrapolation with time constants, because their derivative is zero while the effect is zero.
     fn moved(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
@@ -104,7 +104,7 @@ impl Joint<'_> {
         (square < NEAR * NEAR).then(moved).transpose()
     }
 
-    /// Sum of the squares of what a change of the parameters does to the whitened lines and rates.
+    /// Sum of squares of the change of the whitened residuals of rests and moves.
     fn square_of_lines(&self, linear: &Linear, change: &[f64]) -> f64 {
         let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(change));
         self.weights.whitening.apply(&mut lines);

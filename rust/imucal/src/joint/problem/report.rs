@@ -1,4 +1,4 @@
-//! What the joint fit says.
+//! Result of the joint fit.
 
 use std::sync::Arc;
 
@@ -20,54 +20,56 @@ use crate::numerics::lsq::{self, Solution};
 use crate::parameters::BASE;
 use crate::rests::moves::Ends;
 
-/// The joint fit and what it leaves.
+/// Result of the joint fit, with its residuals.
 pub(crate) struct JointFit {
     pub(crate) model: Model,
-    /// Of all parameters, symmetric frame.
+    /// Covariance of all parameters, in the symmetric frame.
     pub(crate) covariance: Mat<f64>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
-    /// How the biases were taken to wander.
+    /// Model of the variation of the biases; `None` for constant biases.
     pub(crate) wander: Option<UnitWander>,
-    /// Error of |f| at each rest and the standard deviation that noise explains, m/s^2; `None` for rests not used.
+    /// Error of |f| at each rest and its standard deviation from noise, m/s^2; `None` for rests that are not used.
     pub(crate) norms: Vec<Option<(f64, f64)>>,
     /// Directions of gravity and rotation of each move.
     pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,
     pub(crate) terms: Vec<TermEstimate>,
-    /// Residuals and derivatives at its end.
+    /// Residuals and derivatives at the end of the fit.
     pub(crate) linear: Arc<Linear>,
     pub(crate) weights: Weights,
     pub(crate) priors: Vec<Prior>,
 }
 
-/// By how much residuals of each kind exceed what noise explains, and their standard deviations are widened; 1 where they do
-/// not, or where there are none.
+/// Factors on the standard deviations of each kind of residual, where its scatter exceeds the noise; 1 if it does not,
+/// or if there are no such residuals.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
-    /// Norms of gravity at the rests.
+    /// Factor of the norms of gravity at the rests.
     pub norms: f64,
-    /// Directions of gravity carried over the moves.
+    /// Factor of the directions of gravity propagated over the moves.
     pub moves: f64,
-    /// The force inside the moves.
+    /// Factor of the forces inside the moves.
     pub inside: f64,
-    /// Attitudes against the encoders of the stand, at rests or in moves, whichever is larger.
+    /// Factor of the attitudes relative to the encoders of the stand: the larger one of rests and moves.
     pub stand: f64,
 }
 
-/// One effect as it was estimated.
+/// An estimated effect.
 #[derive(Clone, Debug)]
 pub struct TermEstimate {
-    /// Its name.
+    /// Name of the effect.
     pub name: String,
-    /// Linear parameters.
+    /// Values of the linear parameters.
     pub values: Vec<f64>,
-    /// Time constant or the like.
+    /// Value of the shape, such as a time constant.
     pub shape: Option<f64>,
-    /// Names of all its parameters, `<effect>_<parameter>`, the shape's last; a user's are numbered from 0.
+    /// Names of all parameters, `<effect>_<parameter>`, the shape last; those of a user-defined effect are numbered
+    /// from 0.
     pub parameter_names: Vec<String>,
-    /// Whether it is of the catalogue.
+    /// Whether the effect is in the catalogue.
     pub in_catalogue: bool,
-    /// `theta^T C^-1 theta` of its linear parameters: chi2 with as many degrees of freedom where the effect is absent.
+    /// Wald statistic `theta^T C^-1 theta` of the linear parameters. Without the effect it is chi-square distributed,
+    /// with as many degrees of freedom as linear parameters.
     pub statistic: f64,
 }
 
@@ -133,13 +135,13 @@ impl JointFit {
     }
 }
 
-/// Directions of gravity, what noise explains of their error, and the rotation of each move.
+/// Directions of gravity, their standard deviation from noise, and the rotation of each move.
 pub(crate) fn moves_of(linear: &Linear, weights: &Weights) -> Vec<(Ends, Matrix3<f64>)> {
     let ends = |m: &AtMove, sigma_rad: f64| Ends { before: m.before.up, after: m.after.up, sigma_rad };
     linear.moves.iter().zip(&weights.move_sigma_rad).map(|(m, sigma)| (ends(m, *sigma), m.pass.rotation)).collect()
 }
 
-/// `theta^T C^-1 theta`.
+/// The Wald statistic `theta^T C^-1 theta`.
 fn wald(covariance: &Mat<f64>, theta: &[f64]) -> f64 {
     use faer::prelude::Solve;
     let right = Mat::from_fn(theta.len(), 1, |i, _| theta[i]);

@@ -1,4 +1,4 @@
-//! Whitening for biases that wander.
+//! Whitening for biases that vary during a recording.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -9,9 +9,10 @@ use crate::joint::lanes::Lanes;
 use crate::joint::linear::Linear;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
 
-/// Whitens the residuals of rests and moves once more, for what the wandering biases add to white noise.
+/// Second whitening of the residuals of rests and moves, for the covariance that varying biases add to white noise.
 pub(crate) struct Wandering {
-    /// Lower factor of `I + D C D^T`, D the whitened derivatives by the bias of each rest.
+    /// Lower Cholesky factor of `I + D C D^T`, where D are the whitened derivatives with respect to the bias at each
+    /// rest.
     factor: Mat<f64>,
 }
 
@@ -55,7 +56,7 @@ impl Wandering {
         matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
     }
 
-    /// The same of rows.
+    /// As [`apply`](Self::apply), for rows in lanes.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
@@ -65,7 +66,7 @@ impl Wandering {
         }
     }
 
-    /// What is left of a column that begins at row `first`, from there on.
+    /// Whitens a column whose first nonzero row is `first`; returns the rows from there on.
     pub(crate) fn unit(&self, first: usize, column: &[f64]) -> Vec<f64> {
         let whole = Mat::from_fn(self.factor.nrows(), 1, |row, _| {
             row.checked_sub(first).and_then(|k| column.get(k)).copied().unwrap_or(0.0)
