@@ -272,7 +272,7 @@ impl Encoders {
 fn readings<'a>(recording: &Recording<'a>) -> Result<&'a [[f64; 3]], Error> {
     recording.stand_rad.filter(|_| recording.has_stand()).ok_or_else(|| {
         Error::Input(format!(
-            "{} has no complete stand_1, stand_2 and stand_3 columns: effects of the encoders need the motor angles of every sample",
+            "{} has no stand_1, stand_2 and stand_3 columns with values in every row: effects of the encoders need them",
             recording.name
         ))
     })
