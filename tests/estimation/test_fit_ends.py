@@ -1,12 +1,13 @@
 """A fit that has not converged makes the verdict poor.
 
-The fits themselves are in Rust (numerics/fit_report/tests.rs): a bound of five iterations, a flat valley, a kink. No recording is
-known that ends like that, so the library's outcome is replaced here.
+The fits themselves are in Rust (numerics/fit_report/tests.rs): a bound of five iterations, a flat valley, a
+kink. No recording is known that ends like that, so the library's outcome is replaced here.
 """
+
+import pytest
 
 import imucal
 import imucal._core as _core
-import pytest
 
 STALLED = "the joint fit stalled after 31 iterations: the result is not its optimum"
 
