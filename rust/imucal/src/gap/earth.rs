@@ -16,7 +16,7 @@ const SURE: f64 = 3.0;
 const SLACK: f64 = 2.0;
 
 /// Whether an estimated rate agrees with that of the Earth and differs significantly from zero.
-pub fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
+pub(super) fn is_earth_rate(size_radps: f64, sigma_radps: f64) -> bool {
     may_be(size_radps, sigma_radps, 1.0)
 }
 

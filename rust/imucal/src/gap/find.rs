@@ -8,11 +8,11 @@ use imucal_core::effects::Effect;
 use super::acceptance::{Accepted, Refusal, UnseenFigure, unless_it_fails};
 use super::earth::{self, is_earth_rate};
 use super::fits::{Fit, Fits, corrected_by, judged, with_samples};
-use super::path::search;
+use super::forward_search::search;
 use super::predicted_error::{BriefMeans, PredictedErrors, UserCorrection, predicted_errors};
 use super::residual_kinds::CorrectedFit;
 use super::residuals_by_place::{ResidualsByPlace, residuals_by_place};
-use super::verdict::{Contradiction, Evidence, Rivals, Verdict};
+use super::verdict::{Basis, Contradiction, Rivals, Verdict};
 use super::{Score, Search};
 use crate::calibrate::{
     BriefCorrection, Checked, CorrectedSamples, EffectChoice, Options, RecordingSet, TermEstimate, UserEffects, views,
@@ -176,9 +176,9 @@ pub fn find_gap(
         Earth::NotFitted(error) => refused.push(Refusal::NotFitted { name: earth::NAME.into(), error }),
         Earth::Other(other) => not_the_earth = Some(other),
     }
-    let evidence =
-        Evidence { recordings: checked.recordings(), search: &search, path: &path, before: &before, after: &after };
-    let judgement = evidence.judge();
+    let basis =
+        Basis { recordings: checked.recordings(), search: &search, path: &path, before: &before, after: &after };
+    let judgement = basis.judge();
     let after = judgement.verdict.has_effects().then_some(after);
     let last = after.as_ref().unwrap_or(&before);
     let unseen = before.unseen_figure(last).ok_or_else(|| {

@@ -6,10 +6,10 @@ use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
 
 use super::evidence::{Column, Evidence};
+use super::forward_search::ForwardSearch;
 use super::generic::Hypothesis;
 use super::known::{Known, Others};
 use super::moments::Setting;
-use super::path::ForwardSearch;
 use super::score::contradiction_of_stand;
 use super::stage::{Beside, Member, Stage};
 use super::weighing::Weighing;

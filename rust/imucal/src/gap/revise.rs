@@ -3,7 +3,7 @@
 use imucal_core::effects::Effect;
 
 use super::Score;
-use super::path::{ForwardSearch, LEAST_WIDTH};
+use super::forward_search::{ForwardSearch, LEAST_WIDTH};
 use super::score::Judged;
 use super::stage::{Beside, Member, Stage};
 use crate::calibrate::EffectChoice;

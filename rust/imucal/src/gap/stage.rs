@@ -7,7 +7,7 @@ use imucal_core::sensor::Triad;
 
 use super::design::{Design, design};
 use super::evidence::Evidence;
-use super::path::ForwardSearch;
+use super::forward_search::ForwardSearch;
 use crate::calibrate::{EffectChoice, UserField};
 use crate::error::Error;
 use crate::joint::{self, Kinds, Linear, Model, Prepared, SHAPE_SHARES, Term, Terms, WarmStart};

@@ -7,7 +7,7 @@ use imucal_core::sensor::Triad;
 
 use super::design::design;
 use super::evidence::{Column, Gram};
-use super::path::ForwardSearch;
+use super::forward_search::ForwardSearch;
 use super::stage::{Beside, NO_EVIDENCE, Stage};
 use crate::calibrate::EffectChoice;
 use crate::error::Error;

@@ -104,8 +104,8 @@ pub(super) struct Judgement {
     pub(super) contradiction: Option<Contradiction>,
 }
 
-/// What a verdict rests on: a search, the effects that were accepted, and the fits without and with them.
-pub(super) struct Evidence<'a> {
+/// The basis of a verdict: a search, the effects that were accepted, and the fits without and with them.
+pub(super) struct Basis<'a> {
     pub(super) recordings: &'a [Recording<'a>],
     pub(super) search: &'a Search,
     pub(super) path: &'a [String],
@@ -113,7 +113,7 @@ pub(super) struct Evidence<'a> {
     pub(super) after: &'a Fit,
 }
 
-impl Evidence<'_> {
+impl Basis<'_> {
     pub(super) fn judge(&self) -> Judgement {
         let Self { recordings, search, path, before, .. } = self;
         let outcome = &before.outcome;
