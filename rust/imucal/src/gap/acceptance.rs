@@ -6,10 +6,10 @@ use std::rc::Rc;
 use super::fits::{Fit, Fits};
 use crate::error::Error;
 
-/// chi2 per degree of freedom that grows by less than this share is the same.
+/// Relative increase of chi2 per degree of freedom up to which the prediction counts as equally good.
 const SAME: f64 = 0.005;
-/// chi2 per degree of freedom that grows by less than this share may be chance, whatever the change of single rests and
-/// moves says.
+/// Relative increase of chi2 per degree of freedom above which the prediction is worse, unless so few rests and moves are
+/// held out that a larger increase is not significant.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// Standard deviations by which a change of chi2 is significant.
 const SIGNIFICANT: f64 = 3.0;

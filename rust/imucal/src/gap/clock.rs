@@ -174,7 +174,7 @@ impl Differences {
 struct Rates<'a> {
     recording: &'a Recording<'a>,
     gyroscope: &'a Triad<f64>,
-    /// Mean sample interval, s: noise and stamps are what is examined, so slopes are by even steps.
+    /// Mean sample interval, s. Slopes use even steps, because the noise of the time stamps is under test.
     step_s: f64,
 }
 

@@ -270,7 +270,7 @@ impl Fits<'_> {
         })
     }
 
-    /// chi2 per degree of freedom of the given calibration, if there is one, beside those of the fits.
+    /// chi2 per degree of freedom of the given calibration, if there is one, and of the two fits.
     fn chi2_of_given(&self, before: &Fit, after: &Fit) -> Result<Option<[f64; 3]>, Error> {
         let Some(given) = &self.options.calibration else { return Ok(None) };
         let options = self.checked.options();

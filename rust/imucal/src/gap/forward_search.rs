@@ -31,7 +31,7 @@ const MEAN_S: f64 = 1.0;
 
 /// Looks for effects among `candidates` and `user_fields` in the recordings that are checked.
 ///
-/// `is_hand_moved` says that a search among more candidates has found that a hand moved the unit
+/// `is_hand_moved` states that a search among more candidates has found that a hand moved the unit
 /// ([`Search::is_hand_moved`]); otherwise this is decided anew.
 ///
 /// # Errors
@@ -78,8 +78,8 @@ pub fn linearise(
 /// requirement of each effect that cannot be detected.
 pub type Visible = (Vec<(String, f64, String)>, Vec<(String, String)>);
 
-/// How small each of the candidates could be and still be found beside the model without effects, in the recordings
-/// that are checked. `is_hand_moved` is as in [`search`].
+/// The smallest size at which each of the candidates would be detected relative to the model without effects.
+/// `is_hand_moved` is as in [`search`].
 ///
 /// # Errors
 /// As [`search`].

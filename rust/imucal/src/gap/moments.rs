@@ -14,7 +14,7 @@ use crate::joint::{Field, Joint, Linear, Model, MoveSegments, Prepared, Terms, m
 use crate::numerics::stats::dot;
 use crate::rests::moves::Move;
 
-/// Every so many-th block inside a move is used for quantities that change slowly.
+/// Step of the blocks inside a move that are used for quantities that change slowly.
 const EVERY: usize = 5;
 
 /// A linearisation with the quantities that kernels depend on.

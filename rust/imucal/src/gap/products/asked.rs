@@ -10,7 +10,7 @@ pub(super) struct Asked<'a> {
     pub(super) model: usize,
     pub(super) last: usize,
     pub(super) blocks: &'a [Range<usize>],
-    /// Products besides those of the model: columns, and the later columns that each is multiplied by.
+    /// Further products: columns, and the later columns that each is multiplied by.
     pairs: Vec<(usize, Vec<usize>)>,
     /// Zero where a product is needed, and NaN elsewhere.
     nothing_yet: Mat<f64>,
