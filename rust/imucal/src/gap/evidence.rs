@@ -15,8 +15,6 @@ use std::ops::Range;
 use faer::Mat;
 use faer::linalg::solvers::Solve;
 
-use super::weighing::Weighing;
-
 /// Gram matrices `[J r]^T [J r]` of the groups, and the number of residuals of each.
 #[derive(Clone)]
 pub(crate) struct Gram {
@@ -57,17 +55,6 @@ pub(crate) struct Evidence {
 pub(super) const RIDGE: f64 = 1e-13;
 
 impl Gram {
-    /// The evidence of a model with these columns; `None` if the columns are not determined.
-    pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
-        self.evidence_near(columns, &vec![1.0; self.sums.len()])
-    }
-
-    /// The same, with the scales of a similar model as start values.
-    pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
-        let weighing = Weighing::new(self, columns, Vec::new());
-        weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)
-    }
-
     /// Lower bound of the scale of a group in any model with these columns: the smallest chi2 of that group alone, over
     /// its number of rows.
     pub(crate) fn least_scale(&self, group: usize, columns: &[Column]) -> Option<f64> {

@@ -6,7 +6,7 @@ use imucal_core::calibration::Calibration;
 use imucal_core::effects::Effect;
 use nalgebra::Vector3;
 
-use super::{GapOptions, Progress};
+use super::options::{GapOptions, Progress};
 use crate::calibrate::{Checked, CorrectedSamples, EffectChoice, ModelOptions, Outcome, RecordingSet, WarmStart};
 use crate::correct::{correct, require_surroundings};
 use crate::error::Error;

@@ -9,6 +9,7 @@ use std::sync::Arc;
 use imucal_core::effects::Sensor;
 use nalgebra::Vector3;
 
+use super::kernel::Kernel;
 use super::shares::{Moment, Moments, Place, Shares};
 use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
@@ -52,42 +53,6 @@ impl Block {
             Self::AccelerometerBias => "accel_bias",
             Self::GyroscopeScale => "gyro_scale",
             Self::AccelerometerScale => "accel_scale",
-        }
-    }
-}
-
-/// Covariance of the deviations at two moments.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kernel {
-    /// A random walk in time.
-    RandomWalk,
-    /// Equal at equal directions of gravity in the body.
-    GravityDirection,
-    /// Equal at equal attitudes, heading included.
-    Attitude,
-    /// Equal at equal temperatures.
-    Temperature,
-    /// Equal after equal rotations.
-    LastMotion,
-    /// Proportional to horizontal directions of the world in the body frame.
-    Heading,
-    /// Equal at equal angular rates and angular accelerations.
-    Rate,
-    /// Equal at equal specific forces.
-    Force,
-}
-
-impl Kernel {
-    /// The name in results.
-    pub fn name(self) -> &'static str {
-        match self {
-            Self::RandomWalk => "random_walk",
-            Self::GravityDirection => "gravity_direction",
-            Self::Attitude | Self::Heading => "attitude",
-            Self::Temperature => "temperature",
-            Self::LastMotion => "last_motion",
-            Self::Rate => "rate",
-            Self::Force => "force",
         }
     }
 }

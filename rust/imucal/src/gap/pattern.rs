@@ -1,22 +1,16 @@
 //! Generic hypotheses in addition to the selected effects and in their place (model.md (24)).
 
 use imucal_core::STANDARD_GRAVITY_MPS2;
-use imucal_core::effects::Sensor;
-use imucal_core::sensor::Triad;
 use nalgebra::Vector3;
 
+use super::GenericFinding;
 use super::evidence::{Column, Evidence};
-use super::forward_search::ForwardSearch;
-use super::generic::Hypothesis;
+use super::generic::{Block, Hypothesis};
+use super::kernel::Kernel;
 use super::known::{Known, Others};
 use super::moments::Setting;
-use super::score::contradiction_of_stand;
-use super::stage::{Beside, Member, Stage};
+use super::stage::Stage;
 use super::weighing::Weighing;
-use super::{Block, GenericFinding, Kernel, Scattering};
-use crate::calibrate::EffectChoice;
-use crate::error::Error;
-use crate::joint::{Kinds, Prepared, Terms};
 use crate::numerics::workers::{in_order, processors};
 
 /// Trial standard deviations of the prior, in typical biases.
@@ -80,7 +74,7 @@ impl<'a> Judge<'a> {
 }
 
 /// The generic hypothesis of the selected blocks with the largest evidence, for each of the models.
-fn best_generics<const N: usize>(
+pub(super) fn best_generics<const N: usize>(
     setting: &Setting<'_>,
     stages: [&Stage; N],
     is_selected: impl Fn(Block) -> bool,
@@ -119,7 +113,7 @@ pub(super) struct Pattern {
     /// The selected effects against no effect.
     pub(super) path: f64,
     /// Reduction of chi2 by the selected effects.
-    path_chi2: f64,
+    pub(super) path_chi2: f64,
     /// The best hypothesis in addition to the selected effects, against these alone.
     pub(super) on_top: Option<BestGeneric>,
 }
@@ -156,82 +150,5 @@ impl BestGeneric {
         order.sort_by(|a, b| b.1[axis].abs().total_cmp(&a.1[axis].abs()));
         let rests = order.into_iter().take(3).map(|(place, _)| *place).collect();
         GenericFinding { block, kernel, log_bayes_factor, axis, rests, rms: rms(axis) / unit }
-    }
-}
-
-impl ForwardSearch<'_> {
-    /// Generic hypotheses alone and in addition to the selected effects: on rests and moves from rest to rest, and
-    /// inside the moves if these are used. With a stand, also whether these residuals contradict it: name, factor, and
-    /// probability under the null hypothesis.
-    pub(super) fn patterns(
-        &mut self,
-        prepared: &Prepared<'_>,
-        triads: [&Triad<f64>; 2],
-        open: &[EffectChoice],
-        stage: &Stage,
-    ) -> Result<(Vec<Pattern>, Option<Scattering>), Error> {
-        let kinds = self.kinds;
-        let (mut patterns, mut contradiction) = (Vec::new(), None);
-        for in_motion in [false, true].into_iter().filter(|in_motion| kinds.in_motion || !in_motion) {
-            self.kinds = Kinds { in_motion, encoders: false };
-            // Inside the moves a scale is better observable, and so are the effects that resemble it.
-            let is_selected = |block: Block| in_motion || !kinds.in_motion || block != Block::GyroscopeScale;
-            let found = self.pattern(prepared, triads, open, &stage.members, is_selected);
-            self.kinds = kinds;
-            let (pattern, with) = found?;
-            patterns.push(pattern);
-            if let (Some(with), true) = (with, kinds.encoders) {
-                contradiction = contradiction_of_stand(&with, stage);
-            }
-        }
-        Ok((patterns, contradiction))
-    }
-
-    /// The same on the residuals of `self.kinds`; effects that these do not determine are left out.
-    fn pattern(
-        &self,
-        prepared: &Prepared<'_>,
-        triads: [&Triad<f64>; 2],
-        open: &[EffectChoice],
-        members: &[Member],
-        is_selected: impl Fn(Block) -> bool,
-    ) -> Result<(Pattern, Option<Stage>), Error> {
-        let is_inertial = |c: &&EffectChoice| c.effect.sensor != Sensor::Encoder;
-        let inertial: Vec<EffectChoice> = open.iter().filter(is_inertial).copied().collect();
-        let seen: Vec<EffectChoice> =
-            inertial.iter().filter(|c| self.kinds.in_motion || !Kinds::needed_by(&[**c]).in_motion).copied().collect();
-        let without = self.stage(prepared, triads, &[], &[], Beside::Nothing)?;
-        // Effects that show inside moves may be hardly determined from rest to rest, or not at all.
-        let with = [inertial, seen].into_iter().find_map(|choices| {
-            let own = |m: &&Member| {
-                choices.iter().any(|c| c.effect.name == m.name) || self.user_fields.iter().any(|f| f.name == m.name)
-            };
-            let members: Vec<Member> = members.iter().filter(own).cloned().collect();
-            if members.is_empty() {
-                return None;
-            }
-            self.stage(prepared, triads, &choices, &members, Beside::Nothing).ok()
-        });
-        let (path, path_chi2) = with.as_ref().map_or((0.0, 0.0), |with| {
-            (with.evidence.log - without.evidence.log, without.evidence.chi2 - with.evidence.chi2)
-        });
-        let none = Terms::try_new(&[], &[], &self.samples, self.kinds)?;
-        let setting = Setting::new(prepared, &none, &without.model)?;
-        let (alone, on_top) = match &with {
-            Some(with) if setting.has_axes(with.design.axes()) => {
-                let [alone, on_top] = best_generics(&setting, [&without, with], &is_selected);
-                (alone, on_top)
-            }
-            with => {
-                let [alone] = best_generics(&setting, [&without], &is_selected);
-                let beside = |with: &Stage| -> Result<Option<BestGeneric>, Error> {
-                    let setting = Setting::new(prepared, &none, &with.model)?;
-                    let [on_top] = best_generics(&setting, [with], &is_selected);
-                    Ok(on_top)
-                };
-                (alone, with.as_ref().map(beside).transpose()?.flatten())
-            }
-        };
-        Ok((Pattern { alone, path, path_chi2, on_top }, with))
     }
 }

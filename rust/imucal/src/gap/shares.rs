@@ -3,7 +3,7 @@
 use faer::Mat;
 use nalgebra::Vector3;
 
-use super::Kernel;
+use super::kernel::Kernel;
 use super::smooth::Smooth;
 use crate::numerics::gaussian::gaussian_kernels;
 

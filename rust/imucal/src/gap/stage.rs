@@ -3,23 +3,13 @@
 use std::sync::Arc;
 
 use imucal_core::effects::Sensor;
-use imucal_core::sensor::Triad;
 
-use super::design::{Design, design};
+use super::design::Design;
 use super::evidence::Evidence;
-use super::forward_search::ForwardSearch;
-use crate::calibrate::{EffectChoice, UserField};
-use crate::error::Error;
-use crate::joint::{self, Kinds, Linear, Model, Prepared, SHAPE_SHARES, Term, Terms, WarmStart};
-use crate::parameters::BASE;
+use crate::joint::{Kinds, Model, WarmStart};
 
 pub(super) const NO_EVIDENCE: &str =
     "the residuals of these recordings have no evidence: look for numbers that are not finite";
-/// Standard deviation of the prior of a time constant, in typical sizes.
-const SHAPE_WIDTH: f64 = 3.0;
-
-/// Most linearisations that are kept, because each is as large as the moves; others are recomputed when needed.
-const MOST_RECENT: usize = 3;
 
 /// A model of the forward search.
 #[derive(Clone)]
@@ -33,7 +23,7 @@ pub(super) struct Stage {
     /// The sensors that these effects act on.
     pub(super) sensors: Vec<Sensor>,
     /// Name of each effect and the places of its parameters in the model.
-    places: Vec<(String, std::ops::Range<usize>)>,
+    pub(super) places: Vec<(String, std::ops::Range<usize>)>,
 }
 
 impl Stage {
@@ -72,128 +62,4 @@ pub(super) type FitKey = (Kinds, usize, Vec<(String, f64)>);
 pub(super) enum Beside {
     Candidates,
     Nothing,
-}
-
-impl ForwardSearch<'_> {
-    /// Fits the model with these effects, starting from the triads `near`, and linearises it together with `beside`.
-    pub(super) fn stage(
-        &self,
-        prepared: &Prepared<'_>,
-        near: [&Triad<f64>; 2],
-        open: &[EffectChoice],
-        members: &[Member],
-        beside: Beside,
-    ) -> Result<Stage, Error> {
-        let is_member = |name: &str| members.iter().any(|member| member.name == name);
-        let own: Vec<EffectChoice> =
-            members.iter().filter_map(|m| open.iter().find(|choice| choice.effect.name == m.name)).copied().collect();
-        let fields: Vec<UserField<'_>> = self.user_fields.iter().filter(|f| is_member(f.name)).cloned().collect();
-        let terms = Terms::try_new(&own, &fields, &self.samples, self.kinds)?;
-        let mut start = joint::start_model(prepared, &terms, near[0], near[1]);
-        let mut precisions = vec![0.0; terms.count];
-        for term in &terms.all {
-            let Some(member) = members.iter().find(|m| m.name == term.name()) else { continue };
-            for (k, typical) in term.typical().iter().enumerate() {
-                // The width of the prior of a time constant does not depend on the size of the effect.
-                let width = if k < term.linear { member.width } else { SHAPE_WIDTH };
-                precisions[term.first + k] = 1.0 / (width * typical).powi(2);
-            }
-            let own = &mut start.values[term.first..term.first + term.count()];
-            if member.values.len() == own.len() {
-                own.copy_from_slice(&member.values);
-            } else if let (true, Some(shape)) = (term.has_shape(), member.shape) {
-                own[term.linear] = shape;
-            }
-        }
-        // A user's own effect is refitted as it is.
-        let width = |term: &Term<'_>| {
-            let member = members.iter().find(|m| m.name == term.name());
-            term.effect().and(member).map(|member| member.width)
-        };
-        let key = (self.kinds, prepared.moves.len(), members.iter().map(|m| (m.name.clone(), m.width)).collect());
-        let linear = self.fitted(prepared, &terms, &start, width, key)?;
-        let own = (&terms, precisions.as_slice());
-        let design = match beside {
-            Beside::Nothing => design(prepared, own, &terms, &linear)?,
-            Beside::Candidates => {
-                let ground = self.ground.borrow().clone();
-                let joined = ground.and_then(|ground| ground.joined(prepared, own, &linear).transpose());
-                let design = |all: &Terms<'_>, linear: &Arc<Linear>| design(prepared, own, all, linear);
-                joined.unwrap_or_else(|| self.with_candidates(prepared, own.0, &linear.model, open, design))?
-            }
-        };
-        let model = linear.model.clone();
-        let evidence = design.gram.evidence(&design.model).ok_or_else(|| Error::Fit(NO_EVIDENCE.into()))?;
-        let mut members = members.to_vec();
-        for member in &mut members {
-            if let Some(term) = terms.all.iter().find(|term| term.name() == member.name) {
-                member.values = model.values[term.first..term.first + term.count()].to_vec();
-            }
-        }
-        let sensors = terms.all.iter().map(|term| term.sensor).collect();
-        let place = |t: &Term<'_>| (t.name().to_owned(), BASE + t.first..BASE + t.first + t.count());
-        let places = terms.all.iter().map(place).collect();
-        Ok(Stage { design: Arc::new(design), evidence, members, model, sensors, places })
-    }
-
-    /// The linearisation at the end of a fit, which several stages share.
-    fn fitted(
-        &self,
-        prepared: &Prepared<'_>,
-        terms: &Terms<'_>,
-        start: &Model,
-        width: impl Fn(&Term<'_>) -> Option<f64>,
-        key: FitKey,
-    ) -> Result<Arc<Linear>, Error> {
-        if let Some((_, linear)) = self.recent.borrow().iter().find(|(fit, _)| *fit == key) {
-            return Ok(Arc::clone(linear));
-        }
-        let known = self.fits.borrow().iter().find(|(fit, _)| *fit == key).map(|(_, model)| model.parameters());
-        let linear = match known {
-            Some(parameters) => Arc::new(prepared.linearise(terms, &parameters)?),
-            None => {
-                let linear = joint::fit_for_search(prepared, terms, start, width)?;
-                self.fits.borrow_mut().push((key.clone(), linear.model.clone()));
-                linear
-            }
-        };
-        let mut recent = self.recent.borrow_mut();
-        recent.truncate(MOST_RECENT - 1);
-        recent.insert(0, (key, Arc::clone(&linear)));
-        Ok(linear)
-    }
-
-    /// Linearises a model together with all candidates. One pass computes all columns, because those of the candidates
-    /// are evaluated at the corrected state.
-    pub(super) fn with_candidates<T>(
-        &self,
-        prepared: &Prepared<'_>,
-        terms: &Terms<'_>,
-        model: &Model,
-        open: &[EffectChoice],
-        work: impl FnOnce(&Terms<'_>, &Arc<Linear>) -> Result<T, Error>,
-    ) -> Result<T, Error> {
-        let is_member = |name: &str| terms.all.iter().any(|term| term.name() == name);
-        let of_catalogue = |term: &Term<'_>| open.iter().find(|choice| choice.effect.name == term.name()).copied();
-        let members = terms.all.iter().filter_map(of_catalogue);
-        let free = open.iter().filter(|choice| !is_member(choice.effect.name)).copied();
-        let (timed, plain): (Vec<_>, Vec<_>) = free.partition(|choice| choice.effect.shape.is_some());
-        let (fields, free): (Vec<_>, Vec<_>) = self.user_fields.iter().cloned().partition(|f| is_member(f.name));
-        let all_fields: Vec<UserField<'_>> = fields.into_iter().chain(free).collect();
-        let choices: Vec<EffectChoice> = members.chain(plain).collect();
-        let mut all = Terms::try_new(&choices, &all_fields, &self.samples, terms.kinds)?;
-        let longest_s = prepared.longest_s();
-        for (choice, share) in timed.iter().flat_map(|choice| SHAPE_SHARES.map(|share| (choice, share))) {
-            all.push_frozen(choice.effect, share * longest_s)?;
-        }
-        let mut values = vec![0.0; all.count];
-        for term in &terms.all {
-            if let Some(same) = all.all.iter().find(|other| other.name() == term.name()) {
-                let own = &model.values[term.first..term.first + term.count()];
-                values[same.first..same.first + same.count()].copy_from_slice(own);
-            }
-        }
-        let parameters = Model { values, ..model.clone() }.parameters();
-        work(&all, &Arc::new(prepared.linearise(&all, &parameters)?))
-    }
 }

@@ -10,7 +10,7 @@
 
 use super::clock::clock_and_noise_faults;
 use super::fits::Fit;
-use super::generic::Kernel;
+use super::kernel::Kernel;
 use super::mount::{StandRest, mount_slips};
 use super::{Score, Search};
 use crate::finding::{Finding, Severity};

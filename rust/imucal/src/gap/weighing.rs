@@ -234,6 +234,19 @@ impl WithSimd for Sweep<'_> {
     }
 }
 
+impl Gram {
+    /// The evidence of a model with these columns; `None` if the columns are not determined.
+    pub(crate) fn evidence(&self, columns: &[Column]) -> Option<Evidence> {
+        self.evidence_near(columns, &vec![1.0; self.sums.len()])
+    }
+
+    /// The same, with the scales of a similar model as start values.
+    pub(crate) fn evidence_near(&self, columns: &[Column], near: &[f64]) -> Option<Evidence> {
+        let weighing = Weighing::new(self, columns, Vec::new());
+        weighing.evidence(0.0, weighing.sweep(near)?).map(|(evidence, _)| evidence)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use faer::Mat;
