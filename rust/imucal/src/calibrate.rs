@@ -89,7 +89,7 @@ pub struct ModelOptions<'a> {
 }
 
 impl<'a> Options<'a> {
-    /// All but the model. Effects need the joint fit.
+    /// All options except those of the model. Effects require the joint fit, so `joint` is set for them.
     fn without_model(&self) -> Options<'static> {
         let &Self { gravity_mps2, frame, min_rest_s, exclude_saturated, accel_nominal, gyro_nominal, wander, .. } =
             self;
@@ -106,13 +106,13 @@ impl<'a> Options<'a> {
         }
     }
 
-    /// The model alone.
+    /// The options of the model.
     pub fn model(&self) -> ModelOptions<'a> {
         let Self { effects, partly, user_fields, folds, .. } = self.clone();
         ModelOptions { effects, partly, user_fields, folds }
     }
 
-    /// The same options for another model.
+    /// These options with another model.
     fn with_model<'b>(&self, model: &ModelOptions<'b>) -> Options<'b>
     where
         'a: 'b,
@@ -123,7 +123,7 @@ impl<'a> Options<'a> {
 }
 
 impl Options<'_> {
-    /// Refuses a model that cannot be meant.
+    /// Returns an error for an invalid combination of model options.
     fn check_model(&self) -> Result<(), Error> {
         if let Some(folds) = self.folds.filter(|folds| *folds < 2) {
             return Err(Error::Input(format!("folds = {folds}: at least 2 are needed to leave moves out")));

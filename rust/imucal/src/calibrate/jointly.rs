@@ -132,7 +132,7 @@ impl UnitData<'_> {
             }
         }
         let (moves, left_out) = between(self.recordings, &self.rests, &used, &self.saturated);
-        // A longer move that contains a bad one is bad, too.
+        // A move across an excluded rest is excluded, too, if it contains a move that contradicts the others.
         let within = |m: &Move, bad: &Move| m.recording == bad.recording && m.first <= bad.first && bad.last <= m.last;
         let contradicts: Vec<Move> = moves.iter().filter(|m| bad.iter().any(|bad| within(m, bad))).copied().collect();
         let mut selection = Selection { used, moves, left_out };

@@ -27,7 +27,7 @@ use crate::two_stage::observability::{
     FARTHEST, LARGEST_SHIFT, MOVE_ERROR_RAD, Open, REST_ERROR_MPS2, missing_poses, missing_turns, too_few_poses,
 };
 
-/// Minimum angle between the directions of gravity at two rests that is certain to be a rotation of the unit, rad.
+/// Minimum angle between the directions of gravity at two rests that counts as a rotation of the unit, rad.
 const TURNED_RAD: f64 = 0.35;
 /// Maximum angle between directions of gravity that count as equal, rad.
 const ALIKE_RAD: f64 = 0.05;
@@ -307,8 +307,8 @@ impl Scene {
     }
 }
 
-/// The design matrix. Its rows are in units of the model errors of real units, its columns in units of a hundredth of
-/// the size of each parameter.
+/// The design matrix. Its rows are divided by the model errors of a real unit, and its columns are multiplied by a
+/// hundredth of the size of each parameter.
 #[derive(Default)]
 struct Design {
     /// Rows of the matrix, in the order of [`OBSERVED`].
@@ -331,8 +331,8 @@ impl Design {
         })
     }
 
-    /// The design at the least-squares values of the determined parameters, with nominal values of the others. An error
-    /// of the sensors of some per cent would rotate the unobservable directions by as much.
+    /// The design at the least-squares values of the determined parameters, with nominal values of the others. Errors
+    /// of the sensors of some per cent would rotate the unobservable directions by a similar amount.
     fn near(prepared: &Prepared<'_>, terms: &Terms<'_>, model: &Model, sizes: &[f64]) -> Result<Self, Error> {
         let mut parameters = model.parameters();
         let mut design = Self::at(prepared, terms, &parameters, sizes)?;

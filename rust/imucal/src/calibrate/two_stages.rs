@@ -45,7 +45,7 @@ impl UnitData<'_> {
         let si = self.raw_is_si(|recording| recording.accel_unit);
         let mut fit = accelerometer::fit(&rests, options.gravity_mps2, nominal, si)
             .map_err(|error| self.with_all_that_is_missing(error, options))?;
-        // From here on the entries are those of all rests found, including the excluded ones.
+        // From here on the arrays have one entry for each rest found, including the excluded rests.
         let mut used = vec![false; self.rests.len()];
         let mut gain = Mat::zeros(9, self.rests.len());
         for (column, &k) in clean.iter().enumerate() {

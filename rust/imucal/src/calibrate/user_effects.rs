@@ -41,7 +41,7 @@ pub struct BriefCorrection {
     pub before: Vec<CorrectedSamples>,
     /// Corrected by the second calibration.
     pub after: Vec<CorrectedSamples>,
-    /// Fields of the user's effects of the second calibration at these means, in the order of its effects.
+    /// Fields of the user-defined effects of the second calibration at these means, in the order of its effects.
     pub fields: Vec<SampledField>,
 }
 
