@@ -84,6 +84,7 @@ def words(example):
     return done.stdout.split("\0")[:-1]
 
 
+@pytest.mark.slow
 def test_examples_are_as_wide_as_the_help():
     broken = [example for example in examples() if "\\\n" in example]
     assert broken

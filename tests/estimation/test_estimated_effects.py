@@ -9,6 +9,8 @@ import imucal
 from imucal.cli import main
 from imucal.effects import catalogue
 
+pytestmark = pytest.mark.slow
+
 CYCLE = "cycle:10:50:300"
 # Shows all but the square of the force; a stand that is crooked, as the encoders' effects need it along.
 CROOKED = imucal.Stand(
@@ -50,7 +52,6 @@ def form_name(effect, count):
     return effect.name if count == effect.plain else f"{effect.name}:full"
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("effect", "count"), DETERMINED, ids=[form_name(*form) for form in DETERMINED])
 def test_an_effect_comes_back(effect, count):
     truth = typical(effect, count)
@@ -137,7 +138,6 @@ def by_hand():
     return imucal.simulate("tumble", unit="mpu6050", rate_hz=100, seed=3, temperature=CYCLE).recording
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("motion", ["noisy", "by_hand"])
 @pytest.mark.parametrize(("effect", "count"), FORMS, ids=[form_name(*form) for form in FORMS])
 def test_an_effect_that_is_not_there_is_small_or_refused(effect, count, motion, request):

@@ -54,6 +54,7 @@ def test_an_effect_too_large_to_be_undone_is_poor(heated):
     assert "too large there to be undone" in judged.reasons[0]
 
 
+@pytest.mark.slow
 def test_what_could_not_be_judged_is_said(heated, tmp_path, capsys, monkeypatch):
     run, control, calibration = heated
     limit = np.radians(80.0)

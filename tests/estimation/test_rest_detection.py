@@ -55,6 +55,7 @@ def require_true_rests(inspection, true):
     assert lost.max() < LOST_S
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [25, 100, 400, 1000, 8000])
 @pytest.mark.parametrize("noise", [0.1, 1.0, 10.0])
 def test_on_a_stand(run, rate_hz, noise):

@@ -10,6 +10,8 @@ import imucal
 import imucal._core as _core
 from imucal import Program, Step
 
+pytestmark = pytest.mark.slow
+
 SEEDS = range(1, 21)
 WORST = 5.0  # sigmas; 420 normal numbers pass it once in 4000 tries
 WORST_DISTURBED = 6.0
@@ -55,7 +57,6 @@ def fits(result):
     return result.fit.accelerometer, result.fit.gyroscope
 
 
-@pytest.mark.slow
 def test_every_parameter_is_within_its_own_sigmas(paper_runs):
     errors, _, _ = paper_runs
     assert errors.shape == (20, 21)

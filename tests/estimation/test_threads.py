@@ -12,6 +12,7 @@ import imucal
 pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="a process cannot be kept to one processor"),
     pytest.mark.skipif(len(getattr(os, "sched_getaffinity", lambda _: [0])(0)) < 2, reason="one processor"),
+    pytest.mark.slow,
 ]
 
 CALIBRATED = """

@@ -134,6 +134,7 @@ def test_one_array_with_a_name_for_every_column(tmp_path, known, is_transposed):
         imucal.read(tmp_path / "rows.npy", columns=names.removesuffix("-") + "accel_x_mps2", rate_hz=100)
 
 
+@pytest.mark.slow
 def test_examples_run_as_printed(tmp_path, known, example_of):
     np.savez(tmp_path / "run.npz", **canonical(known))
     hdf5(tmp_path / "run.h5", known, "unit_1")
@@ -218,6 +219,7 @@ def test_archive_without_arrays_and_array_without_dimension(tmp_path, known):
         imucal.read(tmp_path / "run.npz")
 
 
+@pytest.mark.slow
 def test_columns_of_a_csv_with_other_names(tmp_path, example_of):
     (tmp_path / "other.csv").write_text(
         "t,ax,ay,az,gx,gy,gz,note\n"

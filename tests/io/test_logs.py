@@ -330,6 +330,7 @@ def test_cut_and_damaged_dataflash_is_read_as_far_as_it_goes(tmp_path, known, ca
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.slow
 def test_examples_run_as_printed(tmp_path, known, example_of):
     ulog(tmp_path / "flight.ulg", *pair(known), *pair(known, 1))
     dataflash(tmp_path / "flight.bin", ["IMU"], [*imu(known), *imu(known, 1)])

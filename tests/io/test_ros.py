@@ -226,6 +226,7 @@ def test_folder_of_a_bag_that_is_not_whole(tmp_path, known):
         imucal.read(tmp_path / "bag")
 
 
+@pytest.mark.slow
 def test_examples_run_as_printed(tmp_path, known, example_of):
     bag1(tmp_path / "drive.bag", {"/imu/data": messages(known, ROS1), "/imu/raw": messages(known, ROS1)})
     mcap2(tmp_path / "drive.mcap", {"/imu/data": messages(known, ROS2), "/imu/raw": messages(known, ROS2)})

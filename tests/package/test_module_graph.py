@@ -1,6 +1,8 @@
 """No circle of files in either language, and that the script which looks for circles finds them."""
 
 import importlib.util
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -9,6 +11,13 @@ SCRIPT = Path(__file__).with_name("module_graph.py")
 _spec = importlib.util.spec_from_file_location("module_graph", SCRIPT)
 module_graph = importlib.util.module_from_spec(_spec)
 _spec.loader.exec_module(module_graph)
+
+
+def test_no_circle_of_files():
+    done = subprocess.run([sys.executable, SCRIPT], capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    for name in ("python/imucal: ", "rust/imucal-core: ", "rust/imucal: ", "rust/imucal-py: "):
+        assert name in done.stdout
 
 
 def written(folder, files):

@@ -7,6 +7,8 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
+import pytest
+
 import imucal
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -59,6 +61,7 @@ def test_command_is_installed():
         assert name in done.stdout
 
 
+@pytest.mark.slow
 def test_every_benchmark_can_be_imported():
     """Those that `make test` does not run, too: they take minutes, and what they import may have moved."""
     modules = sorted(path.stem for path in (ROOT / "benches").glob("*.py"))

@@ -18,6 +18,8 @@ from imucal.cli import main
 from imucal.io import NotInPartsError, read_pieces, write_pieces
 from imucal.io.held import hold_temperature
 
+pytestmark = pytest.mark.slow
+
 # More than a piece of either kind of file.
 ROWS = 80_000
 NAMES = [

@@ -176,6 +176,7 @@ def test_where_it_disagrees_is_shown_if_it_is_known(gap, tmp_path):
     assert (list(before.x), list(after.x)) == ([46.7], [0.906])
 
 
+@pytest.mark.slow
 def test_a_page_of_a_very_long_recording_stays_small(result, tmp_path):
     count = 20_000
     random = np.random.default_rng(1)
