@@ -105,6 +105,8 @@ lint-python: $(VENV)/.installed
 	$(call say,Python: formatting and lint)
 	$(BIN)/ruff format --check $(PYTHON_FILES)
 	$(BIN)/ruff check $(PYTHON_FILES)
+	$(call say,Comments and pages: length of lines)
+	$(PY) tests/package/line_length.py
 	$(call say,Python: layers)
 	$(BIN)/lint-imports --no-cache
 	$(call say,Python: types)

@@ -105,8 +105,8 @@ pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
 }
 
-/// Estimates all parameters. The fit starts from the warm start if its effects match, otherwise from the two triads with zero
-/// effects.
+/// Estimates all parameters. The fit starts from the warm start if its effects match, otherwise from the two triads
+/// with zero effects.
 pub(crate) fn fit(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,

@@ -1,7 +1,7 @@
 //! Parameters of a unit: their order among all, and their names in words.
 //!
-//! The order is accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row by row),
-//! then the parameters of the effects, then those of the stand.
+//! The order is accelerometer bias (3) and sensitivity (6, symmetric frame), gyroscope bias (3) and sensitivity (9, row
+//! by row), then the parameters of the effects, then those of the stand.
 
 use imucal_core::calibration::Calibration;
 use std::ops::Range;
@@ -16,8 +16,8 @@ pub(crate) const GYRO_SENSITIVITY: Range<usize> = 12..21;
 /// Number of parameters of the stand, where it takes part: mount, tilt of the base, angles between its axes.
 pub(crate) const STAND_PARAMETERS: usize = 7;
 
-/// The eighteen parameters that rests and moves determine together: nine of the accelerometer in the order of the symmetric fit,
-/// nine entries of the gyroscope row by row. The gyroscope's bias is what it reads at rest.
+/// The eighteen parameters that rests and moves determine together: nine of the accelerometer in the order of the
+/// symmetric fit, nine entries of the gyroscope row by row. The gyroscope's bias is what it reads at rest.
 pub(crate) const WORDS: [&str; 18] = [
     "bias x",
     "bias y",

@@ -1,5 +1,5 @@
-//! Corrects the samples of standard input with an exported module: rows of raw rate, raw force and temperature difference,
-//! little-endian doubles. Gives rows of rate and force, first those of `f64`, then those of `f32`.
+//! Corrects the samples of standard input with an exported module: rows of raw rate, raw force and temperature
+//! difference, little-endian doubles. Gives rows of rate and force, first those of `f64`, then those of `f32`.
 
 use imucal_core::{calibration::Calibration, effects::Surroundings};
 use nalgebra::{RealField, Vector3, convert, try_convert};

@@ -8,8 +8,8 @@ use crate::error::Error;
 
 /// Relative increase of chi2 per degree of freedom up to which the prediction counts as equally good.
 const SAME: f64 = 0.005;
-/// Relative increase of chi2 per degree of freedom above which the prediction is worse, unless so few rests and moves are
-/// held out that a larger increase is not significant.
+/// Relative increase of chi2 per degree of freedom above which the prediction is worse, unless so few rests and moves
+/// are held out that a larger increase is not significant.
 const MAY_BE_CHANCE: f64 = 0.1;
 /// Standard deviations by which a change of chi2 is significant.
 const SIGNIFICANT: f64 = 3.0;

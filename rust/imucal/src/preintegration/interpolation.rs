@@ -53,8 +53,8 @@ pub(crate) fn are_equal_steps(step: f64, other: f64) -> bool {
 /// Number of steps that are compared at once.
 const AT_ONCE: usize = 32;
 
-/// The first step from `start` (not zero) whose interpolation differs from `interpolation`; `end` if there is none before it.
-/// Nearly all recordings have equal steps only, which a vectorised comparison of many steps detects quickly.
+/// The first step from `start` (not zero) whose interpolation differs from `interpolation`; `end` if there is none
+/// before it. Nearly all recordings have equal steps only, which a vectorised comparison of many steps detects quickly.
 pub(super) fn end_of_equal_steps(time_s: &[f64], start: usize, end: usize, interpolation: Interpolation) -> usize {
     let mut next = start;
     while interpolation == Interpolation::Cubic
