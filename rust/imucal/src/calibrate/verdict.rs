@@ -1,4 +1,4 @@
-//! The verdict on a calibration by its own recordings.
+//! Verdict of a calibration on the recordings from which it was estimated.
 
 use super::Outcome;
 use super::unit_data::NOT_STILL;
@@ -7,40 +7,41 @@ use crate::finding::{Finding, general};
 use crate::numerics::lsq::Termination;
 use crate::recording::Recording;
 
-/// Share of the rests, or of the moves, that may contradict the others in a good calibration: a few disturbed ones are
-/// an accident, many contradict the model.
-const MOST_CONTRADICTING: f64 = 0.1;
-/// Share of the rests with mean rates far from the others' in a good calibration: a few slow rotations look like rests.
-const MOST_MOVING: f64 = 0.2;
-/// p-value of chi2 above which residuals are too small for the estimated noise: noise alone makes them that small once
-/// in a million.
+/// Maximum share of rests, or of moves, that contradict the others in a good calibration. A few disturbed ones are
+/// accidental, many indicate a wrong model.
+const MAX_CONTRADICTING_SHARE: f64 = 0.1;
+/// Maximum share of rests whose mean rates are far from those of the others in a good calibration. A few slow rotations
+/// may appear to be rests.
+const MAX_MOVING_SHARE: f64 = 0.2;
+/// Maximum p-value of chi2. Above it the residuals are too small for the estimated noise: with correct noise this
+/// happens once in a million calibrations.
 const OVERESTIMATED: f64 = 1.0 - 1e-6;
 
 impl Outcome {
-    /// Good, or poor with the reasons. Control recordings have a verdict of their own: see
+    /// The verdict: good, or poor with reasons. Control recordings have a separate verdict, see
     /// [`evaluate`](mod@crate::evaluate).
     pub fn verdict(&self) -> Verdict {
-        // Reasons are in the order in which they are shown.
+        // The order of the reasons is that of the output.
         let mut reasons = self.fits_not_converged();
         reasons.extend(self.figures.reason(RecordingSet::Calibration, Vec::new));
         let contradicts = |excluded: &Option<&str>| excluded.is_some_and(|reason| reason.starts_with("contradicts"));
         let all = self.rests.len();
         let count = self.rests.iter().filter(|rest| contradicts(&rest.excluded)).count();
-        if are_many(count, all, MOST_CONTRADICTING) {
+        if are_many(count, all, MAX_CONTRADICTING_SHARE) {
             reasons.push(Reason::ContradictingRests { count, all });
         }
         let count = self.moves.iter().filter(|span| contradicts(&span.excluded)).count();
-        if are_many(count, self.moves.len(), MOST_CONTRADICTING) {
+        if are_many(count, self.moves.len(), MAX_CONTRADICTING_SHARE) {
             reasons.push(Reason::ContradictingMoves { count, all: self.moves.len() });
         }
         let count = self.rests.iter().filter(|rest| rest.excluded == Some(NOT_STILL)).count();
-        if are_many(count, all, MOST_MOVING) {
+        if are_many(count, all, MAX_MOVING_SHARE) {
             reasons.push(Reason::MovingRests { count, all });
         }
         Verdict::of(reasons)
     }
 
-    /// The fits that make the estimate and have not converged: of the two-stage fit, or the joint fit that it starts.
+    /// The fits of the result that have not converged: the two-stage fits, or the joint fit.
     fn fits_not_converged(&self) -> Vec<Reason> {
         let two_stages = [("the accelerometer fit", self.accelerometer_fit), ("the gyroscope fit", self.gyroscope_fit)];
         let fits = self.joint_fit.map_or(two_stages.to_vec(), |joint| vec![("the joint fit", joint)]);
@@ -48,7 +49,8 @@ impl Outcome {
         not_converged.map(|(fit, report)| Reason::NotConverged { fit, report }).collect()
     }
 
-    /// A warning if the noise at the rests explains far more than the residuals: then a motion was taken for noise.
+    /// A warning if the noise at the rests is much larger than the residuals, because motion has then been taken for
+    /// noise.
     pub(super) fn overestimated_noise(&self, recordings: &[Recording<'_>]) -> Option<Finding> {
         let misfit = self.misfit.filter(|misfit| misfit.p_value >= OVERESTIMATED)?;
         let ratio = (misfit.chi2 / misfit.degrees_of_freedom as f64).sqrt();

@@ -11,7 +11,7 @@ use crate::recording::{Recording, SIDE_BY_SIDE, each_step};
 /// Sums over the samples of one block of [`BLOCK_S`](super::BLOCK_S), six channels: rate x, y, z, then force x, y, z.
 pub(super) type Block = BlockSums<f64>;
 
-/// Minimum number of means per block to which samples are averaged at high rates (about 5 ms each).
+/// Minimum number of means per block, if the samples of a block are averaged (to means over about 5 ms, at high rates).
 const MEANS: usize = 10;
 
 /// Number of samples that are processed together, few enough to stay in the processor's cache.
