@@ -1,15 +1,15 @@
-//! Rests and moves that contradict all others (model.md (25)).
+//! Outlier detection of the joint fit: rests and moves that contradict all others (model.md (25)).
 //!
 //! ```text
 //! d = (A^T P r)^T (A^T P A)^-1 (A^T P r),   P = C^-1 - C^-1 J (J^T C^-1 J)^-1 J^T C^-1
 //! ```
 //!
-//! d is the decrease of chi2 if the residuals along the columns of A are left free. The columns are the residuals of a
-//! move, the norm or the rates of a rest, or the change that an error of a rest's mean force causes in its norm and in
-//! the moves on both sides. Under the null hypothesis d is chi2 distributed with the rank of A as degrees of freedom,
-//! for correlated residuals as well. C contains noise alone; residuals that scatter more throughout are scaled by their
-//! median. The item with the least probable d is excluded, and the others are tested again without it, until none is
-//! significant.
+//! d is the decrease of chi2 if the residuals are free along the columns of A and all parameters are fitted again. The
+//! columns of A are those of a move, of the norm or the mean rates of a rest, or the effect of an error of the mean
+//! force of a rest on its norm and on the adjacent moves. Under the null hypothesis d has a chi2 distribution with as
+//! many degrees of freedom as A has columns, whatever the correlation of the residuals. C contains the noise alone.
+//! Excess scatter of all residuals of a kind is taken into account by the median of d. The item with the smallest
+//! p-value is excluded and all others are judged again, until no p-value is below `SIGNIFICANCE`.
 
 #[cfg(test)]
 mod tests;
@@ -29,14 +29,18 @@ use crate::error::Error;
 use crate::numerics::robust::may_exclude;
 use crate::numerics::stats::{dot, median, p_value};
 
-/// Significance level: under the null hypothesis an item is excluded in less than one of 10^5 cases.
-const CHANCE: f64 = 1e-5;
-/// A direction of the residuals is not tested if the fit absorbs more than all but this share of its variance.
-const LEAST_FREEDOM: f64 = 0.05;
-/// A unit column is linearly dependent on the others if less than this part of it is left.
-const SAME_DIRECTION: f64 = 1e-9;
-/// Minimum number of rests that remain.
-const FEWEST_RESTS: usize = 12;
+/// Significance level: an item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), an item of a
+/// clean run is excluded with a probability of 0.4 %.
+const SIGNIFICANCE: f64 = 1e-5;
+/// Smallest share of the variance of a direction that the fit leaves in its residual (one minus leverage). Directions
+/// with a smaller share cannot be judged (model.md (25)).
+const MIN_RESIDUAL_SHARE: f64 = 0.05;
+/// Smallest diagonal entry of R in the QR decomposition of the scaled Jacobian, dimensionless. Columns with a smaller
+/// entry are linearly dependent on the others; the limit is far above rounding.
+const LINEAR_DEPENDENCE: f64 = 1e-9;
+/// Minimum number of rests that remain after exclusion (model.md (25)).
+const MIN_REMAINING_RESTS: usize = 12;
+/// Minimum number of moves that remain after exclusion (model.md (25)).
 const MIN_REMAINING_MOVES: usize = 9;
 
 /// A rest or a move of the fit, by its index.
@@ -53,20 +57,20 @@ struct Group {
     kind: Kind,
 }
 
-/// Kinds of residuals with a common scale.
+/// Kind of residuals with a common scale.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Norm,
     Rate,
     Move,
-    /// The mean force of a rest: an error of it appears in both neighbouring moves.
+    /// Error of the mean force of a rest: a wrong gravity direction affects the moves on both sides.
     Mean,
 }
 
-/// The rests and moves that contradict all others under a model close to the best one, worst first.
+/// Rests and moves that contradict all others under a model near the optimum, in the order of exclusion.
 ///
-/// The directions of gravity also test moves for which the fit uses residuals within the move or against the stand
-/// instead. `known` is the linearisation at the model, if it covers all rests and moves.
+/// Moves are judged by the gravity directions at their ends, even if the fit uses the force inside the moves or the
+/// stand. `known` is the linearisation at the model, if it contains all rests and moves to be judged.
 pub(crate) fn outliers(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -96,48 +100,50 @@ pub(crate) fn outliers(
             .map(|(group, (misfit, freedom))| (group, misfit, freedom))
             .collect();
         let scales = [Kind::Norm, Kind::Rate, Kind::Move].map(|kind| scale(kind, &judged));
-        let chance = |(group, misfit, freedom): &(&Group, f64, usize)| {
+        let log_p = |(group, misfit, freedom): &(&Group, f64, usize)| {
             let scale = match group.kind {
                 Kind::Norm => scales[0],
                 Kind::Rate => scales[1],
                 Kind::Move => scales[2],
                 Kind::Mean => scales[0].max(scales[2]),
             };
-            log_chance(misfit / scale, *freedom)
+            log_p_value(misfit / scale, *freedom)
         };
-        let Some(worst) = judged.iter().min_by(|a, b| chance(a).total_cmp(&chance(b))) else { return Ok(found) };
+        let Some(worst) = judged.iter().min_by(|a, b| log_p(a).total_cmp(&log_p(b))) else { return Ok(found) };
         let item = worst.0.item;
         let (used, fewest) = match item {
-            Item::Rest(_) => (&mut rests, FEWEST_RESTS),
+            Item::Rest(_) => (&mut rests, MIN_REMAINING_RESTS),
             Item::Move(_) => (&mut moves, MIN_REMAINING_MOVES),
         };
-        if chance(worst) > CHANCE.ln() || !may_exclude(used, fewest) {
+        if log_p(worst) > SIGNIFICANCE.ln() || !may_exclude(used, fewest) {
             return Ok(found);
         }
         let (Item::Rest(k) | Item::Move(k)) = item;
         used[k] = false;
         found.push(item);
-        // All groups of an excluded item are removed.
+        // All residuals of the item are excluded, whichever of them was significant.
         let all = groups.iter().filter(|group| group.item == item).flat_map(|group| &group.columns);
         all.for_each(|&column| without.leave_out(column));
     }
 }
 
-/// Logarithm of the probability of this chi2 under the null hypothesis; it still ranks values whose probability
-/// underflows.
-fn log_chance(misfit: f64, freedom: usize) -> f64 {
-    let chance = p_value(misfit, freedom);
+/// Logarithm of the p-value of chi2. An asymptotic expansion replaces p-values that underflow, so that extreme outliers
+/// can still be ranked.
+fn log_p_value(misfit: f64, freedom: usize) -> f64 {
+    let p = p_value(misfit, freedom);
     let (half, x) = (freedom as f64 / 2.0, misfit / 2.0);
-    if chance > 1e-200 { chance.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
+    if p > 1e-200 { p.ln() } else { (half - 1.0) * x.ln() - x - ln_gamma(half) }
 }
 
-/// Groups to test. Columns are one for each line and each rate, then three for the mean of each rest.
+/// Groups of columns to be tested. There is one column for each norm, move and mean-rate residual, followed by three
+/// columns for the mean force of each rest.
 fn groups(linear: &Linear) -> Vec<Group> {
     let lines = &linear.lines;
     let mut groups: Vec<Group> =
         (0..linear.moves.len()).map(|k| Group { item: Item::Move(k), columns: Vec::new(), kind: Kind::Move }).collect();
     let mut norm_of = vec![None; linear.rates.iter().map(|(k, _)| k + 1).max().unwrap_or(0)];
-    // The moves next to a hand-held rest do not depend on its mean.
+    // The moves at a hand-held rest do not depend on its mean force, because the directions at its ends are used
+    // instead.
     let mut in_moves = vec![false; norm_of.len()];
     for (row, line) in lines.iter().enumerate() {
         match line.source {
@@ -160,8 +166,8 @@ fn groups(linear: &Linear) -> Vec<Group> {
     groups
 }
 
-/// Whitened change of the residuals by a unit error of each rest's mean along each axis, from the whitened unit
-/// residuals of the lines.
+/// Whitened unit errors of the mean force of each rest, axis by axis, computed from the whitened unit errors `units` of
+/// the norm and move residuals. Each is given by its first nonzero row and the values from there on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -180,24 +186,24 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
     linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
-/// Variance of a kind of residuals in units of its noise variance: a median, one at least.
+/// Variance of a kind of residuals relative to noise: the median of d over its expected median, at least one.
 fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
     let of_kind = judged.iter().filter(|(group, _, freedom)| group.kind == kind && *freedom > 0);
-    // Median of chi2 by Wilson and Hilferty.
+    // Median of the chi2 distribution (Wilson and Hilferty).
     let median_of = |freedom: f64| freedom * (1.0 - 2.0 / (9.0 * freedom)).powi(3);
     let mut ratios: Vec<f64> = of_kind.map(|(_, misfit, freedom)| misfit / median_of(*freedom as f64)).collect();
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// The fit with some residual columns left out; each column left out acts as an additional parameter.
+/// Whitened fit from which columns can be excluded. Each excluded column becomes an additional parameter.
 pub(super) struct LeaveOut {
-    /// `L^-1 A`: the first nonzero row of each column, and the values from there on.
+    /// Columns of `L^-1 A`: first nonzero row, and the values from there on.
     columns: Vec<(usize, Vec<f64>)>,
     /// Orthonormal basis of the whitened Jacobian, one vector per column.
     basis: Vec<Vec<f64>>,
-    /// Products of the basis with each of `columns`.
+    /// Products of the basis vectors with each of `columns`.
     seen: Vec<Vec<f64>>,
-    /// Whitened residuals orthogonal to the basis.
+    /// Whitened residuals, projected onto the complement of the basis.
     residuals: Vec<f64>,
 }
 
@@ -217,8 +223,8 @@ impl LeaveOut {
             let size: Vec<f64> = (0..jacobian.ncols()).map(|p| jacobian.col(p).norm_l2()).collect();
             let kept: Vec<usize> = (0..size.len()).filter(|&p| size[p] > 0.0).collect();
             let qr = Mat::from_fn(all, kept.len(), |row, p| jacobian[(row, kept[p])] / size[kept[p]]).col_piv_qr();
-            // Effects may be linearly dependent on the biases; only independent directions count.
-            let rank = (0..kept.len()).take_while(|&k| qr.thin_R()[(k, k)].abs() > SAME_DIRECTION).count();
+            // An effect may be linearly dependent on the biases. Dependent columns do not add to the rank.
+            let rank = (0..kept.len()).take_while(|&k| qr.thin_R()[(k, k)].abs() > LINEAR_DEPENDENCE).count();
             qr.compute_thin_Q().subcols(0, rank).to_owned()
         };
         (0..q.ncols()).for_each(|p| without.push((0..all).map(|row| q[(row, p)]).collect()));
@@ -234,12 +240,13 @@ impl LeaveOut {
         self.basis.push(direction);
     }
 
-    /// chi2 of all rows and its degrees of freedom.
+    /// chi2 of all residuals and its degrees of freedom.
     pub(super) fn whole(&self) -> (f64, usize) {
         (dot(&self.residuals, &self.residuals), self.residuals.len().saturating_sub(self.basis.len()))
     }
 
-    /// Decrease of chi2 without these columns, and the number of directions that can be tested.
+    /// Decrease d of chi2 if these columns are free, and its degrees of freedom: the number of directions that can be
+    /// judged.
     pub(super) fn misfit(&self, columns: &[usize]) -> (f64, usize) {
         let n = columns.len();
         if n == 0 {
@@ -259,9 +266,9 @@ impl LeaveOut {
             dot(&self.residuals[*first..first + column.len()], column)
         });
         let Some(seen) = factor.l().solve_lower_triangular(&seen) else { return (0.0, 0) };
-        // The share of each direction that the fit does not absorb.
+        // One minus the leverage of each direction.
         let eigen = (DMatrix::identity(n, n) - spent).symmetric_eigen();
-        let free = (0..n).filter(|&k| eigen.eigenvalues[k] > LEAST_FREEDOM);
+        let free = (0..n).filter(|&k| eigen.eigenvalues[k] > MIN_RESIDUAL_SHARE);
         let misfit = free.clone().map(|k| eigen.eigenvectors.column(k).dot(&seen).powi(2) / eigen.eigenvalues[k]).sum();
         (misfit, free.count())
     }
@@ -271,7 +278,7 @@ impl LeaveOut {
         let mut direction = vec![0.0; self.residuals.len()];
         direction[*first..first + column.len()].copy_from_slice(column);
         let size = dot(column, column).sqrt();
-        // Two passes of orthogonalisation reach rounding.
+        // Gram-Schmidt orthogonalisation; two passes reach machine precision.
         for _ in 0..2 {
             for known in &self.basis {
                 let along = dot(known, &direction);

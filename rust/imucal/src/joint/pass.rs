@@ -1,7 +1,7 @@
-//! One pass over the samples of a move: its rotation, the derivative of the attitude by every parameter, and the force
-//! within the move.
+//! Integration over the samples of one move: its rotation, the attitude Jacobian, and the force inside the move.
 //!
-//! A change of the parameters causes an attitude error on the side of the start, `R(t) <- exp(turn(t)) R(t)`:
+//! A change of the parameters changes the attitude at time t on the side of the start of the move, `R(t) <-
+//! exp(turn(t)) R(t)`:
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))
@@ -10,16 +10,18 @@
 //! d = -T^-1 e_i v_j for T_ij,   -T^-1 e_i for b_i,   -Phi_p for a parameter of an effect           model.md (17)
 //! ```
 //!
-//! R is evaluated at every sample, d in the middle of short segments of samples. If only the end of the move is needed,
-//! the integrals of the base parameters come from the preintegration kernel.
+//! R is computed at every sample. The derivative d is evaluated at the midpoints of segments of samples. If only the
+//! rotation over the whole move is needed, the integrals for the base parameters come from the preintegration (model.md
+//! (6)).
 //!
-//! The error of a smooth motion decreases with the fourth power of the sample interval. Linear interpolation would
-//! leave an error of second order, because the curvature of the rate does not cancel where the attitude changes.
+//! For smooth motion the integration error falls with the fourth power of the sampling interval. With straight lines
+//! between samples it would fall only with the second power, because the error due to the curvature of the rate does
+//! not cancel if the attitude changes.
 //!
-//! The derivative of the effects by the rate itself is neglected in d: it is below one per cent, and the residual is
-//! exact. For the derivative by the accelerometer's parameters the specific force is replaced by gravity propagated
-//! from the start. The measured sample would correlate the derivative with the noise of the residual, and a noise-free
-//! column next to it would then fit that noise.
+//! The derivative of the effects with respect to the rate is neglected in d. It is below 1 %, and the residuals are
+//! exact. The derivative of the force with respect to the accelerometer parameters is evaluated at the propagated
+//! gravity and not at the sample. At the sample it would contain the same noise as the residual and could explain it
+//! together with a noise-free column (docs/decisions/0022).
 
 mod attitude_jacobian;
 mod corrected;
@@ -45,27 +47,28 @@ use attitude_jacobian::Turns;
 use corrected::Corrected;
 use planes::Changes;
 
-/// Length of a block inside a move, s.
+/// Duration of a block inside a move, s. Over this time the force is averaged (model.md (20)).
 pub(crate) const BLOCK_S: f64 = 0.04;
 
-/// Results of a pass over one move.
+/// Result of the integration over one move.
 pub(crate) struct Pass {
     /// `v_start = rotation * v_end`.
     pub(crate) rotation: Matrix3<f64>,
-    /// d_turn_d_p at the end for every parameter; zero for those of the accelerometer.
+    /// Derivative of the attitude at the end with respect to every parameter, rad per unit of the parameter. Zero for
+    /// the parameters of the accelerometer.
     pub(crate) turn: Vec<Vector3<f64>>,
-    /// Blocks within the move; empty unless requested.
+    /// Blocks inside the move; empty unless requested.
     pub(crate) blocks: Vec<Block>,
-    /// Changes of the attitude and of the force in each block, per parameter.
+    /// Derivatives of attitude and force in each block.
     pub(super) changes: Changes,
-    /// The rotation at every sample of the move; computed only for residuals against encoders.
+    /// Rotation to the start of the move from every sample. Filled only for residuals against the encoders.
     pub(super) attitudes: Vec<Matrix3<f64>>,
 }
 
-/// The terms of a model, prepared for the passes over all moves.
+/// Effects of a model, grouped for the integration of all moves.
 pub(crate) struct EvaluatedTerms<'a> {
     terms: &'a Terms<'a>,
-    /// Terms with a nonzero contribution.
+    /// Effects with a nonzero parameter.
     active: Terms<'a>,
     on_rate: SideBySide<'a>,
     on_force: SideBySide<'a>,
@@ -78,38 +81,38 @@ impl<'a> EvaluatedTerms<'a> {
         Self { terms, active: terms.active(&model.values), on_rate, on_force }
     }
 
-    /// Whether all terms are zero.
+    /// Whether all effects have zero parameters.
     pub(crate) fn adds_nothing(&self) -> bool {
         self.active.all.is_empty()
     }
 }
 
-/// A short block of samples within a move.
+/// A short interval inside a move, over which the force is averaged.
 pub(crate) struct Block {
-    /// From the start of the move to the centre of the block, s.
+    /// Time from the start of the move to the centre of the block, s.
     pub(crate) time_s: f64,
     pub(crate) duration_s: f64,
-    /// Its samples, relative to the first sample of the move.
+    /// Samples of the block, counted from the first sample of the move.
     pub(crate) samples: Range<usize>,
     /// Mean corrected force, rotated to the body frame at the start of the move, m/s^2.
     pub(crate) force: Vector3<f64>,
 }
 
-/// One move with the inputs of its pass, and the requested results.
+/// One move to integrate, with the requested outputs.
 pub(crate) struct Route<'a> {
     pub(crate) recording: &'a Recording<'a>,
     pub(crate) span: &'a Move,
-    /// Attitude at the start, if an effect depends on it.
+    /// Attitude at the start of the move; needed by effects that depend on the attitude.
     pub(crate) rotation_world_from_start: Option<UnitQuaternion<f64>>,
-    /// Gravity at the start, m/s^2.
+    /// Gravity in the body frame at the start of the move, m/s^2.
     pub(crate) gravity_at_start: Vector3<f64>,
-    /// Width of the smoothing of the angular acceleration.
+    /// Window width of the numerical derivative of the rate; it depends on how smooth the motion is (model.md (16)).
     pub(crate) width: &'a Width,
-    /// Length of a block inside the move, s.
+    /// Duration of a block inside the move, s.
     pub(crate) block_s: f64,
-    /// Whether blocks within the move are requested, or only its end.
+    /// Whether blocks inside the move are requested, or only the rotation over the whole move.
     pub(crate) has_blocks: bool,
-    /// Rotation and sums without effects, if they are already known; a pass with blocks does not use them.
+    /// Rotation and Jacobian integrals without effects, if already computed. Not used if blocks are requested.
     pub(crate) preintegrated: Option<(Matrix3<f64>, Sums)>,
 }
 
@@ -132,7 +135,7 @@ impl Route<'_> {
         while start < last {
             let end = (start + of_block).min(last);
             let force = self.mean_force(start..end, &all, &rotations);
-            // Samples at the end of a move that do not fill a block are not used.
+            // The last steps of the move, if they do not fill a block, are not used.
             if end - start == of_block {
                 blocks.push(self.block(start..end, force));
                 turns.next_block();
@@ -146,19 +149,19 @@ impl Route<'_> {
         Pass { rotation, turn, blocks, changes, attitudes }
     }
 
-    /// Samples per segment, and segments per block: two, or one if a block is a single sample.
+    /// Number of samples in a segment, and number of segments in a block: two, or one if a block has a single sample.
     pub(super) fn stretches_of_block(&self) -> [usize; 2] {
         let [stretch, block] = [self.block_s / 2.0, self.block_s].map(|length_s| self.samples_in(length_s));
         [stretch, if block > stretch { 2 } else { 1 }]
     }
 
-    /// Number of samples that last `length_s`.
+    /// Number of samples that span `length_s`, at least one.
     pub(super) fn samples_in(&self, length_s: f64) -> usize {
         let Move { first, last, duration_s, .. } = self.span;
         ((length_s * (last - first) as f64 / duration_s).round() as usize).max(1)
     }
 
-    /// The rotation at every sample of the move; the first is the identity.
+    /// Rotation to the start of the move from every sample. The first one is the identity.
     fn rotations_of_samples(&self, all: &Corrected) -> Vec<UnitQuaternion<f64>> {
         let (Move { first, last, .. }, time_s) = (self.span, self.recording.time_s);
         let turned = |i: usize| self.step(i).turn(|k| all.rate[k], time_s[i + 1] - time_s[i]);
@@ -166,14 +169,14 @@ impl Route<'_> {
         attitudes(UnitQuaternion::identity(), &turns)
     }
 
-    /// Mean force after each of these steps, in the frame of the start.
+    /// Mean force over the samples at the ends of these steps, rotated to the body frame at the start of the move.
     fn mean_force(&self, steps: Range<usize>, all: &Corrected, rotations: &[UnitQuaternion<f64>]) -> Vector3<f64> {
         let (first, reach, count) = (self.span.first, self.reach().start, steps.len() as f64);
         let turned = |i: usize| rotations[i - first].to_rotation_matrix() * all.force[i - reach];
         (steps.start + 1..=steps.end).map(turned).sum::<Vector3<f64>>() / count
     }
 
-    /// The block of these steps with this mean force.
+    /// Block that consists of these steps and has the mean force `force`.
     fn block(&self, steps: Range<usize>, force: Vector3<f64>) -> Block {
         let (time, first) = (self.recording.time_s, self.span.first);
         Block {
@@ -184,12 +187,12 @@ impl Route<'_> {
         }
     }
 
-    /// The rotation without effects.
+    /// Rotation over the move without effects.
     pub(super) fn rotation(&self, gyroscope: &Triad<f64>) -> Matrix3<f64> {
         integrate_rotation(self.recording, self.span.first, self.span.last, gyroscope)
     }
 
-    /// Rotation and derivative sums without effects, from the preintegration kernel.
+    /// Rotation and Jacobian integrals over the move without effects.
     pub(super) fn preintegrated_base(&self, gyroscope: &Triad<f64>) -> (Matrix3<f64>, Sums) {
         let Recording { time_s, angular_rate, .. } = *self.recording;
         preintegrate(time_s, angular_rate, self.span.first, self.span.last, gyroscope)

@@ -1,4 +1,4 @@
-//! Inputs of a joint fit, and the integration of each of its moves.
+//! Input of a joint fit: recordings, rests, moves and their noise.
 
 use std::sync::OnceLock;
 
@@ -15,38 +15,38 @@ use crate::rests::moves::{End, Move};
 use crate::rests::noise_density::NoiseDensity;
 use crate::rests::unit_rest::UnitRest;
 
-/// Inputs of a joint fit.
+/// Input of a joint fit, the same for all models.
 pub(crate) struct Prepared<'a> {
     pub(crate) recordings: &'a [Recording<'a>],
     pub(crate) rests: &'a [UnitRest],
     /// Whether each rest is used.
     pub(crate) used: &'a [bool],
     pub(crate) moves: &'a [Move],
-    /// Directions of gravity before and after each move.
+    /// Gravity direction data at the start and the end of each move.
     pub(crate) ends: &'a [[End; 2]],
-    /// Smoothing width of the rate's derivative in each move, the same for all passes.
+    /// Window width of the numerical derivative of the rate in each move. It is kept constant during a fit.
     pub(crate) widths: &'a [Width],
-    /// Eigenvectors for the scatter of the rates with bias instability, calculated when first needed. Only the noise
-    /// depends on the model.
+    /// Eigenvectors of the flicker covariance relative to the noise of the mean rates, per axis. Computed on first use,
+    /// then kept: apart from a lower limit of the noise it does not depend on the model.
     pub(crate) flicker: &'a OnceLock<Option<[Modes; 3]>>,
     pub(crate) noise: &'a [NoiseDensity],
     pub(crate) gravity_mps2: f64,
     pub(crate) wander: Wander,
-    /// Encoder angles; `None` if no effect on encoders is estimated.
+    /// Encoder readings; `Some` if an effect of the encoders is estimated.
     pub(crate) encoders: Option<Encoders>,
-    /// Length of the blocks inside a move over which the force is averaged, s.
+    /// Duration of the blocks inside a move over which the force is averaged, s.
     pub(crate) block_s: f64,
 }
 
 impl Prepared<'_> {
-    /// Index of the first rest that follows an unused move; the heading is unknown from there on.
+    /// First rest in use that no used move leads to, apart from the very first one. Its heading is not known.
     pub(crate) fn heading_lost(&self) -> Option<usize> {
         let first = self.used.iter().position(|used| *used)?;
         let is_reached = |k: usize| k == first || self.moves.iter().any(|m| m.to == k);
         (0..self.rests.len()).find(|&k| self.used[k] && !is_reached(k))
     }
 
-    /// Indices of the used rests of a recording, and start and end of each, s.
+    /// Rests in use of one recording, and the start and end time of each, s.
     pub(super) fn rests_of(&self, recording: usize) -> (Vec<usize>, Vec<[f64; 2]>) {
         let own = |k: &usize| self.used[*k] && self.rests[*k].recording == recording;
         let rest = |k: usize| (k, [self.rests[k].rest.start_s, self.rests[k].rest.end_s]);
@@ -58,7 +58,7 @@ impl Prepared<'_> {
         self.recordings.iter().map(Recording::span_s).map(|[first, last]| last - first).fold(0.0, f64::max)
     }
 
-    /// Inputs for the integration of a move, with the attitude at its start if an effect depends on it.
+    /// Move `index` as input of the integration. `attitude` is the attitude at its start, if an effect needs it.
     pub(super) fn route(
         &self,
         index: usize,

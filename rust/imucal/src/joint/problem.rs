@@ -1,4 +1,4 @@
-//! The joint estimation problem: whitened residuals for the solver.
+//! The joint least-squares problem: whitened residuals and their Jacobian for the solver.
 
 mod nearby;
 pub(super) mod report;
@@ -27,13 +27,13 @@ use nearby::Nearby;
 use report::JointFit;
 use wandering::Wandering;
 
-/// The joint estimation problem.
+/// Least-squares problem of the joint fit, with fixed weights.
 pub(crate) struct Joint<'a> {
     pub(crate) prepared: &'a Prepared<'a>,
     pub(super) terms: &'a Terms<'a>,
     pub(crate) weights: Weights,
     wandering: Option<Wandering>,
-    /// Indices of parameters that keep their start values.
+    /// Indices of the parameters that keep their start values.
     pub(crate) fixed: Vec<usize>,
     pub(super) priors: Vec<Prior>,
     pub(super) nearby: Nearby,
@@ -47,7 +47,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// The problem at a known linearisation, with weights from noise only.
+    /// Problem at a linearisation, with the weights of noise alone.
     pub(crate) fn of_noise(
         prepared: &'a Prepared<'a>,
         terms: &'a Terms<'a>,
@@ -57,7 +57,7 @@ impl<'a> Joint<'a> {
         Self::with(prepared, terms, linear, weights)
     }
 
-    /// The problem at the end of a fit, with the weights of the fit.
+    /// Problem at the end of a fit, with the weights and priors of that fit.
     pub(crate) fn of_fit(prepared: &'a Prepared<'a>, terms: &'a Terms<'a>, fit: &JointFit) -> Result<Self, Error> {
         let mut problem = Self::with(prepared, terms, Arc::clone(&fit.linear), fit.weights.clone())?;
         problem.hold(fit.priors.clone());
@@ -86,7 +86,8 @@ impl<'a> Joint<'a> {
         Ok(())
     }
 
-    /// Model of the variation of the biases, given or estimated; `None` for constant biases.
+    /// Bias instability and random walk of the biases: known from the unit's profile, or estimated from the mean rates.
+    /// `None` if the biases are constant.
     pub(crate) fn wander(&self, model: &Model) -> Option<UnitWander> {
         if let Wander::Known(unit) = self.prepared.wander {
             return Some(unit);
@@ -96,20 +97,20 @@ impl<'a> Joint<'a> {
         (seen != [0.0; 3]).then(|| UnitWander::of_gyroscope(seen.map(|b| b / raw)))
     }
 
-    /// Sets the weights from the residuals of a fit.
+    /// Re-estimates the weights from the residuals of a fit.
     pub(crate) fn weigh_by(&mut self, found: &Solution) -> Result<(), Error> {
         let linear = self.linear(&found.parameters)?;
         self.weights = Weights::of(self.prepared, self.terms, &linear, Some((found, &self.weights.scales)));
         self.let_biases_wander(&linear)
     }
 
-    /// Adds priors as residuals, for effects that the recordings determine only partly.
+    /// Adds priors for effects that the recordings determine only partly.
     pub(crate) fn hold(&mut self, priors: Vec<Prior>) {
         self.rows += priors.iter().map(|prior| prior.typical.len()).sum::<usize>();
         self.priors = priors;
     }
 
-    /// Sets the widths of the priors from the result of a fit; returns whether any width changed by more than 10 %.
+    /// Adapts the widths of the priors to the estimate. Returns whether any width changed by more than 10 %.
     pub(crate) fn widen(&mut self, found: &Solution) -> bool {
         if self.priors.is_empty() {
             return false;
@@ -124,15 +125,15 @@ impl<'a> Joint<'a> {
         changed
     }
 
-    /// Mean scale of a sensor, raw units per SI unit.
+    /// Mean sensitivity of a sensor, raw units per SI unit.
     pub(crate) fn raw_scale(&self, sensor: Sensor, parameters: &[f64]) -> f64 {
         let entries = if sensor == Sensor::Gyroscope { &parameters[GYRO_SENSITIVITY] } else { &parameters[3..6] };
         (entries.iter().map(|e| e * e).sum::<f64>() / 3.0).sqrt()
     }
 
-    /// Whitened derivatives with respect to a separate bias at each rest, three columns per rest: of the gyroscope and
-    /// of the accelerometer. The bias of a move is the mean of the gyroscope's biases at its two rests. Only the rows
-    /// of rests and moves are set.
+    /// Whitened derivatives with respect to an individual bias at each rest, three columns per rest: first for the
+    /// gyroscope, then for the accelerometer. The gyroscope bias in a move is the mean of those at its two rests. Only
+    /// rows of norms, moves and mean rates are nonzero.
     pub(crate) fn by_biases_of_rests(&self, linear: &Linear) -> [Mat<f64>; 2] {
         let (head, count) = (linear.lines.len(), 3 * self.prepared.rests.len());
         let (mut gyroscope, mut accelerometer) = (Mat::zeros(head, count), Mat::zeros(head, count));
@@ -169,14 +170,14 @@ impl<'a> Joint<'a> {
         self.rows
     }
 
-    /// Applies the second whitening for varying biases, if there are any.
+    /// Whitens columns for the covariance of varying biases, if there is one.
     pub(super) fn let_wander(&self, columns: &mut Mat<f64>) {
         if let Some(wandering) = &self.wandering {
             wandering.apply(columns);
         }
     }
 
-    /// Whitened unit errors of each line and each rate: index of the first nonzero row, and the values from there on.
+    /// Whitened unit errors of each norm, move and mean-rate residual: first nonzero row, and the values from there on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -191,12 +192,13 @@ impl<'a> Joint<'a> {
         lines.chain(rates).map(white).collect()
     }
 
-    /// Whitened residuals and Jacobian: first the norms and moves, then the rates, then the residuals inside the moves.
+    /// Whitened residuals and Jacobian. Rows: norms and moves, mean rates, force inside the moves, residuals against
+    /// the stand, priors.
     pub(crate) fn whitened(&self, parameters: &[f64]) -> Result<(Mat<f64>, Mat<f64>), Error> {
         Ok(self.whiten(&*self.linear(parameters)?))
     }
 
-    /// As [`whitened`](Self::whitened), for a known linearisation.
+    /// Whitened residuals and Jacobian of a given linearisation.
     pub(crate) fn whiten(&self, linear: &Linear) -> (Mat<f64>, Mat<f64>) {
         let mut all = self.whiten_together(linear);
         let n = self.terms.total();
@@ -205,8 +207,8 @@ impl<'a> Joint<'a> {
         (residual, all)
     }
 
-    /// Whitened residuals and Jacobian by noise only, row by row with the residual as last entry. Residuals inside
-    /// moves are returned separately if forces inside moves are used without a stand.
+    /// Whitened residuals and Jacobian without priors, row by row with the residual as the last column. If the force
+    /// inside the moves is used without a stand, its rows are returned separately and are whitened on request.
     pub(crate) fn whiten_apart(&self, linear: &Arc<Linear>) -> (Lanes, Option<Insides>) {
         let rows = self.whiten_rows(linear);
         if self.terms.kinds.encoders || !self.terms.kinds.in_motion {
@@ -216,7 +218,7 @@ impl<'a> Joint<'a> {
         (rows, Insides::new(Arc::clone(linear), noise, self.prepared.gravity_mps2))
     }
 
-    /// Whitened rows of rests and of moves from rest to rest, and all rows relative to the stand.
+    /// Whitened rows of norms, moves and mean rates, and with encoders all rows against the stand and inside the moves.
     fn whiten_rows(&self, linear: &Linear) -> Lanes {
         let n = self.terms.total();
         let (head, groups) = (linear.lines.len(), linear.groups());
@@ -253,7 +255,7 @@ impl<'a> Joint<'a> {
         rows
     }
 
-    /// All whitened rows in one matrix, with the residuals in the last column.
+    /// All whitened rows in one matrix, with the residual as the last column.
     fn whiten_together(&self, linear: &Linear) -> Mat<f64> {
         let n = self.terms.total();
         let (rows, mut all) = (self.whiten_rows(linear), Mat::zeros(self.rows, n + 1));
@@ -285,7 +287,7 @@ impl<'a> Joint<'a> {
 }
 
 impl Joint<'_> {
-    /// Residuals relative to the stand, and of the force inside the moves; `push` gets each with its standard
+    /// Residuals against the stand and of the force inside the moves. `push` receives each row with its standard
     /// deviation.
     fn stand_rows(&self, encoders: &Encoders, linear: &Linear, mut push: impl FnMut(About, &[f64], f64)) {
         let (prepared, terms, model) = (self.prepared, self.terms, &linear.model);

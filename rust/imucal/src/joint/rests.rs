@@ -1,8 +1,9 @@
-//! Quantities at the rests for given parameters: the force, the direction of gravity at both ends of each move, and the
-//! effects on the rate.
+//! Rests at given parameters: the mean force, the gravity direction at both ends of each move, and the contribution of
+//! the effects to the mean rate.
 //!
-//! At rest the true rate is zero. Therefore the force is calculated first, by iteration, and the effects on the rate
-//! are then evaluated once. No effect on the force depends on the attitude; the tests of the catalogue verify this.
+//! The true rate at rest is zero. Therefore the effects on the force are solved first, by fixed-point iteration, and
+//! the effects on the rate are then evaluated once. No effect of the catalogue on the force depends on the attitude; a
+//! test of the catalogue checks this.
 
 use std::sync::Arc;
 
@@ -19,31 +20,31 @@ use crate::recording::Recording;
 use crate::rests::moves::{End, Move};
 use crate::rests::unit_rest::{PropagatedMean, UnitRest};
 
-/// The true force at a rest.
+/// Specific force at a rest.
 pub(super) struct Force {
     pub(super) value: Vector3<f64>,
-    /// Derivative of the force with respect to every parameter.
+    /// Derivative with respect to every parameter.
     pub(super) jacobian: Vec<Vector3<f64>>,
-    /// Direction of the force, which is the direction of gravity.
+    /// Gravity direction, the direction of the force.
     pub(super) direction: Arc<EndDirection>,
 }
 
-/// Effects on the rate at a rest, rad/s, and their columns.
+/// Contribution of the effects to the rate at a rest, rad/s, and its derivatives with respect to their parameters.
 pub(super) struct Rate {
     pub(super) added: Vector3<f64>,
     pub(super) columns: Vec<Vector3<f64>>,
 }
 
-/// Quantities of all rests.
+/// All rests at given parameters.
 pub(super) struct Rests<'a> {
     prepared: &'a Prepared<'a>,
     model: &'a Model,
     on_force: Terms<'a>,
     on_rate: Terms<'a>,
-    /// For each rest, the quantities on which effects depend, and the columns of effects on the force that do not
-    /// depend on the force.
+    /// For each rest, the inputs of the effects, and the columns of those effects on the force that do not depend on
+    /// the force.
     stills: Vec<(Still, Vec<Vector3<f64>>)>,
-    /// Forces for the mean readings of the rests.
+    /// Mean force at each rest.
     pub(super) forces: Vec<Force>,
 }
 
@@ -72,7 +73,7 @@ impl<'a> Rests<'a> {
         rests
     }
 
-    /// The force at a rest for a reading of the accelerometer.
+    /// Specific force at rest `k` for the accelerometer reading `reading` in raw units.
     fn force(&self, k: usize, reading: &Vector3<f64>) -> Force {
         let Self { model, on_force, stills, .. } = self;
         let (still, known) = &stills[k];
@@ -89,15 +90,16 @@ impl<'a> Rests<'a> {
         Force { value, jacobian, direction: Arc::new(direction) }
     }
 
-    /// Directions of gravity before and after a move.
+    /// Gravity directions before and after a move.
     pub(super) fn ends(&self, index: usize) -> [Arc<EndDirection>; 2] {
         let Move { from, to, .. } = self.prepared.moves[index];
         let [before, after] = &self.prepared.ends[index];
         [self.end(from, before, true), self.end(to, after, false)]
     }
 
-    /// Direction of gravity at the last (`at_end`) or first sample of a rest. If the samples of a hand-held rest were
-    /// propagated with another bias, the direction is corrected to the bias of the model.
+    /// Gravity direction at the last sample (`at_end`) or at the first sample of a rest. For a hand-held rest the
+    /// direction was propagated with a preliminary gyroscope bias and is corrected here to the bias of the model
+    /// (model.md (27)).
     fn end(&self, rest: usize, end: &End, at_end: bool) -> Arc<EndDirection> {
         let of_mean = end.steady.then(|| Arc::clone(&self.forces[rest].direction));
         let mut direction = of_mean.unwrap_or_else(|| self.force(rest, &end.raw).direction);
@@ -112,7 +114,7 @@ impl<'a> Rests<'a> {
         direction
     }
 
-    /// Effects on the rate at a rest.
+    /// Contribution of the effects to the mean rate at a rest.
     pub(super) fn rate(&self, k: usize, attitude: Option<UnitQuaternion<f64>>) -> Rate {
         let Self { model, on_rate, stills, forces, .. } = self;
         let mut columns = vec![Vector3::zeros(); on_rate.count];

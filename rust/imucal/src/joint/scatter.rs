@@ -1,24 +1,24 @@
-//! Excess scatter of the rates at rests beyond their noise (`docs/model.md` (19)).
+//! Excess scatter of the mean rates between rests, beyond their noise (model.md (19)).
 //!
 //! ```text
 //! sum_i z_i^2 / (1 + s lambda_i) = free,     N^-1/2 C N^-1/2 = Q Lambda Q^T,   z = Q^T N^-1/2 r
 //! ```
 //!
-//! r are residuals with independent noise of covariance N, and C is another covariance. s C is the covariance that must
-//! be added so that chi-square equals its expected value `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). Of
-//! several C the likeliest one has the smallest `sum_i ln(1 + s lambda_i)`, because chi-square is the same for all.
+//! r are residuals with independent noise N. `s C` is the covariance that must be added to N so that chi2 equals its
+//! degrees of freedom `free` (Paule and Mandel, J. Res. NBS 87, 1982, 377-385). All candidates for C give the same
+//! chi2, so the likelihood is largest for the one with the smallest `sum_i ln(1 + s lambda_i)`.
 
 use faer::Mat;
 
 use crate::numerics::fit_report::significance_limit;
 
-/// Residuals of one axis in the eigenvectors of an additional covariance relative to the noise.
+/// Squared whitened residuals z_i^2 of one axis and the eigenvalues lambda_i.
 pub(super) struct Scatter {
     squares: Vec<f64>,
     lambda: Vec<f64>,
 }
 
-/// Eigenvectors of an additional covariance relative to the noise, in which both are diagonal.
+/// Joint diagonalisation of the noise and of another covariance: eigenvectors and eigenvalues of `N^-1/2 C N^-1/2`.
 pub(crate) struct Modes {
     sigma: Vec<f64>,
     directions: Mat<f64>,
@@ -26,7 +26,7 @@ pub(crate) struct Modes {
 }
 
 impl Modes {
-    /// The eigenvectors; `None` if the decomposition fails.
+    /// `None` if the eigenvalue decomposition fails.
     pub(super) fn new(variances: &[f64], covariance: &Mat<f64>) -> Option<Self> {
         let n = variances.len();
         let sigma: Vec<f64> = variances.iter().map(|v| v.sqrt()).collect();
@@ -36,7 +36,7 @@ impl Modes {
         Some(Self { sigma, directions: eigen.U().to_owned(), lambda })
     }
 
-    /// Transforms residuals to the eigenvectors.
+    /// Projects residuals onto the eigenvectors.
     pub(super) fn scatter(&self, residuals: &[f64]) -> Scatter {
         let white = Mat::from_fn(residuals.len(), 1, |i, _| residuals[i] / self.sigma[i]);
         let z = self.directions.transpose() * white;
@@ -44,17 +44,17 @@ impl Modes {
     }
 }
 
-/// Additional variance that explains the excess scatter.
+/// Excess scatter of one axis.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Excess {
-    /// Factor s of the additional covariance.
+    /// Factor s of the added covariance.
     pub(super) variance: f64,
-    /// Logarithm of the determinant; a smaller value is likelier.
+    /// `sum_i ln(1 + s lambda_i)`; the candidate C with the smallest sum has the largest likelihood.
     pub(super) cost: f64,
 }
 
 impl Scatter {
-    /// Scatter with the same additional variance at each rest, independent from rest to rest.
+    /// Scatter with C equal to the identity: independent errors of equal variance at all rests.
     pub(super) fn from_rest_to_rest(residuals: &[f64], variances: &[f64]) -> Self {
         let squares = residuals.iter().zip(variances).map(|(r, v)| r * r / v).collect();
         Self { squares, lambda: variances.iter().map(|v| 1.0 / v).collect() }
@@ -64,12 +64,12 @@ impl Scatter {
         self.squares.iter().zip(&self.lambda).map(|(square, lambda)| square / (1.0 + variance * lambda)).sum()
     }
 
-    /// Whether the scatter of residuals with this many degrees of freedom exceeds the noise significantly.
+    /// Whether chi2 with `free` degrees of freedom exceeds the significance limit `1 + 3 sqrt(2 / free)` times `free`.
     pub(super) fn is_significant(&self, free: f64) -> bool {
         free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }
 
-    /// The additional variance; `None` if noise explains the scatter, or if this covariance cannot.
+    /// Factor s and likelihood. `None` if chi2 does not exceed `free`, or if no factor of C reduces it that far.
     pub(super) fn excess(&self, free: f64) -> Option<Excess> {
         if free <= 0.0 || self.chi2(0.0) <= free {
             return None;
@@ -82,8 +82,7 @@ impl Scatter {
             }
         }
         let mut low = 0.0;
-        // chi2 is monotonic in the variance, and each bisection halves the interval: 60 bisections reduce it to
-        // rounding.
+        // chi2 falls monotonically with s. 60 bisections reach machine precision.
         for _ in 0..60 {
             let middle = (low + high) / 2.0;
             if self.chi2(middle) > free { low = middle } else { high = middle }

@@ -1,4 +1,4 @@
-//! Iteration for the true state from the sensor readings, for effects that depend on this state (`docs/model.md` (16)).
+//! True rate and force from the corrected readings, if effects depend on the true values (model.md (16)).
 
 use std::ops::Range;
 
@@ -7,12 +7,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::terms::{Kind, Sample, Term, Terms, UserField};
 
-/// Maximum number of iterations. Each one multiplies the error by the derivative of the effects, about 0.01 or less.
+/// Maximum number of fixed-point iterations. Each iteration multiplies the error by about 0.01 for effects of typical
+/// size.
 const MAX_ITERATIONS: usize = 24;
-/// Safety factor on the predicted reduction of the next iteration, relative to the previous one.
+/// Safety factor of the predicted next change. The iteration stops when this prediction is at the level of rounding.
 const SLACK: f64 = 10.0;
 
-/// Calculates the true states from the sensor readings, sample by sample.
+/// Solves for the true state, sample by sample.
 pub(super) struct Settling<'a> {
     terms: &'a Terms<'a>,
     values: &'a [f64],
@@ -27,7 +28,8 @@ impl<'a> Settling<'a> {
         Self { terms, values, reads_rate, reads_force, columns: terms.room() }
     }
 
-    /// The true state at a sample.
+    /// True state of one sample by fixed-point iteration. `seen_rate` (rad/s) and `seen_force` (m/s^2) are the readings
+    /// corrected for T and b only.
     #[inline]
     pub(super) fn settle(
         &mut self,
@@ -47,7 +49,7 @@ impl<'a> Settling<'a> {
             let by_force = if *reads_force { (force - state.specific_force).amax() } else { 0.0 };
             (state.angular_rate, state.specific_force) = (rate, force);
             let change = by_rate + by_force;
-            // The next change is reduced by about the same factor as this change, except for the safety factor.
+            // Convergence is linear, so the next change is predicted from the ratio of the last two.
             let next = last_change.map_or(change, |last: f64| change * (SLACK * change / last).min(1.0));
             if next <= 1e-15 * (1.0 + seen_force.amax()) {
                 break;
@@ -58,17 +60,17 @@ impl<'a> Settling<'a> {
     }
 }
 
-/// Quantities besides the force on which effects depend at a rest.
+/// Inputs of the effects at a rest, apart from the force.
 pub(super) struct Still {
     pub(super) recording: usize,
     pub(super) samples: Range<usize>,
-    /// Surroundings at several instants of the rest; at least one.
+    /// Temperature and time of the parts of the rest, at least one part.
     pub(super) moments: Vec<Surroundings<f64>>,
 }
 
 impl Terms<'_> {
-    /// True force at a rest from the measured force `seen`, both in m/s^2. On input, `columns` has the columns of terms
-    /// that do not depend on the force; the other columns are set.
+    /// True force at a rest. On entry `columns` contains the columns of effects that do not depend on the force; the
+    /// columns of the other effects are computed.
     pub(super) fn force_at_rest(
         &self,
         values: &[f64],
@@ -88,9 +90,9 @@ impl Terms<'_> {
         force
     }
 
-    /// Sets the mean columns over a rest, with this force and attitude, for the terms selected by `is_asked`. Terms
-    /// that are constant during the rest are evaluated at its first instant; for a user's field the mean is over all
-    /// samples.
+    /// Computes the mean columns over a rest of the effects for which `is_asked` holds, at the given force and
+    /// attitude. Columns that are constant during a rest are evaluated at its first part only. The columns of a
+    /// user-defined effect are averaged over its samples.
     pub(super) fn mean_columns(
         &self,
         values: &[f64],
@@ -118,8 +120,8 @@ impl Terms<'_> {
                 continue;
             }
             let count = if changes(term) { states.len() } else { 1 };
-            // All fields are evaluated before they are added, because reading values that have just been written one by
-            // one is slow.
+            // Storing all columns before adding them avoids reading values that were just written one by one, which is
+            // slow.
             for (state, one) in states[..count].iter().zip(&mut each) {
                 term.columns_at(values, state, sample, one);
             }
@@ -128,7 +130,7 @@ impl Terms<'_> {
         }
     }
 
-    /// Sets the means of user-defined fields over a range of samples.
+    /// Computes the means of the user-defined effects over a range of samples.
     pub(super) fn user_means(&self, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
         for term in &self.all {
             if let Kind::User(field) = term.kind {
@@ -141,8 +143,8 @@ impl Terms<'_> {
         self.all.iter().any(|term| matches!(term.kind, Kind::User(_)))
     }
 
-    /// Converts the means of user-defined fields over a segment to their values in its middle. The difference is
-    /// `share` times the second difference of the means over the previous, this and the next segment.
+    /// Converts the mean columns of user-defined effects over a segment into values at its midpoint. The second
+    /// difference of the means of the segments before, at and after it, times `share`, is subtracted.
     pub(super) fn user_middles(
         &self,
         recording: usize,
@@ -161,7 +163,7 @@ impl Terms<'_> {
     }
 }
 
-/// Sets the mean of a user-defined field, which can change from sample to sample, over a range of samples.
+/// Mean of a user-defined effect, which may vary from sample to sample, over a range of samples.
 fn user_mean(field: &UserField<'_>, recording: usize, range: &Range<usize>, columns: &mut [Vector3<f64>]) {
     let p = columns.len();
     columns.fill(Vector3::zeros());

@@ -1,13 +1,13 @@
-//! Biases that vary during a recording: bias instability and random walk (`docs/model.md` (28)).
+//! Gyroscope and accelerometer biases that vary between rests: bias instability and random walk (model.md (28)).
 //!
 //! ```text
 //! C_kl = cov(mean of b over rest k, mean of b over rest l),   b measured from its mean over the recording
 //! covariance of b(t), b(s), up to a constant:   -B^2/pi ln |t - s|  -  K^2/2 |t - s|
 //! ```
 //!
-//! B is the bias instability and K the random walk of each axis. A recording with minutes of rests shows only a large
-//! B; otherwise B and K are given by the user. The estimated bias is then the mean over the recording. The bias of a
-//! move is the mean of the biases at the rests before and after.
+//! B is the bias instability and K the random walk of each axis. The scatter of the mean rates can show only a large B,
+//! so B and K otherwise come from the unit's profile. The estimated bias parameter is the mean over the recording. The
+//! bias in a move is that of its adjacent rests.
 
 use std::f64::consts::PI;
 
@@ -15,27 +15,29 @@ use faer::Mat;
 
 use crate::error::Error;
 
-/// Maximum number of residuals for which the full covariance is factored; more would take too long.
+/// Maximum number of norm, move and mean-rate residuals for which the full covariance is factored. The time of the
+/// factorisation grows with the third power of this number.
 pub(super) const MOST_ROWS: usize = 6000;
 
-/// Model of the variation of the biases of a unit.
+/// Model of the bias variation between rests.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Wander {
-    /// Constant biases. Excess scatter of the rests is independent from rest to rest.
+    /// The biases are constant. Excess scatter of the mean rates is independent from rest to rest.
     Constant,
-    /// Bias instability estimated from the rates at the rests, if it is likelier than independent scatter.
+    /// The bias instability of the gyroscope is estimated from the mean rates, if this has a larger likelihood than
+    /// independent scatter.
     Seen,
     Known(UnitWander),
 }
 
 impl Wander {
-    /// The given bias instability and random walk of the unit, or constant biases if there are none.
+    /// Known variation from the unit's datasheet or noise recording, or else constant biases.
     pub(crate) fn of(known: Option<UnitWander>) -> Self {
         known.map_or(Self::Constant, Self::Known)
     }
 }
 
-/// Bias instability and random walk of the biases of one sensor, x, y and z, in SI units.
+/// Bias variation of one sensor, axes x, y and z, SI units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BiasWander {
     /// Bias instability B, SI unit: the minimum of the Allan deviation is `sqrt(2 ln 2 / pi) B`.
@@ -44,7 +46,7 @@ pub struct BiasWander {
     pub random_walk: [f64; 3],
 }
 
-/// Variation of the biases of both sensors of a unit.
+/// Bias variation of both sensors of a unit.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct UnitWander {
     /// Accelerometer, m/s^2.
@@ -54,14 +56,14 @@ pub struct UnitWander {
 }
 
 impl UnitWander {
-    /// A unit with these bias instabilities of the gyroscope, rad/s, and no other variation.
+    /// Gyroscope with these bias instabilities in rad/s; all other figures are zero.
     pub(crate) fn of_gyroscope(bias_instability: [f64; 3]) -> Self {
         let none = BiasWander { bias_instability: [0.0; 3], random_walk: [0.0; 3] };
         Self { accelerometer: none, gyroscope: BiasWander { bias_instability, ..none } }
     }
 
     /// # Errors
-    /// [`Error::Input`] for a number that is negative or not finite.
+    /// [`Error::Input`] if a number is negative or not finite.
     pub fn check(&self) -> Result<(), Error> {
         for (name, wander) in [("accelerometer", &self.accelerometer), ("gyroscope", &self.gyroscope)] {
             for value in wander.bias_instability.iter().chain(&wander.random_walk) {
@@ -77,7 +79,7 @@ impl UnitWander {
 }
 
 impl BiasWander {
-    /// Second integral of the covariance of an axis with respect to the lag.
+    /// Second integral over the lag of the covariance function of one axis.
     fn integrated(&self, axis: usize, lag_s: f64) -> f64 {
         let lag_s = lag_s.abs();
         if lag_s == 0.0 {
@@ -88,13 +90,13 @@ impl BiasWander {
         -b * b / PI * flicker - k * k / 12.0 * lag_s.powi(3)
     }
 
-    /// Covariance of the means over two intervals of time, up to a constant.
+    /// Covariance of the mean biases over the time intervals [a, b] and [c, d], up to a constant.
     fn covariance(&self, axis: usize, [a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
         let g = |lag_s: f64| self.integrated(axis, lag_s);
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))
     }
 
-    /// Covariance of the means over the rests of one recording, relative to the mean over the interval `whole`.
+    /// Covariance of the mean biases over the rests of one recording, each minus the mean over the interval `whole`.
     pub(super) fn of_rests(&self, axis: usize, rests: &[[f64; 2]], whole: [f64; 2]) -> Mat<f64> {
         let with_whole: Vec<f64> = rests.iter().map(|rest| self.covariance(axis, *rest, whole)).collect();
         let all = self.covariance(axis, whole, whole);
@@ -113,7 +115,7 @@ mod tests {
 
     const UNIT: BiasWander = BiasWander { bias_instability: [2e-5, 0.0, 3e-5], random_walk: [0.0, 4e-6, 1e-6] };
 
-    /// The Allan variance is half the mean square of the difference of consecutive means.
+    /// The Allan variance is half the mean squared difference of neighbouring means.
     #[test]
     fn neighbouring_means_have_the_allan_variance_of_the_definitions() {
         for (axis, tau_s) in [(0, 0.5), (1, 3.0), (2, 100.0)] {

@@ -1,7 +1,8 @@
-//! Weights of the residuals (model.md (19)).
+//! Weights of the residuals of the joint fit (model.md (19)).
 //!
-//! White noise is that of the recording's own rests. If residuals significantly exceed it, the excess is estimated from
-//! them: a variance from rest to rest for the rates, and a factor each for norms, moves and residuals within moves.
+//! White noise is estimated from the rests of the recording. If residuals scatter significantly more than noise
+//! explains, the excess is estimated from them. For mean rates it is a covariance between rests. For norms, moves, the
+//! force inside moves and residuals against the stand it is one factor per kind.
 
 mod whiten;
 
@@ -26,33 +27,32 @@ use crate::rests::noise_density::{random_walk_rad, variance_per_axis};
 use crate::rests::rest::FINEST_MPS2;
 use whiten::{Shares, Whitening};
 
-/// Lower limit of the standard deviation of a rate, rad/s: a noise-free simulation has no scatter at all. The scales
-/// widen this limit, too, because nothing else could be widened if the model does not fit such data.
+/// Lower limit of the standard deviation of a mean rate, rad/s. It prevents infinite weights in noise-free simulations.
 const FINEST_RADPS: f64 = 1e-6;
 
 /// Weights of all residuals.
 #[derive(Clone)]
 pub(crate) struct Weights {
     pub(crate) whitening: Whitening,
-    /// Whitening of the mean rate at each rest, per raw unit: the inverse of the lower Cholesky factor of its
+    /// Whitening matrix of the mean rate of each rest, per raw unit: inverse of the lower Cholesky factor of its
     /// covariance.
     pub(crate) rates: Vec<Matrix3<f64>>,
-    /// Bias instability of the gyroscope estimated from the rates at the rests, raw units; zero if it is not
-    /// significant or is given.
+    /// Bias instability of the gyroscope estimated from the mean rates, raw units. Zero if it is not significant or is
+    /// known from the profile.
     pub(crate) bias_instability: [f64; 3],
-    /// Noise within each move.
+    /// Noise inside each move.
     pub(crate) inside: Vec<InsideNoise>,
-    /// Standard deviation of the difference between the directions of gravity by the stand and by the accelerometer,
-    /// rad.
+    /// Standard deviation of the gravity direction at a rest, stand minus measured, rad.
     pub(crate) stand_sigma_rad: f64,
     /// Variance of one encoder reading, rad^2.
     pub(crate) reading: f64,
-    /// Standard deviation of each component of a move's direction by noise, rad.
+    /// Standard deviation of each component of the direction residual of a move, from noise alone, rad.
     pub(crate) move_sigma_rad: Vec<f64>,
     pub(crate) scales: Scales,
 }
 
-/// Factors by which residuals exceed their noise; 1 if the excess is not significant.
+/// Factors by which the standard deviations of the residuals are widened beyond noise; 1 if noise explains the
+/// residuals.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scales {
     pub(crate) norms: f64,
@@ -63,12 +63,13 @@ pub(crate) struct Scales {
 }
 
 impl Weights {
-    /// Weights from noise alone, without any widening.
+    /// Weights of noise alone, without any widening.
     pub(crate) fn of_noise(prepared: &Prepared<'_>, terms: &Terms<'_>, linear: &Linear) -> Self {
         Self::new(prepared, terms, linear, None, true)
     }
 
-    /// Weights at a linearisation. `found` is the fit that ended there, if any, together with the scales of that fit.
+    /// Weights at a linearisation. `found` is the fit that ended there, if any, together with the scales used in that
+    /// fit.
     pub(crate) fn of(
         prepared: &Prepared<'_>,
         terms: &Terms<'_>,
@@ -127,7 +128,7 @@ impl Weights {
         }
     }
 
-    /// Ratio of the assumed scatter of each kind of residuals to its noise; the mean rates are last.
+    /// Scatter of each kind of residuals relative to noise, as assumed by the weights. The mean rates are last.
     pub(crate) fn times_noise(&self, prepared: &Prepared<'_>) -> [f64; 6] {
         let Scales { norms, moves, inside, stand_rests, stand_moves } = self.scales;
         let mut rates = 1.0f64;
@@ -142,19 +143,20 @@ impl Weights {
     }
 }
 
-/// Standard deviation of each component of a move's direction by noise, rad.
+/// Standard deviation of each component of the direction residual of a move, from noise alone, rad.
 fn move_sigma_rad(prepared: &Prepared<'_>, model: &Model, k: usize) -> f64 {
     let shared: f64 = prepared.ends[k].iter().map(|end| end.shared_variance).sum();
     (own_variance(prepared, model, Source::Move(k), &Scales::NONE) + shared).sqrt()
 }
 
-/// Change of a line by the error of a rest's mean.
+/// Contribution of the mean-force errors of a rest to a residual: index of each error, and standard deviation times
+/// derivative.
 fn share(prepared: &Prepared<'_>, rest: usize, by: &Vector3<f64>, scale: f64) -> [(usize, f64); 3] {
     let variance = prepared.rests[rest].rest.specific_force.variance_of_mean;
     [0, 1, 2].map(|axis| (3 * rest + axis, by[axis] * variance[axis].sqrt() * scale))
 }
 
-/// The part of a line's variance that is not shared with other lines.
+/// Variance of a residual that is independent of all other residuals.
 fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: &Scales) -> f64 {
     match source {
         Source::Norm(_) => (FINEST_MPS2 * scales.norms).powi(2),
@@ -168,8 +170,8 @@ fn own_variance(prepared: &Prepared<'_>, model: &Model, source: Source, scales: 
     }
 }
 
-/// Whitening of the mean rates, including the excess scatter from rest to rest, and the bias instability if it explains
-/// the scatter better.
+/// Whitening matrices of the mean rates, and the bias instability of the gyroscope. Excess scatter between rests is
+/// either independent from rest to rest or due to bias instability, whichever has the larger likelihood.
 fn rate_whitenings(
     prepared: &Prepared<'_>,
     model: &Model,
@@ -195,7 +197,7 @@ fn rate_whitenings(
             Some([x?, y?, z?])
         })
     {
-        // If the bias of one axis wanders, the other axes are assumed to wander too, as far as their scatter shows it.
+        // If one axis shows bias instability, the instability of all axes is estimated.
         let wandering = [0, 1, 2].map(|axis| modes[axis].scatter(&axes[axis].0).excess(free[axis]));
         let cost = |axis: usize, found: &[Option<Excess>; 3]| found[axis].map_or(f64::INFINITY, |e| e.cost);
         let beyond: Vec<usize> = (0..3).filter(|&axis| one_by_one[axis].is_some()).collect();
@@ -215,7 +217,7 @@ fn rate_whitenings(
     (whitenings, bias_instability)
 }
 
-/// The noise within each move, in SI units.
+/// Noise variances inside each move, in SI units.
 fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<InsideNoise> {
     prepared
         .moves
@@ -237,7 +239,8 @@ fn inside_noise(prepared: &Prepared<'_>, model: &Model, scales: &Scales) -> Vec<
         .collect()
 }
 
-/// Typical standard deviation of a direction at the end of a move by noise of accelerometer and encoders.
+/// Standard deviation of the gravity direction at a rest against the stand, rad: noise of the accelerometer (median
+/// over all ends of moves) and of the encoders.
 fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let mut shared: Vec<f64> =
         prepared.ends.iter().flatten().map(|end| end.shared_variance + end.own_variance).collect();
@@ -245,21 +248,21 @@ fn stand_sigma_rad(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     (median(&mut shared) + reading + FINEST_RAD * FINEST_RAD).sqrt() * scales.stand_rests
 }
 
-/// Variance of one encoder reading during motion, rad^2; zero without readings.
+/// Variance of one encoder reading in motion, rad^2; zero without encoders.
 fn reading_variance(prepared: &Prepared<'_>, scales: &Scales) -> f64 {
     let variance = |encoders: &Encoders| encoders.reading_variance() + FINEST_RAD * FINEST_RAD;
     prepared.encoders.as_ref().map_or(0.0, variance) * scales.stand_moves * scales.stand_moves
 }
 
 impl Scales {
-    /// The largest of all factors.
+    /// Largest of all factors.
     pub(crate) fn largest(&self) -> f64 {
         [self.norms, self.moves, self.inside, self.stand_rests, self.stand_moves].into_iter().fold(1.0, f64::max)
     }
 
     pub(crate) const NONE: Self = Self { norms: 1.0, moves: 1.0, inside: 1.0, stand_rests: 1.0, stand_moves: 1.0 };
 
-    /// The scales at which chi2 of each group equals its degrees of freedom.
+    /// Scales for which chi2 of each kind equals its degrees of freedom.
     fn refined(&self, linear: &Linear, solution: &Solution, leverages: &[f64]) -> Self {
         let lines = &linear.lines;
         let groups = linear.groups();
@@ -277,7 +280,7 @@ impl Scales {
     }
 }
 
-/// `scale`, updated so that the chosen rows have unit variance; 1 if noise alone may explain them.
+/// New scale with which the chosen residuals have unit variance; 1 if noise alone explains them.
 fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(usize) -> bool) -> f64 {
     let rows: Vec<usize> = (0..residuals.nrows()).filter(|&row| chosen(row)).collect();
     let free = rows.len() as f64 - rows.iter().map(|&row| leverages[row]).sum::<f64>();
@@ -288,8 +291,8 @@ fn refine(scale: f64, residuals: &Mat<f64>, leverages: &[f64], chosen: impl Fn(u
     if reduced > significance_limit(free) { reduced.sqrt() } else { 1.0 }
 }
 
-/// Covariance of the mean biases at the used rests, in their order, for unit bias instability; `None` if there are too
-/// many rests.
+/// Covariance of the mean gyroscope biases at the rests in use, for unit bias instability. `None` if there are too many
+/// residuals to factor their covariance.
 pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     let places: Vec<usize> = (0..prepared.rests.len()).filter(|&k| prepared.used[k]).collect();
     if rows(places.len(), prepared.moves.len()) > MOST_ROWS {
@@ -308,7 +311,7 @@ pub(crate) fn flicker_of_rests(prepared: &Prepared<'_>) -> Option<Mat<f64>> {
     Some(covariance)
 }
 
-/// Number of residuals: one norm and three rates for each rest, and two lines for each move.
+/// Number of residuals: one norm and three mean rates per rest, two direction components per move.
 fn rows(rests: usize, moves: usize) -> usize {
     4 * rests + 2 * moves
 }

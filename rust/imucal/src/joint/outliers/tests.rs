@@ -250,9 +250,9 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
 #[test]
 fn the_chance_of_what_is_far_too_bad_still_falls() {
     for freedom in 1..=3 {
-        let at = |misfit: f64| log_chance(misfit, freedom);
+        let at = |misfit: f64| log_p_value(misfit, freedom);
         assert!((at(900.0) - at(930.0) - 15.0).abs() < 0.1);
         assert!((at(5000.0) - at(5030.0) - 15.0).abs() < 0.1);
     }
-    assert_eq!(log_chance(0.0, 0), 0.0);
+    assert_eq!(log_p_value(0.0, 0), 0.0);
 }

@@ -1,27 +1,29 @@
-//! Whitening of residuals with shared errors.
+//! Whitening of residuals with common errors.
 //!
 //! ```text
 //! C = diag(own) + sum_e sigma_e^2 j_e j_e^T,   C = L L^T,   r <- L^-1 r,   J <- L^-1 J           model.md (19)
 //! ```
 //!
-//! Neighbouring rows share the error of the rest between them, so C and L are banded.
+//! Each error of a rest affects only the residuals of that rest and of its adjacent moves, so C and L are banded.
 
 use faer::Mat;
 use pulp::{Arch, Simd, WithSimd};
 
-/// Dependence of a residual on shared errors: index of the error, and its standard deviation times the derivative.
+/// Dependence of one residual on errors that also affect other residuals: index of the error, and standard deviation
+/// times derivative.
 pub(crate) type Shares = Vec<(usize, f64)>;
 
-/// The lower Cholesky factor of a covariance; each row begins at its first nonzero entry.
+/// Lower Cholesky factor L of a covariance. Each row is stored from its first nonzero entry on.
 #[derive(Clone)]
 pub(crate) struct Whitening {
     rows: Vec<(usize, Vec<f64>)>,
 }
 
 impl Whitening {
-    /// `own` are the positive variances that a row shares with no other row.
+    /// `own` contains the independent variance of each residual, all positive; `shares` the dependence of each residual
+    /// on common errors.
     pub(crate) fn new(own: &[f64], shares: &[Shares], error_count: usize) -> Self {
-        // The first row that depends on an error limits how far back later rows reach.
+        // The first residual that depends on an error determines the first nonzero entry of the rows.
         let mut first_row_of = vec![usize::MAX; error_count];
         let mut rows: Vec<(usize, Vec<f64>)> = Vec::with_capacity(own.len());
         for (i, seen) in shares.iter().enumerate() {
@@ -38,14 +40,15 @@ impl Whitening {
                 row[j - first] = (row[j - first] - dot) / other[j - start];
             }
             let square: f64 = row[..i - first].iter().map(|v| v * v).sum();
-            // Mathematically the remainder is at least the own variance; the limit guards against rounding.
+            // In exact arithmetic the diagonal term is at least the independent variance. The lower limit guards
+            // against rounding.
             row[i - first] = (row[i - first] - square).max(0.5 * own[i]).sqrt();
             rows.push((first, row));
         }
         Self { rows }
     }
 
-    /// Solves `L x = column` in place.
+    /// Computes `L^-1 matrix` in place.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
         let width = matrix.ncols();
         let places = || (0..self.rows.len()).flat_map(|i| (0..width).map(move |j| (i, j)));
@@ -54,7 +57,7 @@ impl Whitening {
         places().zip(rows).for_each(|(place, value)| matrix[place] = value);
     }
 
-    /// Solves `L x = column` in place for all columns of a row-major matrix.
+    /// Computes `L^-1 M` in place, for a matrix M stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut [f64]) {
         Arch::new().dispatch(Apply(self, rows));
     }
@@ -82,7 +85,7 @@ impl WithSimd for Apply<'_> {
 }
 
 impl Whitening {
-    /// `L^-1 e_j` from row j on, up to its last nonzero entry.
+    /// Column `L^-1 e_j` from row j on, up to the row after which all entries are negligible.
     pub(crate) fn unit(&self, j: usize) -> Vec<f64> {
         let band = self.rows.iter().enumerate().map(|(i, (first, _))| i - first).max().unwrap_or(0);
         let mut column = vec![1.0 / self.rows[j].1[j - self.rows[j].0]];
