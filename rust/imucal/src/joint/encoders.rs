@@ -1,13 +1,13 @@
-//! Residuals relative to the encoders of a stand (`docs/model.md` (21)).
+//! Residuals of gravity and attitude against the encoders of a stand (model.md (21)).
 //!
 //! ```text
 //! rests        across u_k:  R_wb(q_k)^T e_z - u_k
 //! in the move  log(C_0^T C(t) R(t)^T),   C = R_wb(q)
-//! q = e - sum Phi(q, dq/dt, direction) theta,   e the encoder readings
+//! q = e - sum Phi(q, dq/dt, direction) theta,   e the encoder readings, rad
 //! ```
 //!
-//! The geometry of the stand is not assumed to be accurate. The mount rotation of the unit (3), the tilt of the base
-//! (2) and the angles between the axes (2) are estimated as well; these parameters follow all others.
+//! The stand itself is not exact. Its mount rotation (3 parameters), base tilt (2) and the non-orthogonality of its
+//! axes (2) are estimated as well. They are the last parameters of the parameter vector.
 
 mod directions;
 pub(super) mod moves;
@@ -30,15 +30,17 @@ use crate::rests::unit_rest::UnitRest;
 use crate::simulate::stand::Stand;
 use directions::directions;
 
-/// Step of the central differences with respect to stand parameters and motor angles, rad. The relative error is of the
-/// order of its square.
+/// Step of the central differences with respect to stand parameters and motor angles, rad. Their relative error is of
+/// the order of its square.
 const STEP_RAD: f64 = 1e-4;
-/// Minimum size of a count, rad; no encoder is finer. Smaller changes are rounding errors.
+/// Changes of a reading below this limit are rounding errors of the stored numbers and not encoder counts, rad. It is
+/// far below the count of any real encoder.
 const LEAST_COUNT_RAD: f64 = 1e-11;
-/// Number of iterations of the correction. The effect of a time offset depends on the true rate of the motors.
+/// Number of fixed-point iterations for the motor angles. Effects of the encoders depend on the true motor angles and
+/// rates.
 const PASSES: usize = 3;
 
-/// Model of the stand at given parameters.
+/// Stand with given parameters.
 pub(crate) struct StandModel {
     stand: Stand,
     parameters: [f64; STAND_PARAMETERS],
@@ -46,7 +48,7 @@ pub(crate) struct StandModel {
 
 impl StandModel {
     pub(crate) fn of(parameters: &[f64]) -> Self {
-        // Without encoders there are no stand parameters; the model is then not used.
+        // Without encoders there are no stand parameters. The stand is then perfect and is not used.
         let mut p = [0.0; STAND_PARAMETERS];
         p.iter_mut().zip(parameters).for_each(|(own, given)| *own = *given);
         let stand = Stand {
@@ -58,13 +60,13 @@ impl StandModel {
         Self { stand, parameters: p }
     }
 
-    /// Attitude of the body for motor angles, rad.
+    /// Attitude of the body (world from body) for the motor angles, rad.
     pub(crate) fn attitude(&self, angle_rad: &Vector3<f64>) -> UnitQuaternion<f64> {
         self.stand.attitude(angle_rad)
     }
 
-    /// Derivative of the attitude with respect to each motor angle, as rotation vectors in the world frame, one per
-    /// column.
+    /// Derivative of the attitude with respect to each motor angle: rotation vectors in the world frame, one column per
+    /// motor.
     fn by_angle(&self, angle_rad: &Vector3<f64>) -> Matrix3<f64> {
         Matrix3::from_columns(&[0, 1, 2].map(|motor| {
             let step = Vector3::ith(motor, STEP_RAD);
@@ -73,7 +75,7 @@ impl StandModel {
         }))
     }
 
-    /// Derivative of the attitude with respect to a stand parameter, as a rotation vector in the world frame.
+    /// Derivative of the attitude with respect to stand parameter `p`: rotation vector in the world frame.
     fn by_parameter(&self, p: usize, angle_rad: &Vector3<f64>) -> Vector3<f64> {
         let moved = |step: f64| {
             let mut changed = self.parameters;
@@ -84,13 +86,14 @@ impl StandModel {
     }
 }
 
-/// Start value of the mount rotation, rad: the least-squares rotation from the up directions of the stand to the
-/// measured ones.
+/// Start value of the mount rotation: least-squares rotation from the up directions given by the encoders to the
+/// measured up directions `up`.
 pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Vector3<f64> {
     let square = StandModel::of(&[0.0; STAND_PARAMETERS]);
     let sum: Matrix3<f64> =
         angles.iter().zip(up).map(|(q, u)| square.attitude(q).inverse() * Vector3::z() * u.transpose()).sum();
-    // The rotation closest to the sum, calculated iteratively, because a matrix decomposition might not converge.
+    // Closest rotation to the sum of outer products. The iteration needs no singular value decomposition, which might
+    // not converge.
     so3::log(&UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_eps(
         &sum,
         1e-14,
@@ -99,15 +102,15 @@ pub(crate) fn mount_rotation(angles: &[Vector3<f64>], up: &[Vector3<f64>]) -> Ve
     )))
 }
 
-/// Encoder angles of consecutive samples, without the effects.
+/// Encoder angles of a range of samples, corrected for the effects of the encoders.
 pub(crate) struct Angles {
     pub(super) angle_rad: Vec<Vector3<f64>>,
-    /// Columns of the effects: for each sample, one for each parameter of the effects.
+    /// Columns of the effects: `terms.count` columns for each sample.
     columns: Vec<Vector3<f64>>,
 }
 
-/// Size of a count of the encoders, rad: the smallest change between consecutive samples. It is near zero without
-/// rounding.
+/// Count (resolution) of the encoders, rad: the smallest change between consecutive samples. Nearly zero for readings
+/// that are not quantised.
 fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
     let changes = stand_rad.windows(2).flat_map(|w| [0, 1, 2].map(|motor| (w[1][motor] - w[0][motor]).abs()));
     let least = changes.filter(|change| *change > LEAST_COUNT_RAD).fold(f64::INFINITY, f64::min);
@@ -115,8 +118,8 @@ fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
 }
 
 impl Angles {
-    /// Corrects the encoder readings of consecutive samples. `time_s`, `readings` and `directions` belong to the same
-    /// samples.
+    /// Corrects `readings`. `time_s`, `readings` and `directions` belong to the same samples, of which `sample` is the
+    /// first.
     fn of(
         values: &[f64],
         terms: &Terms<'_>,
@@ -146,9 +149,9 @@ impl Angles {
         all
     }
 
-    /// Mean derivative of the attitude over `samples` with respect to every parameter, as rotation vectors in the world
-    /// frame. The stand is evaluated in the middle. The columns, which can jump when a motor reverses, are averaged
-    /// over all samples.
+    /// Mean derivative of the attitude over `samples` with respect to every parameter: rotation vectors in the world
+    /// frame. The stand is linearised at the middle sample. The columns of the effects are averaged over all samples,
+    /// because they may jump where a motor reverses.
     pub(super) fn attitude_jacobian(
         &self,
         samples: Range<usize>,
@@ -170,8 +173,8 @@ impl Angles {
     }
 }
 
-/// Two residuals of a rest: the stand's direction of gravity minus the measured one. Each row has the derivatives first
-/// and the residual last.
+/// Two residuals of a rest: gravity direction from the stand minus measured gravity direction, perpendicular to the
+/// latter, rad. Each row contains the derivatives, followed by the residual.
 pub(crate) fn rest_rows(
     angles: &Angles,
     terms: &Terms<'_>,
@@ -181,7 +184,7 @@ pub(crate) fn rest_rows(
     let body_from_world = stand.attitude(&angles.angle_rad[0]).inverse();
     let across = rows_across(&measured.up);
     let residual = across * (body_from_world * Vector3::z() - measured.up);
-    // R <- exp(turn) R, so R^T e_z changes by R^T (e_z x turn).
+    // R <- exp(turn) R changes R^T e_z by R^T (e_z x turn).
     let columns: Vec<_> = angles
         .attitude_jacobian(0..1, terms, stand)
         .iter()
@@ -191,13 +194,13 @@ pub(crate) fn rest_rows(
     [0, 1].map(|c| columns.iter().map(|column| column[c]).chain([residual[c]]).collect())
 }
 
-/// Encoder data of all recordings.
+/// Encoder readings of all recordings.
 pub(crate) struct Encoders {
     /// Sign of the last motion of each motor, for every sample of every recording.
     directions: Vec<Vec<Vector3<f64>>>,
     /// Mean reading at each rest, rad.
     means: Vec<Vector3<f64>>,
-    /// Variance of one reading in motion, rad^2.
+    /// Variance of one reading in motion and of the mean reading at a rest, rad^2.
     reading_variance: f64,
     /// Variance of the mean reading at a rest, rad^2.
     mean_variance: f64,
@@ -216,7 +219,7 @@ impl Encoders {
         let at_rest = |r: &UnitRest| {
             let readings = &readings(&recordings[r.recording])?[r.rest.first..r.rest.end];
             let count = readings.len() as f64;
-            // Differences to the first reading keep the accuracy after many revolutions.
+            // Differences from the first reading avoid cancellation for angles of many turns.
             let first = Vector3::from(readings[0]);
             let mean = readings.iter().map(|e| Vector3::from(*e) - first).sum::<Vector3<f64>>() / count + first;
             let square = |e: &[f64; 3]| (Vector3::from(*e) - mean).norm_squared() / 3.0;
@@ -224,7 +227,8 @@ impl Encoders {
             Ok((mean, variance, variance / count))
         };
         let at_rests = rests.iter().map(at_rest).collect::<Result<Vec<_>, Error>>()?;
-        // Rounding acts as noise in motion. At a rest it is the same in all readings, so averaging does not reduce it.
+        // Quantisation acts as noise in motion. At a rest all readings have the same quantisation error, which
+        // averaging does not reduce.
         let counts = recordings.iter().map(|recording| Ok(count_rad(readings(recording)?)));
         let rounding = counts.collect::<Result<Vec<_>, Error>>()?.into_iter().fold(0.0, f64::max).powi(2) / 12.0;
         let typical =
@@ -252,14 +256,14 @@ impl Encoders {
         self.mean_variance
     }
 
-    /// Motor angles at a rest.
+    /// Corrected motor angles at a rest.
     pub(crate) fn at_rest(&self, k: usize, rest: &UnitRest, values: &[f64], terms: &Terms<'_>) -> Angles {
         let sample = Sample { recording: rest.recording, index: rest.rest.end - 1 };
         let direction = self.directions[rest.recording][sample.index];
         Angles::of(values, terms, &[0.0], &[(*self.mean(k)).into()], &[direction], sample)
     }
 
-    /// Motor angles in a move.
+    /// Corrected motor angles of all samples of a move.
     pub(crate) fn in_move(&self, recording: &Recording<'_>, m: &Move, values: &[f64], terms: &Terms<'_>) -> Angles {
         let range = m.first..m.last + 1;
         let sample = Sample { recording: m.recording, index: m.first };

@@ -1,4 +1,8 @@
-//! Sign of the last motion of each motor of a stand, from the encoder readings.
+//! Direction of the last motion of each motor of a stand, from the encoder readings.
+//!
+//! When a motor reverses, its reading jumps by the backlash (model.md (21)). A sample with the wrong sign therefore has
+//! an error of twice the backlash. A motor starts so slowly that differences of readings show its motion too late.
+//! Therefore the start is estimated as the sample `o` with the smallest sum of squares of the noise in
 //!
 //! When a motor reverses, its reading jumps by the backlash, and so does the column of the backlash (`docs/model.md`
 //! (21)). A single sample with the wrong sign causes an error of the whole jump. A motor starts so slowly that
@@ -8,8 +12,8 @@
 //! level + noise before o,   c_0 + c_2 t^2 + c_3 t^3 + c_4 t^4 + noise from o on,   t since o
 //! ```
 //!
-//! The curve has no linear term, because a motor starts from rest. c_0 is free, because the jump is unknown; it can
-//! lead back across the level.
+//! The curve has no linear term because a motor starts from standstill. c_0 is free because the jump is unknown: it may
+//! move the reading back across the level.
 
 use std::ops::Range;
 
@@ -17,27 +21,28 @@ use nalgebra::{Matrix4, Vector3, Vector4};
 
 use crate::numerics::stats::{median, quantile, sample_interval_s};
 
-/// Quantile of the changes at rests that defines the noise; 10 % of the rests may be disturbed.
+/// Quantile of the rests whose largest change defines standstill, dimensionless. It tolerates a tenth of disturbed
+/// rests.
 const ORDINARY: f64 = 0.9;
-/// Interval over which a change of the reading larger than at rest shows that a motor turns, s. It detects slow turns
-/// of 0.5 deg.
+/// Time over which a change of the reading is compared with that at rest, s. A rotation of half a degree exceeds the
+/// limit in this time.
 const SPAN_S: f64 = 0.3;
-/// Minimum number of samples at rest to estimate the level.
+/// Minimum number of samples at standstill from which the level is computed.
 const FEWEST: usize = 8;
-/// Deviation from the level, in standard deviations. Two consecutive samples beyond it show that the reading has left
-/// the level.
+/// A reading has left the level if two consecutive samples deviate from it by more than this number of standard
+/// deviations.
 const OFF: f64 = 3.0;
-/// Number of additional samples before the visible departure from the level in which the start is searched. The search
-/// also covers as many samples as pass from the departure until the motor clearly turns.
+/// Additional samples by which the search for the start begins before the reading leaves the level. They are added to
+/// the number of samples between leaving the level and the detected motion.
 const EARLIER: usize = 5;
-/// The curve is fitted only while the change of the reading is below this multiple of the change at rest, because later
-/// motion needs higher powers.
+/// Length of the fitted start of a motion, as a multiple of the largest change at rest. Later motion does not follow a
+/// polynomial of fourth degree.
 const START: f64 = 100.0;
-/// Minimum standard deviation of the noise, rad: readings of a perfect encoder still have rounding errors.
+/// Lower limit of the noise of a reading, rad, for noise-free simulated encoders.
 const FINEST_RAD: f64 = 1e-12;
 
-/// Sign of the last motion of each motor, for every sample of a recording with these rests; zero before the first
-/// motion.
+/// Direction of the last motion of each motor (+1 or -1), for every sample of a recording with these rests. Zero before
+/// the first motion.
 pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<usize>]) -> Vec<Vector3<f64>> {
     let mut all = vec![Vector3::zeros(); stand_rad.len()];
     let span = ((SPAN_S / sample_interval_s(time_s)).round() as usize).max(1);
@@ -51,7 +56,7 @@ pub(super) fn directions(time_s: &[f64], stand_rad: &[[f64; 3]], rests: &[Range<
     all
 }
 
-/// Largest change within an interval of an ordinary rest, rad; larger changes are motion.
+/// Largest change of a reading within a span at an undisturbed rest, rad. Larger changes are motion.
 fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     let largest = |rest: &Range<usize>| {
         let ends = readings[rest.clone()].iter().zip(readings[rest.clone()].iter().skip(span));
@@ -61,7 +66,8 @@ fn still_rad(readings: &[f64], span: usize, rests: &[Range<usize>]) -> f64 {
     1e-10 + if largest.is_empty() { 0.0 } else { 1.5 * quantile(&mut largest, ORDINARY) }
 }
 
-/// Readings of a motor's encoder, the samples of the interval [`SPAN_S`], and the largest change at rest.
+/// Encoder readings of one motor in rad, the span in samples, and the largest change within a span at standstill in
+/// rad.
 struct Motor {
     readings: Vec<f64>,
     span: usize,
@@ -71,8 +77,8 @@ struct Motor {
 impl Motor {
     /// Sign of the last motion, for every sample.
     ///
-    /// A motor clearly turns at a sample if the changes before and after it exceed those at rest. The sign is that of
-    /// the change after the sample, because the change before may be the backlash.
+    /// Motion is detected at a sample if the readings change by more than at rest both before and after it. The sign is
+    /// that of the change after the sample, because the change before it may contain the jump of the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];
@@ -93,11 +99,11 @@ impl Motor {
         signs
     }
 
-    /// First sample of the motion that is clear at the end of this range. If the range is too short to estimate the
-    /// start, the result is the end of the range.
+    /// First sample of the motion that is detected at the end of `stretch`; no motion is detected within `stretch`.
+    /// Returns the end if the stretch is too short for an estimate.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
-        // The end of the previous motion lies in the first half of the range.
+        // The end of the previous motion lies in the first half.
         let middle = usize::midpoint(stretch.start, clear);
         let quarter = usize::midpoint(middle, clear);
         if quarter - middle < FEWEST {
@@ -117,13 +123,13 @@ impl Motor {
     }
 }
 
-/// Sum of squares about the mean.
+/// Sum of squared deviations from the mean.
 fn about_level(readings: &[f64]) -> f64 {
     let mean = readings.iter().map(|r| r - readings[0]).sum::<f64>() / readings.len() as f64 + readings[0];
     readings.iter().map(|r| (r - mean).powi(2)).sum()
 }
 
-/// Sum of squares about a motion that starts from rest at the first reading, at any angle.
+/// Sum of squared deviations from a motion that starts from standstill at the first reading, at a free angle.
 fn about_start(readings: &[f64]) -> f64 {
     let powers = |k: usize| {
         let t = k as f64 / readings.len() as f64;
@@ -135,7 +141,7 @@ fn about_start(readings: &[f64]) -> f64 {
         normal += row * row.transpose();
         right += row * (reading - readings[0]);
     }
-    // Fewer than four readings are fitted exactly by a curve with fewer powers.
+    // With fewer than four readings the polynomial is not unique; the small diagonal term keeps the matrix invertible.
     let trace = normal.trace();
     let Some(factor) = (normal + Matrix4::identity() * (1e-13 * trace)).cholesky() else { return 0.0 };
     let solved = factor.solve(&right);
@@ -149,15 +155,15 @@ mod tests {
     const NOISE_RAD: f64 = 9e-5;
     const TURNS: usize = 12;
 
-    /// Pseudo-random numbers between -1 and 1 with a variance of 1/3.
+    /// Pseudorandom numbers, uniform between -1 and 1 (variance 1/3).
     fn chance(i: usize) -> f64 {
         let mixed = (i as u64 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
         let mixed = (mixed ^ (mixed >> 29)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
         ((mixed >> 11) as f64) / (1u64 << 52) as f64 - 1.0
     }
 
-    /// Turns of 50 deg back and forth with a duration of 2 s, each after 3 s of rest, with the smooth profile of a
-    /// stand. Returns the readings of an encoder with this backlash, and the true directions.
+    /// Rotations by 50 deg and back, 2 s each after 3 s of rest, with smooth start and end. Returns the encoder
+    /// readings with this backlash, and the true directions.
     fn there_and_back(backlash_rad: f64) -> (Vec<f64>, Vec<f64>) {
         let (rest, turn) = (300, 200);
         let at = |i: usize| {
@@ -180,7 +186,7 @@ mod tests {
         (0..samples).map(|i| (at(i).0 + backlash_rad * at(i).1 + noise(i), at(i).1)).unzip()
     }
 
-    /// Sum of squares of the errors that wrong signs cause in the readings, in units of the noise variance.
+    /// Sum of squared errors of the readings that wrong signs cause, in units of the noise variance.
     fn harm(backlash_rad: f64) -> f64 {
         let (readings, truth) = there_and_back(backlash_rad);
         let found = Motor { readings, span: 30, still_rad: 8e-4 }.signs();
@@ -188,14 +194,14 @@ mod tests {
         wrong.sum::<f64>()
     }
 
-    /// With a large jump no sample has the wrong sign; with a small jump few have, for both directions.
+    /// No sample has a wrong sign for a large jump, and few have for a small one, in either direction.
     #[test]
     fn the_start_of_a_turn_is_found_at_the_jump_of_its_reading() {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {
             assert_eq!(harm(backlash_rad), 0.0, "{backlash_rad}");
         }
-        // Jumps of half and of one standard deviation of the noise: one or two samples are wrong, an error comparable
-        // to the noise.
+        // Backlash of half and of once the encoder noise: errors of one or two samples, comparable to noise, are
+        // accepted.
         for backlash_rad in [5e-5, -5e-5, 1e-4, -1e-4] {
             let harm = harm(backlash_rad);
             assert!(harm < 10.0 * TURNS as f64, "{backlash_rad}: {harm}");

@@ -1,13 +1,13 @@
-//! White residuals of a move, from the encoders and the force together (`docs/model.md` (20), (21)).
+//! Whitened residuals inside a move with encoders and, if used, the force (model.md (20), (21)).
 //!
 //! ```text
 //! stand   log(C_0^T C(t) R(t)^T),   C = R_wb(q)      = random walk + noise of the encoders
 //! force   as inside a move without encoders          = random walk + error of the start + noise of the force
 //! ```
 //!
-//! Inside a move the residual relative to the stand is a random walk, from the noise of the gyroscope, plus the noise
-//! of the encoders. The force contains the same random walk, so one Kalman filter must whiten both. Gravity at the end
-//! of the move is not used, because the rests relative to the stand contain the same information.
+//! The residual against the stand is a random walk (integrated gyroscope noise) measured with encoder noise. The force
+//! residuals contain the same random walk, so one filter whitens both. The gravity direction at the end of the move is
+//! not used, because the residuals of the rests against the stand contain it.
 
 use imucal_core::so3;
 use nalgebra::{Rotation3, UnitQuaternion, Vector3};
@@ -20,30 +20,30 @@ use crate::joint::pass::Pass;
 use crate::joint::terms::Terms;
 use crate::rests::moves::across;
 
-/// Kind of a white residual inside a move.
+/// Kind of a whitened residual inside a move.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum About {
     Force,
     Stand,
 }
 
-/// A move with its encoder angles.
+/// One move with the encoder data that it needs.
 pub(crate) struct EncoderMove<'a> {
-    /// Encoder angles of the samples of the move.
+    /// Corrected encoder angles in the move, and at the rest before it.
     pub(crate) angles: &'a Angles,
     /// Encoder angles of the rest before the move.
     pub(crate) rest: &'a Angles,
     pub(crate) stand: &'a StandModel,
 }
 
-/// Number of residuals of a move relative to the stand.
+/// Number of residuals of a move against the stand.
 pub(crate) fn count(pass: &Pass) -> usize {
     3 * pass.blocks.len()
 }
 
 impl EncoderMove<'_> {
-    /// Calls `push` for every white residual, with its derivative with respect to every parameter and the residual as
-    /// last number. `reading` is the variance of one encoder reading, rad^2.
+    /// Passes every whitened residual to `push`: the derivatives with respect to all parameters, followed by the
+    /// residual. `reading` is the variance of one encoder reading, rad^2.
     pub(crate) fn innovations(
         &self,
         at_move: &AtMove,
@@ -55,7 +55,7 @@ impl EncoderMove<'_> {
         let (AtMove { pass, before: start, .. }, n) = (at_move, terms.total());
         let first = self.stand.attitude(&self.rest.angle_rad[0]).inverse();
         let rest_jacobian = self.rest.attitude_jacobian(0..1, terms, self.stand);
-        // Mean residual of each block and its derivatives, in the body frame at the start of the move.
+        // Mean attitude residual of each block and its derivatives, rad, in the body frame at the start of the move.
         let turns: Vec<(Vector3<f64>, Vec<Vector3<f64>>)> = (pass.blocks.iter().enumerate())
             .map(|(k, block)| {
                 let residual = |i: usize| {
@@ -77,13 +77,13 @@ impl EncoderMove<'_> {
             })
             .collect();
         let [side, other] = across(&start.up);
-        // The random walk is minus the rotation error x of the gyroscope. It changes the propagated gravity u by x
-        // cross u: along `side` by x . other, along `other` by -x . side. The force along gravity is not affected.
+        // The state of the random walk is x, minus the attitude error of the gyroscope. It changes the propagated
+        // gravity direction u by x cross u: along `side` by x . other, along `other` by -x . side. The component along
+        // gravity does not change.
         let mut z = vec![0.0; n + 1];
         let mut by_lane = vec![0.0; pass.changes.lanes()];
         for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
-            // The second state is the error of the direction at the start, which does not affect the residuals relative
-            // to the stand.
+            // The second state is the error of the gravity direction at the start. It affects only the force residuals.
             let mut filter = Filter::new(n + 1, WalkFilter::new([0.0, noise.start]));
             let mut last_s = 0.0;
             let at_start: Vec<f64> =
@@ -95,8 +95,8 @@ impl EncoderMove<'_> {
                 for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
                     *value = d.dot(column);
                 }
-                // The mean over n steps of a random walk has a smaller variance than its value in the middle, by (n -
-                // 1/n) / 6 of a step.
+                // The mean of a random walk over n steps has a smaller variance than its value at the centre, by (n -
+                // 1/n) / 6 of the variance per step.
                 let count = block.samples.len() as f64;
                 let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
                 filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);

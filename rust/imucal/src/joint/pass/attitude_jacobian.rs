@@ -1,7 +1,7 @@
-//! The derivative of the attitude and of the force in each block within a move, by every parameter.
+//! Attitude Jacobian and force Jacobian of the blocks inside a move.
 //!
-//! A block is one segment of n samples or more. G is the integral of the rotated columns over the block, Gdot and G..
-//! are the first and second differences of the neighbouring segments:
+//! For a segment of n samples, G is the attitude error that a column accumulates over the segment. Gdot is the central
+//! difference of G between the adjacent segments, and G.. the second difference:
 //!
 //! ```text
 //! turn(end)    = turn(begin) + G + G.. / 24
@@ -25,32 +25,32 @@ use crate::joint::terms::SideBySide;
 use crate::numerics::aligned::{Aligned, WIDEST};
 use crate::parameters::{ACCEL, BASE, GYRO_BIAS};
 
-/// The rotated columns within a move, block by block, with the sign of a correction that is subtracted from rate and
-/// force.
+/// Accumulates attitude and force Jacobians inside a move, block by block. The sign is that of an effect, which the
+/// correction subtracts from rate and force.
 pub(super) struct Turns<'a> {
     route: &'a Route<'a>,
     model: &'a Model,
     freed: &'a Corrected,
     stretches: Stretches,
-    /// The rotation in the middle of each segment, times its duration.
+    /// Rotation at the midpoint of each segment times the duration of the segment, s.
     weights: Vec<Matrix3<f64>>,
-    /// Integral of the columns of the rate over each segment, and the columns of the force in its middle, in the frame
-    /// of the move's start.
+    /// Attitude error over each segment, and change of the force at its midpoint, in the body frame at the start of the
+    /// move.
     on_rate: Turned,
     on_force: Turned,
-    /// Columns of the rate and of the force in the middle of a segment.
+    /// Columns of rate and force at the midpoint of a segment, in the current body frame.
     rates: Columns<'a>,
     forces: Columns<'a>,
-    /// The first segment of the next block, and the integral up to it.
+    /// First segment of the next block, and the attitude error accumulated up to it.
     next: usize,
     turned: Vec<f64>,
-    /// Segments per block.
+    /// Number of segments per block.
     of_block: usize,
-    /// Results of the finished blocks.
+    /// Results for the blocks completed so far.
     changes: Changes,
 }
 
-/// Columns of the base parameters of a sensor and of its terms.
+/// Columns of one sensor: base parameters followed by the parameters of its effects.
 struct Columns<'a> {
     base: usize,
     terms: &'a SideBySide<'a>,
@@ -64,7 +64,8 @@ impl<'a> Columns<'a> {
         Self { base, terms, all }
     }
 
-    /// The columns of the terms in the middle of a segment. The caller sets those of the base parameters.
+    /// Computes the columns of the effects at the midpoint of segment `k`, and returns the columns of the base
+    /// parameters to be filled in.
     fn at(&mut self, route: &Route<'_>, stretches: &Stretches, k: usize) -> &mut [Vector3<f64>] {
         let (base, own) = self.all.split_at_mut(self.base);
         route.columns(&self.terms.terms, &self.terms.values, stretches, k, own);
@@ -73,7 +74,7 @@ impl<'a> Columns<'a> {
 }
 
 impl<'a> Turns<'a> {
-    /// For a route with `stretch` samples per segment and `stretches` segments per block.
+    /// Prepares a move with `size` samples per segment and `of_block` segments per block.
     pub(super) fn new(
         route: &'a Route<'a>,
         model: &'a Model,
@@ -111,8 +112,8 @@ impl<'a> Turns<'a> {
         turns
     }
 
-    /// Computes the columns of all segments before `end` that are not known yet. For the base parameters, the force is
-    /// gravity propagated from the start.
+    /// Computes the columns of all segments before `end` that are not computed yet. The force columns of the base
+    /// parameters are evaluated at the propagated gravity.
     fn look_to(&mut self, end: usize) {
         let Self { route, model, freed, stretches, weights, on_rate, on_force, rates, forces, .. } = self;
         let inverse = model.gyroscope.inverse();
@@ -133,7 +134,7 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// Averages over the segments of the next block.
+    /// Computes the means over the next block.
     pub(super) fn next_block(&mut self) {
         self.changes.turn.next();
         self.changes.force.next();
@@ -144,12 +145,12 @@ impl<'a> Turns<'a> {
         self.next += self.of_block;
     }
 
-    /// Adds a segment to the means over its block.
+    /// Adds segment `k` to the means over its block.
     #[inline(always)] // With the widest registers.
     fn take_stretch(&mut self, k: usize) {
         let Self { stretches, on_rate, on_force, turned, of_block, changes, .. } = self;
         let (share, spread) = (1.0 / *of_block as f64, stretches.spread / 24.0);
-        // A segment between neighbours at unequal distances gets no second difference.
+        // Second differences need equal spacing of the adjacent midpoints; otherwise they are set to zero.
         let [before, after] = if stretches.are_even[k] { [k - 1, k + 1] } else { [k, k] };
         let (of_slope, of_turned) = (share * (spread - 0.125) / 2.0, share / 48.0);
         let around = on_rate.of(before).iter().zip(on_rate.of(k)).zip(on_rate.of(after));
@@ -164,7 +165,8 @@ impl<'a> Turns<'a> {
         }
     }
 
-    /// d_turn_d_p at the end of the move for each of `total` parameters, and the results of all blocks.
+    /// Derivative of the attitude at the end of the move with respect to each of `total` parameters, and the results of
+    /// all blocks.
     pub(super) fn at_end(mut self, total: usize) -> (Vec<Vector3<f64>>, Changes) {
         self.look_to(self.stretches.count());
         let mut turn = vec![Vector3::zeros(); total];
@@ -184,10 +186,10 @@ impl WithSimd for NextStretch<'_, '_> {
     }
 }
 
-/// Segments that are kept: the current one and its two neighbours.
+/// Number of segments kept in memory: the current one and its two neighbours.
 const KEPT: usize = 3;
 
-/// The integrals of the last segments, and the sum over all segments.
+/// Matrix-vector products of the latest segments, and the sum over all segments.
 pub(super) struct Turned {
     last: Planes,
     sum: Aligned,
@@ -195,14 +197,13 @@ pub(super) struct Turned {
 }
 
 impl Turned {
-    /// Without any segment; `parameters` are the indices of the columns among all parameters.
+    /// Starts without segments; `parameters` are the indices of the columns in the parameter vector.
     pub(super) fn new(parameters: Vec<usize>) -> Self {
         let last = Planes::zeros(parameters, KEPT);
         Self { sum: Aligned::zeros(3 * last.width()), last, count: 0 }
     }
 
-    /// Multiplies the columns of the parameters by a matrix and appends the result as the next segment. The columns are
-    /// consecutive and padded to full registers.
+    /// Appends `matrix` times each column as the next segment. `columns` must be padded to a full SIMD register.
     pub(super) fn push(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         let (to, sum) = (self.last.of_mut(self.count % KEPT), &mut *self.sum);
@@ -210,40 +211,40 @@ impl Turned {
         self.count += 1;
     }
 
-    /// As [`Self::push`], but only adds the result to the sum.
+    /// Adds `matrix` times each column to the sum only, without keeping the segment.
     pub(super) fn add(&mut self, columns: &[Vector3<f64>], matrix: &Matrix3<f64>) {
         let columns = &columns[..self.last.width()];
         Arch::new().dispatch(Push::<false> { columns, matrix, to: &mut [], sum: &mut self.sum });
     }
 
-    /// Number of segments so far.
+    /// Number of segments appended so far.
     pub(super) fn count(&self) -> usize {
         self.count
     }
 
-    /// The planes of one of the last segments.
+    /// Products of one of the latest segments, plane by plane (x, y, z).
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         self.last.of(state % KEPT)
     }
 
-    /// The sum over all segments, plane by plane.
+    /// Sum over all segments, plane by plane (x, y, z).
     pub(super) fn sum(&self) -> &[f64] {
         &self.sum
     }
 
-    /// Writes the negated sum to the columns of its parameters.
+    /// Writes minus the sum to the entries of its parameters.
     pub(super) fn write_negative_sum(&self, to: &mut [Vector3<f64>]) {
         self.last.write_negative(&self.sum, to);
     }
 
-    /// Planes for this number of segments with the same parameters.
+    /// Empty storage for `states` segments with the same parameters.
     pub(super) fn room(&self, states: usize) -> Planes {
         Planes::new(self.last.parameters().to_vec(), states)
     }
 }
 
-/// `KEEPS` states whether the segment is kept in addition to the sum.
+/// `KEEPS`: whether the segment itself is stored, and not only added to the sum.
 struct Push<'a, const KEEPS: bool> {
     columns: &'a [Vector3<f64>],
     matrix: &'a Matrix3<f64>,

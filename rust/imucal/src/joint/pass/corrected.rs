@@ -1,4 +1,4 @@
-//! The samples of a move, corrected for the effects.
+//! Samples of a move, corrected for the triads and the effects.
 
 use std::ops::Range;
 
@@ -15,35 +15,35 @@ use crate::joint::terms::{Sample, Terms};
 use crate::preintegration::{Interpolation, turn};
 use crate::recording::Samples;
 
-/// The corrected samples of a move, with one more sample on either side.
+/// Corrected rate and force of the samples of a move, and of one more sample on either side.
 pub(super) struct Corrected {
     pub(super) rate: Vec<Vector3<f64>>,
     pub(super) force: Vec<Vector3<f64>>,
-    /// Angular acceleration; empty unless requested.
+    /// Angular acceleration; empty unless needed.
     pub(super) slopes: Vec<Vector3<f64>>,
-    /// Whether any effect has a nonzero contribution.
+    /// Whether any effect has nonzero parameters.
     is_freed: bool,
 }
 
-/// The step from one sample to the next.
+/// Integration step between two samples, with its quadrature weights.
 #[derive(Clone, Copy)]
 pub(super) struct Step {
-    /// The sample before it.
+    /// Index of the sample at its start.
     pub(super) before: usize,
     is_linear: bool,
-    /// Weights of the four samples around the step in the mean over it.
+    /// Weights of the four samples around the step in the mean rate over the step.
     shares: [f64; 4],
 }
 
 impl Step {
-    /// The step that starts at sample `i`.
+    /// Step from sample `i` to sample `i + 1`.
     #[inline]
     pub(super) fn after(time_s: &[f64], i: usize) -> Self {
         let (interpolation, shares) = Interpolation::of(time_s, i);
         Self { before: i, is_linear: interpolation == Interpolation::Linear, shares }
     }
 
-    /// Mean over the step; `value(k)` is the value at sample k.
+    /// Mean over the step of the quantity that is `value(k)` at sample k.
     #[inline(always)]
     pub(super) fn mean(&self, value: impl Fn(usize) -> Vector3<f64>) -> Vector3<f64> {
         let (k, [before, start, end, after]) = (self.before, self.shares);
@@ -51,30 +51,30 @@ impl Step {
         if self.is_linear { inner } else { inner + value(k - 1) * before + value(k + 2) * after }
     }
 
-    /// Rotation vector of a step of `step_s`, rad; `rate(k)` is the rate at sample k.
+    /// Rotation vector of the step, rad, for the rate `rate(k)` at sample k and the duration `step_s`.
     #[inline(always)]
     pub(super) fn turn(&self, rate: impl Fn(usize) -> Vector3<f64>, step_s: f64) -> Vector3<f64> {
         turn(&self.mean(&rate), [&rate(self.before), &rate(self.before + 1)], step_s)
     }
 }
 
-/// The angular acceleration is the derivative of the corrected rate, which itself depends on it. Each pass reduces the
-/// error by the ratio of the gyroscope's delay to the time scale of the motion, typically a fiftieth. Further passes
-/// would add noise if the delay is long.
+/// Number of iterations for the angular acceleration, which is the derivative of the corrected rate. Each iteration
+/// multiplies the error by the delay of the gyroscope divided by the time scale of the motion, about 1/50. For long
+/// delays, more iterations would amplify noise.
 const SLOPE_PASSES: usize = 3;
 
 impl Route<'_> {
-    /// The samples to correct: those of the move and one on either side, if they exist.
+    /// Range of the corrected samples: those of the move, and one more on either side if it exists.
     pub(super) fn reach(&self) -> Range<usize> {
         self.span.first.saturating_sub(1)..(self.span.last + 2).min(self.recording.len())
     }
 
-    /// The step that starts at sample `i`, indexed within the reach.
+    /// Step after sample `i` of the recording, with indices relative to `reach`.
     pub(super) fn step(&self, i: usize) -> Step {
         Step { before: i - self.reach().start, ..Step::after(self.recording.time_s, i) }
     }
 
-    /// The samples of the reach, corrected for the effects with a nonzero contribution.
+    /// Corrected samples in `reach`. Effects with zero parameters are skipped.
     pub(super) fn freed(&self, model: &Model, active: &Terms<'_>, wants_slopes: bool) -> Corrected {
         let reach = self.reach();
         let corrected = |triad: &Triad<f64>, rows: Samples<'_>| -> Vec<Vector3<f64>> {
@@ -101,11 +101,11 @@ impl Route<'_> {
         all
     }
 
-    /// One pass of the correction over the measured samples.
+    /// One iteration: corrects the samples for the effects at the current angular acceleration.
     fn free(&self, all: &mut Corrected, model: &Model, active: &Terms<'_>) {
         let mut attitude = self.rotation_world_from_start;
         let mut settling = Settling::new(active, &model.values);
-        // The contributions of the effects at the previous sample.
+        // Contribution of the effects to the rate at the previous sample.
         let mut added_rate = Vector3::zeros();
         for (k, index) in self.reach().enumerate() {
             let (seen_rate, seen_force) = (all.rate[k], all.force[k]);
@@ -113,7 +113,8 @@ impl Route<'_> {
             around.angular_acceleration = all.slopes.get(k).copied();
             if let (Some(attitude), true) = (&mut attitude, index > self.span.first) {
                 let h = self.recording.time_s[index] - self.recording.time_s[index - 1];
-                // The corrected rate of this sample is not known yet, so the previous contribution is used.
+                // The corrected rate of this sample is not known yet, so the contribution of the effects at the
+                // previous sample is used.
                 *attitude *= so3::exp(&increment(&all.rate[k - 1], &(seen_rate - added_rate), h));
             }
             around.rotation_world_from_body = attitude;
@@ -124,7 +125,7 @@ impl Route<'_> {
         }
     }
 
-    /// Means of the effects on rate and force over some samples of the reach.
+    /// Mean contributions of the effects to rate and force over some samples; `samples` is relative to `reach`.
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
         if !freed.is_freed {
             return [Vector3::zeros(); 2];

@@ -1,7 +1,7 @@
-//! Columns of many parameters in many states, in the layout of SIMD registers.
+//! Jacobian columns of many parameters, stored for SIMD.
 //!
-//! A state has three planes, x, y and z, with one number per parameter, so that each multiplication processes a full
-//! register of parameters.
+//! A state (a block or a segment) has three planes, x, y and z. A plane has one value per parameter, so that one SIMD
+//! instruction processes as many parameters as a register has lanes.
 
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
@@ -9,35 +9,35 @@ use pulp::{Arch, Simd, WithSimd};
 use crate::joint::pass::Range;
 use crate::numerics::aligned::{Aligned, WIDEST};
 
-/// Columns of some parameters in a sequence of states.
+/// Columns (3-vectors) of several parameters in a sequence of states.
 pub(crate) struct Planes {
-    /// Indices of these parameters among all columns.
+    /// Index of each parameter among all columns.
     parameters: Vec<usize>,
-    /// Length of a plane, a multiple of the register width.
+    /// Number of values per plane, padded to full registers.
     width: usize,
     numbers: Aligned,
 }
 
 impl Planes {
-    /// Without any state, and with capacity for `states`; `parameters` are indices among all columns.
+    /// Empty storage with capacity for `states` states.
     pub(crate) fn new(parameters: Vec<usize>, states: usize) -> Self {
         let width = parameters.len().next_multiple_of(WIDEST);
         Self { parameters, width, numbers: Aligned::with_capacity(states * 3 * width) }
     }
 
-    /// With `states` states of zeros.
+    /// Storage with `states` states of zeros.
     pub(super) fn zeros(parameters: Vec<usize>, states: usize) -> Self {
         let mut planes = Self::new(parameters, 0);
         planes.numbers.resize(states * 3 * planes.width);
         planes
     }
 
-    /// Indices of the parameters among all columns.
+    /// Index of each parameter among all columns.
     pub(crate) fn parameters(&self) -> &[usize] {
         &self.parameters
     }
 
-    /// Length of a plane.
+    /// Number of values per plane, including padding.
     pub(crate) fn width(&self) -> usize {
         self.width
     }
@@ -50,7 +50,7 @@ impl Planes {
         &mut self.numbers[start..]
     }
 
-    /// The planes of the last state.
+    /// Planes of the last state.
     #[inline(always)]
     pub(super) fn last_mut(&mut self) -> &mut [f64] {
         let start = self.numbers.len() - 3 * self.width;
@@ -64,57 +64,57 @@ impl Planes {
         (0..3).for_each(|axis| state[axis * width] = column[axis]);
     }
 
-    /// Planes of zeros.
+    /// Planes of zeros for one state.
     pub(crate) fn zero(&self) -> Vec<f64> {
         vec![0.0; 3 * self.width]
     }
 
-    /// Writes the negated columns in `planes`, which have this layout, to the columns of their parameters.
+    /// Writes minus the columns in `planes` to the entries of their parameters in `to`.
     pub(crate) fn write_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
 
-    /// The column of the k-th parameter in `planes`.
+    /// Column of parameter `k` in `planes`.
     pub(crate) fn column(&self, planes: &[f64], k: usize) -> Vector3<f64> {
         Vector3::from_fn(|axis, _| planes[axis * self.width + k])
     }
 
-    /// The planes of all states, consecutively.
+    /// Planes of all states, one after the other, as SIMD registers.
     #[inline(always)]
     pub(crate) fn registers<S: Simd>(&self, _: S) -> &[S::f64s] {
         S::as_simd_f64s(&self.numbers).0
     }
 
-    /// The planes of a state, consecutively.
+    /// Planes x, y and z of one state.
     #[inline(always)]
     pub(crate) fn of(&self, state: usize) -> &[f64] {
         &self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 
-    /// The mutable planes of a state, consecutively.
+    /// Mutable planes x, y and z of one state.
     pub(super) fn of_mut(&mut self, state: usize) -> &mut [f64] {
         &mut self.numbers[state * 3 * self.width..][..3 * self.width]
     }
 }
 
-/// A partition of samples into groups of equal size.
+/// Division of consecutive samples into groups of equal size. The first and the last group may be incomplete.
 #[derive(Clone, Copy)]
 pub(super) struct Groups {
-    /// Samples per group.
+    /// Number of samples per complete group.
     size: usize,
-    /// Number of samples by which the first group is shorter.
+    /// Number of samples missing in the first group.
     lacking: usize,
-    /// Number of all samples.
+    /// Total number of samples.
     samples: usize,
 }
 
 impl Groups {
-    /// Groups of `size` samples, one of which begins at sample `begin`.
+    /// Divides `samples` samples into groups of `size`, such that a group starts at sample `begin`.
     pub(super) fn new(size: usize, begin: usize, samples: usize) -> Self {
         Self { size, lacking: (size - begin % size) % size, samples }
     }
 
-    /// The group of sample `k`.
+    /// Group of sample `k`.
     #[inline(always)]
     pub(super) fn of(self, k: usize) -> usize {
         (k + self.lacking) / self.size
@@ -124,18 +124,19 @@ impl Groups {
         self.of(self.samples - 1) + 1
     }
 
-    /// The samples of a group.
+    /// Range of the samples of a group.
     pub(super) fn samples(self, group: usize) -> Range<usize> {
         let end = (group + 1) * self.size - self.lacking;
         (group * self.size).saturating_sub(self.lacking)..end.min(self.samples)
     }
 }
 
-/// Changes in each block within a move, with the sign of a correction that is subtracted from rate and force.
+/// Derivatives inside a move, with one state per block. The sign is that of an effect, which the correction subtracts
+/// from rate and force.
 pub(crate) struct Changes {
-    /// Mean integral of the columns of the rate.
+    /// Mean attitude error over each block, rad per unit of the parameter.
     pub(crate) turn: Planes,
-    /// Mean of the columns of the force, rotated to the start of the move.
+    /// Mean change of the force over each block, in the body frame at the start of the move.
     pub(crate) force: Planes,
 }
 
@@ -146,26 +147,26 @@ impl Changes {
         Self { turn, force }
     }
 
-    /// Numbers in a row: one for each parameter, and padding.
+    /// Number of lanes: one value per parameter, including padding.
     pub(crate) fn lanes(&self) -> usize {
         self.turn.width() + self.force.width()
     }
 
-    /// Lanes with a parameter, and that parameter.
+    /// Pairs of lane and parameter index. Padding lanes are skipped.
     pub(crate) fn parameters(&self) -> impl Iterator<Item = (usize, usize)> {
         let first = self.turn.width();
         let of_turn = self.turn.parameters().iter().copied().enumerate();
         of_turn.chain(self.force.parameters().iter().enumerate().map(move |(k, p)| (first + k, *p)))
     }
 
-    /// d_turn_d_p in a block for each of `total` parameters.
+    /// Derivative of the mean attitude in a block with respect to each of `total` parameters.
     pub(crate) fn turns(&self, block: usize, total: usize) -> Vec<Vector3<f64>> {
         let mut turns = vec![Vector3::zeros(); total];
         self.turn.write_negative(self.turn.of(block), &mut turns);
         turns
     }
 
-    /// Adds the change of the mean force of a block along `d` for each lane.
+    /// Adds the derivatives of the mean force of a block along `d`, lane by lane.
     pub(crate) fn add_along(&self, block: usize, force: &Vector3<f64>, d: &Vector3<f64>, lanes: &mut [f64]) {
         Arch::new().dispatch(AddAlong { changes: self, block, force, d, lanes });
     }
@@ -191,7 +192,7 @@ impl WithSimd for AddAlong<'_> {
     }
 }
 
-/// Adds the components of the columns in `planes` along a direction to one number per column.
+/// Adds the dot product of `direction` with each column of `planes` to `to`.
 #[inline(always)] // With the widest registers that the caller has.
 fn add_along(direction: &Vector3<f64>, planes: &[f64], to: &mut [f64]) {
     let (x, yz) = planes.split_at(to.len());

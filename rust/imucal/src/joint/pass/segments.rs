@@ -1,4 +1,5 @@
-//! Rotation to the end of a move, and the move in short segments, for error patterns of rate or force.
+//! Integration over a move in segments: base parameters and effects over the whole move, and the segments for generic
+//! error fields.
 
 use imucal_core::effects::Need;
 use imucal_core::sensor::Triad;
@@ -14,27 +15,27 @@ use crate::parameters::{BASE, GYRO_BIAS, GYRO_SENSITIVITY};
 use crate::preintegration::{Sums, preintegrate};
 use crate::recording::Samples;
 
-/// A short segment of a move, as long as a block.
+/// Segment of a move, as long as a block. Generic error fields have one value per segment.
 pub(crate) struct Stretch {
-    /// Time since the first sample of the recording, s.
+    /// Time of the midpoint since the first sample of the recording, s.
     pub(crate) time_s: f64,
-    /// The sample in its middle.
+    /// Index of the sample at the midpoint.
     pub(crate) sample: usize,
     /// `v_start = attitude v_here`.
     pub(crate) attitude: Matrix3<f64>,
     pub(crate) rate: Vector3<f64>,
-    /// Attitude error at this time per unit of a constant rate error about each axis.
+    /// Attitude error at the midpoint due to a constant unit error of the rate about each axis, s.
     pub(crate) turn: Matrix3<f64>,
 }
 
-/// The segments of a move, and the attitude error at its end per unit of a constant rate error.
+/// Segments of a move, and the attitude error at its end due to a constant unit error of the rate.
 pub(crate) struct MoveSegments {
     pub(crate) stretches: Vec<Stretch>,
     pub(crate) end: Matrix3<f64>,
 }
 
 impl Route<'_> {
-    /// Every `every`-th segment of a move without effects; `pass` is that of the move.
+    /// Segments without effects, of which one in `every` is kept. `pass` is the integration of the same move.
     pub(crate) fn segments(&self, model: &Model, pass: &Pass, every: usize) -> MoveSegments {
         let (recording, span) = (self.recording, self.span);
         let size = self.stretches_of_block().iter().product();
@@ -62,12 +63,13 @@ impl Route<'_> {
     }
 }
 
-/// Length of a segment, s.
+/// Maximum duration of a segment, s.
 const STRETCH_S: f64 = 0.04;
-/// Minimum number of segments of a move.
+/// Minimum number of segments per move.
 const FEWEST: f64 = 24.0;
 
-/// d_turn_d_p of the base parameters; the entries of the effects are zero.
+/// Attitude Jacobian at the end of the move with respect to the base parameters, rad per unit. Entries of effects are
+/// zero.
 fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
     let (inverse, sensitivity) = (model.gyroscope.inverse(), &base.sensitivity);
     let mut turn = vec![Vector3::zeros(); total];
@@ -82,7 +84,7 @@ fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
 }
 
 impl Route<'_> {
-    /// Rotation and attitude Jacobian at the end of the move.
+    /// Rotation and attitude Jacobian over the whole move, without blocks.
     pub(super) fn to_end(&self, model: &Model, asked: &EvaluatedTerms<'_>) -> Pass {
         // Effects on the force do not change the attitude.
         let EvaluatedTerms { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = asked;
@@ -117,8 +119,7 @@ impl Route<'_> {
         pass(rotation, turn)
     }
 
-    /// Rotation from the start of the move to its end and derivative sums of the base parameters, from samples that are
-    /// corrected for effects.
+    /// Rotation over the move and Jacobian integrals of the base parameters, for samples corrected for the effects.
     fn carried_freed(
         &self,
         model: &Model,
@@ -131,7 +132,8 @@ impl Route<'_> {
         let (first, last) = (span.first - reach.start, span.last - reach.start);
         let time_s = &self.recording.time_s[reach];
         let (rotation, mut sums) = preintegrate(time_s, Samples::from(&rates), first, last, &Triad::identity());
-        // The entries of the sensitivity multiply the measured rates.
+        // The entries of T multiply the rate before the correction for effects, so the contribution of the effects is
+        // added.
         for (k, weight) in weights.iter().enumerate() {
             let [on_rate, _] = self.mean_added(model, all, stretches.groups.samples(k));
             sums.add_beyond(weight, &on_rate);

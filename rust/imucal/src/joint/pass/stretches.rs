@@ -1,9 +1,8 @@
-//! Segments of a move that are short compared with the motion. The columns of the effects are evaluated once per
-//! segment, in its middle.
+//! Short segments of a move. The columns of the effects are evaluated once per segment, at its midpoint.
 //!
 //! ```text
-//! value in the middle of three means over n samples   m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
-//! slope                                               (8 (w_(k+1) - w_(k-1)) - (w_(k+2) - w_(k-2))) / (12 step)
+//! midpoint value from three means m over n samples   m_k - (1 - 1/n^2) (m_(k-1) - 2 m_k + m_(k+1)) / 24
+//! derivative of the rate                         (8 (w_(k+1) - w_(k-1)) - (w_(k+2) - w_(k-2))) / (12 step)
 //! ```
 
 use std::ops::Range;
@@ -22,19 +21,19 @@ use crate::preintegration::{are_equal_steps, attitudes};
 use crate::recording::Samples;
 use crate::rests::moves::Move;
 
-/// The segments of a move.
+/// Segments of a move.
 pub(super) struct Stretches {
-    /// Their samples, relative to the first sample of the route.
+    /// Samples of each segment, counted from the first corrected sample.
     pub(super) groups: Groups,
-    /// The state in the middle of each segment.
+    /// True state at the midpoint of each segment.
     pub(super) states: Vec<State<f64>>,
     /// `v_start = rotation v_here`.
     pub(super) rotations: Vec<Matrix3<f64>>,
-    /// The share of the duration of the move that each segment covers, s.
+    /// Duration of the part of each segment that lies within the move, s.
     pub(super) durations_s: Vec<f64>,
-    /// Whether the middles of the two neighbours are at equal distances.
+    /// Whether the midpoints of the adjacent segments are equally far from the midpoint of each segment.
     pub(super) are_even: Vec<bool>,
-    /// Factor of the second difference between a mean over the samples of a segment and the value in its middle.
+    /// Correction factor `1 - 1/n^2` of the second difference for means over n discrete samples.
     pub(super) spread: f64,
 }
 
@@ -43,15 +42,16 @@ impl Stretches {
         self.states.len()
     }
 
-    /// The rotation in the middle of each segment, times its duration.
+    /// Rotation at the midpoint of each segment times the duration of the segment, s.
     pub(super) fn weights(&self) -> Vec<Matrix3<f64>> {
         self.rotations.iter().zip(&self.durations_s).map(|(rotation, duration_s)| rotation * *duration_s).collect()
     }
 }
 
 impl Route<'_> {
-    /// Segments of `size` samples, one of which begins after the first sample of the move. Without any nonzero effect
-    /// the samples need no correction. Missing angular accelerations are computed if requested.
+    /// Segments of `size` samples, one of which begins after the first sample of the move. `freed` are the corrected
+    /// samples; without it the raw samples are averaged, which is sufficient if all effects are zero. The angular
+    /// acceleration is computed if `wants_slopes` is set and the samples do not have it.
     pub(super) fn stretches(
         &self,
         model: &Model,
@@ -66,7 +66,7 @@ impl Route<'_> {
             specific_force: Vector3::zeros(),
             surroundings: Surroundings::unknown(),
         };
-        // A state is large, so each is written in place.
+        // A state is large, so it is modified in place.
         let mut states = vec![none; groups.count()];
         states.iter_mut().enumerate().for_each(|(k, state)| self.set_means(groups, k, (model, freed), state));
         let time_s: Vec<f64> = states.iter().map(|state| state.surroundings.time_s.unwrap_or_default()).collect();
@@ -86,7 +86,7 @@ impl Route<'_> {
         Stretches { groups, states, rotations, durations_s: self.durations_s(groups), are_even, spread }
     }
 
-    /// Computes the mean state of a segment except for its attitude.
+    /// Sets the mean state over segment `k`, apart from its attitude.
     #[inline]
     fn set_means(
         &self,
@@ -115,8 +115,8 @@ impl Route<'_> {
             freed.filter(|all| !all.slopes.is_empty()).map(|all| of_freed(&all.slopes));
     }
 
-    /// `v_start = rotation v_here` in the middle of each segment, integrated over the mean rates of the segments.
-    /// Before the start of the move the attitude is that of the start.
+    /// Rotation to the start of the move from the midpoint of each segment, integrated from the rates at the midpoints.
+    /// Segments before the start of the move get the rotation of the first segment of the move.
     fn rotations(&self, start: usize, states: &[State<f64>], time_s: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
         let since_start_s = time_s[start] - (self.recording.time_s[self.span.first] - self.recording.time_s[0]);
@@ -128,20 +128,21 @@ impl Route<'_> {
         rotations
     }
 
-    /// The share of a trapezoidal sum over the move that the samples of each segment have, s.
+    /// Duration of each segment within the move, s: the sum of the weights of its samples in the trapezoidal rule.
     fn durations_s(&self, groups: Groups) -> Vec<f64> {
         let Move { first, last, .. } = *self.span;
         let time_s = |i: usize| self.recording.time_s[i.clamp(first, last)];
         let own_s = |k: usize| {
             let Range { start, end } = self.samples(groups, k);
-            // From the midpoint before its first sample to the midpoint after its last one.
+            // From the midpoint between the previous sample and the first one to the midpoint between the last sample
+            // and the next one.
             f64::midpoint(time_s(end - 1), time_s(end)) - f64::midpoint(time_s(start.saturating_sub(1)), time_s(start))
         };
         (0..groups.count()).map(own_s).collect()
     }
 
-    /// The columns of the terms in the middle of a segment. For rates and user fields only means over the segment are
-    /// known.
+    /// Columns of the effects at the midpoint of segment `k`. User-defined effects are averaged over the segment and
+    /// corrected to the midpoint.
     pub(super) fn columns(
         &self,
         terms: &Terms<'_>,
@@ -161,14 +162,14 @@ impl Route<'_> {
         }
     }
 
-    /// The samples of a group within the recording.
+    /// Samples of a group as a range of the recording.
     fn samples(&self, groups: Groups, group: usize) -> Range<usize> {
         let (first, own) = (self.reach().start, groups.samples(group));
         first + own.start..first + own.end
     }
 }
 
-/// Whether the previous and the next time are at equal distances.
+/// Whether the times before and after time `k` are equally far from it.
 fn is_even(time_s: &[f64], k: usize) -> bool {
     match k.checked_sub(1).and_then(|before| time_s[before..].first_chunk()) {
         Some([t0, t1, t2]) => are_equal_steps(t1 - t0, t2 - t1),
@@ -176,15 +177,15 @@ fn is_even(time_s: &[f64], k: usize) -> bool {
     }
 }
 
-/// Converts means over segments to values in their middle by subtracting this share of the second difference. At uneven
-/// times the mean is kept.
+/// Converts means over segments into values at their midpoints: subtracts `share` times the second difference. Segments
+/// with unequal spacing keep their mean.
 fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     let means = |state: &State<f64>| {
         let slope = state.surroundings.angular_acceleration.unwrap_or_default();
         [state.angular_rate, state.specific_force, slope]
     };
     let Some(mut before) = states.first().map(means) else { return };
-    // The first and the last segment have only one neighbour.
+    // The first and the last segment have only one neighbour and keep their mean.
     for k in 1..states.len() - 1 {
         let (own, after) = (means(&states[k]), means(&states[k + 1]));
         if are_even[k] {
@@ -200,7 +201,8 @@ fn in_the_middle(states: &mut [State<f64>], are_even: &[bool], share: f64) {
     }
 }
 
-/// Computes the derivative of the rate by a polynomial of fourth degree at even times, and by differences elsewhere.
+/// Computes the angular acceleration from the rates: five-point formula for equal spacing, otherwise a difference
+/// quotient.
 fn find_slopes(states: &mut [State<f64>], time_s: &[f64], are_even: &[bool]) {
     let rates: Vec<Vector3<f64>> = states.iter().map(|state| state.angular_rate).collect();
     for (k, state) in states.iter_mut().enumerate() {

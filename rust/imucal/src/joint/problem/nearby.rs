@@ -1,4 +1,5 @@
-//! Linearisations of a problem: by a pass over the samples, or by extrapolation of the last one to parameters nearby.
+//! Cache of linearisations. Parameters near the last linearisation are served by a first-order update instead of
+//! another integration of the samples.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -12,16 +13,16 @@ use crate::joint::model::Model;
 use crate::joint::terms::{Kinds, Term};
 use crate::numerics::lsq::Solution;
 
-/// Distance, in standard deviations, within which residuals are extrapolated linearly. The neglected terms are of
-/// second order and change a residual by about 0.001 standard deviations. A search uses extrapolated residuals; a fit
-/// that ends with them is linearised again and continued.
+/// Largest distance from the last linearisation, in standard deviations, at which the first-order update is used. The
+/// neglected second-order terms are then at most a thousandth of a standard deviation. A search uses the update as it
+/// is. A final fit that ends there is linearised again and continued.
 const NEAR: f64 = 3.0;
 
-/// Known linearisations, shared between threads.
+/// Cached linearisations, shared by all threads.
 pub(crate) struct Nearby {
-    /// The last linearisation by a pass over the samples.
+    /// Last linearisation that was computed from the samples.
     last: Mutex<Place>,
-    /// Its last extrapolation.
+    /// Last first-order update of `last`.
     near: Mutex<Place>,
 }
 
@@ -37,7 +38,7 @@ fn known(place: &Mutex<Place>) -> MutexGuard<'_, Place> {
 }
 
 impl Nearby {
-    /// Starts with a known linearisation.
+    /// Starts with one known linearisation.
     pub(crate) fn new(linear: Arc<Linear>) -> Self {
         let place = Place { parameters: linear.model.parameters(), linear };
         Self { last: Mutex::new(place.clone()), near: Mutex::new(place) }
@@ -45,7 +46,8 @@ impl Nearby {
 }
 
 impl Joint<'_> {
-    /// The linearisation at these parameters, extrapolated from the last one if it is close enough.
+    /// Linearisation at these parameters, or the first-order update of the last linearisation if the parameters are
+    /// near it.
     pub(crate) fn linear(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         for place in [&self.nearby.last, &self.nearby.near] {
             let place = known(place);
@@ -56,7 +58,8 @@ impl Joint<'_> {
         self.linear_within(parameters, None)
     }
 
-    /// The linearisation at the end of a fit. The last step of the fit is small, so extrapolation is usually possible.
+    /// Linearisation at the end of a fit. The last step of the fit is small, so a first-order update is normally
+    /// sufficient.
     pub(crate) fn linear_at_end(&self, found: &Solution) -> Result<Arc<Linear>, Error> {
         self.linear_within(&found.parameters, Some(&found.jacobian))
     }
@@ -68,14 +71,15 @@ impl Joint<'_> {
         Ok(linear)
     }
 
-    /// The linearisation at these parameters by a pass over the samples.
+    /// Computes the linearisation at these parameters from the samples.
     fn linear_anew(&self, parameters: &[f64]) -> Result<Arc<Linear>, Error> {
         let linear = Arc::new(self.prepared.linearise(self.terms, parameters)?);
         *known(&self.nearby.last) = Place { parameters: parameters.to_vec(), linear: Arc::clone(&linear) };
         Ok(linear)
     }
 
-    /// Linearises again at these parameters if the last linearisation was an extrapolation; returns whether it was.
+    /// Computes the linearisation at these parameters from the samples if only a first-order update is known. Returns
+    /// whether it was computed.
     pub(crate) fn refresh(&self, parameters: &[f64]) -> Result<bool, Error> {
         let is_moved = known(&self.nearby.last).parameters != parameters && self.moved(parameters, None)?.is_some();
         if is_moved {
@@ -84,10 +88,12 @@ impl Joint<'_> {
         Ok(is_moved)
     }
 
-    /// Extrapolates the last linearisation to these parameters if they are close and all residuals are linear in them.
-    /// For residuals inside moves, the distance is calculated with `jacobian`, the whitened derivatives, if given.
+    /// First-order update of the last linearisation, if these parameters are near it and no residuals against the stand
+    /// exist. With residuals inside the moves the distance is computed from the whitened Jacobian, and there is no
+    /// update without it.
     ///
-    /// There is no extrapolation with time constants, because their derivative is zero while the effect is zero.
+    /// There is also no update for time constants. The derivative with respect to a time constant vanishes while its
+    /// effect is zero, so the distance would be underestimated.
     fn moved(&self, parameters: &[f64], jacobian: Option<&Mat<f64>>) -> Result<Option<Linear>, Error> {
         let Place { parameters: from, linear } = &*known(&self.nearby.last);
         let Kinds { in_motion, encoders } = self.terms.kinds;
@@ -104,7 +110,7 @@ impl Joint<'_> {
         (square < NEAR * NEAR).then(moved).transpose()
     }
 
-    /// Sum of squares of the change of the whitened residuals of rests and moves.
+    /// Squared norm of the first-order change of the whitened norm, move and mean-rate residuals.
     fn square_of_lines(&self, linear: &Linear, change: &[f64]) -> f64 {
         let mut lines = Mat::from_fn(linear.lines.len(), 1, |row, _| linear.lines[row].change(change));
         self.weights.whitening.apply(&mut lines);

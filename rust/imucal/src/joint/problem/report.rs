@@ -1,4 +1,4 @@
-//! Result of the joint fit.
+//! Result of a joint fit.
 
 use std::sync::Arc;
 
@@ -20,56 +20,56 @@ use crate::numerics::lsq::{self, Solution};
 use crate::parameters::BASE;
 use crate::rests::moves::Ends;
 
-/// Result of the joint fit, with its residuals.
+/// Result of a joint fit, with its residuals and weights.
 pub(crate) struct JointFit {
     pub(crate) model: Model,
-    /// Covariance of all parameters, in the symmetric frame.
+    /// Covariance of all parameters, symmetric frame.
     pub(crate) covariance: Mat<f64>,
     pub(crate) report: FitReport,
     pub(crate) scales: ResidualScales,
-    /// Model of the variation of the biases; `None` for constant biases.
+    /// Bias instability and random walk assumed by the weights.
     pub(crate) wander: Option<UnitWander>,
-    /// Error of |f| at each rest and its standard deviation from noise, m/s^2; `None` for rests that are not used.
+    /// Residual of |f| at each rest and its standard deviation from noise, m/s^2; `None` for rests that are not used.
     pub(crate) norms: Vec<Option<(f64, f64)>>,
-    /// Directions of gravity and rotation of each move.
+    /// Gravity directions and rotation of each move.
     pub(crate) moves: Vec<(Ends, Matrix3<f64>)>,
     pub(crate) terms: Vec<TermEstimate>,
-    /// Residuals and derivatives at the end of the fit.
+    /// Residuals and Jacobian at the end of the fit.
     pub(crate) linear: Arc<Linear>,
     pub(crate) weights: Weights,
     pub(crate) priors: Vec<Prior>,
 }
 
-/// Factors on the standard deviations of each kind of residual, where its scatter exceeds the noise; 1 if it does not,
-/// or if there are no such residuals.
+/// Factors by which the residuals of each kind scatter more than noise explains, and by which their standard deviations
+/// are widened. 1 if noise explains the residuals or if there are none.
 #[derive(Clone, Copy, Debug)]
 pub struct ResidualScales {
-    /// Factor of the norms of gravity at the rests.
+    /// Norms of the specific force at the rests.
     pub norms: f64,
-    /// Factor of the directions of gravity propagated over the moves.
+    /// Propagated gravity directions of the moves.
     pub moves: f64,
-    /// Factor of the forces inside the moves.
+    /// Force inside the moves.
     pub inside: f64,
-    /// Factor of the attitudes relative to the encoders of the stand: the larger one of rests and moves.
+    /// Attitudes against the encoders of the stand: the larger of the factors for rests and for moves.
     pub stand: f64,
 }
 
-/// An estimated effect.
+/// Estimate of one effect.
 #[derive(Clone, Debug)]
 pub struct TermEstimate {
     /// Name of the effect.
     pub name: String,
-    /// Values of the linear parameters.
+    /// Values of the linear parameters, in the units of the effect.
     pub values: Vec<f64>,
-    /// Value of the shape, such as a time constant.
+    /// Value of the nonlinear parameter, such as a time constant.
     pub shape: Option<f64>,
-    /// Names of all parameters, `<effect>_<parameter>`, the shape last; those of a user-defined effect are numbered
-    /// from 0.
+    /// Names of all parameters, `<effect>_<parameter>`, the nonlinear parameter last. Those of a user-defined effect
+    /// are numbered from 0.
     pub parameter_names: Vec<String>,
     /// Whether the effect is in the catalogue.
     pub in_catalogue: bool,
-    /// Wald statistic `theta^T C^-1 theta` of the linear parameters. Without the effect it is chi-square distributed,
-    /// with as many degrees of freedom as linear parameters.
+    /// Wald statistic `theta^T C^-1 theta` of the linear parameters. Under the null hypothesis it has a chi2
+    /// distribution with as many degrees of freedom as parameters.
     pub statistic: f64,
 }
 
@@ -135,13 +135,14 @@ impl JointFit {
     }
 }
 
-/// Directions of gravity, their standard deviation from noise, and the rotation of each move.
+/// Gravity directions at the ends of each move, the standard deviation of the direction residual from noise alone, and
+/// the rotation of the move.
 pub(crate) fn moves_of(linear: &Linear, weights: &Weights) -> Vec<(Ends, Matrix3<f64>)> {
     let ends = |m: &AtMove, sigma_rad: f64| Ends { before: m.before.up, after: m.after.up, sigma_rad };
     linear.moves.iter().zip(&weights.move_sigma_rad).map(|(m, sigma)| (ends(m, *sigma), m.pass.rotation)).collect()
 }
 
-/// The Wald statistic `theta^T C^-1 theta`.
+/// Wald statistic `theta^T C^-1 theta`.
 fn wald(covariance: &Mat<f64>, theta: &[f64]) -> f64 {
     use faer::prelude::Solve;
     let right = Mat::from_fn(theta.len(), 1, |i, _| theta[i]);

@@ -1,4 +1,4 @@
-//! Whitening for biases that vary during a recording.
+//! Whitening for biases that vary between rests.
 
 use faer::Mat;
 use imucal_core::effects::Sensor;
@@ -9,9 +9,10 @@ use crate::joint::lanes::Lanes;
 use crate::joint::linear::Linear;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
 
-/// Second whitening of the residuals of rests and moves, for the covariance that varying biases add to white noise.
+/// Second whitening of norms, moves and mean rates, for the covariance of biases that vary between rests (model.md
+/// (28)).
 pub(crate) struct Wandering {
-    /// Lower Cholesky factor of `I + D C D^T`, where D are the whitened derivatives with respect to the bias at each
+    /// Lower Cholesky factor of `I + D C D^T`. D contains the whitened derivatives with respect to the bias of each
     /// rest.
     factor: Mat<f64>,
 }
@@ -49,14 +50,14 @@ impl Wandering {
         Ok(Self { factor: factor.L().to_owned() })
     }
 
-    /// Whitens the first rows of a matrix.
+    /// Whitens the rows of norms, moves and mean rates of a matrix.
     pub(crate) fn apply(&self, matrix: &mut Mat<f64>) {
         let head = matrix.as_ref().subrows(0, self.factor.nrows()).to_owned();
         let white = self.solved(&head);
         matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
     }
 
-    /// As [`apply`](Self::apply), for rows in lanes.
+    /// Whitens the rows of norms, moves and mean rates.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
@@ -66,7 +67,7 @@ impl Wandering {
         }
     }
 
-    /// Whitens a column whose first nonzero row is `first`; returns the rows from there on.
+    /// Whitens a column whose nonzero values begin at row `first`. Returns the values from that row on.
     pub(crate) fn unit(&self, first: usize, column: &[f64]) -> Vec<f64> {
         let whole = Mat::from_fn(self.factor.nrows(), 1, |row, _| {
             row.checked_sub(first).and_then(|k| column.get(k)).copied().unwrap_or(0.0)
