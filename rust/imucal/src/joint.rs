@@ -4,13 +4,13 @@
 //! rest norms   |f_k| - g
 //! rest rates   mean(w_k) - b - T mean(Phi)_k theta
 //! moves        E_k (R_k^T u_k - u_(k+1))
-//! in the move  R(t) f(t) - g u_k,   where an effect acts only while the unit turns
+//! in the move  R(t) f(t) - g u_k,   only for effects that are observable only while the unit rotates
 //! ```
 //!
-//! where f, u and w are corrected for the effects. Residuals of neighbouring moves share the error of a rest's mean;
-//! their covariance is whitened in `whiten`. The random walk of the attitude error within a move is whitened by its
-//! innovations in `inside`. The weights depend on the result, and the result depends on the weights, so both are
-//! iterated until they settle.
+//! The quantities f, u and w are corrected for the effects. Residuals of neighbouring moves are correlated through the
+//! mean-force error of the rest between them; `whiten` accounts for their covariance. The random walk of the attitude
+//! error inside a move is whitened by the innovations of a Kalman filter (`inside`). The weights depend on the
+//! residuals and the residuals on the weights, so the fit is repeated until the parameters settle.
 
 mod encoders;
 mod fields;
@@ -75,31 +75,35 @@ use problem::report::moves_of;
 use start::Prior;
 use weights::Weights;
 
-/// An effect is determined if ten times its typical size changes chi2 by at least one in every direction of its
-/// parameters.
+/// Observability limit of an effect: the smallest change of the whitened residuals (root of chi2) per typical size,
+/// over all directions of its parameters. At 0.1, ten typical sizes change chi2 by one (model.md (18)).
 const LEAST_CHANGE: f64 = 0.1;
-/// Limit for effects that may be determined in part: a hundred times the typical size in the best determined direction.
+/// Observability limit for partly determined effects, which have a prior: the same quantity in the best determined
+/// direction. At 0.01, a hundred typical sizes change chi2 by one.
 pub(crate) const LEAST_CHANGE_PARTLY: f64 = 0.01;
-/// Initial width of the prior of a partly determined effect, in typical sizes of the effect.
+/// Initial standard deviation of the prior of a partly determined effect, in typical sizes of its parameters.
 const WIDE: f64 = 100.0;
-/// The weights have settled if no parameter changes by more than this share of its standard deviation between two
-/// rounds.
+/// Convergence limit of the repeated fits: largest change of a parameter between two fits, in standard deviations
+/// (model.md (18)).
 const SETTLED: f64 = 1e-3;
+/// Maximum number of fits with new weights. A fit that does not settle within it is reported as not converged.
 const MAX_ROUNDS: usize = 8;
-/// Start residuals above `MISLEADING` times their noise give misleading weights. The weights are then updated until
-/// each changes by a factor below `FAR`.
+/// Limit of the scatter of the start residuals, in units of their noise. If a search starts above it, the weights
+/// estimated at the start are too small, and the fit is repeated with new weights.
 const MISLEADING: f64 = 10.0;
+/// The repetition ends if the scatter of every kind of residuals, in units of noise, changes by less than this factor.
 const FAR: f64 = 1.5;
-/// Relative tolerance of fits in a search, which only need a new linearisation.
+/// Relative tolerance of the solver in a search and in the first round of a fit, whose weights are preliminary.
 const SEARCH: f64 = 1e-5;
-/// Start values of a time constant, as shares of the duration of the recording.
+/// Start values of a time constant, as fractions of the duration of the longest recording (model.md (23)).
 pub(crate) const SHAPE_SHARES: [f64; 4] = [0.03, 0.1, 0.3, 1.0];
 
-/// Effects of angular acceleration that rotate with the unit, so that their sum from rest to rest is not zero.
+/// Effects that depend on the angular acceleration and still leave a rotation error over a whole move. They are
+/// observable without the force inside the moves.
 const OBSERVABLE_AT_RESTS: [&str; 1] = ["gyro_angular_acceleration"];
 
-/// Whether an effect is not observable in hand-held recordings: it appears only in the specific force within moves, and
-/// the hand adds an unknown force there.
+/// Whether an effect is not observable in hand-held recordings. Such an effect changes only the force inside the moves,
+/// to which the hand adds an unknown acceleration.
 pub(crate) fn is_unobservable_hand_held(name: &str) -> bool {
     let effect = Effect::<f64>::find(name);
     effect.is_some_and(|e| e.needs.contains(&Need::AngularAcceleration)) && !OBSERVABLE_AT_RESTS.contains(&name)
@@ -126,7 +130,8 @@ pub(crate) fn fit(
         iterations += found.iterations;
         let settled = !problem.widen(&found) && round > 0 && largest_move(&parameters, &found) < SETTLED;
         if settled || round + 1 == MAX_ROUNDS {
-            // The reported result is linearised from the samples at the result itself.
+            // The reported residuals are computed from the samples at the final parameters and not by a first-order
+            // update.
             if problem.refresh(&found.parameters)? {
                 found = minimize(&problem, &found.parameters, lsq::EXACT)?;
                 iterations += found.iterations;
@@ -139,9 +144,9 @@ pub(crate) fn fit(
     Err(Error::Fit("the joint fit made no step".into()))
 }
 
-/// As [`fit`] from a warm start, to a relative tolerance of 1e-5, for a search. The weights are updated only if those
-/// of the start were misleading. Returns the linearisation at the result. `width` gives the prior width of an effect
-/// that the recordings determine only in part.
+/// Joint fit for a search. It starts from the model `start`, has a relative tolerance of 1e-5, and repeats the fit with
+/// new weights only if the start residuals were far above noise. `width` returns the standard deviation of the prior of
+/// an effect, in typical sizes, or `None` without a prior. Returns the linearisation at the estimate.
 pub(crate) fn fit_for_search(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -152,8 +157,8 @@ pub(crate) fn fit_for_search(
     let mut problem = Joint::new(prepared, terms, &parameters)?;
     begin(&mut problem, terms, &parameters, width)?;
     let mut found = minimize(&problem, &parameters, SEARCH)?;
-    // Residuals that the start does not explain, such as a misaligned stand or a very large effect, are strongly
-    // down-weighted.
+    // Residuals that the start model does not explain are strongly down-weighted, for example those of a misaligned
+    // stand or of a very large effect. The weights are therefore estimated again.
     let mut taken = problem.weights.times_noise(prepared);
     let is_misled = !terms.all.is_empty() && taken.iter().any(|times| *times > MISLEADING);
     let rounds = if is_misled { MAX_ROUNDS } else { usize::from(terms.kinds.encoders) };
@@ -176,7 +181,7 @@ fn minimize(problem: &Joint<'_>, start: &[f64], tolerance: f64) -> Result<Soluti
     Ok(found)
 }
 
-/// Directions of gravity and rotations of moves, predicted by a known model.
+/// Gravity directions and rotations of the moves for a known model.
 pub(crate) fn predict(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -188,12 +193,12 @@ pub(crate) fn predict(
     Ok(moves_of(&linear, &weights))
 }
 
-/// Returns an error for undetermined effects, gives partly determined effects a prior of `width`, and sets the weights
-/// so that the residuals at the start are consistent with their standard deviations.
+/// Prepares the first fit: returns an error for undetermined effects, gives partly determined effects a prior of
+/// `width` typical sizes, and estimates the weights from the residuals at the start.
 ///
-/// With the weights of noise alone, unexplained residuals at the start can drive an effect far from its true value: a
-/// g-sensitivity with equal diagonal entries rotates the unit about gravity, which moves do not observe, and at a high
-/// rate this rotation averages out all other errors.
+/// With weights from noise alone, the large residuals at the start could drive an effect far from its true value. For
+/// example, a g-sensitivity that is equal on all axes rotates the unit about gravity. The moves do not observe this
+/// rotation, and if it is fast, it averages out all other errors.
 fn begin(
     problem: &mut Joint<'_>,
     terms: &Terms<'_>,
@@ -211,14 +216,14 @@ fn begin(
     problem.weigh_by(&Solution::at(parameters, residuals, jacobian))
 }
 
-/// The largest change of a parameter, in units of its standard deviation.
+/// Largest change of a parameter between two fits, in units of its standard deviation.
 fn largest_move(before: &[f64], found: &Solution) -> f64 {
     let covariance = lsq::covariance(&found.jacobian);
     let change = |p: usize| (found.parameters[p] - before[p]).abs() / covariance[(p, p)].sqrt();
     (0..before.len()).map(change).fold(0.0, f64::max)
 }
 
-/// Returns an error if a recording lacks a column that an effect depends on.
+/// Returns an error if a recording lacks a column (temperature) or a heading that an effect depends on.
 fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error> {
     let recordings = prepared.recordings;
     for term in &terms.all {
@@ -257,19 +262,19 @@ fn check_columns(prepared: &Prepared<'_>, terms: &Terms<'_>) -> Result<(), Error
     Ok(())
 }
 
-/// Returns an error with the text of the catalogue if the recordings do not determine an effect. Where `width` allows
-/// it, an effect that is determined in some directions gets a prior instead.
+/// Returns an error with an explanation from the catalogue if the recordings do not determine an effect. An effect that
+/// is determined in some directions gets a prior instead if `width` returns one.
 fn check_determined(
     jacobian: &Mat<f64>,
     terms: &Terms<'_>,
     width: impl Fn(&Term<'_>) -> Option<f64>,
 ) -> Result<Vec<Prior>, Error> {
     let mut priors = Vec::new();
-    // A prior this wide barely shrinks observable directions, so the exact threshold of observability has no effect on
-    // the result.
+    // A prior of 100 typical sizes barely changes the estimate in observable directions, so the exact observability
+    // limit has no influence on the result.
     for term in &terms.all {
-        // While an effect is zero, its time constant has no derivative; columns of zeros are left out, so that other
-        // effects do not take their place.
+        // Columns of zeros are omitted. The column of a time constant is zero while its effect is zero, and in the QR
+        // decomposition it would get an arbitrary direction.
         let own = BASE + term.first..BASE + term.first + term.linear;
         let others = (BASE..terms.total()).filter(|p| !own.contains(p)).filter(|&p| jacobian.col(p).norm_l2() > 0.0);
         let order: Vec<usize> = (0..BASE).chain(others).chain(own.clone()).collect();

@@ -200,7 +200,7 @@ pub(crate) struct Encoders {
     directions: Vec<Vec<Vector3<f64>>>,
     /// Mean reading at each rest, rad.
     means: Vec<Vector3<f64>>,
-    /// Variance of one reading in motion and of the mean reading at a rest, rad^2.
+    /// Variance of one reading in motion, rad^2.
     reading_variance: f64,
     /// Variance of the mean reading at a rest, rad^2.
     mean_variance: f64,

@@ -29,8 +29,8 @@ use crate::error::Error;
 use crate::numerics::robust::may_exclude;
 use crate::numerics::stats::{dot, median, p_value};
 
-/// Significance level: an item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), an item of a
-/// clean run is excluded with a probability of 0.4 %.
+/// Significance level: an item with a smaller p-value is excluded. With 400 tests (100 rests and 100 moves), an item of
+/// a clean run is excluded with a probability of 0.4 %.
 const SIGNIFICANCE: f64 = 1e-5;
 /// Smallest share of the variance of a direction that the fit leaves in its residual (one minus leverage). Directions
 /// with a smaller share cannot be judged (model.md (25)).
@@ -57,7 +57,7 @@ struct Group {
     kind: Kind,
 }
 
-/// Kind of residuals with a common scale.
+/// Kinds of residuals. All residuals of a kind share the scale by which d is divided.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Norm,
@@ -70,7 +70,7 @@ enum Kind {
 /// Rests and moves that contradict all others under a model near the optimum, in the order of exclusion.
 ///
 /// Moves are judged by the gravity directions at their ends, even if the fit uses the force inside the moves or the
-/// stand. `known` is the linearisation at the model, if it contains all rests and moves to be judged.
+/// stand. `known` is an existing linearisation at the model; it must contain all rests and moves to be judged.
 pub(crate) fn outliers(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -186,7 +186,8 @@ pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usi
     linear.rates.iter().flat_map(|(rest, _)| [0, 1, 2].map(|axis| of_axis(*rest, axis))).collect()
 }
 
-/// Variance of a kind of residuals relative to noise: the median of d over its expected median, at least one.
+/// Scale of a kind of residuals: the median of d divided by its expected median under the null hypothesis, at least
+/// one.
 fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
     let of_kind = judged.iter().filter(|(group, _, freedom)| group.kind == kind && *freedom > 0);
     // Median of the chi2 distribution (Wilson and Hilferty).
@@ -195,7 +196,8 @@ fn scale(kind: Kind, judged: &[(&Group, f64, usize)]) -> f64 {
     if ratios.is_empty() { 1.0 } else { median(&mut ratios).max(1.0) }
 }
 
-/// Whitened fit from which columns can be excluded. Each excluded column becomes an additional parameter.
+/// Linearised, whitened fit from which residuals can be excluded. Each excluded column of A becomes an additional
+/// parameter.
 pub(super) struct LeaveOut {
     /// Columns of `L^-1 A`: first nonzero row, and the values from there on.
     columns: Vec<(usize, Vec<f64>)>,

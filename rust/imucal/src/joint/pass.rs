@@ -1,7 +1,7 @@
 //! Integration over the samples of one move: its rotation, the attitude Jacobian, and the force inside the move.
 //!
-//! A change of the parameters changes the attitude at time t on the side of the start of the move, `R(t) <-
-//! exp(turn(t)) R(t)`:
+//! A small change of the parameters rotates the attitude at time t by the rotation vector turn(t), on the side of the
+//! start of the move. R(t) then becomes exp(turn(t)) R(t).
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))
@@ -11,8 +11,8 @@
 //! ```
 //!
 //! R is computed at every sample. The derivative d is evaluated at the midpoints of segments of samples. If only the
-//! rotation over the whole move is needed, the integrals for the base parameters come from the preintegration (model.md
-//! (6)).
+//! rotation over the whole move is needed, the integrals for the base parameters come from preintegration,
+//! model.md (6).
 //!
 //! For smooth motion the integration error falls with the fourth power of the sampling interval. With straight lines
 //! between samples it would fall only with the second power, because the error due to the curvature of the rate does

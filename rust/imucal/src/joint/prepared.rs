@@ -22,7 +22,7 @@ pub(crate) struct Prepared<'a> {
     /// Whether each rest is used.
     pub(crate) used: &'a [bool],
     pub(crate) moves: &'a [Move],
-    /// Gravity direction data at the start and the end of each move.
+    /// Measured gravity direction at the start and the end of each move, with its variance.
     pub(crate) ends: &'a [[End; 2]],
     /// Window width of the numerical derivative of the rate in each move. It is kept constant during a fit.
     pub(crate) widths: &'a [Width],
@@ -39,7 +39,8 @@ pub(crate) struct Prepared<'a> {
 }
 
 impl Prepared<'_> {
-    /// First rest in use that no used move leads to, apart from the very first one. Its heading is not known.
+    /// First rest in use whose heading is not known, because no used move leads to it. The first rest of all does not
+    /// count.
     pub(crate) fn heading_lost(&self) -> Option<usize> {
         let first = self.used.iter().position(|used| *used)?;
         let is_reached = |k: usize| k == first || self.moves.iter().any(|m| m.to == k);

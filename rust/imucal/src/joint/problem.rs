@@ -165,7 +165,7 @@ impl<'a> Joint<'a> {
         [gyroscope, accelerometer]
     }
 
-    /// Number of residuals.
+    /// Number of whitened residuals.
     pub(super) fn rows(&self) -> usize {
         self.rows
     }

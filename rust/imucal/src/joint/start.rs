@@ -9,17 +9,17 @@ use super::prepared::Prepared;
 use super::terms::{Term, Terms};
 use crate::parameters::STAND_PARAMETERS;
 
-/// Parameters at the end of an earlier fit, as the start of a fit with the same effects. The result is the same as
-/// without them, but needs fewer iterations.
+/// Model at the end of an earlier fit, as the start of fits with the same effects. It saves iterations and does not
+/// change the result.
 #[derive(Clone, Debug)]
 pub struct WarmStart {
     model: Model,
-    /// Names of the effects of the model and their numbers of parameters.
+    /// Names of the effects, and the number of parameters of each.
     effects: Vec<(String, usize)>,
 }
 
 impl WarmStart {
-    /// `effects` are the effects of the model in their order, each with its number of parameters.
+    /// Warm start at `model`; `effects` are its effects in order, with the number of parameters of each.
     pub(crate) fn new(model: &Model, effects: Vec<(String, usize)>) -> Self {
         Self { model: model.clone(), effects }
     }
@@ -28,7 +28,7 @@ impl WarmStart {
         Self::new(model, effects(terms))
     }
 
-    /// The parameters, if they belong to the same effects. Fits with time constants use several starts and therefore no
+    /// The model, if it has the effects of `terms`. Fits with time constants try several start values, so they use no
     /// warm start.
     fn model(&self, terms: &Terms<'_>) -> Option<Model> {
         let is_same = self.effects == effects(terms) && !terms.all.iter().any(Term::has_shape);
@@ -52,7 +52,7 @@ pub(super) fn start(
     warm_start.and_then(|warm_start| warm_start.model(terms)).filter(same_stand).unwrap_or(plain)
 }
 
-/// Start values without effects.
+/// Start model with zero effects.
 pub(crate) fn start_model(
     prepared: &Prepared<'_>,
     terms: &Terms<'_>,
@@ -67,7 +67,7 @@ pub(crate) fn start_model(
     }
 }
 
-/// Start values of the stand: the mount rotation of the unit is estimated, and all other errors of the stand are zero.
+/// Start values of the stand parameters: an estimate of the mount rotation, and zero for base tilt and axis angles.
 fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad<f64>) -> Vec<f64> {
     let Some(encoders) = prepared.encoders.as_ref().filter(|_| terms.kinds.encoders) else { return Vec::new() };
     let used = (0..prepared.rests.len()).filter(|&k| prepared.used[k]);
@@ -82,7 +82,7 @@ fn start_stand(prepared: &Prepared<'_>, terms: &Terms<'_>, accelerometer: &Triad
     stand
 }
 
-/// Start values of the effects: zero, with typical time constants.
+/// Start values of the effects: zero, and the typical size for each time constant.
 pub(super) fn start_values(terms: &Terms<'_>) -> Vec<f64> {
     let mut values = vec![0.0; terms.count];
     for term in terms.all.iter().filter(|term| term.has_shape()) {
@@ -91,19 +91,19 @@ pub(super) fn start_values(terms: &Terms<'_>) -> Vec<f64> {
     values
 }
 
-/// A normal prior with mean zero for the parameters of one effect.
+/// Normal prior with zero mean for the parameters of one effect (model.md (23)).
 #[derive(Clone)]
 pub(crate) struct Prior {
-    /// Index of the effect's first parameter among all parameters.
+    /// Index of the first parameter of the effect in the parameter vector.
     pub(crate) first: usize,
     /// Typical size of each parameter.
     pub(crate) typical: Vec<f64>,
-    /// Standard deviation in units of the typical sizes.
+    /// Standard deviation of the prior, in units of the typical sizes.
     pub(crate) width: f64,
 }
 
 impl Prior {
-    /// Sets the width from the estimated parameters and their covariance with the current width, `docs/model.md` (23).
+    /// Updates the width to the value that maximises the evidence, model.md (23), from the estimate and its covariance.
     pub(super) fn widen(&mut self, parameters: &[f64], covariance: &Mat<f64>) {
         let (mut square, mut seen) = (0.0, 0.0);
         for (k, typical) in self.typical.iter().enumerate() {
@@ -111,7 +111,7 @@ impl Prior {
             square += (parameters[p] / typical).powi(2);
             seen += 1.0 - covariance[(p, p)] / (self.width * typical).powi(2);
         }
-        // The width is at least one typical size, that of an ordinary sensor.
+        // The width is at least one, so that the prior covers effects of ordinary sensors.
         self.width = if seen > 1e-3 { (square / seen).sqrt().max(1.0) } else { self.width };
     }
 }
@@ -123,7 +123,7 @@ mod tests {
     #[test]
     fn a_prior_is_as_wide_as_the_directions_that_are_seen() {
         let mut prior = Prior { first: 0, typical: vec![0.1; 3], width: 100.0 };
-        // The third parameter is determined by its prior only.
+        // Only the prior determines the third parameter.
         let found = Mat::from_fn(3, 3, |i, j| {
             if i != j {
                 0.0

@@ -1,12 +1,12 @@
-//! Terms added to the base parameters: effects of the catalogue, and user-defined fields given as columns.
+//! Terms of a fit beyond the base parameters: effects of the catalogue, and user-defined effects given as columns.
 //!
 //! ```text
 //! seen = true + sum_c Phi_c(true) theta_c,   true = seen - sum_c Phi_c(true) theta_c        model.md (15), (16)
 //! ```
 //!
-//! The parameters of a term are consecutive in the list of all parameters. A shape parameter, such as a time constant,
-//! is the last of them. Its column is `d(Phi theta)/d(shape)`, so that every column is a derivative of the sensor
-//! reading.
+//! The parameters of a term are consecutive in the parameter vector. The last one may be a nonlinear shape parameter,
+//! such as a time constant. Its column is `d(Phi theta)/d(shape)`, so that every column is the derivative of the sensor
+//! reading (before T) with respect to its parameter.
 
 use imucal_core::effects::{Columns, Effect, MAX_PARAMETERS, Need, Sensor, State};
 use nalgebra::Vector3;
@@ -17,28 +17,30 @@ use crate::parameters::{BASE, STAND_PARAMETERS};
 /// An effect of the catalogue to be estimated.
 #[derive(Clone, Copy, Debug)]
 pub struct EffectChoice {
-    /// The effect's entry in the catalogue.
+    /// Entry of the effect in the catalogue.
     pub effect: &'static Effect<f64>,
-    /// Whether the full form of the effect is estimated.
+    /// Whether the full form is estimated instead of the plain form with fewer parameters.
     pub full: bool,
 }
 
-/// A user-defined effect, given as columns for every sample.
+/// User-defined effect, given by its columns (derivatives of the sensor reading) at every sample.
 #[derive(Clone, Debug)]
 pub struct UserField<'a> {
-    /// Its name in messages.
+    /// Name of the effect, used in messages and results.
     pub name: &'a str,
-    /// The sensor that it changes.
+    /// Sensor on which the effect acts.
     pub sensor: Sensor,
-    /// Typical size of each parameter.
+    /// Typical size of each parameter, in SI units.
     pub typical: Vec<f64>,
-    /// One slice per recording: (N, 3, p), C order.
+    /// One slice per recording with the derivatives at each sample, shape (N, 3, p) in C order: sample, axis,
+    /// parameter.
     pub columns: Vec<&'a [f64]>,
 }
 
-/// Relative step of the central difference by a shape parameter; its relative error is the square of the step.
+/// Step of the central difference with respect to a shape parameter, as a fraction of its value. The relative error of
+/// the derivative is of the order of its square.
 const SHAPE_STEP: f64 = 1e-4;
-/// One effect or user field among the terms of a fit.
+/// One effect of a fit, from the catalogue or user-defined.
 #[derive(Clone, Debug)]
 pub(crate) struct Term<'a> {
     pub(super) kind: Kind<'a>,
@@ -47,14 +49,14 @@ pub(crate) struct Term<'a> {
     pub(crate) linear: usize,
     /// Index of its first parameter among those of all terms.
     pub(crate) first: usize,
-    /// Whether it may be estimated if the recordings determine only some of its directions.
+    /// Whether a prior may replace the directions of the effect that the recordings do not determine.
     pub(crate) partly: bool,
 }
 
 #[derive(Clone, Debug)]
 pub(super) enum Kind<'a> {
     Catalogue(&'static Effect<f64>),
-    /// An effect with a fixed shape parameter.
+    /// Catalogue effect with a fixed shape parameter.
     Frozen(&'static Effect<f64>, f64),
     User(&'a UserField<'a>),
 }
@@ -67,7 +69,7 @@ impl Term<'_> {
         }
     }
 
-    /// The entry in the catalogue; `None` for a user field.
+    /// Catalogue entry; `None` for a user-defined effect.
     pub(crate) fn effect(&self) -> Option<&'static Effect<f64>> {
         match self.kind {
             Kind::Catalogue(effect) | Kind::Frozen(effect, _) => Some(effect),
@@ -75,7 +77,7 @@ impl Term<'_> {
         }
     }
 
-    /// The fixed shape parameter, if there is one.
+    /// Value of the fixed shape parameter; `None` if the effect has none or if it is estimated.
     pub(crate) fn frozen_shape(&self) -> Option<f64> {
         match self.kind {
             Kind::Frozen(_, shape) => Some(shape),
@@ -87,7 +89,7 @@ impl Term<'_> {
         matches!(self.kind, Kind::Catalogue(effect) if effect.shape.is_some())
     }
 
-    /// Writes the columns of this term to the front of a buffer of [`MAX_PARAMETERS`] columns.
+    /// Writes the columns of this term at `state` to the front of `own`, a buffer of [`MAX_PARAMETERS`] columns.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, own: &mut [Vector3<f64>]) {
         match self.kind {
@@ -108,23 +110,23 @@ impl Term<'_> {
         }
     }
 
-    /// Whether it may change during a rest, with or without a temperature column.
+    /// Whether the term may vary during a rest, because it depends on time or on a known temperature.
     pub(super) fn changes_at_rest(&self, temperature_is_known: bool) -> bool {
         let needs = |need| self.effect().is_some_and(|effect| effect.needs.contains(&need));
         needs(Need::Time) || (temperature_is_known && needs(Need::Temperature))
     }
 
-    /// Whether it depends on the true value of this sensor.
+    /// Whether the term depends on the true value of `sensor`.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.effect().is_some_and(|effect| effect.reads.contains(&sensor))
     }
 
-    /// Number of parameters, including the shape.
+    /// Number of parameters, including an estimated shape parameter.
     pub(crate) fn count(&self) -> usize {
         self.linear + usize::from(self.has_shape())
     }
 
-    /// `<effect>_<parameter>` for each parameter; the parameters of a user field are numbered.
+    /// Names `<effect>_<parameter>` of all parameters. Those of a user-defined effect are numbered from 0.
     pub(crate) fn parameter_names(&self) -> Vec<String> {
         let full = |name: &str| format!("{}_{name}", self.name());
         match self.kind {
@@ -135,7 +137,7 @@ impl Term<'_> {
         }
     }
 
-    /// Typical size of each parameter; the shape is the last.
+    /// Typical size of each parameter, with that of the shape parameter last.
     pub(crate) fn typical(&self) -> Vec<f64> {
         match self.kind {
             Kind::User(field) => field.typical.clone(),
@@ -149,45 +151,45 @@ impl Term<'_> {
     }
 }
 
-/// Recording and sample of a state; user fields are indexed by them.
+/// Recording and sample index at which user-defined effects are looked up.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sample {
     pub(crate) recording: usize,
     pub(crate) index: usize,
 }
 
-/// All terms of a fit.
+/// All terms of a fit, in the order of their parameters.
 #[derive(Clone, Debug)]
 pub(crate) struct Terms<'a> {
     pub(crate) all: Vec<Term<'a>>,
     /// Number of parameters of all terms.
     pub(crate) count: usize,
-    /// The sensor of each parameter.
+    /// Sensor on which each parameter acts.
     pub(crate) sensors: Vec<Sensor>,
-    /// Kinds of residuals besides rests and moves.
+    /// Kinds of residuals used beyond those of rests and moves.
     pub(crate) kinds: Kinds,
 }
 
-/// The terms of one sensor.
+/// Terms that act on one sensor, with consecutive parameters.
 pub(super) struct SideBySide<'a> {
-    /// Terms with consecutive parameters.
+    /// The terms, with indices relative to this set.
     pub(super) terms: Terms<'a>,
-    /// Values of their parameters, and the indices of these parameters among those of all terms.
+    /// Values of their parameters, and the index of each parameter among those of all terms.
     pub(super) values: Vec<f64>,
     pub(super) places: Vec<usize>,
 }
 
-/// Kinds of residuals besides those of rests and moves.
+/// Kinds of residuals used in a fit beyond those of rests and moves.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Kinds {
-    /// The specific force within moves.
+    /// Specific force inside the moves (model.md (20)).
     pub(crate) in_motion: bool,
-    /// The encoders of a stand; the parameters of the stand are then estimated, too.
+    /// Encoder angles of a stand (model.md (21)); the fit then also estimates the parameters of the stand.
     pub(crate) encoders: bool,
 }
 
 impl Kinds {
-    /// The kinds of residuals in which the effects are observable.
+    /// Kinds of residuals without which the effects would not be observable.
     pub(crate) fn needed_by(choices: &[EffectChoice]) -> Self {
         Self {
             in_motion: choices.iter().any(|choice| choice.effect.needs.contains(&Need::AngularAcceleration)),
@@ -195,7 +197,7 @@ impl Kinds {
         }
     }
 
-    /// Whether residuals within moves are used.
+    /// Whether residuals inside the moves are used.
     pub(super) fn look_inside(self) -> bool {
         self.in_motion || self.encoders
     }
@@ -231,12 +233,12 @@ impl<'a> Terms<'a> {
         Ok(terms)
     }
 
-    /// Adds an effect with a fixed shape parameter; one effect may be added with several.
+    /// Adds a catalogue effect with a fixed shape parameter. The same effect may be added with several values of it.
     pub(crate) fn push_frozen(&mut self, effect: &'static Effect<f64>, shape: f64) -> Result<(), Error> {
         self.push(Kind::Frozen(effect, shape), effect.sensor, effect.plain)
     }
 
-    /// Allows these effects to be estimated if the recordings determine only some of their directions.
+    /// Allows a prior for these effects if the recordings determine only some of their directions.
     pub(crate) fn allow_partly(&mut self, names: &[String]) {
         for term in &mut self.all {
             term.partly = names.iter().any(|name| name == term.name());
@@ -255,14 +257,14 @@ impl<'a> Terms<'a> {
         Ok(())
     }
 
-    /// A buffer for the columns of all terms. A field writes the columns of its full form; the next term overwrites the
-    /// surplus.
+    /// Buffer for the columns of all terms. Each term writes the columns of its full form; the next term overwrites
+    /// those beyond its own number of parameters.
     pub(super) fn room(&self) -> Vec<Vector3<f64>> {
         vec![Vector3::zeros(); self.count + MAX_PARAMETERS]
     }
 
-    /// Computes one column for each parameter at a true state. `room` comes from [`Self::room`]; its entries behind the
-    /// last column are undefined.
+    /// Computes the column of each parameter at a true state. `room` is a buffer from [`Self::room`]; its entries after
+    /// the last parameter are undefined.
     #[inline]
     pub(super) fn columns_at(&self, values: &[f64], state: &State<f64>, sample: Sample, room: &mut [Vector3<f64>]) {
         for term in &self.all {
@@ -270,7 +272,7 @@ impl<'a> Terms<'a> {
         }
     }
 
-    /// Sum of all terms on one sensor.
+    /// Total contribution of the terms on `sensor`, rad/s or m/s^2.
     #[inline]
     pub(super) fn sum_of(&self, sensor: Sensor, values: &[f64], columns: &[Vector3<f64>]) -> Vector3<f64> {
         let mut sum = Vector3::zeros();
@@ -282,30 +284,30 @@ impl<'a> Terms<'a> {
         sum
     }
 
-    /// Sums of all terms on the angular rate and on the specific force.
+    /// Total contributions of all terms to the angular rate (rad/s) and to the specific force (m/s^2).
     #[inline]
     pub(super) fn sums(&self, values: &[f64], columns: &[Vector3<f64>]) -> (Vector3<f64>, Vector3<f64>) {
         (self.sum_of(Sensor::Gyroscope, values, columns), self.sum_of(Sensor::Accelerometer, values, columns))
     }
 
-    /// Number of all parameters: the base parameters, those of the terms, and those of the stand if encoders are used.
+    /// Number of all parameters: base parameters, those of the terms, and those of the stand if encoders are used.
     pub(crate) fn total(&self) -> usize {
         BASE + self.count + if self.kinds.encoders { STAND_PARAMETERS } else { 0 }
     }
 
-    /// The terms that change a reading at these parameter values.
+    /// The terms with at least one nonzero parameter.
     pub(crate) fn active(&self, values: &[f64]) -> Self {
         let is_active =
             |term: &&Term<'_>| values[term.first..term.first + term.linear].iter().any(|value| *value != 0.0);
         Self { all: self.all.iter().filter(is_active).cloned().collect(), ..self.clone() }
     }
 
-    /// The terms of one sensor; the indices of their parameters stay the same.
+    /// The terms on one sensor. The indices of their parameters do not change.
     pub(super) fn of(&self, sensor: Sensor) -> Self {
         Self { all: self.all.iter().filter(|term| term.sensor == sensor).cloned().collect(), ..self.clone() }
     }
 
-    /// The terms of one sensor, with consecutive parameters.
+    /// The terms on one sensor, with new consecutive indices.
     pub(super) fn side_by_side(&self, sensor: Sensor, values: &[f64]) -> SideBySide<'a> {
         let mut terms = Self { all: Vec::new(), count: 0, sensors: Vec::new(), kinds: self.kinds };
         for term in self.all.iter().filter(|term| term.sensor == sensor) {
@@ -317,12 +319,12 @@ impl<'a> Terms<'a> {
         SideBySide { terms, values: places.iter().map(|p| values[*p]).collect(), places }
     }
 
-    /// Indices of the parameters of one sensor.
+    /// Indices of the parameters that act on one sensor.
     pub(super) fn parameters_of(&self, sensor: Sensor) -> impl Iterator<Item = usize> {
         (0..self.count).filter(move |&p| self.sensors[p] == sensor)
     }
 
-    /// Whether any term depends on the true value of this sensor.
+    /// Whether any term depends on the true value of `sensor`.
     pub(super) fn reads(&self, sensor: Sensor) -> bool {
         self.all.iter().any(|term| term.reads(sensor))
     }
@@ -333,7 +335,7 @@ impl<'a> Terms<'a> {
     }
 }
 
-/// Writes the columns of an effect to a buffer of any size.
+/// Writes the columns of a catalogue effect to the front of `room`, which holds at least [`MAX_PARAMETERS`] columns.
 #[inline]
 fn set_field(effect: &Effect<f64>, state: &State<f64>, shape: f64, room: &mut [Vector3<f64>]) {
     if let Some(columns) = room.first_chunk_mut() {
@@ -341,7 +343,7 @@ fn set_field(effect: &Effect<f64>, state: &State<f64>, shape: f64, room: &mut [V
     }
 }
 
-/// `d(Phi theta)/d(shape)` by a central difference.
+/// Derivative `d(Phi theta)/d(shape)` by a central difference.
 fn shape_column(effect: &Effect<f64>, linear: &[f64], shape: f64, state: &State<f64>) -> Vector3<f64> {
     let sum = |shape: f64| {
         let mut columns: Columns<f64> = [Vector3::zeros(); MAX_PARAMETERS];

@@ -1,13 +1,10 @@
 //! Direction of the last motion of each motor of a stand, from the encoder readings.
 //!
-//! When a motor reverses, its reading jumps by the backlash (model.md (21)). A sample with the wrong sign therefore has
-//! an error of twice the backlash. A motor starts so slowly that differences of readings show its motion too late.
-//! Therefore the start is estimated as the sample `o` with the smallest sum of squares of the noise in
+//! When a motor reverses, its reading jumps by twice the backlash (model.md (21)), so a sample with the wrong sign of
+//! the motion has an error of that size. A motor starts so slowly that differences of readings show its motion too
+//! late. Therefore the first sample of the motion is estimated: it is the sample `o` with the smallest sum of squares
+//! of the noise in
 //!
-//! When a motor reverses, its reading jumps by the backlash, and so does the column of the backlash (`docs/model.md`
-//! (21)). A single sample with the wrong sign causes an error of the whole jump. A motor starts so slowly that
-//! differences of readings show the motion only later. The start is therefore estimated as the sample `o` with the
-//! smallest sum of squares of the noise in
 //! ```text
 //! level + noise before o,   c_0 + c_2 t^2 + c_3 t^3 + c_4 t^4 + noise from o on,   t since o
 //! ```

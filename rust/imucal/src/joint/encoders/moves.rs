@@ -29,9 +29,9 @@ pub(crate) enum About {
 
 /// One move with the encoder data that it needs.
 pub(crate) struct EncoderMove<'a> {
-    /// Corrected encoder angles in the move, and at the rest before it.
+    /// Corrected encoder angles of the samples of the move.
     pub(crate) angles: &'a Angles,
-    /// Encoder angles of the rest before the move.
+    /// Corrected encoder angles at the rest before the move.
     pub(crate) rest: &'a Angles,
     pub(crate) stand: &'a StandModel,
 }
@@ -95,8 +95,8 @@ impl EncoderMove<'_> {
                 for (value, column) in z.iter_mut().zip(jacobian.iter().chain([mean])) {
                     *value = d.dot(column);
                 }
-                // The mean of a random walk over n steps has a smaller variance than its value at the centre, by (n -
-                // 1/n) / 6 of the variance per step.
+                // The mean of a random walk over n steps has a smaller variance than its value at the centre. The
+                // difference is (n - 1/n)/6 times the variance per step.
                 let count = block.samples.len() as f64;
                 let smoothed = noise.walk * block.duration_s * (1.0 - 1.0 / (count * count)) / 6.0;
                 filter.innovate(&mut z, [1.0, 0.0], reading / count - smoothed);

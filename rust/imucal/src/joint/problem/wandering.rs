@@ -9,8 +9,8 @@ use crate::joint::lanes::Lanes;
 use crate::joint::linear::Linear;
 use crate::joint::wander::{MOST_ROWS, UnitWander};
 
-/// Second whitening of norms, moves and mean rates, for the covariance of biases that vary between rests (model.md
-/// (28)).
+/// Second whitening of norms, moves and mean rates. It accounts for the covariance of biases that vary between rests,
+/// model.md (28).
 pub(crate) struct Wandering {
     /// Lower Cholesky factor of `I + D C D^T`. D contains the whitened derivatives with respect to the bias of each
     /// rest.
@@ -57,7 +57,7 @@ impl Wandering {
         matrix.as_mut().subrows_mut(0, self.factor.nrows()).copy_from(&white);
     }
 
-    /// Whitens the rows of norms, moves and mean rates.
+    /// Whitens the rows of norms, moves and mean rates, stored row by row.
     pub(crate) fn apply_to_rows(&self, rows: &mut Lanes) {
         let (count, width) = (self.factor.nrows(), rows.width());
         let head = Mat::from_fn(count, width, |row, place| rows.row(row)[place]);
