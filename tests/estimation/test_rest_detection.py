@@ -113,7 +113,7 @@ def test_it_says_which_threshold_and_why(run):
     threshold = inspection.threshold
     assert threshold.stable_from <= threshold.factor <= threshold.stable_to
     assert f"below {threshold.factor:.1f} times the noise floor" in inspection.explanation
-    assert f"finds the same {len(true)} rests" in inspection.explanation
+    assert f"gives {len(true)} rests" in inspection.explanation
     # The noise floor, one sample's standard deviation, is the one that was put in.
     put_in = np.repeat(DENSITY, 3) * 10
     assert threshold.noise_floor == pytest.approx(put_in, rel=0.15)
