@@ -32,5 +32,10 @@ fn main() -> Result<(), Error> {
         "{} rests, {} moves: gravity {:.5} m/s^2 rms, its direction {:.3} deg rms per move",
         figures.rests, figures.moves, figures.gravity_norm_rms_mps2, figures.gravity_direction_rms_deg
     );
+    let verdict = outcome.verdict();
+    println!("verdict: {}", verdict.name());
+    for reason in verdict.reasons() {
+        println!("  {reason}");
+    }
     Ok(())
 }

@@ -400,7 +400,7 @@ REFUSED = {
     "minus one fold": refused(same, None, "folds is -1", folds=-1),
     "unknown frame": refused(same, None, "frame is 'ned'", frame="ned"),
     # Numbers at the end of the range
-    "one huge rate": Case(rate(put((3000, 0), 1e300)), FitError, None, "range of numbers"),
+    "one huge rate": Case(rate(put((3000, 0), 1e300)), FitError, None, "residuals that are not finite"),
     "huge counts": undetermined(
         lambda r: changed(r, specific_force=r.specific_force * 1e150, accel_unit="lsb"), "9 different poses"
     ),

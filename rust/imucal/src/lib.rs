@@ -11,6 +11,7 @@
 //!
 //! ```
 //! use imucal::calibrate::{Options, calibrate};
+//! use imucal::evaluate::Verdict;
 //! use imucal::simulate::{Program, RandomMoves, Unit, simulate};
 //!
 //! # fn main() -> Result<(), imucal::error::Error> {
@@ -21,6 +22,7 @@
 //! for (i, name) in result.names.iter().enumerate() {
 //!     println!("{name:24} {:12.6} +- {:.1e}", result.values[i], result.covariance[i][i].sqrt());
 //! }
+//! assert_eq!(result.verdict(), Verdict::Good);
 //! assert!(result.figures.gravity_direction_rms_deg < 0.1);
 //! # Ok(())
 //! # }
