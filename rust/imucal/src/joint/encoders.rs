@@ -118,8 +118,8 @@ fn count_rad(stand_rad: &[[f64; 3]]) -> f64 {
 }
 
 impl Angles {
-    /// Corrects `readings`. `time_s`, `readings` and `directions` belong to the same samples, of which `sample` is the
-    /// first.
+    /// Corrects the encoder readings for the effects with the parameters `values`. `time_s`, `readings` and
+    /// `directions` have one entry per sample, and `sample` is the first of these samples.
     fn of(
         values: &[f64],
         terms: &Terms<'_>,

@@ -133,8 +133,8 @@ impl Joint<'_> {
             if linear.sees_inside() {
                 // An attitude error t changes the rotated force f by t x f. Its component along d is (f x d) . t.
                 let inside = Inside::new(pass, &before.up, &self.weights.inside[k], gravity_mps2);
-                let carried = pass.rotation * after.up * gravity_mps2;
-                let by_end = [1, 2].map(|c| carried.cross(&inside.directions[c]));
+                let propagated = pass.rotation * after.up * gravity_mps2;
+                let by_end = [1, 2].map(|c| propagated.cross(&inside.directions[c]));
                 let edges = |c: usize| Edges { start: [0.0; 3], end: by_end.map(|by_end| by_end.dot(&end[c])) };
                 rows.write_block(&inside, &turns, |block, d| pass.blocks[block].force.cross(d), edges);
                 rows.leave(&inside);

@@ -24,7 +24,7 @@ use super::pass::planes::Planes;
 use crate::joint::inside::filter::{Gain, WalkFilter};
 use crate::joint::pass::Pass;
 use crate::rests::moves::across;
-use blocks::{IntoColumns, IntoLanes, Seen};
+use blocks::{Derivatives, IntoColumns, IntoLanes};
 
 /// Derivatives of the residuals of a move with respect to one parameter, through the gravity directions of the adjacent
 /// rests, m/s^2. `start` adds to all residuals along each of the three directions. `end` adds to the last residual
@@ -78,7 +78,7 @@ impl<'a> Rows<'a> {
             let values = [start[0], start[1], start[2], start[1] + end[0], start[2] + end[1]];
             values.into_iter().enumerate().for_each(|(row, value)| at_edges[row * width + lane] = value);
         }
-        let seen = Seen { inside, planes, toward: &toward, at_edges: &at_edges };
+        let seen = Derivatives { inside, planes, toward: &toward, at_edges: &at_edges };
         match &mut self.target {
             Target::Columns(matrix) => Arch::new().dispatch(IntoColumns { seen, matrix, first: self.next }),
             Target::Lanes(lanes) => Arch::new().dispatch(IntoLanes { seen, lanes, place: self.place }),
@@ -86,7 +86,7 @@ impl<'a> Rows<'a> {
         self.place += width;
     }
 
-    /// Ends a move: the next block of rows starts below its rows.
+    /// Moves on to the rows of the next move.
     pub(super) fn leave(&mut self, inside: &Inside<'_>) {
         self.next += count(inside.pass, false);
         self.place = 0;
@@ -102,9 +102,9 @@ impl<'a> Rows<'a> {
     pub(super) fn write_move(&mut self, at_move: &AtMove, noise: &InsideNoise, gravity_mps2: f64) {
         let AtMove { pass, before, after } = at_move;
         let inside = Inside::new(pass, &before.up, noise, gravity_mps2);
-        let carried = pass.rotation * after.up;
+        let propagated = pass.rotation * after.up;
         let at_start = inside.directions.map(|d| d * gravity_mps2);
-        let (by_turn, by_end) = (at_start.map(|d| carried.cross(&d)), at_start.map(|d| pass.rotation.tr_mul(&d)));
+        let (by_turn, by_end) = (at_start.map(|d| propagated.cross(&d)), at_start.map(|d| pass.rotation.tr_mul(&d)));
         let edges = |p: usize| Edges {
             start: at_start.map(|d| -d.dot(&before.jacobian[p])),
             end: [1, 2].map(|c| pass.turn[p].dot(&by_turn[c]) + after.jacobian[p].dot(&by_end[c])),
@@ -113,8 +113,10 @@ impl<'a> Rows<'a> {
         self.write_block(&inside, &pass.changes.force, |_, d| -d, edges);
         let mut residual = Planes::new(vec![pass.turn.len()], pass.blocks.len());
         pass.blocks.iter().for_each(|block| residual.push_one(&block.force));
-        let edges =
-            |_| Edges { start: at_start.map(|d| -d.dot(&before.up)), end: [1, 2].map(|c| carried.dot(&at_start[c])) };
+        let edges = |_| Edges {
+            start: at_start.map(|d| -d.dot(&before.up)),
+            end: [1, 2].map(|c| propagated.dot(&at_start[c])),
+        };
         self.write_block(&inside, &residual, |_, d| *d, edges);
         self.leave(&inside);
     }

@@ -26,14 +26,15 @@ impl Lanes {
         lanes
     }
 
-    /// Empty matrix for the rows inside a move. Parameters of the rate come first, then those of the force.
+    /// Matrix without rows, for the residuals inside a move. Columns of parameters that affect the rate are stored
+    /// first, then those that affect the force.
     pub(super) fn inside(pass: &Pass) -> Self {
         let mut places = vec![None; pass.turn.len()];
         pass.changes.parameters().for_each(|(lane, column)| places[column] = Some(lane));
         Self::at(places, pass.changes.lanes())
     }
 
-    /// Empty matrix in which column k is stored at `places[k]` and the residual at `of_residual`.
+    /// Matrix without rows. Within a row, column k is stored at position `places[k]` and the residual at `of_residual`.
     fn at(mut places: Vec<Option<usize>>, of_residual: usize) -> Self {
         places.push(Some(of_residual));
         // Padding after the last column lets SIMD code read a full register from any position.

@@ -154,15 +154,15 @@ impl Prepared<'_> {
         let model = Model::of(parameters, terms)?;
         let rests = Rests::new(self, &model, terms);
         let ends: Vec<_> = (0..self.moves.len()).map(|index| rests.ends(index)).collect();
-        let (has_blocks, asked) = (terms.kinds.look_inside(), EvaluatedTerms::new(&model, terms));
+        let (has_blocks, evaluated) = (terms.kinds.look_inside(), EvaluatedTerms::new(&model, terms));
         let at_move = |index: usize, attitude, preintegrated| {
             let [before, after] = ends[index].clone();
             let route = Route { preintegrated, ..self.route(index, attitude, &before, has_blocks) };
-            AtMove { pass: route.pass(&model, &asked), before, after }
+            AtMove { pass: route.pass(&model, &evaluated), before, after }
         };
         // If no effect changes the rate, the rotations alone are integrated first. This is fast and gives the attitude
         // of every rest, so that the moves can then run in parallel.
-        let goes_ahead = asked.adds_nothing();
+        let goes_ahead = evaluated.adds_nothing();
         let mut attitudes: Vec<Option<UnitQuaternion<f64>>> = vec![None; self.rests.len()];
         let mut moves: Vec<AtMove> = Vec::with_capacity(self.moves.len());
         let mut preintegrated = vec![None; self.moves.len()];

@@ -4,9 +4,10 @@
 //! chi2 = r^T P r  with  N - n degrees of freedom,     p = P(chi2 of as many degrees is larger)
 //! ```
 //!
-//! P is that of (25) for all N residuals. The share of a rest (its norm and its mean rates) or of a move is d of (25):
-//! the chi2 of its residuals as predicted by a fit without it. It follows a chi2 distribution whatever the leverage of
-//! the item. The weights are those of noise alone; no standard deviation is widened.
+//! P is the matrix of equation (25) for all N residuals, of which n parameters are fitted. The chi2 of a rest (its norm
+//! and its mean rates) or of a move is d of equation (25): the decrease of chi2 if the residuals of this item are
+//! excluded. It has a chi2 distribution whatever the leverage of the item. The weights are those of noise alone,
+//! without any widening.
 
 use faer::Mat;
 use faer::linalg::solvers::Solve;
@@ -140,8 +141,8 @@ struct Parts {
     others: Vec<(Source, Mat<f64>)>,
     /// Gram matrix `[J r]^T [J r]` of the priors.
     given: Mat<f64>,
-    /// Whitened unit errors of each norm, move and mean-rate residual and of each component of the mean forces: first
-    /// nonzero row, and the values from there on.
+    /// Changes of the whitened residuals due to a unit error of each norm, move and mean-rate residual, and of each
+    /// component of the mean forces. Each is stored as its first nonzero row and the values from there on.
     units: Vec<(usize, Vec<f64>)>,
 }
 

@@ -31,11 +31,11 @@ pub(crate) struct AtMove {
 pub(super) fn move_direction(at_move: &AtMove) -> (Vector2<f64>, Vec<Vector2<f64>>) {
     let AtMove { pass, before, after } = at_move;
     let across = rows_across(&after.up);
-    let to_end = across * pass.rotation.transpose();
-    let by_turn = to_end * before.up.cross_matrix();
+    let end_from_start = across * pass.rotation.transpose();
+    let by_turn = end_from_start * before.up.cross_matrix();
     let columns = pass.turn.iter().zip(&before.jacobian).zip(&after.jacobian);
-    let columns = columns.map(|((turn, before), after)| by_turn * turn + to_end * before - across * after);
-    (to_end * before.up - across * after.up, columns.collect())
+    let columns = columns.map(|((turn, before), after)| by_turn * turn + end_from_start * before - across * after);
+    (end_from_start * before.up - across * after.up, columns.collect())
 }
 
 /// Attitude of the first rest: the smallest rotation that makes its gravity direction vertical.
@@ -49,8 +49,8 @@ pub(crate) fn attitude_after(
     rotation: &Matrix3<f64>,
     up: &Vector3<f64>,
 ) -> UnitQuaternion<f64> {
-    let carried = start * UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation));
-    upright(&(carried * up)) * carried
+    let propagated = start * UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(*rotation));
+    upright(&(propagated * up)) * propagated
 }
 
 /// Smallest rotation that takes `up` to the z axis.

@@ -166,8 +166,9 @@ fn groups(linear: &Linear) -> Vec<Group> {
     groups
 }
 
-/// Whitened unit errors of the mean force of each rest, axis by axis, computed from the whitened unit errors `units` of
-/// the norm and move residuals. Each is given by its first nonzero row and the values from there on.
+/// Changes of the whitened residuals due to a unit error of the mean force of each rest and axis. `units` are the
+/// changes due to a unit error of each norm and move residual. Each change is stored as its first nonzero row and the
+/// values from there on.
 pub(super) fn by_means(linear: &Linear, units: &[(usize, Vec<f64>)]) -> Vec<(usize, Vec<f64>)> {
     let of_axis = |rest: usize, axis: usize| {
         let lines = linear.lines.iter().zip(units);
@@ -205,7 +206,8 @@ pub(super) struct LeaveOut {
     basis: Vec<Vec<f64>>,
     /// Products of the basis vectors with each of `columns`.
     seen: Vec<Vec<f64>>,
-    /// Whitened residuals, projected onto the complement of the basis.
+    /// Whitened residuals after projection onto the orthogonal complement of the basis: the residuals of the linearised
+    /// fit.
     residuals: Vec<f64>,
 }
 
@@ -268,7 +270,7 @@ impl LeaveOut {
             dot(&self.residuals[*first..first + column.len()], column)
         });
         let Some(seen) = factor.l().solve_lower_triangular(&seen) else { return (0.0, 0) };
-        // One minus the leverage of each direction.
+        // The eigenvalues are one minus the leverage of each direction.
         let eigen = (DMatrix::identity(n, n) - spent).symmetric_eigen();
         let free = (0..n).filter(|&k| eigen.eigenvalues[k] > MIN_RESIDUAL_SHARE);
         let misfit = free.clone().map(|k| eigen.eigenvectors.column(k).dot(&seen).powi(2) / eigen.eigenvalues[k]).sum();

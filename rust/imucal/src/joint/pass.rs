@@ -117,18 +117,18 @@ pub(crate) struct Route<'a> {
 }
 
 impl Route<'_> {
-    pub(crate) fn pass(&self, model: &Model, asked: &EvaluatedTerms<'_>) -> Pass {
+    pub(crate) fn pass(&self, model: &Model, evaluated: &EvaluatedTerms<'_>) -> Pass {
         if !self.has_blocks {
-            return self.to_end(model, asked);
+            return self.over_whole_move(model, evaluated);
         }
-        let EvaluatedTerms { terms, active, .. } = asked;
+        let EvaluatedTerms { terms, active, .. } = evaluated;
         let Move { first, last, .. } = *self.span;
         #[cfg(test)]
         STEPS_TAKEN.set(STEPS_TAKEN.get() + last - first);
         let all = self.freed(model, active, terms.needs(Need::AngularAcceleration));
         let [stretch, stretches] = self.stretches_of_block();
         let of_block = stretch * stretches;
-        let mut turns = Turns::new(self, model, asked, &all, [stretch, stretches]);
+        let mut turns = Turns::new(self, model, evaluated, &all, [stretch, stretches]);
         let rotations = self.rotations_of_samples(&all);
         let mut blocks = Vec::new();
         let mut start = first;

@@ -177,7 +177,8 @@ impl<'a> Joint<'a> {
         }
     }
 
-    /// Whitened unit errors of each norm, move and mean-rate residual: first nonzero row, and the values from there on.
+    /// Changes of the whitened residuals due to a unit error of each norm, move and mean-rate residual: columns of
+    /// L^-1. Each is stored as its first nonzero row and the values from there on.
     pub(crate) fn whitened_units(&self, linear: &Linear) -> Vec<(usize, Vec<f64>)> {
         let head = linear.lines.len();
         let lines = (0..head).map(|row| (row, self.weights.whitening.unit(row)));
@@ -242,14 +243,14 @@ impl<'a> Joint<'a> {
             wandering.apply_to_rows(&mut rows);
         }
         if let Some(encoders) = self.prepared.encoders.as_ref().filter(|_| self.terms.kinds.encoders) {
-            let mut put = |row: &mut usize, z: &[f64], sigma: f64| {
+            let mut write_row = |row: &mut usize, z: &[f64], sigma: f64| {
                 rows.row_mut(*row).iter_mut().zip(z).for_each(|(to, value)| *to = value / sigma);
                 *row += 1;
             };
             let (mut inside, mut against_stand) = (groups.inside.start, groups.stand_rests.start);
             self.stand_rows(encoders, linear, |about, z, sigma| match about {
-                About::Force => put(&mut inside, z, sigma),
-                About::Stand => put(&mut against_stand, z, sigma),
+                About::Force => write_row(&mut inside, z, sigma),
+                About::Stand => write_row(&mut against_stand, z, sigma),
             });
         }
         rows

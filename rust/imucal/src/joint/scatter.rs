@@ -69,7 +69,8 @@ impl Scatter {
         free > 0.0 && self.chi2(0.0) > free * significance_limit(free)
     }
 
-    /// Factor s and likelihood. `None` if chi2 does not exceed `free`, or if no factor of C reduces it that far.
+    /// Estimates the factor s with which chi2 equals `free`, and the likelihood. `None` if chi2 does not exceed `free`
+    /// without C, or if no factor reduces chi2 to `free`.
     pub(super) fn excess(&self, free: f64) -> Option<Excess> {
         if free <= 0.0 || self.chi2(0.0) <= free {
             return None;

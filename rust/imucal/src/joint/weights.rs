@@ -188,7 +188,7 @@ fn rate_whitenings(
         let scatter = Scatter::from_rest_to_rest(&axes[axis].0, &axes[axis].1);
         scatter.is_significant(free[axis]).then(|| scatter.excess(free[axis])).flatten()
     });
-    let (mut between, mut bias_instability) = (one_by_one.map(|e| e.map_or(0.0, |e| e.variance)), [0.0; 3]);
+    let (mut between_rests, mut bias_instability) = (one_by_one.map(|e| e.map_or(0.0, |e| e.variance)), [0.0; 3]);
     if prepared.wander == Wander::Seen
         && one_by_one.iter().any(Option::is_some)
         && let Some(modes) = prepared.flicker.get_or_init(|| {
@@ -205,12 +205,12 @@ fn rate_whitenings(
             [&wandering, &one_by_one].map(|found| beyond.iter().map(|&axis| cost(axis, found)).sum::<f64>());
         if wanders < scatters {
             bias_instability = wandering.map(|e| e.map_or(0.0, |e| e.variance.sqrt()));
-            between = [0.0; 3];
+            between_rests = [0.0; 3];
         }
     }
     let mut whitenings = vec![Matrix3::zeros(); prepared.rests.len()];
     for (k, _) in &linear.rates {
-        let whole = covariance(*k) + Matrix3::from_diagonal(&Vector3::from(between));
+        let whole = covariance(*k) + Matrix3::from_diagonal(&Vector3::from(between_rests));
         let factor = whole.cholesky().map(|factor| factor.l());
         whitenings[*k] = factor.and_then(|l| l.solve_lower_triangular(&Matrix3::identity())).unwrap_or_default();
     }

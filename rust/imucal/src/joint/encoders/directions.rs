@@ -96,8 +96,8 @@ impl Motor {
         signs
     }
 
-    /// First sample of the motion that is detected at the end of `stretch`; no motion is detected within `stretch`.
-    /// Returns the end if the stretch is too short for an estimate.
+    /// Estimates the first sample of a motion. The motion is detected at the end of `stretch`, and its slow start lies
+    /// within `stretch`. Returns the end if the stretch is too short for an estimate.
     fn start(&self, stretch: Range<usize>) -> usize {
         let (readings, clear) = (&self.readings, stretch.end);
         // The end of the previous motion lies in the first half.
@@ -197,8 +197,8 @@ mod tests {
         for backlash_rad in [1e-3, -1e-3, 4e-4, -4e-4] {
             assert_eq!(harm(backlash_rad), 0.0, "{backlash_rad}");
         }
-        // Backlash of half and of once the encoder noise: errors of one or two samples, comparable to noise, are
-        // accepted.
+        // Backlash of half the encoder noise and equal to it. Wrong signs of one or two samples are accepted, because
+        // they cause errors no larger than the noise.
         for backlash_rad in [5e-5, -5e-5, 1e-4, -1e-4] {
             let harm = harm(backlash_rad);
             assert!(harm < 10.0 * TURNS as f64, "{backlash_rad}: {harm}");

@@ -82,7 +82,7 @@ impl EncoderMove<'_> {
         // gravity does not change.
         let mut z = vec![0.0; n + 1];
         let mut by_lane = vec![0.0; pass.changes.lanes()];
-        for (d, along, look) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
+        for (d, along, observation) in [(start.up, start.up, 0.0), (side, other, 1.0), (other, -side, 1.0)] {
             // The second state is the error of the gravity direction at the start. It affects only the force residuals.
             let mut filter = Filter::new(n + 1, WalkFilter::new([0.0, noise.start]));
             let mut last_s = 0.0;
@@ -107,7 +107,11 @@ impl EncoderMove<'_> {
                     z.copy_from_slice(&at_start);
                     z[n] += along.dot(&block.force);
                     pass.changes.parameters().for_each(|(lane, p)| z[p] += by_lane[lane]);
-                    filter.innovate(&mut z, [look, look], noise.force / block.duration_s / gravity_mps2.powi(2));
+                    filter.innovate(
+                        &mut z,
+                        [observation, observation],
+                        noise.force / block.duration_s / gravity_mps2.powi(2),
+                    );
                     push(About::Force, &z);
                 }
             }

@@ -10,7 +10,7 @@ use crate::joint::lanes::Lanes;
 use crate::joint::pass::planes::Planes;
 
 /// Derivatives of the residuals of one move with respect to some parameters, before whitening.
-pub(super) struct Seen<'a> {
+pub(super) struct Derivatives<'a> {
     pub(super) inside: &'a Inside<'a>,
     pub(super) planes: &'a Planes,
     /// For each block, the vectors along which its state contributes to the residuals of the three directions.
@@ -22,14 +22,14 @@ pub(super) struct Seen<'a> {
 
 /// Writes whitened rows to a matrix, from row `first` on.
 pub(super) struct IntoColumns<'a> {
-    pub(super) seen: Seen<'a>,
+    pub(super) seen: Derivatives<'a>,
     pub(super) matrix: &'a mut Mat<f64>,
     pub(super) first: usize,
 }
 
 /// Writes whitened rows to the lanes of one move, from lane `place` on.
 pub(super) struct IntoLanes<'a> {
-    pub(super) seen: Seen<'a>,
+    pub(super) seen: Derivatives<'a>,
     pub(super) lanes: &'a mut Lanes,
     pub(super) place: usize,
 }
@@ -41,7 +41,7 @@ impl WithSimd for IntoColumns<'_> {
     /// columns of the matrix while it is still in the L1 cache.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { seen: Seen { inside, planes, toward, at_edges }, matrix, first } = self;
+        let Self { seen: Derivatives { inside, planes, toward, at_edges }, matrix, first } = self;
         let (registers, blocks) = (planes.width() / S::F64_LANES, toward.len());
         let edges = S::as_simd_f64s(at_edges).0;
         let mut tile = vec![0.0; count(inside.pass, false) * S::F64_LANES];
@@ -74,7 +74,7 @@ impl WithSimd for IntoLanes<'_> {
     /// Processes one block after the other, which is the order of the values in memory.
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let Self { seen: Seen { inside, planes, toward, at_edges }, lanes, place } = self;
+        let Self { seen: Derivatives { inside, planes, toward, at_edges }, lanes, place } = self;
         let (registers, blocks) = (planes.width() / S::F64_LANES, toward.len());
         let edges = S::as_simd_f64s(at_edges).0;
         let mut states = vec![0.0; 3 * planes.width()];

@@ -7,7 +7,7 @@ pub(crate) struct WalkFilter<const N: usize> {
     covariance: [[f64; N]; N],
 }
 
-/// Kalman gain of one measurement: `innovation = seen - look . states`, `states += shares innovation`.
+/// Kalman gain of one measurement: `innovation = seen - observation . states`, `states += shares innovation`.
 #[derive(Clone, Copy)]
 pub(crate) struct Gain<const N: usize> {
     pub(crate) shares: [f64; N],
@@ -28,11 +28,11 @@ impl<const N: usize> WalkFilter<N> {
         self.covariance[0][0] += variance;
     }
 
-    /// Update with a measurement `look . states + white noise`; returns the gain.
-    pub(crate) fn update(&mut self, look: [f64; N], white_variance: f64) -> Gain<N> {
+    /// Update with a measurement `observation . states + white noise`; returns the gain.
+    pub(crate) fn update(&mut self, observation: [f64; N], white_variance: f64) -> Gain<N> {
         let shared: [f64; N] =
-            std::array::from_fn(|i| self.covariance[i].iter().zip(&look).map(|(c, l)| c * l).sum::<f64>());
-        let total = shared.iter().zip(&look).map(|(s, l)| s * l).sum::<f64>() + white_variance;
+            std::array::from_fn(|i| self.covariance[i].iter().zip(&observation).map(|(c, l)| c * l).sum::<f64>());
+        let total = shared.iter().zip(&observation).map(|(s, l)| s * l).sum::<f64>() + white_variance;
         let shares = shared.map(|s| s / total);
         for i in 0..N {
             for j in 0..N {
@@ -55,17 +55,18 @@ impl<const N: usize> Filter<N> {
         Self { states: vec![[0.0; N]; width], walk }
     }
 
-    /// Replaces each measurement `look . states + white noise` by its innovation divided by the standard deviation.
-    pub(crate) fn innovate(&mut self, seen: &mut [f64], look: [f64; N], white_variance: f64) {
-        let gain = self.walk.update(look, white_variance);
-        Arch::new().dispatch(Innovate { states: &mut self.states, seen, look, gain });
+    /// Replaces each measurement `observation . states + white noise` by its innovation divided by the standard
+    /// deviation.
+    pub(crate) fn innovate(&mut self, seen: &mut [f64], observation: [f64; N], white_variance: f64) {
+        let gain = self.walk.update(observation, white_variance);
+        Arch::new().dispatch(Innovate { states: &mut self.states, seen, observation, gain });
     }
 }
 
 struct Innovate<'a, const N: usize> {
     states: &'a mut [[f64; N]],
     seen: &'a mut [f64],
-    look: [f64; N],
+    observation: [f64; N],
     gain: Gain<N>,
 }
 
@@ -74,9 +75,9 @@ impl<const N: usize> WithSimd for Innovate<'_, N> {
 
     #[inline(always)] // With the widest registers.
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { states, seen, look, gain: Gain { shares, per_sigma } } = self;
+        let Self { states, seen, observation, gain: Gain { shares, per_sigma } } = self;
         for (value, state) in seen.iter_mut().zip(states) {
-            let innovation = (0..N).fold(*value, |value, i| value - look[i] * state[i]);
+            let innovation = (0..N).fold(*value, |value, i| value - observation[i] * state[i]);
             (0..N).for_each(|i| state[i] += shares[i] * innovation);
             *value = innovation * per_sigma;
         }

@@ -78,11 +78,11 @@ impl<'a> Turns<'a> {
     pub(super) fn new(
         route: &'a Route<'a>,
         model: &'a Model,
-        asked: &'a EvaluatedTerms<'a>,
+        evaluated: &'a EvaluatedTerms<'a>,
         freed: &'a Corrected,
         [size, of_block]: [usize; 2],
     ) -> Self {
-        let EvaluatedTerms { terms, on_rate, on_force, .. } = asked;
+        let EvaluatedTerms { terms, on_rate, on_force, .. } = evaluated;
         let stretches = route.stretches(model, Some(freed), size, terms.needs(Need::AngularAcceleration));
         let of_rate = GYRO_BIAS.start..BASE;
         let (rates, forces) = (Columns::new(of_rate.len(), on_rate), Columns::new(ACCEL.len(), on_force));
@@ -222,7 +222,7 @@ impl Turned {
         self.count
     }
 
-    /// Products of one of the latest segments, plane by plane (x, y, z).
+    /// Matrix-vector products of one of the latest segments, plane by plane (x, y, z).
     #[inline(always)]
     pub(super) fn of(&self, state: usize) -> &[f64] {
         self.last.of(state % KEPT)
@@ -233,7 +233,7 @@ impl Turned {
         &self.sum
     }
 
-    /// Writes minus the sum to the entries of its parameters.
+    /// Writes the negated sum to `to`, at the index of each parameter.
     pub(super) fn write_negative_sum(&self, to: &mut [Vector3<f64>]) {
         self.last.write_negative(&self.sum, to);
     }
@@ -244,7 +244,7 @@ impl Turned {
     }
 }
 
-/// `KEEPS`: whether the segment itself is stored, and not only added to the sum.
+/// Adds a segment to the sum. `KEEPS` states whether the segment itself is stored as well.
 struct Push<'a, const KEEPS: bool> {
     columns: &'a [Vector3<f64>],
     matrix: &'a Matrix3<f64>,

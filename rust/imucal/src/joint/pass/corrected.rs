@@ -22,7 +22,7 @@ pub(super) struct Corrected {
     /// Angular acceleration; empty unless needed.
     pub(super) slopes: Vec<Vector3<f64>>,
     /// Whether any effect has nonzero parameters.
-    is_freed: bool,
+    has_effects: bool,
 }
 
 /// Integration step between two samples, with its quadrature weights.
@@ -86,7 +86,7 @@ impl Route<'_> {
         let raw = || self.recording.angular_rate.part(reach.clone()).iter().map(|row| Vector3::from(*row)).collect();
         let derivative =
             (wants_slopes || passes > 1).then(|| self.width.derivative(&self.recording.time_s[reach.clone()], raw));
-        let mut all = Corrected { rate, force, slopes: Vec::new(), is_freed: !active.all.is_empty() };
+        let mut all = Corrected { rate, force, slopes: Vec::new(), has_effects: !active.all.is_empty() };
         let seen = (passes > 1).then(|| (all.rate.clone(), all.force.clone()));
         for pass in 0..passes {
             all.slopes = derivative.as_ref().map_or_else(Vec::new, |d| d.of(&all.rate));
@@ -94,7 +94,7 @@ impl Route<'_> {
                 all.rate.copy_from_slice(rate);
                 all.force.copy_from_slice(force);
             }
-            if all.is_freed {
+            if all.has_effects {
                 self.free(&mut all, model, active);
             }
         }
@@ -127,7 +127,7 @@ impl Route<'_> {
 
     /// Mean contributions of the effects to rate and force over some samples; `samples` is relative to `reach`.
     pub(super) fn mean_added(&self, model: &Model, freed: &Corrected, samples: Range<usize>) -> [Vector3<f64>; 2] {
-        if !freed.is_freed {
+        if !freed.has_effects {
             return [Vector3::zeros(); 2];
         }
         let (first, count) = (self.reach().start, samples.len() as f64);

@@ -11,7 +11,7 @@ use crate::numerics::aligned::{Aligned, WIDEST};
 
 /// Columns (3-vectors) of several parameters in a sequence of states.
 pub(crate) struct Planes {
-    /// Index of each parameter among all columns.
+    /// Index in the parameter vector of each stored column.
     parameters: Vec<usize>,
     /// Number of values per plane, padded to full registers.
     width: usize,
@@ -69,7 +69,7 @@ impl Planes {
         vec![0.0; 3 * self.width]
     }
 
-    /// Writes minus the columns in `planes` to the entries of their parameters in `to`.
+    /// Writes the negated columns in `planes` to `to`, at the index of each parameter.
     pub(crate) fn write_negative(&self, planes: &[f64], to: &mut [Vector3<f64>]) {
         self.parameters.iter().enumerate().for_each(|(k, p)| to[*p] = -self.column(planes, k));
     }
@@ -97,10 +97,11 @@ impl Planes {
     }
 }
 
-/// Division of consecutive samples into groups of equal size. The first and the last group may be incomplete.
+/// Division of the samples of a move into groups (segments) of equal size. The first and the last group may be
+/// incomplete.
 #[derive(Clone, Copy)]
 pub(super) struct Groups {
-    /// Number of samples per complete group.
+    /// Number of samples in a complete group.
     size: usize,
     /// Number of samples missing in the first group.
     lacking: usize,
@@ -141,7 +142,7 @@ pub(crate) struct Changes {
 }
 
 impl Changes {
-    /// Without any block.
+    /// Empty storage for a move without blocks.
     pub(crate) fn none() -> Self {
         let [turn, force] = [(); 2].map(|()| Planes::new(Vec::new(), 0));
         Self { turn, force }

@@ -85,9 +85,9 @@ fn turn(base: &Sums, model: &Model, total: usize) -> Vec<Vector3<f64>> {
 
 impl Route<'_> {
     /// Rotation and attitude Jacobian over the whole move, without blocks.
-    pub(super) fn to_end(&self, model: &Model, asked: &EvaluatedTerms<'_>) -> Pass {
+    pub(super) fn over_whole_move(&self, model: &Model, evaluated: &EvaluatedTerms<'_>) -> Pass {
         // Effects on the force do not change the attitude.
-        let EvaluatedTerms { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = asked;
+        let EvaluatedTerms { terms, active, on_rate: SideBySide { terms: own, values, places }, .. } = evaluated;
         let total = terms.total();
         let pass = |rotation, turn| Pass {
             rotation,
@@ -106,7 +106,7 @@ impl Route<'_> {
         let weights = stretches.weights();
         let (rotation, base) = match &freed {
             None => self.preintegrated.unwrap_or_else(|| self.preintegrated_base(&model.gyroscope)),
-            Some(all) => self.carried_freed(model, all, &stretches, &weights),
+            Some(all) => self.preintegrate_corrected(model, all, &stretches, &weights),
         };
         let mut on_rate = Turned::new(places.clone());
         let mut columns = own.room();
@@ -120,7 +120,7 @@ impl Route<'_> {
     }
 
     /// Rotation over the move and Jacobian integrals of the base parameters, for samples corrected for the effects.
-    fn carried_freed(
+    fn preintegrate_corrected(
         &self,
         model: &Model,
         all: &Corrected,
