@@ -26,8 +26,9 @@ fn with(effects: &[&str], kinds: Kinds, rate_hz: f64, work: impl FnOnce(&Prepare
     let fields = [UserField { name: "own", sensor: Sensor::Gyroscope, typical: vec![1e-3], columns: vec![&field] }];
     let terms = Terms::try_new(&effects, &fields, &[run.time_s.len()], kinds).unwrap();
     prepare(&[run.recording()], kinds, |prepared, accelerometer, gyroscope| {
-        // The derivative of the directions across gravity is proportional to the residual, so errors of the stand are
-        // included.
+        // The direction residuals are components along vectors that rotate with the measured gravity direction. The
+        // Jacobian neglects this rotation, which causes an error proportional to the residual. With the true stand
+        // parameters the residuals are small.
         let stand = if kinds.encoders { STAND_RAD.to_vec() } else { Vec::new() };
         let values = super::start::start_values(&terms);
         let model = Model { accelerometer: *accelerometer, gyroscope: *gyroscope, values, stand };
@@ -68,7 +69,7 @@ fn derivatives_in_a_hand_meet_central_differences() {
     .unwrap();
 }
 
-/// Minimum change of a whitened residual by a parameter of ten typical sizes for the column to be compared.
+/// Change of a whitened residual at ten typical sizes of a parameter, below which its column counts as zero.
 const SEEN: f64 = 1e-3;
 
 /// Largest error of each column, compared with a central difference, as a share of the largest entry of the column.
@@ -148,7 +149,7 @@ fn derivatives_meet_central_differences() {
     }
 }
 
-/// Rows calculated move by move equal those in one matrix, also for an extrapolated linearisation.
+/// Rows computed move by move equal those of one matrix, also after a first-order update of the linearisation.
 #[test]
 fn what_stands_apart_is_whitened_alike() {
     let kinds = Kinds { in_motion: true, encoders: false };

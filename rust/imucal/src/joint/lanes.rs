@@ -116,7 +116,7 @@ impl Lanes {
         }
     }
 
-    /// Sets the number of rows. The values of the rows are to be overwritten.
+    /// Sets the number of rows. The caller must overwrite all values.
     pub(crate) fn resize(&mut self, rows: usize) {
         self.numbers.resize(rows * self.width);
     }

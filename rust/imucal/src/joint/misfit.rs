@@ -134,8 +134,8 @@ struct Parts {
     /// Length of each column of the whitened Jacobian.
     size: Vec<f64>,
     kept: Vec<usize>,
-    /// Whitened rows of norms, moves and mean rates, which are mutually correlated: Jacobian columns scaled to length
-    /// one, and the residual.
+    /// Whitened rows of norms, moves and mean rates, whose errors are correlated before whitening: Jacobian columns
+    /// scaled to length one, and the residual.
     shared: Mat<f64>,
     /// Gram matrix `[J r]^T [J r]` of the independent residuals of each rest or move (inside moves, against the stand).
     others: Vec<(Source, Mat<f64>)>,
@@ -180,8 +180,8 @@ impl Parts {
         places.flat_map(|place| [rates, means].map(|first| first + 3 * place)).flat_map(|at| at..at + 3).collect()
     }
 
-    /// Change of the parameters in a fit with free errors along the units `columns` and without the independent
-    /// residuals for which `is_out` holds. `None` if this fit does not determine all parameters.
+    /// Change of the parameters in a fit in which the errors `columns` (indices into `units`) are free and the
+    /// independent residuals with `is_out` are omitted. `None` if this fit does not determine all parameters.
     fn without(&self, columns: &[usize], is_out: impl Fn(Source) -> bool) -> Option<Vec<f64>> {
         let (rows, n) = (self.shared.nrows(), self.kept.len());
         let mut basis: Vec<Stretch> = Vec::with_capacity(columns.len());

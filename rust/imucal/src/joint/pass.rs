@@ -1,7 +1,7 @@
 //! Integration over the samples of one move: its rotation, the attitude Jacobian, and the force inside the move.
 //!
-//! A small change of the parameters rotates the attitude at time t by the rotation vector turn(t), on the side of the
-//! start of the move. R(t) then becomes exp(turn(t)) R(t).
+//! R(t) rotates vectors from the body frame at time t to that at the start of the move. A small change of the
+//! parameters changes it to exp(turn(t)) R(t), where turn(t) is the attitude error in the frame at the start.
 //!
 //! ```text
 //! w = v - sum Phi theta,   v = T^-1 (m - b),   R <- R exp(h s(w) + h^2/12 (w_0 x w_1))

@@ -13,7 +13,7 @@ const MAX_ITERATIONS: usize = 24;
 /// Safety factor of the predicted next change. The iteration stops when this prediction is at the level of rounding.
 const SLACK: f64 = 10.0;
 
-/// Solves for the true state, sample by sample.
+/// Solver for the true rate and force of single samples, by fixed-point iteration.
 pub(super) struct Settling<'a> {
     terms: &'a Terms<'a>,
     values: &'a [f64],

@@ -47,7 +47,7 @@ pub(crate) struct Term<'a> {
     pub(crate) sensor: Sensor,
     /// Number of linear parameters.
     pub(crate) linear: usize,
-    /// Index of its first parameter among those of all terms.
+    /// Index of the first parameter of this term among the parameters of all terms.
     pub(crate) first: usize,
     /// Whether a prior may replace the directions of the effect that the recordings do not determine.
     pub(crate) partly: bool,

@@ -74,8 +74,9 @@ struct Motor {
 impl Motor {
     /// Sign of the last motion, for every sample.
     ///
-    /// Motion is detected at a sample if the readings change by more than at rest both before and after it. The sign is
-    /// that of the change after the sample, because the change before it may contain the jump of the backlash.
+    /// Motion is detected at a sample if the changes of the reading over the span before and over the span after it
+    /// both exceed those at rest. The sign is that of the later change, because the earlier one may contain the jump of
+    /// the backlash.
     fn signs(&self) -> Vec<f64> {
         let readings = &self.readings;
         let mut signs = vec![0.0; readings.len()];

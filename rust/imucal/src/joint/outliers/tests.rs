@@ -49,7 +49,7 @@ impl Simulation {
     }
 }
 
-/// Excluded rests, and excluded moves by their rests, with the reasons.
+/// Excluded rests (index, reason) and excluded moves (rest before, rest after, reason).
 type LeftOut = (Vec<(usize, &'static str)>, Vec<(usize, usize, &'static str)>);
 
 fn left_out(outcome: &Outcome) -> LeftOut {
@@ -136,7 +136,7 @@ fn with(run: &Simulation, work: impl FnOnce(&Prepared<'_>, &Terms<'_>, &Model)) 
     .unwrap();
 }
 
-/// With a larger error of the mean rate the interval would not be detected as a rest.
+/// With a much larger error of the mean rate, the interval would not be detected as a rest.
 #[test]
 fn a_rest_with_a_wrong_rate_is_named() {
     for rest in [0, 20, 45] {
@@ -206,7 +206,7 @@ fn the_statistic_is_that_of_a_fit_without_the_item() {
         }
         let root = whitening.try_inverse().unwrap();
         let covariance = &root * root.transpose();
-        // Column indices beyond the rows are the means of rests.
+        // Column indices from n on belong to the mean forces of the rests.
         let refit = |without: &[usize]| {
             let rows: Vec<usize> = (0..n).filter(|row| !without.contains(row)).collect();
             let mut all = jacobian.clone();
