@@ -90,7 +90,7 @@ impl BiasWander {
         -b * b / PI * flicker - k * k / 12.0 * lag_s.powi(3)
     }
 
-    /// Covariance of the mean biases over the time intervals [a, b] and [c, d], up to a constant.
+    /// Covariance of the mean biases over the time intervals `[a, b]` and `[c, d]`, up to a constant.
     fn covariance(&self, axis: usize, [a, b]: [f64; 2], [c, d]: [f64; 2]) -> f64 {
         let g = |lag_s: f64| self.integrated(axis, lag_s);
         (g(d - a) - g(c - a) - g(d - b) + g(c - b)) / ((b - a) * (d - c))
