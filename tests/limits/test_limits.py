@@ -422,6 +422,7 @@ def test_a_unit_that_is_given_twice_is_said(tmp_path, monkeypatch, capsys):
     assert len(json.loads(Path("day.json").read_text())["warnings"]) == 2
 
 
+@pytest.mark.slow
 def test_a_first_limits_file_from_good_units(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     random = np.random.default_rng(5)

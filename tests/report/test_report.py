@@ -95,6 +95,7 @@ def page_of(write, path, *arguments, **options):
     return page
 
 
+@pytest.mark.slow
 def test_the_page_of_a_calibration_has_verdict_tables_and_figures(result, tmp_path):
     page = page_of(report.write_calibration_page, tmp_path / "report.html", result)
     assert page.counts["figure"] == 2 + 1 + 1 + 3 + 4

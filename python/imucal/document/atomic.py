@@ -37,7 +37,7 @@ def write_atomically(path: str | os.PathLike[str]) -> Iterator[BinaryIO]:
         if target.is_dir():
             raise IsADirectoryError(21, "it is a folder, give a file's name")
         if not target.parent.is_dir():
-            raise FileNotFoundError(2, f"there is no folder {target.parent}: make it first")
+            raise FileNotFoundError(2, f"there is no folder {target.parent}: create it first")
         descriptor, temporary = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent)
         try:
             with os.fdopen(descriptor, "wb") as file:
